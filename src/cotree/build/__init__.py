@@ -1,0 +1,27 @@
+"""C text to shared library to loaded functions, addressed by content.
+
+:func:`find_toolchain` finds a compiler, :func:`build_library` gives a library from the cache or
+from that compiler, :func:`load_library` loads it.
+"""
+
+from __future__ import annotations
+
+from cotree.build.cache import cache_directory, cache_key, clear_cache
+from cotree.build.compile import BuiltLibrary, build_library
+from cotree.build.load import LoadedLibrary, load_library
+from cotree.build.options import BuildOptions, compiler_flags
+from cotree.build.toolchain import Toolchain, find_toolchain
+
+__all__ = [
+    "BuildOptions",
+    "BuiltLibrary",
+    "LoadedLibrary",
+    "Toolchain",
+    "build_library",
+    "cache_directory",
+    "cache_key",
+    "clear_cache",
+    "compiler_flags",
+    "find_toolchain",
+    "load_library",
+]

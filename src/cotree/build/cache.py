@@ -1,0 +1,257 @@
+"""Keep compiled libraries: a folder of the user's own, addressed by what went into each library.
+
+A library stands there as ``<key>.so`` with its checksum in ``<key>.sha256``. Both are published by
+atomic rename from a private folder, so processes that build the same model at the same time are
+all right, and a reader never meets half a file. A library whose checksum does not fit, whatever
+the reason, counts as absent and is built again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import platform
+import re
+import shutil
+import stat
+import sys
+import sysconfig
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cotree.errors import BuildError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from cotree.build.toolchain import Toolchain
+
+_VARIABLE = "COTREE_CACHE_DIR"
+_FAILED = "failed"
+_PRIVATE_PREFIX = "cotree-build-"
+_KEY = re.compile(r"[0-9a-f]{64}")
+_PUBLISHED = re.compile(r"[0-9a-f]{64}\.(so|sha256)")
+
+
+def cache_directory() -> Path:
+    """Give the cache folder, created with mode 0700 where it is missing.
+
+    It is ``COTREE_CACHE_DIR``, or else the platform's folder for caches.
+
+    Returns
+    -------
+    Path
+        An absolute path.
+
+    Raises
+    ------
+    BuildError
+        If the path is relative, the folder cannot be created, or, on POSIX, someone else owns it
+        or can write to it: libraries from it would run with the rights of this user.
+    """
+    directory = _configured_directory()
+    if not directory.is_absolute():
+        raise BuildError(
+            f"The cache folder '{directory}' is not an absolute path; correct the environment "
+            f"variable {_VARIABLE}."
+        )
+    try:
+        directory.mkdir(mode=0o700, parents=True, exist_ok=True)
+        status = directory.stat()
+    except OSError as error:
+        raise BuildError(
+            f"The cache folder '{directory}' cannot be created ({error.strerror}); name another "
+            f"one with the environment variable {_VARIABLE}."
+        ) from error
+    _check_private(directory, status)
+    return directory
+
+
+def cache_key(
+    files: Mapping[str, str],
+    *,
+    abi_version: int,
+    toolchain: Toolchain,
+    flags: Sequence[str],
+    cpu_features: str = "",
+) -> str:
+    """Hash everything that decides the bytes of a library.
+
+    Parameters
+    ----------
+    files : mapping of str to str
+        C text by file name; the order does not matter.
+    abi_version : int
+        Version of the contract between the library and its caller.
+    toolchain : Toolchain
+        The compiler.
+    flags : sequence of str
+        Its flags.
+    cpu_features : str, optional
+        The processor's features, where the flags ask for this machine's processor.
+
+    Returns
+    -------
+    str
+        64 hexadecimal digits.
+
+    Examples
+    --------
+    >>> from cotree.build import Toolchain, cache_key
+    >>> gcc = Toolchain(("/usr/bin/gcc",), "gcc 12.2.0", "cc")
+    >>> len(cache_key({"a.c": "int a;"}, abi_version=1, toolchain=gcc, flags=["-O1"]))
+    64
+    """
+    ingredients = {
+        "files": dict(files),
+        "abi_version": abi_version,
+        "command": toolchain.command,
+        "version": toolchain.version,
+        "flags": list(flags),
+        "cpu_features": cpu_features,
+        # Home folders are shared between machines whose C libraries differ.
+        "platform": [sysconfig.get_platform(), *platform.libc_ver()],
+    }
+    return hashlib.sha256(json.dumps(ingredients, sort_keys=True).encode()).hexdigest()
+
+
+def find_library(key: str) -> Path | None:
+    """Give the library of a key, or None if it is absent or not what was published."""
+    library, checksum = _published_paths(key)
+    try:
+        is_intact = checksum.read_bytes() == _digest(library)
+    except OSError:
+        return None
+    return library if is_intact else None
+
+
+def publish_library(built: Path, key: str) -> Path:
+    """Move a library from a private folder of the cache to its place.
+
+    Raises
+    ------
+    OSError
+        If the files cannot be written.
+    """
+    library, checksum = _published_paths(key)
+    written = built.with_name("checksum")
+    written.write_bytes(_digest(built))
+    try:
+        # A reader between the two renames finds a checksum that does not fit, and builds for
+        # itself.
+        os.replace(built, library)
+        os.replace(written, checksum)
+    except PermissionError:
+        # Windows never replaces a library that is loaded: that one has been published before.
+        if find_library(key) is None:
+            raise
+    return library
+
+
+@contextlib.contextmanager
+def private_directory() -> Iterator[Path]:
+    """Open a folder for one build inside the cache, hence on the same file system."""
+    with tempfile.TemporaryDirectory(
+        prefix=_PRIVATE_PREFIX, dir=cache_directory(), ignore_cleanup_errors=True
+    ) as name:
+        yield Path(name)
+
+
+def keep_failed(files: Mapping[str, str], key: str) -> Path:
+    """Write the sources of a failed build to ``failed/<key>`` and give that folder."""
+    directory = cache_directory() / _FAILED / key
+    directory.mkdir(parents=True, exist_ok=True)
+    write_files(files, directory)
+    return directory
+
+
+def write_files(files: Mapping[str, str], directory: Path) -> None:
+    """Write texts into a folder, with the same bytes on each platform."""
+    for name, text in files.items():
+        (directory / name).write_text(text, encoding="utf-8", newline="\n")
+
+
+def clear_cache() -> int:
+    """Remove compiled libraries, kept sources and what interrupted builds left behind.
+
+    Only files that cotree names are touched, whatever else the folder holds. Libraries that are
+    loaded stay usable; a build under way in another process fails.
+
+    Returns
+    -------
+    int
+        Number of files removed.
+
+    Raises
+    ------
+    BuildError
+        If the cache folder cannot be used or a file cannot be removed.
+    """
+    directory = cache_directory()
+    try:
+        entries = list(directory.iterdir())
+        removed = 0
+        for path in entries:
+            if _PUBLISHED.fullmatch(path.name):
+                path.unlink(missing_ok=True)
+                removed += 1
+            elif path.name.startswith(_PRIVATE_PREFIX):
+                removed += _remove_tree(path)
+        failed = directory / _FAILED
+        if failed.is_dir():
+            kept = [path for path in failed.iterdir() if _KEY.fullmatch(path.name)]
+            removed += sum(_remove_tree(path) for path in kept)
+    except OSError as error:
+        raise BuildError(
+            f"The cache folder '{directory}' cannot be cleared ({error}); correct its permissions "
+            "or close the programs that use it."
+        ) from error
+    return removed
+
+
+def _configured_directory() -> Path:
+    configured = os.environ.get(_VARIABLE, "")
+    if configured:
+        return Path(configured).expanduser()
+    import platformdirs
+
+    return Path(platformdirs.user_cache_dir("cotree", appauthor=False))
+
+
+def _check_private(directory: Path, status: os.stat_result) -> None:
+    if sys.platform == "win32":
+        return
+    if status.st_uid != os.geteuid():
+        raise BuildError(
+            f"The cache folder '{directory}' belongs to another user (uid {status.st_uid}), who "
+            "could replace the libraries in it; name a folder of your own with the environment "
+            f"variable {_VARIABLE}."
+        )
+    if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        raise BuildError(
+            f"The cache folder '{directory}' can be written by other users "
+            f"(mode {stat.S_IMODE(status.st_mode):04o}), who could replace the libraries in it; "
+            f"run 'chmod go-w' on it, or name another one with the environment variable "
+            f"{_VARIABLE}."
+        )
+
+
+def _published_paths(key: str) -> tuple[Path, Path]:
+    directory = cache_directory()
+    return directory / f"{key}.so", directory / f"{key}.sha256"
+
+
+def _digest(path: Path) -> bytes:
+    return hashlib.sha256(path.read_bytes()).hexdigest().encode()
+
+
+def _remove_tree(directory: Path) -> int:
+    """Remove a folder; give the number of files that were in it."""
+    n_files = sum(path.is_file() for path in directory.rglob("*"))
+    # A build that ends meanwhile removes its own folder.
+    with contextlib.suppress(FileNotFoundError):
+        shutil.rmtree(directory)
+    return n_files

@@ -1,0 +1,70 @@
+"""Load a shared library through cffi in ABI mode: no compiler and no Python headers are needed."""
+
+from __future__ import annotations
+
+import functools
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from cotree.errors import BuildError
+
+if TYPE_CHECKING:
+    from cffi import FFI
+
+
+@dataclass(frozen=True)
+class LoadedLibrary:
+    """A shared library in this process.
+
+    Attributes
+    ----------
+    ffi : cffi.FFI
+        The types of the declarations; makes and casts pointers.
+    lib : object
+        The library; its functions and variables are attributes, found at first use.
+    """
+
+    ffi: FFI
+    lib: Any
+
+
+def load_library(path: str | os.PathLike[str], cdef: str) -> LoadedLibrary:
+    """Load a shared library, once per process, path and declarations.
+
+    Parameters
+    ----------
+    path : str or path-like
+        The library, usually :attr:`BuiltLibrary.path`. Only intact files belong here: the system's
+        loader may crash on a damaged one.
+    cdef : str
+        C declarations without preprocessor lines.
+
+    Returns
+    -------
+    LoadedLibrary
+        The same object for the same arguments.
+
+    Raises
+    ------
+    BuildError
+        If the system refuses to load the file.
+    """
+    # Absolute, since the system searches its own folders for a bare name.
+    return _load(os.path.abspath(path), cdef)
+
+
+@functools.cache
+def _load(path: str, cdef: str) -> LoadedLibrary:
+    import cffi
+
+    ffi = cffi.FFI()
+    ffi.cdef(cdef)
+    try:
+        return LoadedLibrary(ffi, ffi.dlopen(path))
+    except OSError as error:
+        raise BuildError(
+            f"The compiled library '{path}' cannot be loaded ({error}); run clear_cache() if it "
+            "was built on another system, and check that compiler and Python are of one "
+            "architecture."
+        ) from error

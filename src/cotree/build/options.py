@@ -1,0 +1,132 @@
+"""Choose the compiler's flags: options, statement count and toolchain in, flags out.
+
+``-ffast-math`` is never among them: it breaks checks for NaN and the order of operations that
+the code generator chose. ``-ffp-contract=off`` is said aloud because compilers differ in its
+default, and the same model then gives different digits.
+"""
+
+from __future__ import annotations
+
+import platform
+import sys
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.errors import BuildError, nearest
+
+if TYPE_CHECKING:
+    from cotree.build.toolchain import Toolchain
+
+_LEVELS = ("-O0", "-O1", "-O2", "-O3")
+# Register allocation of one long block dominates: above these counts -O1 takes minutes.
+_STATEMENT_LIMIT_GCC = 4_000
+_STATEMENT_LIMIT_CLANG = 20_000
+
+
+@dataclass(frozen=True)
+class BuildOptions:
+    """How a model is compiled.
+
+    Attributes
+    ----------
+    optimize : str
+        ``'auto'``, or one of ``'-O0'``, ``'-O1'``, ``'-O2'``, ``'-O3'``.
+    native : bool
+        Use every instruction of this machine's processor. The library then serves machines with
+        the same features only, and its results may differ in the last digits.
+    time_limit : float
+        Time after which the compiler is stopped, [s].
+
+    Raises
+    ------
+    BuildError
+        If ``optimize`` is unknown or ``time_limit`` is not positive.
+
+    Examples
+    --------
+    >>> BuildOptions().optimize
+    'auto'
+    """
+
+    optimize: str = "auto"
+    native: bool = False
+    time_limit: float = 600.0
+
+    def __post_init__(self) -> None:
+        if self.optimize not in ("auto", *_LEVELS):
+            raise BuildError(
+                f"The build option optimize is '{self.optimize}', which is unknown"
+                f"{nearest(self.optimize, ('auto', *_LEVELS))}"
+            )
+        # Written so that NaN is refused too.
+        if not self.time_limit > 0.0:
+            raise BuildError(
+                f"The build option time_limit is {self.time_limit:g} s; give a positive time."
+            )
+
+
+def compiler_flags(
+    toolchain: Toolchain, options: BuildOptions, n_statements: int
+) -> tuple[str, ...]:
+    """Choose the flags that stand before the files' names.
+
+    Parameters
+    ----------
+    toolchain : Toolchain
+        The compiler.
+    options : BuildOptions
+        The user's choice.
+    n_statements : int
+        Number of statements in the longest C function, which decides what ``'auto'`` means.
+
+    Returns
+    -------
+    tuple of str
+        Flags in the order of the command line.
+
+    Examples
+    --------
+    >>> from cotree.build import BuildOptions, Toolchain, compiler_flags
+    >>> gcc = Toolchain(("/usr/bin/gcc",), "gcc 12.2.0", "cc")
+    >>> "-O0" in compiler_flags(gcc, BuildOptions(), n_statements=50_000)
+    True
+    """
+    flags = ["-std=c99", _level(toolchain, options, n_statements)]
+    # Code on Windows is always relocatable, and clang refuses the flag there.
+    if sys.platform != "win32":
+        flags.append("-fPIC")
+    flags += ["-shared", "-ffp-contract=off", "-fno-math-errno"]
+    if toolchain.kind == "zig":
+        # Zig adds debug information and traps on signed overflow unless told otherwise.
+        flags += ["-g0", "-fno-sanitize=all"]
+    flags += _processor_flags(toolchain, options)
+    return tuple(flags)
+
+
+def cpu_features() -> str:
+    """Name the instruction sets of this processor, or the processor where they are not listed."""
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as lines:
+            for line in lines:
+                label, _, value = line.partition(":")
+                if label.strip() in ("flags", "Features"):
+                    return value.strip()
+    except OSError:
+        pass
+    return platform.processor()
+
+
+def _level(toolchain: Toolchain, options: BuildOptions, n_statements: int) -> str:
+    if options.optimize != "auto":
+        return options.optimize
+    limit = _STATEMENT_LIMIT_CLANG if toolchain.is_clang else _STATEMENT_LIMIT_GCC
+    return "-O1" if n_statements <= limit else "-O0"
+
+
+def _processor_flags(toolchain: Toolchain, options: BuildOptions) -> list[str]:
+    if not options.native:
+        # Zig alone compiles for the machine it runs on unless told otherwise.
+        return ["-mcpu=baseline"] if toolchain.kind == "zig" else []
+    is_x86 = platform.machine().lower() in ("x86_64", "amd64", "i386", "i686")
+    # Elsewhere than on x86, compilers agree on -mcpu only.
+    return ["-march=native" if is_x86 else "-mcpu=native"]

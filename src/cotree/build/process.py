@@ -1,0 +1,92 @@
+"""Run the compiler under limits of time and memory, without a terminal, in a folder of its own."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+# Ordinary models need a few hundred MiB; a compiler that wants more than this has run away.
+_MEMORY_LIMIT_KIB = 8 * 1024 * 1024
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a command ended.
+
+    Attributes
+    ----------
+    status : int or None
+        Exit status, negative for a signal as in :mod:`subprocess`; None if time ran out.
+    output : str
+        Standard output and standard error, interleaved.
+    """
+
+    status: int | None
+    output: str
+
+
+def run_limited(command: Sequence[str], directory: Path, time_limit: float) -> Outcome:
+    """Run a command and wait for it, at most ``time_limit`` seconds.
+
+    The command's temporary files go to ``directory``, which is also its current directory, so that
+    nothing outlives it there. It reads nothing, and whatever it started dies with it when time
+    runs out or the caller is interrupted.
+
+    Raises
+    ------
+    OSError
+        If the command cannot be started.
+    """
+    folder = str(directory)
+    process = subprocess.Popen(
+        _with_memory_limit(command),
+        cwd=folder,
+        env={**os.environ, "LC_ALL": "C", "TMPDIR": folder, "TMP": folder, "TEMP": folder},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        start_new_session=True,
+    )
+    with process:
+        try:
+            output, _ = process.communicate(timeout=time_limit)
+            status: int | None = process.returncode
+        except subprocess.TimeoutExpired:
+            _kill_group(process)
+            output, _ = process.communicate()
+            status = None
+        except BaseException:
+            _kill_group(process)
+            raise
+    return Outcome(status, output.decode("utf-8", "replace"))
+
+
+def _with_memory_limit(command: Sequence[str]) -> list[str]:
+    """Let a shell set the limit and become the command.
+
+    A preexec_fn is unsafe in a process with threads, which NumPy's libraries start. A system that
+    refuses the limit runs the command without one.
+    """
+    if sys.platform == "win32":
+        return list(command)
+    script = f'ulimit -S -v {_MEMORY_LIMIT_KIB} 2>/dev/null; exec "$@"'
+    return ["/bin/sh", "-c", script, "sh", *command]
+
+
+def _kill_group(process: subprocess.Popen[bytes]) -> None:
+    """Kill the compiler with the passes it has started."""
+    if sys.platform == "win32":
+        process.kill()
+        return
+    # The leader's number names the group for certain until the leader has been waited for. Not
+    # poll(): it would wait for a leader that is gone while its passes live on.
+    if process.returncode is None:
+        os.killpg(process.pid, signal.SIGKILL)

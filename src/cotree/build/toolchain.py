@@ -1,0 +1,175 @@
+"""Find a C compiler: environment in, :class:`Toolchain` out.
+
+The order is the ``CC`` environment variable, ``cc``, ``gcc``, ``clang``, then the ``ziglang``
+package. ``COTREE_COMPILER=none`` says that there is no compiler, whatever is installed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import importlib.util
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from cotree.errors import BuildError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_NAMES = ("cc", "gcc", "clang")
+# A first call may wait for a network file system or a virus scanner, never for this long.
+_ANSWER_TIME = 60.0
+
+
+@dataclass(frozen=True)
+class Toolchain:
+    """A C compiler that answers.
+
+    Attributes
+    ----------
+    command : tuple of str
+        Program with its absolute path, then arguments that every call needs.
+    version : str
+        First line of what ``--version`` prints.
+    kind : {'cc', 'zig'}
+        ``'zig'`` where the compiler is reached through zig, whose defaults differ.
+    """
+
+    command: tuple[str, ...]
+    version: str
+    kind: Literal["cc", "zig"]
+
+    @property
+    def is_clang(self) -> bool:
+        """True if the compiler is a clang, under its own name or inside zig."""
+        return self.kind == "zig" or "clang" in self.version.lower()
+
+
+def find_toolchain() -> Toolchain | None:
+    """Find the C compiler to use.
+
+    The environment is read at each call; only version texts are remembered, by command.
+
+    Returns
+    -------
+    Toolchain or None
+        None if no compiler is installed, or if ``COTREE_COMPILER`` is ``none``.
+
+    Raises
+    ------
+    BuildError
+        If ``CC`` names something that is not a usable compiler, or ``COTREE_COMPILER`` holds
+        anything but ``none``.
+    """
+    if _is_switched_off():
+        return None
+    requested = os.environ.get("CC", "").strip()
+    if requested:
+        return _requested_toolchain(requested)
+    for command in _candidate_commands():
+        with contextlib.suppress(BuildError):
+            return _toolchain(command)
+    return None
+
+
+def _is_switched_off() -> bool:
+    value = os.environ.get("COTREE_COMPILER", "").strip()
+    if value not in ("", "none"):
+        raise BuildError(
+            f"The environment variable COTREE_COMPILER is '{value}', but 'none' is the only value "
+            "it takes; name a compiler with the environment variable CC."
+        )
+    return value == "none"
+
+
+def _requested_toolchain(requested: str) -> Toolchain:
+    """Accept the compiler that the user names, or say why not: never another one in its place."""
+    try:
+        program, *arguments = _split(requested)
+        found = _find_program(program)
+        if found is None:
+            raise BuildError("it is not an executable file, nor the name of one on PATH")
+        return _toolchain((found, *arguments))
+    except (BuildError, ValueError) as error:
+        raise BuildError(
+            f"The environment variable CC is '{requested}', which cannot be used as a C compiler: "
+            f"{error}. Correct it or unset it."
+        ) from error
+
+
+def _split(text: str) -> list[str]:
+    """Split a command line; on Windows a backslash separates folders and escapes nothing."""
+    if sys.platform == "win32":
+        return [part.strip('"') for part in shlex.split(text, posix=False)]
+    return shlex.split(text)
+
+
+def _candidate_commands() -> Iterator[tuple[str, ...]]:
+    for name in _NAMES:
+        program = _find_program(name)
+        if program is not None:
+            yield (program,)
+    if sys.executable and importlib.util.find_spec("ziglang") is not None:
+        # -P: without it a folder 'ziglang' in the current directory would be run.
+        yield (sys.executable, "-P", "-m", "ziglang", "cc")
+
+
+def _find_program(name: str) -> str | None:
+    """Give the absolute path of a program.
+
+    Relative entries of PATH (and, on Windows, the current directory) are passed over: nothing is
+    ever run from the current directory unless its path is spelled out.
+    """
+    if os.path.dirname(name):
+        return shutil.which(os.path.abspath(name))
+    folders = [folder for folder in os.get_exec_path() if os.path.isabs(folder)]
+    found = shutil.which(name, path=os.pathsep.join(folders))
+    return found if found is not None and os.path.isabs(found) else None
+
+
+def _toolchain(command: tuple[str, ...]) -> Toolchain:
+    is_zig = Path(command[0]).stem == "zig" or "ziglang" in command
+    return Toolchain(command, _version_text(command), "zig" if is_zig else "cc")
+
+
+# Failures are raised, hence not remembered: a compiler installed meanwhile is found.
+@functools.cache
+def _version_text(command: tuple[str, ...]) -> str:
+    try:
+        _check_command_line_tools(command[0])
+        answer = subprocess.run(
+            [*command, "--version"],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=_ANSWER_TIME,
+            env={**os.environ, "LC_ALL": "C"},
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise BuildError(f"it does not answer --version ({error})") from error
+    lines = answer.stdout.decode("utf-8", "replace").strip().splitlines()
+    if answer.returncode != 0 or not lines:
+        raise BuildError(f"it does not answer --version (exit status {answer.returncode})")
+    return lines[0].strip()
+
+
+def _check_command_line_tools(program: str) -> None:
+    """Refuse Apple's stand-ins in /usr/bin, which open a dialog if the tools are missing."""
+    if sys.platform == "darwin" and os.path.dirname(program) == "/usr/bin":
+        answer = subprocess.run(
+            ["/usr/bin/xcode-select", "-p"],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            check=False,
+        )
+        if answer.returncode != 0:
+            raise BuildError(
+                "Apple's command line tools are not installed (xcode-select --install adds them)"
+            )

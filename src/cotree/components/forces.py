@@ -1,0 +1,88 @@
+"""Force elements: chords whose through variable follows from across variables and fields.
+
+Through variables act on the second node; the first gets the reaction.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cotree.components.component import Component, Field, Role, Shape
+from cotree.components.law import Law
+
+_AXIS = Field(
+    "axis", "1", "acts along it, fixed in the first node's axes; else along the line", Shape.VECTOR
+)
+
+
+def _signal(name: str, unit: str, doc: str, required: bool = True) -> Field:
+    default = None if required else 0.0
+    return Field(name, unit, doc, default=default, required=required, constant=False)
+
+
+def _spring(length: Any, rate: Any, stiffness: Any, free_length: Any, damping: Any) -> Any:
+    return -stiffness * (length - free_length) - damping * rate
+
+
+def _damper(rate: Any, damping: Any) -> Any:
+    return -damping * rate
+
+
+SPRING = Component(
+    "spring",
+    Role.LINE,
+    "linear spring, with a damper beside it where damping is given",
+    fields=(
+        _AXIS,
+        _signal("stiffness", "N/m", "force per length"),
+        _signal("free_length", "m", "length at rest", required=False),
+        _signal("damping", "N s/m", "force per rate of length", required=False),
+    ),
+    domains=("translation",),
+    law=Law(_spring),
+)
+
+DAMPER = Component(
+    "damper",
+    Role.LINE,
+    "linear damper",
+    fields=(_AXIS, _signal("damping", "N s/m", "force per rate of length")),
+    domains=("translation",),
+    law=Law(_damper),
+)
+
+FORCE = Component(
+    "force",
+    Role.FORCE,
+    "given force on the second node",
+    fields=(
+        Field(
+            "force",
+            "N",
+            "components in the first node's axes",
+            Shape.VECTOR,
+            required=True,
+            constant=False,
+        ),
+    ),
+    domains=("translation",),
+)
+
+TORQUE = Component(
+    "torque",
+    Role.TORQUE,
+    "given torque on the second node",
+    fields=(
+        Field(
+            "torque",
+            "N m",
+            "components in the first node's axes",
+            Shape.VECTOR,
+            required=True,
+            constant=False,
+        ),
+    ),
+    domains=("rotation",),
+)
+
+COMPONENTS = (SPRING, DAMPER, FORCE, TORQUE)

@@ -1,0 +1,82 @@
+"""Laws: constitutive equations in SymPy, with their derivatives formed once, beforehand.
+
+The sensitivity terminal equation of a component (paper, Eq. (4)) is its law's partial
+derivatives times the derivatives of the law's arguments. The partial derivatives are made from
+the SymPy form of the law, once for each law, never from assembled equations.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from cotree.dag.from_sympy import from_sympy
+
+if TYPE_CHECKING:
+    from cotree.dag.nodes import Dag, Node
+
+
+@dataclass(frozen=True)
+class Law:
+    """A scalar law.
+
+    Attributes
+    ----------
+    function : callable
+        Python function of SymPy symbols that gives the law as a SymPy expression; its argument
+        names are the law's arguments.
+
+    Examples
+    --------
+    >>> law = Law(lambda length, stiffness, free_length: -stiffness * (length - free_length))
+    >>> law.partials["stiffness"]
+    free_length - length
+    """
+
+    function: Callable[..., Any]
+
+    @cached_property
+    def arguments(self) -> tuple[str, ...]:
+        """Names of the arguments, in order."""
+        return tuple(inspect.signature(self.function).parameters)
+
+    @cached_property
+    def expression(self) -> Any:
+        """The law as a SymPy expression of real symbols named as the arguments."""
+        import sympy
+
+        return sympy.sympify(
+            self.function(*(sympy.Symbol(name, real=True) for name in self.arguments))
+        )
+
+    @cached_property
+    def partials(self) -> dict[str, Any]:
+        """The pre-formed partial derivatives, by argument; those that vanish are absent."""
+        import sympy
+
+        derivatives = {
+            name: self.expression.diff(sympy.Symbol(name, real=True)) for name in self.arguments
+        }
+        return {name: value for name, value in derivatives.items() if value != 0}
+
+    def value(self, dag: Dag, arguments: Mapping[str, Node]) -> Node:
+        """Form the law's value from its arguments."""
+        return from_sympy(self.expression, dag, arguments)
+
+    def partial_values(self, dag: Dag, arguments: Mapping[str, Node]) -> dict[str, Node]:
+        """Evaluate the pre-formed partial derivatives; those that fold to zero are absent."""
+        values = {
+            name: from_sympy(partial, dag, arguments) for name, partial in self.partials.items()
+        }
+        return {name: value for name, value in values.items() if not value.is_zero}
+
+
+def chain(partials: Mapping[str, Node], d: Mapping[str, Node], zero: Node) -> Node:
+    """Sum partial derivatives times the derivatives ``d`` of their arguments."""
+    total = zero
+    for name, partial in partials.items():
+        total = total + partial * d[name]
+    return total

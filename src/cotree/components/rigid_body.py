@@ -1,0 +1,34 @@
+"""Rigid bodies and the arms fixed in them."""
+
+from __future__ import annotations
+
+from cotree.components.component import Component, Field, Role, Shape
+
+RIGID_BODY = Component(
+    "rigid_body",
+    Role.BODY,
+    "inertia of a body whose centre of mass is the second node; the first node is ground",
+    fields=(
+        Field("mass", "kg", "mass", required=True, sign="nonnegative"),
+        Field(
+            "inertia",
+            "kg m^2",
+            "about the centre of mass, in the second node's axes; not modelled where absent",
+            Shape.INERTIA,
+            sign="nonnegative",
+        ),
+    ),
+)
+
+ARM = Component(
+    "arm",
+    Role.ARM,
+    "a vector fixed in a body, from the first node to the second",
+    fields=(
+        Field("vector", "m", "in the first node's axes", Shape.VECTOR, required=True),
+    ),
+)
+
+WELD = Component("weld", Role.ARM, "holds the second node to the first")
+
+COMPONENTS = (RIGID_BODY, ARM, WELD)

@@ -1,0 +1,1 @@
+"""The scalar language: interned nodes, their derivatives and their evaluation."""

@@ -1,0 +1,63 @@
+"""Evaluation of nodes in Python: on floats, complex numbers or arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+from cotree.dag.operations import OPERATIONS
+from cotree.dag.several import SEVERAL
+from cotree.dag.traverse import reachable
+
+if TYPE_CHECKING:
+    from cotree.dag.nodes import Node
+
+Numbers = Literal["real", "complex_", "array"]
+
+
+def evaluate(
+    roots: Sequence[Node],
+    values: Mapping[Node, Any],
+    numbers: Numbers = "real",
+    order: Sequence[Node] | None = None,
+) -> list[Any]:
+    """Evaluate nodes.
+
+    Parameters
+    ----------
+    roots : sequence of Node
+        What is wanted.
+    values : mapping of Node to number
+        The symbols' values.
+    numbers : {'real', 'complex_', 'array'}
+        Kind of the values; 'complex_' follows the real part at every branch, for the complex step.
+    order : sequence of Node, optional
+        :func:`~cotree.dag.traverse.reachable` of the roots, where it is known already.
+
+    Returns
+    -------
+    list
+        The values of the roots.
+
+    Raises
+    ------
+    KeyError
+        If a symbol has no value.
+    ArithmeticError, ValueError
+        If an operation is undefined at these values (division by zero, square root of a negative).
+    """
+    functions = {name: getattr(row, numbers) for name, row in OPERATIONS.items()}
+    known: dict[Node, Any] = {}
+    for node in reachable(roots) if order is None else order:
+        op = node.op
+        if op == "constant":
+            known[node] = node.value
+        elif op == "symbol":
+            known[node] = values[node]
+        elif op == "result":
+            known[node] = known[node.args[0]][node.data]
+        elif op in SEVERAL:
+            known[node] = SEVERAL[op].evaluate(node.data, [known[arg] for arg in node.args])
+        else:
+            known[node] = functions[op](*[known[arg] for arg in node.args])
+    return [known[root] for root in roots]

@@ -1,0 +1,352 @@
+"""Interned scalar nodes: equal values get one number, and fold as they are made.
+
+A :class:`Dag` is an arena. A node is made by an operator on nodes (``a * b + c``) or by a method
+of the arena (``dag.function("sin", a)``); asking twice for the same value gives the same node, so
+common subexpressions never exist twice. Constants fold, ``x*0`` and ``x+0`` vanish, negations
+sink towards the result. An argument always has a smaller index than the node that uses it, so
+ascending index is a valid order of evaluation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from cotree.dag.operations import OPERATIONS
+
+_REAL = {name: operation.real for name, operation in OPERATIONS.items()}
+_ODD = frozenset({"sin", "tan", "asin", "atan", "sinh", "tanh", "sign"})
+_EVEN = frozenset({"cos", "cosh", "abs"})
+
+
+class Node:
+    """One scalar value of a :class:`Dag`.
+
+    Attributes
+    ----------
+    dag : Dag
+        The arena it belongs to.
+    index : int
+        Its number; larger than that of every argument.
+    op : str
+        ``constant``, ``symbol``, a row of :data:`cotree.dag.operations.OPERATIONS`, a node with
+        several results (``solve``, ``table``, ``call``), or ``result``, one value of such a node.
+    args : tuple of Node
+        The arguments.
+    data : object
+        ``(kind, position)`` of a symbol, number of a result, description of a node with several
+        results; None otherwise.
+    value : float or None
+        The number, if the node is a constant.
+    section : str
+        What the value belongs to, in words, for the comments of the generated code.
+    """
+
+    __slots__ = ("args", "dag", "data", "index", "op", "section", "value")
+
+    def __init__(
+        self, dag: Dag, op: str, args: tuple[Node, ...], data: Any, value: float | None
+    ) -> None:
+        self.dag = dag
+        self.op = op
+        self.args = args
+        self.data = data
+        self.value = value
+        self.section = dag.section
+        self.index = len(dag.nodes)
+        dag.nodes.append(self)
+
+    def __add__(self, other: Node | float) -> Node:
+        return self.dag.add(self, other if isinstance(other, Node) else self.dag.constant(other))
+
+    def __radd__(self, other: float) -> Node:
+        return self.dag.add(self.dag.constant(other), self)
+
+    def __sub__(self, other: Node | float) -> Node:
+        return self.dag.sub(self, other if isinstance(other, Node) else self.dag.constant(other))
+
+    def __rsub__(self, other: float) -> Node:
+        return self.dag.sub(self.dag.constant(other), self)
+
+    def __mul__(self, other: Node | float) -> Node:
+        return self.dag.mul(self, other if isinstance(other, Node) else self.dag.constant(other))
+
+    def __rmul__(self, other: float) -> Node:
+        return self.dag.mul(self.dag.constant(other), self)
+
+    def __truediv__(self, other: Node | float) -> Node:
+        return self.dag.div(self, other if isinstance(other, Node) else self.dag.constant(other))
+
+    def __rtruediv__(self, other: float) -> Node:
+        return self.dag.div(self.dag.constant(other), self)
+
+    def __neg__(self) -> Node:
+        return self.dag.neg(self)
+
+    def __pow__(self, exponent: Node | float) -> Node:
+        if not isinstance(exponent, Node):
+            exponent = self.dag.constant(exponent)
+        return self.dag.pow(self, exponent)
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether the value is the constant zero."""
+        return self is self.dag.zero
+
+    def __repr__(self) -> str:
+        if self.op == "constant":
+            return f"Node({self.value!r})"
+        if self.op == "symbol":
+            return f"Node({self.data[0]}[{self.data[1]}])"
+        return f"Node({self.op} of {', '.join(str(a.index) for a in self.args)})"
+
+
+class Dag:
+    """An arena of interned nodes.
+
+    Attributes
+    ----------
+    nodes : list of Node
+        Every node, by index.
+    zero, one : Node
+        The constants 0 and 1.
+    section : str
+        Label given to the nodes made from now on; set it with :meth:`labelled`.
+    """
+
+    def __init__(self) -> None:
+        self.nodes: list[Node] = []
+        self.section = ""
+        self._interned: dict[Any, Node] = {}
+        self.zero = self.constant(0.0)
+        self.one = self.constant(1.0)
+
+    def __len__(self) -> int:
+        return len(self.nodes)
+
+    @contextmanager
+    def labelled(self, section: str) -> Iterator[None]:
+        """Label the nodes made inside the ``with`` block."""
+        previous, self.section = self.section, section
+        try:
+            yield
+        finally:
+            self.section = previous
+
+    def constant(self, value: float) -> Node:
+        """Intern a finite number.
+
+        Raises
+        ------
+        ArithmeticError
+            If the number is not finite.
+        """
+        value = float(value) + 0.0  # +0.0 turns -0.0 into 0.0: one zero only
+        node = self._interned.get(value)
+        if node is None:
+            if not math.isfinite(value):
+                raise ArithmeticError(f"the constant {value} is not finite")
+            node = self._interned[value] = Node(self, "constant", (), None, value)
+        return node
+
+    def symbol(self, kind: str, position: int) -> Node:
+        """Intern an argument of the program: number ``position`` of its ``kind``."""
+        key = (kind, position)
+        node = self._interned.get(key)
+        if node is None:
+            node = self._interned[key] = Node(self, "symbol", (), key, None)
+        return node
+
+    def _intern(self, op: str, args: tuple[Node, ...], data: Any = None) -> Node:
+        key = (op, *[arg.index for arg in args], data)
+        node = self._interned.get(key)
+        if node is None:
+            node = self._interned[key] = Node(self, op, args, data, None)
+        return node
+
+    def add(self, a: Node, b: Node) -> Node:
+        """Form a + b."""
+        if a is self.zero:
+            return b
+        if b is self.zero:
+            return a
+        if a.value is not None and b.value is not None:
+            return self.constant(a.value + b.value)
+        if b.op == "neg":
+            return self.sub(a, b.args[0])
+        if a.op == "neg":
+            return self.sub(b, a.args[0])
+        if a is b:
+            return self.mul(self.constant(2.0), a)
+        if a.index > b.index:
+            a, b = b, a
+        key = ("add", a.index, b.index)
+        node = self._interned.get(key)
+        if node is None:
+            node = self._interned[key] = Node(self, "add", (a, b), None, None)
+        return node
+
+    def sub(self, a: Node, b: Node) -> Node:
+        """Form a - b."""
+        if b is self.zero:
+            return a
+        if a is b:
+            return self.zero
+        if a is self.zero:
+            return self.neg(b)
+        if b.value is not None:
+            if a.value is not None:
+                return self.constant(a.value - b.value)
+            if b.value < 0.0:
+                return self.add(a, self.constant(-b.value))
+        if b.op == "neg":
+            return self.add(a, b.args[0])
+        if a.op == "neg":
+            return self.neg(self.add(a.args[0], b))
+        key = ("sub", a.index, b.index)
+        node = self._interned.get(key)
+        if node is None:
+            node = self._interned[key] = Node(self, "sub", (a, b), None, None)
+        return node
+
+    def mul(self, a: Node, b: Node) -> Node:
+        """Form a * b."""
+        zero = self.zero
+        if a is zero or b is zero:
+            return zero
+        if a is self.one:
+            return b
+        if b is self.one:
+            return a
+        if a.op == "neg":
+            return self.neg(self.mul(a.args[0], b))
+        if b.op == "neg":
+            return self.neg(self.mul(a, b.args[0]))
+        if b.value is not None:
+            a, b = b, a
+        if a.value is not None:
+            return self._scale(a.value, a, b)
+        if a.index > b.index:
+            a, b = b, a
+        key = ("mul", a.index, b.index)
+        node = self._interned.get(key)
+        if node is None:
+            node = self._interned[key] = Node(self, "mul", (a, b), None, None)
+        return node
+
+    def _scale(self, factor: float, a: Node, b: Node) -> Node:
+        """Form the product of the constant ``a``, of value ``factor``, with ``b``."""
+        if b.value is not None:
+            return self.constant(factor * b.value)
+        if factor < 0.0:
+            return self.neg(self.mul(self.constant(-factor), b))
+        if b.op == "mul" and b.args[0].value is not None:
+            return self.mul(self.constant(factor * b.args[0].value), b.args[1])
+        return self._intern("mul", (a, b))
+
+    def div(self, a: Node, b: Node) -> Node:
+        """Form a / b.
+
+        Raises
+        ------
+        ZeroDivisionError
+            If b is the constant zero.
+        """
+        if b.value is not None:
+            if b.value == 0.0:
+                raise ZeroDivisionError("division by zero")
+            if a.value is not None:
+                return self.constant(a.value / b.value)
+            return self.mul(self.constant(1.0 / b.value), a)
+        if a is self.zero:
+            return a
+        if a is b:
+            return self.one
+        if a.op == "neg":
+            return self.neg(self.div(a.args[0], b))
+        if b.op == "neg":
+            return self.neg(self.div(a, b.args[0]))
+        return self._intern("div", (a, b))
+
+    def neg(self, a: Node) -> Node:
+        """Form -a."""
+        if a.value is not None:
+            return self.constant(-a.value)
+        if a.op == "neg":
+            return a.args[0]
+        if a.op == "sub":
+            return self.sub(a.args[1], a.args[0])
+        return self._intern("neg", (a,))
+
+    def pow(self, a: Node, exponent: Node) -> Node:
+        """Form a**exponent: integer powers as products, a half as a square root."""
+        power = exponent.value
+        if power is not None:
+            if a.value is not None:
+                return self.constant(_REAL["pow"](a.value, power))
+            if power == int(power) and abs(power) <= 64:
+                return self._integer_power(a, int(power))
+            if power == 0.5:
+                return self.function("sqrt", a)
+        return self._intern("pow", (a, exponent))
+
+    def _integer_power(self, a: Node, power: int) -> Node:
+        if power < 0:
+            return self.div(self.one, self._integer_power(a, -power))
+        result, square = self.one, a
+        while power:
+            if power & 1:
+                result = self.mul(result, square)
+            power >>= 1
+            if power:
+                square = self.mul(square, square)
+        return result
+
+    def function(self, name: str, *args: Node) -> Node:
+        """Form a function of :data:`OPERATIONS`, folding constants and signs."""
+        values = [arg.value for arg in args]
+        if None not in values:
+            return self.constant(_REAL[name](*values))
+        if args[0].op == "neg":
+            if name in _ODD:
+                return self.neg(self.function(name, args[0].args[0]))
+            if name in _EVEN:
+                return self.function(name, args[0].args[0])
+        return self._intern(name, args)
+
+    def select(self, condition: Node, accepted: Node, refused: Node) -> Node:
+        """Form ``accepted`` where ``condition >= 0``, else ``refused``."""
+        if accepted is refused:
+            return accepted
+        if condition.value is not None:
+            return accepted if condition.value >= 0.0 else refused
+        return self._intern("select", (condition, accepted, refused))
+
+    def several(self, op: str, args: Sequence[Node], data: Any, n_results: int) -> tuple[Node, ...]:
+        """Form a node with several results and give its results.
+
+        Parameters
+        ----------
+        op : str
+            A row of :data:`cotree.dag.several.SEVERAL`.
+        args : sequence of Node
+            The arguments.
+        data : hashable
+            What the node needs to know besides its arguments.
+        n_results : int
+            How many results it has.
+        """
+        node = self._intern(op, tuple(args), data)
+        return tuple(self._intern("result", (node,), position) for position in range(n_results))
+
+    def rebuild(self, node: Node, args: tuple[Node, ...]) -> Node:
+        """Make ``node`` again from other arguments, folding what now folds."""
+        op = node.op
+        if op in ("add", "sub", "mul", "div", "pow", "neg", "select"):
+            made: Node = getattr(self, op)(*args)
+            return made
+        if op in OPERATIONS:
+            return self.function(op, *args)
+        return self._intern(op, args, node.data)

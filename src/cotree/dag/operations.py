@@ -1,0 +1,120 @@
+"""The scalar operations, one row each: how many arguments, how it is evaluated, how C spells it.
+
+Sums, differences, products, quotients and negations are arithmetic; everything else is a
+function call. Partial derivatives stand in :mod:`cotree.dag.derivative`, since they are built
+from nodes.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+import operator
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+Scalar = Any  # float, complex, or a numpy array of either
+
+
+@dataclass(frozen=True)
+class Operation:
+    """A scalar operation.
+
+    Attributes
+    ----------
+    name : str
+        The name in the program.
+    arity : int
+        Number of arguments.
+    real, complex_, array : callable
+        Evaluation on floats, on complex numbers and on numpy arrays.
+    c : str
+        The C expression, with ``{0}``, ``{1}``, ... for its arguments.
+    is_call : bool
+        True for a function of the C library, false for an operator.
+    """
+
+    name: str
+    arity: int
+    real: Callable[..., Scalar]
+    complex_: Callable[..., Scalar]
+    array: Callable[..., Scalar]
+    c: str
+    is_call: bool = True
+
+
+def _sign(x: float) -> float:
+    return float((x > 0.0) - (x < 0.0))
+
+
+# Complex numbers serve the complex step only: a branch is decided by the real part, so that the
+# imaginary part is carried along as an infinitesimal.
+def _complex_abs(x: complex) -> complex:
+    return x if complex(x).real >= 0.0 else -x
+
+
+def _complex_sign(x: complex) -> float:
+    return _sign(complex(x).real)
+
+
+def _complex_atan2(y: complex, x: complex) -> complex:
+    y0, x0 = complex(y).real, complex(x).real
+    return math.atan2(y0, x0) + cmath.atan((x0 * y - y0 * x) / (x0 * x + y0 * y))
+
+
+def _select(condition: float, accepted: float, refused: float) -> float:
+    return accepted if condition >= 0.0 else refused
+
+
+def _complex_select(condition: complex, accepted: complex, refused: complex) -> complex:
+    return accepted if complex(condition).real >= 0.0 else refused
+
+
+def _array_select(condition: Scalar, accepted: Scalar, refused: Scalar) -> Scalar:
+    return np.where(np.real(condition) >= 0.0, accepted, refused)
+
+
+def _arithmetic(name: str, arity: int, function: Callable[..., Scalar], c: str) -> Operation:
+    return Operation(name, arity, function, function, function, c, is_call=False)
+
+
+def _function(name: str, c_name: str | None = None) -> Operation:
+    array = getattr(np, {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}.get(name, name))
+    return Operation(
+        name, 1, getattr(math, name), getattr(cmath, name), array, f"{c_name or name}({{0}})"
+    )
+
+
+_ROWS = (
+    _arithmetic("add", 2, operator.add, "{0} + {1}"),
+    _arithmetic("sub", 2, operator.sub, "{0} - {1}"),
+    _arithmetic("mul", 2, operator.mul, "{0} * {1}"),
+    _arithmetic("div", 2, operator.truediv, "{0} / {1}"),
+    _arithmetic("neg", 1, operator.neg, "-{0}"),
+    *(_function(name) for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan")),
+    *(_function(name) for name in ("sinh", "cosh", "tanh", "exp", "log")),
+    Operation("abs", 1, abs, _complex_abs, np.abs, "fabs({0})"),
+    Operation(
+        "sign",
+        1,
+        _sign,
+        _complex_sign,
+        np.sign,
+        "(double)(({0} > 0.0) - ({0} < 0.0))",
+    ),
+    Operation("atan2", 2, math.atan2, _complex_atan2, np.arctan2, "atan2({0}, {1})"),
+    Operation("pow", 2, math.pow, operator.pow, np.power, "pow({0}, {1})"),
+    Operation(
+        "select",
+        3,
+        _select,
+        _complex_select,
+        _array_select,
+        "({0} >= 0.0 ? {1} : {2})",
+    ),
+)
+
+OPERATIONS: dict[str, Operation] = {row.name: row for row in _ROWS}

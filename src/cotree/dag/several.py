@@ -1,0 +1,251 @@
+"""Nodes with several results: ``solve``, ``table`` and ``call``.
+
+Each has a row in :data:`SEVERAL` with its rules for evaluation, tangent and reverse; the rule for
+C stands in :mod:`cotree.codegen.printer_c`. The results are read with ``result`` nodes.
+"""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from cotree.dag.nodes import Dag, Node
+
+#: Pivots below this fraction of the largest entry count as zero: a hundred roundings of a dense
+#: elimination of the sizes met here.
+RANK_TOLERANCE = 1e-13
+
+
+@dataclass(frozen=True)
+class Table:
+    """A piecewise linear function, held constant outside its range.
+
+    Attributes
+    ----------
+    x : tuple of float
+        Ascending arguments, at least two.
+    y : tuple of float
+        Values at ``x``.
+    """
+
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Function:
+    """An external function of several arguments and results, called by the generated code.
+
+    Attributes
+    ----------
+    name : str
+        C name: ``int name(const double *arguments, double *results)``.
+    n_results : int
+        How many results it has.
+    evaluate : callable
+        The same function in Python: sequence of floats to sequence of floats.
+    partials : Function or None
+        Gives the partial derivatives, row by row (n_results rows of n_arguments).
+    """
+
+    name: str
+    n_results: int
+    evaluate: Callable[[Sequence[Any]], Sequence[Any]] = field(compare=False)
+    partials: Function | None = None
+
+
+def solve_pivoted(matrix: Any, rhs: Any) -> tuple[Any, int]:
+    """Solve a dense linear system by Gaussian elimination with complete pivoting.
+
+    Unknowns whose pivot falls below :data:`RANK_TOLERANCE` of the largest entry are set to zero,
+    which is a solution where the system is consistent.
+
+    Parameters
+    ----------
+    matrix : array_like, shape (n, n)
+        The coefficients, real or complex.
+    rhs : array_like, shape (n,)
+        The right-hand side.
+
+    Returns
+    -------
+    solution : ndarray, shape (n,)
+        The unknowns.
+    rank : int
+        Number of pivots accepted.
+    """
+    a = np.array(matrix)
+    b = np.array(rhs, dtype=np.result_type(a, rhs))
+    n = len(b)
+    columns = list(range(n))
+    smallest = RANK_TOLERANCE * np.max(np.abs(a.real), initial=0.0)
+    rank = 0
+    for k in range(n):
+        row, column = np.unravel_index(np.argmax(np.abs(a[k:, k:].real)), (n - k, n - k))
+        row, column = int(row) + k, int(column) + k
+        if not abs(a[row, column].real) > smallest:
+            break
+        a[[k, row]], b[[k, row]] = a[[row, k]], b[[row, k]]
+        a[:, [k, column]] = a[:, [column, k]]
+        columns[k], columns[column] = columns[column], columns[k]
+        factors = a[k + 1 :, k] / a[k, k]
+        a[k + 1 :, k:] -= np.outer(factors, a[k, k:])
+        b[k + 1 :] -= factors * b[k]
+        rank += 1
+    solution = np.zeros(n, dtype=b.dtype)
+    for k in range(rank - 1, -1, -1):
+        others = columns[k + 1 : rank]
+        solution[columns[k]] = (b[k] - a[k, k + 1 : rank] @ solution[others]) / a[k, k]
+    return solution, rank
+
+
+def _evaluate_solve(n: int, values: Sequence[Any]) -> Sequence[Any]:
+    matrix = np.array(values[: n * n]).reshape(n, n)
+    solution, rank = solve_pivoted(matrix, np.array(values[n * n :]))
+    return [*solution.tolist(), float(rank)]
+
+
+def _evaluate_table(table: Table, values: Sequence[Any]) -> Sequence[Any]:
+    x = values[0]
+    if np.ndim(x):
+        results = [_evaluate_table(table, [float(item)]) for item in x]
+        return np.array(results).T.tolist()
+    place = complex(x).real
+    if place <= table.x[0]:
+        return [table.y[0], 0.0]
+    if place >= table.x[-1]:
+        return [table.y[-1], 0.0]
+    k = bisect.bisect_right(table.x, place) - 1
+    slope = (table.y[k + 1] - table.y[k]) / (table.x[k + 1] - table.x[k])
+    return [table.y[k] + slope * (x - table.x[k]), slope]
+
+
+def _evaluate_call(function: Function, values: Sequence[Any]) -> Sequence[Any]:
+    return function.evaluate(values)
+
+
+def solve(dag: Dag, matrix: Sequence[Sequence[Node]], rhs: Sequence[Node]) -> tuple[Node, ...]:
+    """Form the solution of a small dense linear system, and its rank.
+
+    Parameters
+    ----------
+    dag : Dag
+        The arena.
+    matrix : sequence of rows of Node
+        Coefficients, n by n.
+    rhs : sequence of Node
+        Right-hand side.
+
+    Returns
+    -------
+    tuple of Node
+        The n unknowns, then the rank found at run time.
+    """
+    n = len(rhs)
+    args = [entry for row in matrix for entry in row] + list(rhs)
+    return dag.several("solve", args, n, n + 1)
+
+
+def table(dag: Dag, data: Table, x: Node) -> tuple[Node, Node]:
+    """Form the value and the slope of a table at ``x``."""
+    value, slope = dag.several("table", [x], data, 2)
+    return value, slope
+
+
+def call(dag: Dag, function: Function, args: Sequence[Node]) -> tuple[Node, ...]:
+    """Form the results of an external function."""
+    return dag.several("call", args, function, function.n_results)
+
+
+def _tangent_solve(node: Node, tangents: Sequence[Node]) -> tuple[Node, ...]:
+    """A dx = db - dA x, with the matrix of the node itself."""
+    dag, n = node.dag, node.data
+    matrix = [node.args[n * i : n * (i + 1)] for i in range(n)]
+    x = results(node, n)
+    right = list(tangents[n * n :])
+    for i in range(n):
+        for j in range(n):
+            right[i] = right[i] - tangents[n * i + j] * x[j]
+    return (*solve(dag, matrix, right)[:n], dag.zero)
+
+
+def _reverse_solve(node: Node, adjoints: Sequence[Node]) -> tuple[Node, ...]:
+    """Transposed solve: b_bar = A^-T x_bar, A_bar = -b_bar x^T."""
+    dag, n = node.dag, node.data
+    transposed = [[node.args[n * j + i] for j in range(n)] for i in range(n)]
+    b_bar = solve(dag, transposed, adjoints[:n])[:n]
+    x = results(node, n)
+    return (*[-(b_bar[i] * x[j]) for i in range(n) for j in range(n)], *b_bar)
+
+
+def _tangent_table(node: Node, tangents: Sequence[Node]) -> tuple[Node, ...]:
+    return results(node, 2)[1] * tangents[0], node.dag.zero
+
+
+def _reverse_table(node: Node, adjoints: Sequence[Node]) -> tuple[Node, ...]:
+    return (results(node, 2)[1] * adjoints[0],)
+
+
+def _partials(node: Node) -> tuple[tuple[Node, ...], ...]:
+    function: Function = node.data
+    if function.partials is None:
+        raise ArithmeticError(f"the function '{function.name}' has no partial derivatives")
+    flat = call(node.dag, function.partials, node.args)
+    width = len(node.args)
+    return tuple(flat[width * i : width * (i + 1)] for i in range(function.n_results))
+
+
+def _tangent_call(node: Node, tangents: Sequence[Node]) -> tuple[Node, ...]:
+    zero = node.dag.zero
+    return tuple(
+        sum((partial * dx for partial, dx in zip(row, tangents, strict=True)), zero)
+        for row in _partials(node)
+    )
+
+
+def _reverse_call(node: Node, adjoints: Sequence[Node]) -> tuple[Node, ...]:
+    zero = node.dag.zero
+    rows = _partials(node)
+    return tuple(
+        sum((row[j] * y_bar for row, y_bar in zip(rows, adjoints, strict=True)), zero)
+        for j in range(len(node.args))
+    )
+
+
+def results(node: Node, n_results: int) -> tuple[Node, ...]:
+    """Read the first ``n_results`` results of a node that has several."""
+    return node.dag.several(node.op, node.args, node.data, n_results)
+
+
+@dataclass(frozen=True)
+class Several:
+    """The rules of an operation with several results.
+
+    Attributes
+    ----------
+    evaluate : callable
+        (data, argument values) to result values.
+    tangent : callable
+        (node, argument tangents) to result tangents.
+    reverse : callable
+        (node, result adjoints) to argument adjoints.
+    n_results : callable
+        data to number of results.
+    """
+
+    evaluate: Callable[[Any, Sequence[Any]], Sequence[Any]]
+    tangent: Callable[[Node, Sequence[Node]], tuple[Node, ...]]
+    reverse: Callable[[Node, Sequence[Node]], tuple[Node, ...]]
+    n_results: Callable[[Any], int]
+
+
+SEVERAL: dict[str, Several] = {
+    "solve": Several(_evaluate_solve, _tangent_solve, _reverse_solve, lambda n: int(n) + 1),
+    "table": Several(_evaluate_table, _tangent_table, _reverse_table, lambda _: 2),
+    "call": Several(_evaluate_call, _tangent_call, _reverse_call, lambda f: int(f.n_results)),
+}

@@ -1,0 +1,69 @@
+"""Walks over a program's nodes: what is reachable, and the same values from other symbols."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterable, Mapping
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from cotree.dag.nodes import Node
+
+
+def reachable(roots: Iterable[Node], stop: Container[Node] = ()) -> list[Node]:
+    """List every node that the roots depend on, themselves included, in order of evaluation.
+
+    Nodes of ``stop`` are listed, but what they depend on is not followed.
+    """
+    found = set(roots)
+    stack = list(found)
+    while stack:
+        node = stack.pop()
+        if node in stop:
+            continue
+        for arg in node.args:
+            if arg not in found:
+                found.add(arg)
+                stack.append(arg)
+    return sorted(found, key=lambda node: node.index)
+
+
+def dependent(nodes: Iterable[Node], sources: Iterable[Node]) -> set[Node]:
+    """Give the sources and those of ``nodes`` (in order of evaluation) that depend on them."""
+    marked = set(sources)
+    for node in nodes:
+        if any(arg in marked for arg in node.args):
+            marked.add(node)
+    return marked
+
+
+def substitute(roots: Iterable[Node], replacement: Mapping[Node, Node]) -> list[Node]:
+    """Make the roots again with some nodes replaced; what does not depend on them stays.
+
+    Parameters
+    ----------
+    roots : iterable of Node
+        The values wanted.
+    replacement : mapping of Node to Node
+        What takes the place of what.
+
+    Returns
+    -------
+    list of Node
+        The new values, in the order of ``roots``.
+    """
+    roots = list(roots)
+    new: dict[Node, Node] = dict(replacement)
+    for node in reachable(roots):
+        if node in new or not node.args:
+            continue
+        if any(arg in new for arg in node.args):
+            args = tuple(new.get(arg, arg) for arg in node.args)
+            made = node.dag.rebuild(node, args)
+            if made is not node:
+                new[node] = made
+    return [new.get(root, root) for root in roots]
+
+
+def symbols_in(roots: Iterable[Node]) -> list[Node]:
+    """List the symbols that the roots depend on."""
+    return [node for node in reachable(roots) if node.op == "symbol"]

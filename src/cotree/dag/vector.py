@@ -1,0 +1,138 @@
+"""Three-vectors and three-by-three matrices of nodes.
+
+A vector is a tuple of three nodes, a matrix a tuple of three rows. What is structurally zero is
+the constant zero and folds away, so that planar scenes give planar programs.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from cotree.dag.nodes import Dag, Node
+
+Vector = tuple["Node", "Node", "Node"]
+Matrix = tuple[Vector, Vector, Vector]
+
+
+def zeros(dag: Dag) -> Vector:
+    """Give the zero vector."""
+    return (dag.zero, dag.zero, dag.zero)
+
+
+def identity(dag: Dag) -> Matrix:
+    """Give the unit matrix."""
+    one, zero = dag.one, dag.zero
+    return ((one, zero, zero), (zero, one, zero), (zero, zero, one))
+
+
+def is_zero(a: Vector) -> bool:
+    """Whether a vector is structurally zero."""
+    zero = a[0].dag.zero
+    return a[0] is zero and a[1] is zero and a[2] is zero
+
+
+def add(a: Vector, b: Vector) -> Vector:
+    """Form a + b."""
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def sub(a: Vector, b: Vector) -> Vector:
+    """Form a - b."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def neg(a: Vector) -> Vector:
+    """Form -a."""
+    return (-a[0], -a[1], -a[2])
+
+
+def signed(sign: int, a: Vector) -> Vector:
+    """Form a or -a."""
+    return a if sign > 0 else neg(a)
+
+
+def scale(factor: Node, a: Vector) -> Vector:
+    """Form factor * a."""
+    return (factor * a[0], factor * a[1], factor * a[2])
+
+
+def dot(a: Vector, b: Vector) -> Node:
+    """Form the scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Vector, b: Vector) -> Vector:
+    """Form the vector product."""
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
+
+
+def times(m: Matrix, a: Vector) -> Vector:
+    """Form the product of a matrix and a vector."""
+    return (dot(m[0], a), dot(m[1], a), dot(m[2], a))
+
+
+def transposed_times(m: Matrix, a: Vector) -> Vector:
+    """Form the product of the transposed matrix and a vector."""
+    return (
+        m[0][0] * a[0] + m[1][0] * a[1] + m[2][0] * a[2],
+        m[0][1] * a[0] + m[1][1] * a[1] + m[2][1] * a[2],
+        m[0][2] * a[0] + m[1][2] * a[1] + m[2][2] * a[2],
+    )
+
+
+def transpose(m: Matrix) -> Matrix:
+    """Form the transposed matrix."""
+    a, b, c = m
+    return ((a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2]))
+
+
+def matmul(a: Matrix, b: Matrix) -> Matrix:
+    """Form the product of two matrices."""
+    columns = transpose(b)
+    rows = [(dot(r, columns[0]), dot(r, columns[1]), dot(r, columns[2])) for r in a]
+    return (rows[0], rows[1], rows[2])
+
+
+def matadd(a: Matrix, b: Matrix) -> Matrix:
+    """Form the sum of two matrices."""
+    return (add(a[0], b[0]), add(a[1], b[1]), add(a[2], b[2]))
+
+
+def congruence(r: Matrix, s: Matrix) -> Matrix:
+    """Form R S R^T of a symmetric S, computing one half of it."""
+    rs = matmul(r, s)
+    xx, xy, xz = dot(rs[0], r[0]), dot(rs[0], r[1]), dot(rs[0], r[2])
+    yy, yz, zz = dot(rs[1], r[1]), dot(rs[1], r[2]), dot(rs[2], r[2])
+    return ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
+
+
+def angular_acceleration_matrix(omega: Vector, alpha: Vector) -> Matrix:
+    """Form A = [alpha]x + [omega]x[omega]x, so that A r is the acceleration of a fixed point r."""
+    wx, wy, wz = omega
+    xx, yy, zz = wx * wx, wy * wy, wz * wz
+    xy, xz, yz = wx * wy, wx * wz, wy * wz
+    ax, ay, az = alpha
+    # The diagonal is written as -(yy + zz), never as xx - |omega|^2: nothing cancels.
+    return (
+        (-(yy + zz), xy - az, xz + ay),
+        (xy + az, -(xx + zz), yz - ax),
+        (xz - ay, yz + ax, -(xx + yy)),
+    )
+
+
+def angular_acceleration_tangent(omega: Vector, d_omega: Vector, d_alpha: Vector) -> Matrix:
+    """Form the derivative of :func:`angular_acceleration_matrix` along d_omega, d_alpha."""
+    (wx, wy, wz), (px, py, pz) = omega, d_omega
+    xx, yy, zz = 2.0 * (wx * px), 2.0 * (wy * py), 2.0 * (wz * pz)
+    xy, xz, yz = wx * py + wy * px, wx * pz + wz * px, wy * pz + wz * py
+    ax, ay, az = d_alpha
+    return (
+        (-(yy + zz), xy - az, xz + ay),
+        (xy + az, -(xx + zz), yz - ax),
+        (xz - ay, yz + ax, -(xx + yy)),
+    )

@@ -1,0 +1,13 @@
+"""The narrow waist: governing and sensitivity equations, as nodes, with no graph and no C."""
+
+from __future__ import annotations
+
+from cotree.equations.equations import (
+    Derivative,
+    Equations,
+    Guard,
+    Quantity,
+    State,
+)
+
+__all__ = ["Derivative", "Equations", "Guard", "Quantity", "State"]

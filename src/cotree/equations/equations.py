@@ -1,0 +1,169 @@
+"""Equations of a scene: ``A(x) w = b(x)`` and ``x' = rates(x, w)``, with their derivatives.
+
+The unknowns w are what the equations give at one instant: accelerations here, multipliers and
+algebraic unknowns in general. A derivative along a direction has the same matrix on the left:
+``A w_p = b_p`` and ``x_p' = rates_p``. Everything is nodes of one arena.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.errors import ParameterError
+
+if TYPE_CHECKING:
+    from cotree.dag.nodes import Dag, Node
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A named parameter, input or output, with its unit and meaning."""
+
+    name: str
+    unit: str = ""
+    doc: str = ""
+
+
+@dataclass(frozen=True)
+class State:
+    """A state.
+
+    Attributes
+    ----------
+    name, unit : str
+        ``edge.coordinate`` or ``edge.coordinate_dot``, and its SI unit.
+    symbol : Node
+        The state as an argument of the program.
+    initial : Node
+        Its initial value, of parameters only.
+    """
+
+    name: str
+    unit: str
+    symbol: Node
+    initial: Node
+
+
+@dataclass(frozen=True)
+class Derivative:
+    """Derivatives of the equations along one direction.
+
+    Attributes
+    ----------
+    name : str
+        The parameter or state that the direction belongs to.
+    seed : mapping of Node to Node
+        Tangents of the symbols.
+    forcing : tuple of Node
+        Right-hand side of ``A w_p = forcing``, unknowns held fixed.
+    rates : tuple of Node
+        Derivatives of the state rates, in terms of :attr:`Equations.unknown_tangents`.
+    outputs : tuple of Node
+        Derivatives of the outputs.
+    initial : tuple of Node
+        Derivatives of the initial values.
+    """
+
+    name: str
+    seed: Mapping[Node, Node]
+    forcing: tuple[Node, ...]
+    rates: tuple[Node, ...]
+    outputs: tuple[Node, ...]
+    initial: tuple[Node, ...]
+
+
+@dataclass(frozen=True)
+class Guard:
+    """What a value of parameters must be for the equations to hold.
+
+    Attributes
+    ----------
+    value : Node
+        The value.
+    what : str
+        Whose it is, as the subject of a message.
+    is_strict : bool
+        Whether it must be positive, or only not negative.
+    """
+
+    value: Node
+    what: str
+    is_strict: bool
+
+    def check(self, number: float) -> None:
+        """Raise ParameterError if the number does not satisfy the guard."""
+        if self.is_strict and not number > 0.0:
+            raise ParameterError(f"{self.what} is {number:.6g}: it must be positive")
+        if not self.is_strict and not number >= 0.0:
+            raise ParameterError(f"{self.what} is {number:.6g}: it must not be negative")
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Governing and sensitivity equations of a scene.
+
+    Attributes
+    ----------
+    name : str
+        Name of the scene.
+    dag : Dag
+        The arena.
+    states : tuple of State
+        x.
+    parameters, inputs, outputs : tuple of Quantity
+        p, u and y, in the order of their symbols.
+    parameter_values : tuple of float
+        The scene's values of p.
+    input_values : tuple of Node
+        The scene's u, of time and parameters.
+    unknowns, unknown_tangents : tuple of Node
+        Symbols of w and of its derivatives.
+    matrix : tuple of rows of Node
+        A, symmetric.
+    forcing : tuple of Node
+        b.
+    is_safe : tuple of bool
+        Whether each unknown's pivot is positive for every state.
+    rates : tuple of Node
+        x' in terms of x and w.
+    balances : tuple of Node
+        ``A w - b`` as the formulation wrote it, for people.
+    output_values : tuple of Node
+        y.
+    sensitivities, columns : tuple of Derivative
+        Along each requested parameter together with its states' sensitivities, and along each
+        state.
+    guards : tuple of Guard
+        What parameter values must satisfy.
+    """
+
+    name: str
+    dag: Dag
+    states: tuple[State, ...]
+    parameters: tuple[Quantity, ...]
+    inputs: tuple[Quantity, ...]
+    outputs: tuple[Quantity, ...]
+    parameter_values: tuple[float, ...]
+    input_values: tuple[Node, ...]
+    unknowns: tuple[Node, ...]
+    unknown_tangents: tuple[Node, ...]
+    matrix: tuple[tuple[Node, ...], ...]
+    forcing: tuple[Node, ...]
+    is_safe: tuple[bool, ...]
+    rates: tuple[Node, ...]
+    balances: tuple[Node, ...]
+    output_values: tuple[Node, ...]
+    sensitivities: tuple[Derivative, ...]
+    columns: tuple[Derivative, ...]
+    guards: tuple[Guard, ...]
+
+    def summary(self) -> str:
+        """Describe the equations in a few lines."""
+        names = ", ".join(state.name for state in self.states)
+        by = ", ".join(row.name for row in self.sensitivities) or "none"
+        return (
+            f"{self.name}: {len(self.states)} states ({names}), {len(self.unknowns)} unknowns, "
+            f"{len(self.parameters)} parameters, sensitivities to: {by}"
+        )

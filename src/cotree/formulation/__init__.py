@@ -1,0 +1,1 @@
+"""The branch-chord formulation: from a scene and its trees to equations."""

@@ -1,0 +1,65 @@
+"""f-circuits as prefix sums over the tree, for vectors resolved in the bases of the clusters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from cotree.dag import vector
+
+if TYPE_CHECKING:
+    from cotree.dag.vector import Vector
+    from cotree.formulation.clusters import Branch, Clusters
+    from cotree.formulation.frames import Frames
+
+
+@dataclass(frozen=True)
+class Circuits:
+    """Sums of an across variable along paths of the tree, each formed once.
+
+    Attributes
+    ----------
+    clusters, frames : Clusters, Frames
+        Topology and bases.
+    across : callable
+        The across variable of a branch, in the basis of its parent.
+    """
+
+    clusters: Clusters
+    frames: Frames
+    across: Callable[[Branch], Vector]
+    _sums: dict[tuple[int, int], Vector] = field(default_factory=dict)
+
+    def between(self, ancestor: int, cluster: int, zero: Vector) -> Vector:
+        """Sum from an ancestor's origin to a cluster's, in the ancestor's basis."""
+        total = zero
+        for branch in self.clusters.path(cluster, ancestor):
+            key = (ancestor, branch.child)
+            if key not in self._sums:
+                step = inwards(self.clusters, self.frames, self.across(branch), branch.parent,
+                               ancestor)
+                self._sums[key] = vector.add(total, step)
+            total = self._sums[key]
+        return total
+
+
+def inwards(
+    clusters: Clusters, frames: Frames, a: Vector, cluster: int, ancestor: int
+) -> Vector:
+    """Resolve a vector of a cluster's basis in an ancestor's."""
+    while cluster != ancestor:
+        a = frames.up(cluster, a)
+        branch = clusters.branches[cluster]
+        assert branch is not None
+        cluster = branch.parent
+    return a
+
+
+def outwards(
+    clusters: Clusters, frames: Frames, a: Vector, ancestor: int, cluster: int
+) -> Vector:
+    """Resolve a vector of an ancestor's basis in a cluster's."""
+    for branch in clusters.path(cluster, ancestor):
+        a = frames.down(branch.child, a)
+    return a

@@ -1,0 +1,216 @@
+"""Terminal equations of the force elements: chords whose through variable follows from a law.
+
+Everything of one element is resolved in the basis of the outermost cluster that both its nodes
+hang from, so that only the circuit between them is summed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.components import Role
+from cotree.dag import vector
+from cotree.formulation.circuits import inwards, outwards
+
+if TYPE_CHECKING:
+    from cotree.dag.nodes import Node
+    from cotree.dag.vector import Vector
+    from cotree.formulation.across import Motion
+    from cotree.formulation.clusters import Point
+    from cotree.formulation.system import BoundEdge
+
+
+@dataclass(frozen=True)
+class Wrench:
+    """A force at a cluster's origin and a torque, in the cluster's basis."""
+
+    force: Vector
+    torque: Vector
+
+    def plus(self, other: Wrench) -> Wrench:
+        """Add another wrench at the same origin."""
+        return Wrench(
+            vector.add(self.force, other.force), vector.add(self.torque, other.torque)
+        )
+
+
+@dataclass(frozen=True)
+class Action:
+    """What an element does to its second node; the first gets the reaction.
+
+    Attributes
+    ----------
+    edge : BoundEdge
+        The element.
+    first, second : Point
+        Its nodes.
+    ancestor : int
+        The cluster in whose basis the vectors below are resolved.
+    arms : tuple of two Vector
+        The nodes' positions from their clusters' origins.
+    reach : Vector
+        From the first node to the second.
+    direction : Vector or None
+        Unit vector of a scalar law's force.
+    closing : Vector or None
+        Velocity of the second node less that of the first, where the law uses it.
+    arguments, partials : mapping of str to Node
+        Arguments of a scalar law, and its partial derivatives by argument.
+    magnitude : Node or None
+        Value of a scalar law.
+    force, torque : Vector
+        On the second node.
+    is_central : bool
+        Whether the force acts along the line of the nodes.
+    """
+
+    edge: BoundEdge
+    first: Point
+    second: Point
+    ancestor: int
+    arms: tuple[Vector, Vector]
+    reach: Vector
+    direction: Vector | None
+    closing: Vector | None
+    arguments: Mapping[str, Node]
+    partials: Mapping[str, Node]
+    magnitude: Node | None
+    force: Vector
+    torque: Vector
+    is_central: bool = False
+
+
+def actions(motion: Motion) -> list[Action]:
+    """Form the terminal equations of every force element."""
+    found = []
+    for edge in motion.system.edges.values():
+        if edge.component.role in (Role.LINE, Role.FORCE, Role.TORQUE):
+            with motion.system.dag.labelled(f"terminal equation of {edge.name}"):
+                found.append(_act(motion, edge))
+    return found
+
+
+def _act(motion: Motion, edge: BoundEdge) -> Action:
+    clusters, frames = motion.clusters, motion.frames
+    first, second = clusters.points[edge.first], clusters.points[edge.second]
+    ancestor = clusters.common_ancestor(first.cluster, second.cluster)
+    zero = vector.zeros(motion.system.dag)
+    arms = (
+        inwards(clusters, frames, motion.arm(first), first.cluster, ancestor),
+        inwards(clusters, frames, motion.arm(second), second.cluster, ancestor),
+    )
+    reach = vector.sub(motion.position(second, ancestor), motion.position(first, ancestor))
+    force, torque = zero, zero
+    if edge.component.role is Role.LINE:
+        return _line(motion, edge, first, second, ancestor, arms, reach)
+    if edge.component.role is Role.FORCE:
+        force = carried(motion, first, edge.vectors["force"], ancestor)
+    else:
+        torque = carried(motion, first, edge.vectors["torque"], ancestor)
+    return Action(
+        edge, first, second, ancestor, arms, reach, None, None, {}, {}, None, force, torque
+    )
+
+
+def carried(motion: Motion, point: Point, local: Vector, ancestor: int) -> Vector:
+    """Resolve a vector fixed in a point's cluster in the basis of an ancestor."""
+    own = motion.frames.resolved(point.cluster, local)
+    return inwards(motion.clusters, motion.frames, own, point.cluster, ancestor)
+
+
+def _line(
+    motion: Motion,
+    edge: BoundEdge,
+    first: Point,
+    second: Point,
+    ancestor: int,
+    arms: tuple[Vector, Vector],
+    reach: Vector,
+) -> Action:
+    """Apply a scalar law of length and rate along an axis, or along the line of the nodes."""
+    law = edge.component.law
+    assert law is not None
+    is_central = "axis" not in edge.vectors
+    dag = motion.system.dag
+    if is_central:
+        length = dag.function("sqrt", vector.dot(reach, reach))
+        direction = (reach[0] / length, reach[1] / length, reach[2] / length)
+    else:
+        direction = carried(motion, first, edge.vectors["axis"], ancestor)
+        length = vector.dot(direction, reach)
+    arguments = {**edge.scalars, "length": length}
+    closing = None
+    # The rate costs velocities: form it only where the law really depends on it.
+    if "rate" in law.arguments and not _is_inert(edge):
+        closing = vector.sub(motion.velocity(second, ancestor), motion.velocity(first, ancestor))
+        arguments["rate"] = vector.dot(direction, closing)
+        if not is_central:
+            turn = axis_spin(motion, first, ancestor, direction)
+            arguments["rate"] = arguments["rate"] + vector.dot(turn, reach)
+    else:
+        arguments["rate"] = dag.zero
+    magnitude = law.value(dag, arguments)
+    return Action(
+        edge,
+        first,
+        second,
+        ancestor,
+        arms,
+        reach,
+        direction,
+        closing,
+        arguments,
+        law.partial_values(dag, arguments),
+        magnitude,
+        vector.scale(magnitude, direction),
+        vector.zeros(dag),
+        is_central,
+    )
+
+
+def _is_inert(edge: BoundEdge) -> bool:
+    """Whether the damping is the constant zero."""
+    damping = edge.scalars.get("damping")
+    return damping is not None and damping.is_zero
+
+
+def axis_spin(motion: Motion, first: Point, ancestor: int, direction: Vector) -> Vector:
+    """Form the derivative of an axis fixed at the first node."""
+    clusters, frames = motion.clusters, motion.frames
+    omega = inwards(clusters, frames, motion.omega[first.cluster], first.cluster, ancestor)
+    return vector.cross(omega, direction)
+
+
+def wrenches(motion: Motion, action: Action) -> list[tuple[int, Wrench]]:
+    """Give the wrenches of an element on the clusters of its nodes; the ground feels nothing."""
+    found = []
+    moved = [(action.second, 1, action.arms[1])]
+    # The reaction acts where the force does, so that the pair has no moment of its own.
+    reaction_arm = action.arms[0]
+    if not action.is_central:
+        reaction_arm = vector.add(reaction_arm, action.reach)
+    moved.append((action.first, -1, reaction_arm))
+    for point, sign, arm in moved:
+        if point.cluster == 0:
+            continue
+        torque = vector.add(vector.cross(arm, action.force), action.torque)
+        found.append(
+            (
+                point.cluster,
+                settled(motion, point, action.ancestor, sign, action.force, torque),
+            )
+        )
+    return found
+
+
+def settled(
+    motion: Motion, point: Point, ancestor: int, sign: int, force: Vector, torque: Vector
+) -> Wrench:
+    """Resolve a wrench of an ancestor's basis in the basis of a point's cluster."""
+    clusters, frames = motion.clusters, motion.frames
+    return Wrench(
+        outwards(clusters, frames, vector.signed(sign, force), ancestor, point.cluster),
+        outwards(clusters, frames, vector.signed(sign, torque), ancestor, point.cluster),
+    )

@@ -1,0 +1,128 @@
+"""Elimination of linear unknowns on nodes: sparse L D L^T with safe pivots, a dense core for the rest.
+
+In: a symmetric matrix of nodes and which of its pivots are safe. Out: a factorisation that solves
+for any number of right-hand sides by substitution.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.dag.several import solve
+
+if TYPE_CHECKING:
+    from cotree.dag.nodes import Dag, Node
+
+
+@dataclass(frozen=True)
+class Factors:
+    """A factorised matrix.
+
+    Attributes
+    ----------
+    order : tuple of int
+        The safe unknowns, in the order of their elimination.
+    columns : tuple of dict of int to Node
+        For each of them, its multipliers in the rows that remain.
+    pivots : tuple of Node
+        Their pivots.
+    core : tuple of int
+        The unknowns left to a solution at run time.
+    core_matrix : tuple of rows of Node
+        Their Schur complement.
+    """
+
+    dag: Dag
+    order: tuple[int, ...]
+    columns: tuple[dict[int, Node], ...]
+    pivots: tuple[Node, ...]
+    core: tuple[int, ...]
+    core_matrix: tuple[tuple[Node, ...], ...]
+
+
+def factorise(dag: Dag, matrix: Sequence[Sequence[Node]], is_safe: Sequence[bool]) -> Factors:
+    """Eliminate the safe unknowns, at each step the one with the fewest couplings.
+
+    Parameters
+    ----------
+    dag : Dag
+        The arena.
+    matrix : sequence of rows of Node
+        Symmetric.
+    is_safe : sequence of bool
+        Whether the pivot of each unknown is known to be nonzero.
+    """
+    n = len(matrix)
+    rows = {
+        i: {j: matrix[i][j] for j in range(n) if not matrix[i][j].is_zero} for i in range(n)
+    }
+    order, columns, pivots = [], [], []
+    left = {i for i in range(n) if is_safe[i]}
+    while left:
+        # Ties go to the last, which lies farthest out in the tree and fills in least.
+        k = min(left, key=lambda i: (len(rows[i]), -i))
+        left.remove(k)
+        pivot_row = rows.pop(k)
+        pivot = pivot_row.pop(k)
+        with dag.labelled("elimination"):
+            multipliers = {i: entry / pivot for i, entry in sorted(pivot_row.items())}
+            for i, multiplier in multipliers.items():
+                del rows[i][k]
+                for j, entry in pivot_row.items():
+                    if j > i:
+                        continue
+                    updated = rows[i].get(j, dag.zero) - multiplier * entry
+                    rows[i][j] = rows[j][i] = updated
+        order.append(k)
+        columns.append(multipliers)
+        pivots.append(pivot)
+    core = tuple(sorted(rows))
+    return Factors(
+        dag,
+        tuple(order),
+        tuple(columns),
+        tuple(pivots),
+        core,
+        tuple(tuple(rows[i].get(j, dag.zero) for j in core) for i in core),
+    )
+
+
+def substitute_back(factors: Factors, rhs: Sequence[Node]) -> list[Node]:
+    """Solve for one right-hand side.
+
+    Parameters
+    ----------
+    factors : Factors
+        From :func:`factorise`.
+    rhs : sequence of Node
+        Right-hand side.
+
+    Returns
+    -------
+    list of Node
+        The unknowns.
+    """
+    dag = factors.dag
+    right = list(rhs)
+    unknowns = [dag.zero] * len(right)
+    with dag.labelled("substitution"):
+        for k, column in zip(factors.order, factors.columns, strict=True):
+            for i, multiplier in column.items():
+                right[i] = right[i] - multiplier * right[k]
+        if factors.core and any(not right[i].is_zero for i in factors.core):
+            solution = solve(dag, factors.core_matrix, [right[i] for i in factors.core])
+            for i, value in zip(factors.core, solution, strict=False):
+                unknowns[i] = value
+        for k, column, pivot in zip(
+            reversed(factors.order),
+            reversed(factors.columns),
+            reversed(factors.pivots),
+            strict=True,
+        ):
+            value = right[k] / pivot
+            for i, multiplier in column.items():
+                value = value - multiplier * unknowns[i]
+            unknowns[k] = value
+    return unknowns

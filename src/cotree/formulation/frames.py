@@ -1,0 +1,137 @@
+"""Which axes each cluster's vectors are resolved in, and the geometry of the moving branches.
+
+A cluster's vectors stand either in its parent's axes or in its own. Ground axes throughout suit
+planar chains, where a turn adds its angle to the one before; own axes suit spatial arms, whose
+inertias are then constant. Both give the same values; :mod:`cotree.formulation.strategy` counts
+what they cost.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.dag import vector
+from cotree.dag.rotation import Rotation, no_rotation
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from cotree.dag.vector import Matrix, Vector
+    from cotree.formulation.clusters import Branch, Clusters
+    from cotree.formulation.system import System
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Axes of the clusters.
+
+    Attributes
+    ----------
+    rotations : tuple of Rotation
+        From each cluster's axes to those its vectors are resolved in, its basis.
+    steps : tuple of Matrix or None
+        From each cluster's basis to its parent's; None where they are the same.
+    """
+
+    rotations: tuple[Rotation, ...]
+    steps: tuple[Matrix | None, ...]
+
+    def up(self, cluster: int, a: Vector) -> Vector:
+        """Resolve a vector of a cluster's basis in its parent's."""
+        step = self.steps[cluster]
+        return a if step is None else vector.times(step, a)
+
+    def down(self, cluster: int, a: Vector) -> Vector:
+        """Resolve a vector of the parent's basis in the cluster's own."""
+        step = self.steps[cluster]
+        return a if step is None else vector.transposed_times(step, a)
+
+    def resolved(self, cluster: int, local: Vector) -> Vector:
+        """Resolve a vector of the cluster's axes in its basis."""
+        return vector.times(self.rotations[cluster].matrix, local)
+
+    def carrier_axes(self, branch: Branch) -> Matrix:
+        """Give the axes of a branch's first node, resolved in the parent's basis."""
+        if branch.sign > 0:
+            return self.rotations[branch.parent].matrix
+        step = self.steps[branch.child]
+        own = self.rotations[branch.child].matrix
+        return own if step is None else vector.matmul(step, own)
+
+
+def choose_frames(system: System, clusters: Clusters, own_axes: Collection[int]) -> Frames:
+    """Resolve the clusters of ``own_axes`` in their own axes, the others in their parent's."""
+    rotations = [no_rotation(system.dag)]
+    steps: list[Matrix | None] = [None]
+    for branch in clusters.branches[1:]:
+        assert branch is not None
+        relative = rotations[branch.parent]
+        turns = False
+        for coordinate, axis in zip(branch.coordinates, branch.axes, strict=True):
+            if coordinate.freedom.rotates:
+                angle = coordinate.position if branch.sign > 0 else -coordinate.position
+                relative, turns = relative.then(axis, angle), True
+        if turns and branch.child in own_axes:
+            rotations.append(no_rotation(system.dag))
+            steps.append(relative.matrix)
+        else:
+            rotations.append(relative)
+            steps.append(None)
+    return Frames(tuple(rotations), tuple(steps))
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """A moving branch, resolved in the basis of its parent.
+
+    Attributes
+    ----------
+    branch : Branch
+        The branch.
+    axes : tuple of Vector
+        Unit axes of the motion space, pointing the edge's way.
+    from_parent, from_child : Vector
+        The parts of the vector from the parent's origin to the child's that are carried by the
+        parent and by the child.
+    turning, shifting : tuple of Vector
+        The motion space: angular velocity of the child and velocity of its origin, for a unit
+        rate of each coordinate.
+    """
+
+    branch: Branch
+    axes: tuple[Vector, ...]
+    from_parent: Vector
+    from_child: Vector
+    turning: tuple[Vector, ...]
+    shifting: tuple[Vector, ...]
+
+    @property
+    def offset(self) -> Vector:
+        """The vector from the parent's origin to the child's."""
+        return vector.add(self.from_parent, self.from_child)
+
+
+def resolve_branch(system: System, frames: Frames, branch: Branch) -> Geometry:
+    """Resolve a branch in the basis of its parent."""
+    zero = vector.zeros(system.dag)
+    carrier = frames.carrier_axes(branch)
+    axes = tuple(vector.times(carrier, axis) for axis in branch.axes)
+    slide = zero  # in the carrier's axes
+    for coordinate, axis in zip(branch.coordinates, branch.axes, strict=True):
+        if not coordinate.freedom.rotates:
+            slide = vector.add(slide, vector.scale(coordinate.position, axis))
+    if branch.sign > 0:
+        from_parent = frames.resolved(branch.parent, vector.add(branch.anchor, slide))
+        from_child = zero
+    else:
+        from_parent = frames.resolved(branch.parent, branch.anchor)
+        from_child = vector.neg(vector.times(carrier, slide))
+    turning, shifting = [], []
+    for coordinate, axis in zip(branch.coordinates, axes, strict=True):
+        along = vector.signed(branch.sign, axis)
+        rotates = coordinate.freedom.rotates
+        turning.append(along if rotates else zero)
+        # A child that turns about its parent's point takes along what it carries itself.
+        shifting.append(vector.cross(along, from_child) if rotates else along)
+    return Geometry(branch, axes, from_parent, from_child, tuple(turning), tuple(shifting))

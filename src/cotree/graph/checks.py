@@ -1,0 +1,87 @@
+"""Checks that every node of a graph can be reached from its reference."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cotree.errors import TopologyError
+from cotree.graph.traversal import walk_edges
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable
+
+    from cotree.graph.linear_graph import LinearGraph
+
+# Enough to find the mistake, few enough to read.
+_MOST_NAMES = 8
+
+
+def check_connected(graph: LinearGraph) -> None:
+    """Check that some path of edges joins every node to the reference.
+
+    Parameters
+    ----------
+    graph : LinearGraph
+        The graph.
+
+    Raises
+    ------
+    TopologyError
+        If a node is not connected to the reference; the message names it and the edges at it.
+    """
+    check_spanned(graph, graph.edge_names, "edges", f"connect {{them}} to '{graph.reference}'")
+
+
+def check_spanned(graph: LinearGraph, names: Collection[str], what: str, remedy: str) -> None:
+    """Check that the named edges alone join every node to the reference.
+
+    Parameters
+    ----------
+    graph : LinearGraph
+        The graph.
+    names : collection of str
+        Names of the edges that count.
+    what : str
+        What these edges are called, for the message.
+    remedy : str
+        What to do about it, for the message; `{them}` in it stands for the nodes.
+
+    Raises
+    ------
+    TopologyError
+        If a node is not reached.
+    """
+    steps = walk_edges(graph, names, graph.reference)
+    if len(steps) + 1 < graph.n_nodes:
+        reached = {graph.reference, *(step.child for step in steps)}
+        floating = [node for node in graph.nodes if node not in reached]
+        raise TopologyError(_floating_message(graph, floating, what, remedy))
+
+
+def _floating_message(graph: LinearGraph, floating: list[str], what: str, remedy: str) -> str:
+    inside = set(floating)
+    touching = [edge.name for edge in graph.edges if edge.tail in inside or edge.head in inside]
+    subject, verb, them = (
+        ("node", "is", "it") if len(floating) == 1 else ("nodes", "are", "one of them")
+    )
+    here = "it" if len(floating) == 1 else "them"
+    if not touching:
+        attached = f"no edge touches {here}"
+    elif len(touching) == 1:
+        attached = f"edge {touching[0]} touches {here}"
+    else:
+        attached = f"edges {listed(touching)} touch {here}"
+    quoted = listed(f"'{node}'" for node in floating)
+    return (
+        f"{subject} {quoted} of the {graph.domain} graph "
+        f"{verb} floating: {attached}, but no path of {what} leads there from "
+        f"'{graph.reference}'; {remedy.format(them=them)}"
+    )
+
+
+def listed(names: Iterable[str]) -> str:
+    """List names in a sentence, cutting a long list short."""
+    names = list(names)
+    shown = ", ".join(names[:_MOST_NAMES])
+    hidden = len(names) - _MOST_NAMES
+    return f"{shown} and {hidden} more" if hidden > 0 else shown

@@ -1,0 +1,173 @@
+"""The tree of a linear graph: chosen by weight, or named by the user.
+
+In: a `LinearGraph` with weights or names. Out: a `Tree`. Its edges are branches, the others chords
+([1] section 1.1).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from cotree.errors import TopologyError
+from cotree.graph.checks import check_spanned, listed
+from cotree.graph.traversal import walk_edges
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from cotree.graph.linear_graph import LinearGraph
+
+
+@dataclass(frozen=True)
+class Tree:
+    """A spanning tree of a graph. `select_tree` and `named_tree` make it and check it.
+
+    Parameters
+    ----------
+    graph : LinearGraph
+        The graph.
+    branches : tuple of str
+        Names of the tree's edges, in edge order.
+    """
+
+    graph: LinearGraph
+    branches: tuple[str, ...]
+
+    @cached_property
+    def _branch_set(self) -> frozenset[str]:
+        return frozenset(self.branches)
+
+    @cached_property
+    def chords(self) -> tuple[str, ...]:
+        """Names of the edges of the cotree, in edge order."""
+        return tuple(name for name in self.graph.edge_names if name not in self._branch_set)
+
+    def is_branch(self, name: str) -> bool:
+        """Say whether the named edge is in the tree.
+
+        Raises
+        ------
+        TopologyError
+            If the graph has no such edge.
+        """
+        return self.graph.edge(name).name in self._branch_set
+
+    def summary(self) -> str:
+        """Describe the tree in one line.
+
+        Examples
+        --------
+        >>> from cotree.graph import GraphEdge, LinearGraph, named_tree
+        >>> edges = (GraphEdge("m", "ground", "A", "body"), GraphEdge("k", "ground", "A", "spring"))
+        >>> named_tree(LinearGraph("translation", ("ground", "A"), edges), ["m"]).summary()
+        'translation tree: branches m; chords k'
+        """
+        branches = ", ".join(self.branches) or "none"
+        chords = ", ".join(self.chords) or "none"
+        return f"{self.graph.domain} tree: branches {branches}; chords {chords}"
+
+
+def select_tree(graph: LinearGraph, weights: Mapping[str, float]) -> Tree:
+    """Select the spanning tree of least total weight.
+
+    Parameters
+    ----------
+    graph : LinearGraph
+        The graph.
+    weights : mapping of str to float
+        Weight of each edge that may be a branch. Edges that are left out, or whose weight is not
+        finite, never become branches.
+
+    Returns
+    -------
+    Tree
+        The tree; among edges of equal weight the first in edge order is taken.
+
+    Raises
+    ------
+    TopologyError
+        If a weight is given for an unknown edge, or the edges that may be branches do not reach
+        every node.
+    """
+    import networkx
+
+    for name in weights:
+        graph.edge(name)
+    candidates = [name for name in graph.edge_names if math.isfinite(weights.get(name, math.inf))]
+    check_spanned(
+        graph,
+        candidates,
+        "edges that may be branches",
+        f"connect {{them}} to '{graph.reference}' by one (in mechanics a joint, an arm or a body)",
+    )
+    undirected = networkx.MultiGraph()
+    # The rank in place of the weight: no two are equal, so the tree does not depend on the order in
+    # which networkx visits the edges.
+    for rank, name in enumerate(sorted(candidates, key=lambda name: weights[name])):
+        edge = graph.edge(name)
+        undirected.add_edge(edge.tail, edge.head, key=name, rank=rank)
+    chosen = networkx.minimum_spanning_edges(undirected, weight="rank", keys=True, data=False)
+    return _tree_of(graph, {name for _, _, name in chosen})
+
+
+def named_tree(graph: LinearGraph, names: Iterable[str]) -> Tree:
+    """Make the tree that the user names.
+
+    Parameters
+    ----------
+    graph : LinearGraph
+        The graph.
+    names : iterable of str
+        Names of the edges to be branches, in any order.
+
+    Returns
+    -------
+    Tree
+        The tree.
+
+    Raises
+    ------
+    TopologyError
+        If a name is unknown or occurs twice, the edges contain a circuit, or they do not reach
+        every node.
+    """
+    from networkx.utils import UnionFind
+
+    groups = UnionFind(graph.nodes)
+    branches: set[str] = set()
+    for name in names:
+        edge = graph.edge(name)
+        if name in branches:
+            raise TopologyError(
+                f"the tree of the {graph.domain} graph names edge '{name}' twice; name it once"
+            )
+        if groups[edge.tail] == groups[edge.head]:
+            circuit = [*_path(graph, branches, edge.tail, edge.head), name]
+            raise TopologyError(
+                f"the tree of the {graph.domain} graph contains a circuit of the edges "
+                f"{listed(circuit)}; leave one of them out"
+            )
+        groups.union(edge.tail, edge.head)
+        branches.add(name)
+    check_spanned(
+        graph, branches, "the tree's edges", "add an edge to the tree that reaches {them}"
+    )
+    return _tree_of(graph, branches)
+
+
+def _tree_of(graph: LinearGraph, branches: set[str]) -> Tree:
+    return Tree(graph, tuple(name for name in graph.edge_names if name in branches))
+
+
+def _path(graph: LinearGraph, names: set[str], start: str, end: str) -> list[str]:
+    """Name the edges from `start` to `end` along a forest that joins them."""
+    step_to = {step.child: step for step in walk_edges(graph, names, start)}
+    path: list[str] = []
+    node = end
+    while node != start:
+        path.append(step_to[node].edge)
+        node = step_to[node].parent
+    return path[::-1]

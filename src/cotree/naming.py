@@ -1,0 +1,87 @@
+"""Names: what a scene may call things, and what they are called in C.
+
+Names and texts of a scene are untrusted. A name is accepted or refused here before anything else
+sees it; only names that passed reach C, and free texts (units, docs) reach it escaped.
+"""
+
+from __future__ import annotations
+
+import keyword
+import re
+
+from cotree.errors import SceneError
+
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}\Z")
+_SCENE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}\Z")
+
+#: Names with a meaning of their own in expressions.
+RESERVED = frozenset({"t", "pi"})
+
+_C_KEYWORDS = frozenset(
+    "auto break case char const continue default do double else enum extern float for goto if "
+    "inline int long register restrict return short signed sizeof static struct switch typedef "
+    "union unsigned void volatile while".split()
+)
+
+
+def _shown(name: object) -> str:
+    text = repr(name)
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+def check_name(kind: str, name: object) -> str:
+    """Accept the name of a node, edge, parameter, input or output.
+
+    Raises
+    ------
+    SceneError
+        If it is not a letter or underscore followed by at most 63 letters, digits or underscores,
+        or is a word of the expression language.
+    """
+    if not isinstance(name, str) or not _NAME.match(name):
+        raise SceneError(
+            f"{kind} name {_shown(name)} is not allowed: use a letter followed by at most 63 "
+            "letters, digits or underscores"
+        )
+    if keyword.iskeyword(name):
+        raise SceneError(f"{kind} name '{name}' is a reserved word: try '{name}_'")
+    if kind in ("parameter", "input") and name in RESERVED:
+        raise SceneError(f"{kind} name '{name}' already means something in expressions: rename it")
+    return name
+
+
+def check_scene_name(name: object) -> str:
+    """Accept the name of a scene; like other names, but dashes are allowed too.
+
+    Raises
+    ------
+    SceneError
+        If it is not.
+    """
+    if not isinstance(name, str) or not _SCENE_NAME.match(name):
+        raise SceneError(
+            f"scene name {_shown(name)} is not allowed: use a letter followed by at most 63 "
+            "letters, digits, underscores or dashes"
+        )
+    return name
+
+
+def c_identifier(name: str) -> str:
+    """Turn an accepted name into a C identifier."""
+    identifier = name.replace("-", "_")
+    return f"{identifier}_" if identifier in _C_KEYWORDS else identifier
+
+
+def c_string(text: str) -> str:
+    """Write a text as a C string literal, in ASCII; what ASCII lacks becomes '?'."""
+    ascii_text = text.encode("ascii", "replace").decode()
+    safe = "".join(char if char.isprintable() else " " for char in ascii_text)
+    # '?' is escaped because two of them begin a trigraph in C99.
+    return '"' + safe.replace("\\", "\\\\").replace('"', '\\"').replace("?", "\\?") + '"'
+
+
+def c_comment(text: str) -> str:
+    """Make a text fit to stand inside a C comment, on one line."""
+    ascii_text = text.encode("ascii", "replace").decode()
+    safe = "".join(char if char.isprintable() else " " for char in ascii_text)
+    return safe.replace("\\", "/").replace("??", "? ").replace("*/", "* /").replace("/*", "/ *")

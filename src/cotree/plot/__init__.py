@@ -1,0 +1,13 @@
+"""Pictures: linear graphs with their tree in bold, results over time, files of both.
+
+Every function makes a matplotlib `Figure` that belongs to no window; nothing is computed here but
+positions on paper.
+"""
+
+from __future__ import annotations
+
+from cotree.plot.files import save_figure
+from cotree.plot.graph import draw_graph, draw_graphs
+from cotree.plot.result import PlottableResult, plot_result
+
+__all__ = ["PlottableResult", "draw_graph", "draw_graphs", "plot_result", "save_figure"]

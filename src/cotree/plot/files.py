@@ -1,0 +1,55 @@
+"""Figures to files."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cotree.errors import SceneError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_FORMATS = ("svg", "png", "pdf")
+
+
+def save_figure(fig: Figure, path: str | os.PathLike[str]) -> None:
+    """Write a figure to a file, whole or not at all.
+
+    Parameters
+    ----------
+    fig : Figure
+        The figure.
+    path : path
+        Where to write; its suffix says in which format: .svg, .png or .pdf.
+
+    Raises
+    ------
+    SceneError
+        If the suffix is unknown or the file cannot be written.
+    """
+    import matplotlib
+
+    path = Path(path)
+    suffix = path.suffix.lower().lstrip(".")
+    if suffix not in _FORMATS:
+        known = ", ".join(f".{name}" for name in _FORMATS)
+        raise SceneError(
+            f"cannot draw '{path}': unknown suffix '{path.suffix}'; the known ones are {known}"
+        )
+    # Neither date nor random identifiers, so that the same picture is the same file.
+    metadata: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(
+        suffix, {}
+    )
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with matplotlib.rc_context({"svg.hashsalt": "cotree"}):
+            fig.savefig(temporary, format=suffix, dpi=150, metadata=metadata)
+        os.replace(temporary, path)
+    except OSError as error:
+        raise SceneError(f"cannot write the picture '{path}': {error.strerror}") from None
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)

@@ -1,0 +1,190 @@
+"""Linear graphs as the paper draws them ([1] Fig. 1 and 4): the tree in bold, the ground hatched.
+
+In: a `LinearGraph` with its `Tree`. Out: a matplotlib `Figure`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from cotree.plot.layout import Array, Curve, Drawing, lay_out, of_one_height
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from cotree.graph import LinearGraph, Tree
+
+_INCHES = 1.35
+# Radius of a node, arrow head of a thin edge, distance of a node's name: in units of the layout.
+_DOT = 0.055
+_HEAD_LENGTH, _HEAD_WIDTH = 0.15, 0.1
+_LABEL_DISTANCE = 0.2
+
+
+def draw_graph(graph: LinearGraph, tree: Tree | None, ax: Axes | None = None) -> Figure:
+    """Draw a linear graph: dots for nodes, arrows for edges, a hatch at the reference.
+
+    Parameters
+    ----------
+    graph : LinearGraph
+        The graph.
+    tree : Tree or None
+        Its branches are drawn bold, its chords thin.
+    ax : Axes or None
+        Where to draw; None makes a new figure that fits the graph.
+
+    Returns
+    -------
+    Figure
+        The figure that holds the drawing.
+    """
+    drawing = lay_out(graph)
+    if ax is None:
+        figure = _new_figure([drawing])
+        ax = figure.subplots()
+    _draw(drawing, tree, ax)
+    return cast("Figure", ax.figure)
+
+
+def draw_graphs(graphs_with_trees: Iterable[tuple[LinearGraph, Tree | None]]) -> Figure:
+    """Draw several graphs side by side, translation and rotation for example.
+
+    Parameters
+    ----------
+    graphs_with_trees : iterable of (LinearGraph, Tree or None)
+        The graphs with their trees.
+
+    Returns
+    -------
+    Figure
+        One figure, each graph under the name of its domain.
+    """
+    pairs = list(graphs_with_trees)
+    drawings = of_one_height([lay_out(graph) for graph, _ in pairs])
+    figure = _new_figure(drawings)
+    axes = figure.subplots(
+        1, len(drawings), squeeze=False, width_ratios=[drawing.size[0] for drawing in drawings]
+    )
+    for drawing, (_, tree), ax in zip(drawings, pairs, axes[0], strict=True):
+        _draw(drawing, tree, ax)
+    return figure
+
+
+def _new_figure(drawings: Sequence[Drawing]) -> Figure:
+    from matplotlib.figure import Figure
+
+    width = sum(drawing.size[0] for drawing in drawings) * _INCHES
+    height = max(drawing.size[1] for drawing in drawings) * _INCHES
+    return Figure(figsize=(max(width, 2.6), height + 0.8), layout="constrained")
+
+
+def _draw(drawing: Drawing, tree: Tree | None, ax: Axes) -> None:
+    graph = drawing.graph
+    ax.set_aspect("equal")
+    ax.set_axis_off()
+    ax.set_xlim(drawing.low[0], drawing.high[0])
+    ax.set_ylim(drawing.low[1], drawing.high[1])
+    ax.set_title(graph.domain, fontsize=11)
+    for curve, label in zip(drawing.curves, drawing.labels, strict=True):
+        _draw_edge(ax, curve, label, bold=tree is not None and tree.is_branch(curve.edge.name))
+    for node, position in drawing.position_of.items():
+        directions = [
+            (curve.at(0.15) if curve.edge.tail == node else curve.at(0.85)) - position
+            for curve in drawing.curves
+            if node in (curve.edge.tail, curve.edge.head)
+        ]
+        if node == graph.reference:
+            away = _freest(directions, 4)
+            _draw_ground(ax, position, away)
+            place = position + (0.42 if away[0] == 0 else 0.5) * away
+        else:
+            away = _freest(directions, 16)
+            place = position + _LABEL_DISTANCE * away
+        _draw_node(ax, node, position, place)
+    if tree is not None:
+        _draw_key(ax)
+
+
+def _freest(directions: Sequence[Array], n: int) -> Array:
+    """Of `n` directions around a node take the one that is furthest from all edges; down first."""
+    angles = -np.pi / 2 + 2 * np.pi / n * np.arange(n)
+    candidates = np.round(np.column_stack([np.cos(angles), np.sin(angles)]), 12)
+    if not directions:
+        return np.asarray(candidates[0])
+    units = np.array([direction / np.linalg.norm(direction) for direction in directions])
+    closest = np.max(candidates @ units.T, axis=1)
+    return np.asarray(candidates[np.argmin(np.round(closest, 9))])
+
+
+def _draw_edge(ax: Axes, curve: Curve, label: Array, *, bold: bool) -> None:
+    from matplotlib.patches import PathPatch, Polygon
+    from matplotlib.path import Path as Outline
+
+    codes = [Outline.MOVETO, Outline.CURVE4, Outline.CURVE4, Outline.CURVE4]
+    width, color = (3.0, "black") if bold else (1.1, "0.25")
+    ax.add_patch(PathPatch(Outline(curve.points, codes), fill=False, lw=width, ec=color, zorder=1))
+    along = curve.at(0.78) - curve.at(0.70)
+    along /= np.linalg.norm(along)
+    normal = np.array([-along[1], along[0]])
+    size = 1.3 if bold else 1.0
+    tip = curve.at(0.74) + _HEAD_LENGTH / 2 * size * along
+    half = _HEAD_WIDTH / 2 * size * normal
+    back = tip - _HEAD_LENGTH * size * along
+    ax.add_patch(
+        Polygon([tip, back + half, back - half], closed=True, fc=color, ec="none", zorder=2)
+    )
+    ax.text(
+        label[0],
+        label[1],
+        curve.edge.name,
+        ha="center",
+        va="center",
+        fontsize=10,
+        fontstyle="italic",
+        fontweight="bold" if bold else "normal",
+        parse_math=False,
+        zorder=3,
+        bbox={"boxstyle": "round,pad=0.12", "fc": "white", "ec": "none"},
+    )
+
+
+def _draw_node(ax: Axes, name: str, position: Array, place: Array) -> None:
+    from matplotlib.patches import Circle
+
+    ax.add_patch(Circle(tuple(position), _DOT, fc="black", ec="white", lw=0.8, zorder=4))
+    ax.text(
+        place[0], place[1], name, ha="center", va="center", fontsize=11, parse_math=False, zorder=5
+    )
+
+
+def _draw_ground(ax: Axes, position: Array, away: Array) -> None:
+    """Draw a short post, the line of the ground and its hatch."""
+    side = np.array([-away[1], away[0]])
+    ground = position + 0.14 * away
+    strokes = [(position, ground), (ground - 0.24 * side, ground + 0.24 * side)]
+    for shift in np.linspace(-0.2, 0.24, 6):
+        begin = ground + shift * side
+        strokes.append((begin, begin + 0.1 * away - 0.08 * side))
+    for begin, end in strokes:
+        ax.plot([begin[0], end[0]], [begin[1], end[1]], color="black", lw=1.1, zorder=1)
+
+
+def _draw_key(ax: Axes) -> None:
+    from matplotlib.lines import Line2D
+
+    ax.legend(
+        handles=[
+            Line2D([], [], color="black", lw=3.0, label="branch"),
+            Line2D([], [], color="0.25", lw=1.1, label="chord"),
+        ],
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.02),
+        ncols=2,
+        frameon=False,
+        fontsize=9,
+    )

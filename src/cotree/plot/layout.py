@@ -1,0 +1,216 @@
+"""Where the nodes and edges of a linear graph lie on paper.
+
+In: a `LinearGraph`. Out: a `Drawing`: positions of nodes, curves of edges, corners of the picture,
+in units of about two thirds of the usual distance between neighbours. No randomness: the same graph
+gives the same picture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.graph.traversal import walk_edges
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    from cotree.graph import GraphEdge, LinearGraph
+
+Array = npt.NDArray[np.float64]
+
+# Distance of parallel edges, distance that edges keep from foreign nodes, white around the picture.
+_FAN, _CLEARANCE, _MARGIN = 0.36, 0.22, 0.45
+# Width of a letter of an edge's name, and where on its edge the name may stand, best first.
+_LETTER, _LABEL_PLACES = 0.068, (0.46, 0.4, 0.52, 0.34, 0.28, 0.58)
+# Nodes in a line of a long chain.
+_LINE = 7
+# A reference with less of an empty angle beside it gets its picture opened.
+_OPEN = np.radians(150)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """An edge on paper: a cubic Bezier curve from its tail to its head, points of shape (4, 2)."""
+
+    edge: GraphEdge
+    points: Array
+
+    def at(self, s: float) -> Array:
+        """Give the point at `s` from 0 (tail) to 1 (head)."""
+        weights = np.array([(1 - s) ** 3, 3 * s * (1 - s) ** 2, 3 * s**2 * (1 - s), s**3])
+        return np.asarray(weights @ self.points)
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A graph on paper: nodes, edges, places of the edges' names, corners of the picture."""
+
+    graph: LinearGraph
+    position_of: dict[str, Array]
+    curves: tuple[Curve, ...]
+    labels: tuple[Array, ...]
+    low: Array
+    high: Array
+
+    @property
+    def size(self) -> Array:
+        """Width and height."""
+        return self.high - self.low
+
+
+def lay_out(graph: LinearGraph) -> Drawing:
+    """Place the nodes and the edges of a graph."""
+    position_of = _positions(graph)
+    curves = tuple(_curves(graph, position_of))
+    points = [*position_of.values(), *(c.at(s) for c in curves for s in np.linspace(0, 1, 9))]
+    low, high = np.min(points, axis=0) - _MARGIN, np.max(points, axis=0) + _MARGIN
+    return Drawing(graph, position_of, curves, _labels(curves, position_of), low, high)
+
+
+def of_one_height(drawings: Sequence[Drawing]) -> list[Drawing]:
+    """Give all drawings the same lower and upper edge, so that titles and keys are in line."""
+    low, high = min(d.low[1] for d in drawings), max(d.high[1] for d in drawings)
+    return [
+        replace(d, low=np.array([d.low[0], low]), high=np.array([d.high[0], high]))
+        for d in drawings
+    ]
+
+
+def _positions(graph: LinearGraph) -> dict[str, Array]:
+    """Place the nodes so that distances on paper follow those in the graph; no randomness."""
+    if graph.n_nodes <= 2:
+        others = [node for node in graph.nodes if node != graph.reference]
+        return {graph.reference: np.zeros(2)} | {node: np.array([0.0, 2.2]) for node in others}
+    import networkx
+
+    walk = walk_edges(graph, graph.edge_names, graph.reference)
+    order = [graph.reference, *(step.child for step in walk)]
+    # A graph in pieces, drawn to see why, is held together for the layout.
+    floating = [node for node in graph.nodes if node not in order]
+    order += floating
+    index_of = {node: i for i, node in enumerate(order)}
+    simple = networkx.Graph((index_of[edge.tail], index_of[edge.head]) for edge in graph.edges)
+    simple.add_edges_from((0, index_of[node]) for node in floating)
+    pairs = sorted(tuple(sorted(pair)) for pair in simple.edges)
+    if pairs == [(i, i + 1) for i in range(len(order) - 1)]:
+        points = _serpentine(len(order))
+    else:
+        angles = np.linspace(0, 2 * np.pi, len(order), endpoint=False)
+        start = dict(enumerate(np.column_stack([np.cos(angles), np.sin(angles)])))
+        placed = networkx.kamada_kawai_layout(simple, pos=start)
+        points = np.array([placed[i] - placed[0] for i in range(len(order))])
+        lengths = [np.linalg.norm(points[i] - points[j]) for i, j in pairs]
+        points = _reference_below(points / np.median(lengths) * 1.5, pairs)
+    return dict(zip(order, points, strict=True))
+
+
+def _serpentine(n: int) -> Array:
+    """Place a chain of `n` nodes in lines, to and fro from the top left corner."""
+    row, column = np.divmod(np.arange(n), _LINE)
+    column = np.where(row % 2 == 0, column, _LINE - 1 - column)
+    return np.column_stack([1.3 * column, -1.1 * row]).astype(float)
+
+
+def _reference_below(points: Array, pairs: Iterable[tuple[int, ...]]) -> Array:
+    """Turn the picture about node 0, the reference, until its other nodes lie above it.
+
+    A picture that surrounds the reference is opened first, like a fan, where that stretches the
+    fewest edges.
+    """
+    x, y = points[1:].T
+    angles = np.arctan2(y, x)
+    order = np.argsort(angles, kind="stable")
+    gaps = np.mod(np.roll(angles[order], -1) - angles[order], 2 * np.pi)
+    inner = [(i - 1, j - 1) for i, j in pairs if i > 0]
+
+    def behind(gap: int) -> Array:
+        """Angles of the nodes, counted from the one after the gap."""
+        turned = np.mod(angles - angles[order[(gap + 1) % len(order)]], 2 * np.pi)
+        # The node itself must not come out as a whole turn by rounding.
+        return np.where(turned > 2 * np.pi - 1e-9, 0.0, turned)
+
+    def cost(gap: int) -> tuple[int, float]:
+        turned = behind(gap)
+        crossing = sum(abs(turned[i] - turned[j]) > np.pi for i, j in inner)
+        return (crossing, -round(float(gaps[gap]), 6))
+
+    gap = min(range(len(gaps)), key=cost) if gaps.max() < _OPEN else int(gaps.argmax())
+    turned, spread = behind(gap), max(2 * np.pi - gaps[gap], 1e-9)
+    shrink = min(1.0, np.pi / spread)
+    # Clockwise from the left, so that the walk from the reference tends to begin there.
+    side = 1.0 if turned[0] <= spread / 2 else -1.0
+    directions = np.pi / 2 + side * shrink * (spread / 2 - turned)
+    radii = np.hypot(x, y) / shrink
+    fan = np.column_stack([radii * np.cos(directions), radii * np.sin(directions)])
+    return np.vstack([np.zeros(2), fan])
+
+
+def _curves(graph: LinearGraph, position_of: Mapping[str, Array]) -> Iterator[Curve]:
+    """Fan parallel edges out, and bend edges around nodes that are not their own."""
+    parallel: dict[frozenset[str], list[GraphEdge]] = {}
+    for edge in graph.edges:
+        parallel.setdefault(frozenset((edge.tail, edge.head)), []).append(edge)
+    for edges in parallel.values():
+        ends = (edges[0].tail, edges[0].head)
+        others = np.array([p for node, p in position_of.items() if node not in ends])
+        fans = [
+            [
+                _curve(edge, ends, position_of, shift + _FAN * ((len(edges) - 1) / 2 - k))
+                for k, edge in enumerate(edges)
+            ]
+            for shift in (0.0, 0.3, -0.3, 0.6, -0.6, 0.9, -0.9)
+        ]
+        # The first fan of the widest clearance, where more than enough counts as enough.
+        yield from max(fans, key=lambda fan: min(_CLEARANCE, _clearance(fan, others)))
+
+
+def _curve(
+    edge: GraphEdge, ends: tuple[str, str], position_of: Mapping[str, Array], bulge: float
+) -> Curve:
+    """Draw an edge as an arc whose middle lies `bulge` to the left of the line between `ends`."""
+    first, last = position_of[ends[0]], position_of[ends[1]]
+    along = last - first
+    normal = np.array([-along[1], along[0]]) / np.linalg.norm(along)
+    # The middle of a cubic curve is 3/4 of the way to its inner control points.
+    inner = 4 / 3 * bulge * normal
+    points = np.array([first, first + 0.2 * along + inner, last - 0.2 * along + inner, last])
+    return Curve(edge, points if edge.tail == ends[0] else points[::-1])
+
+
+def _clearance(fan: Sequence[Curve], others: Array) -> float:
+    """Give the least distance of the curves from the other nodes."""
+    if not len(others):
+        return float("inf")
+    samples = np.array([curve.at(s) for curve in fan for s in np.linspace(0.05, 0.95, 19)])
+    distances = np.linalg.norm(samples[:, None, :] - others[None, :, :], axis=2)
+    return float(distances.min())
+
+
+def _labels(curves: Sequence[Curve], position_of: Mapping[str, Array]) -> tuple[Array, ...]:
+    """Place each name on its edge, away from names placed before, other edges and nodes."""
+    samples = np.array([[curve.at(s) for s in np.linspace(0.06, 0.94, 41)] for curve in curves])
+    nodes = np.array(list(position_of.values()))
+    places: list[Array] = []
+    halves: list[Array] = []
+    for i, curve in enumerate(curves):
+        half = np.array([_LETTER * len(curve.edge.name) / 2 + 0.04, 0.09])
+        foreign = np.vstack([*samples[:i], *samples[i + 1 :], nodes])
+        taken, widths = np.reshape(places, (-1, 2)), np.reshape(halves, (-1, 2)) + half
+        candidates = [curve.at(s) for s in _LABEL_PLACES]
+        # A name that covers another is worse than one that covers any number of lines.
+        costs = [
+            1000 * _count_within(taken - place, widths) + _count_within(foreign - place, half)
+            for place in candidates
+        ]
+        places.append(candidates[int(np.argmin(costs))])
+        halves.append(half)
+    return tuple(places)
+
+
+def _count_within(offsets: Array, half: Array) -> int:
+    """Count the offsets that lie inside boxes of these half widths and heights."""
+    return int(np.all(np.abs(offsets) < half, axis=1).sum())

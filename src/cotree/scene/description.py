@@ -1,0 +1,356 @@
+"""The data of a scene: what a user said, checked one statement at a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from cotree.components import COMPONENTS, Component, Field, Shape
+from cotree.dag.several import Table
+from cotree.errors import ParameterError, SceneError, nearest
+from cotree.naming import check_name, check_scene_name
+from cotree.scene.expressions import Expression, parse
+
+#: Value of a field: one expression, or a tuple of three, or three such rows.
+FieldValue = Expression | tuple[Expression, ...] | tuple[tuple[Expression, ...], ...]
+
+_LARGEST_SCENE = 200_000  # edges; a bound on what untrusted input may ask for
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A named number: value, unit, meaning, and whether it may change after compiling."""
+
+    name: str
+    value: float
+    unit: str = ""
+    doc: str = ""
+    tunable: bool = True
+
+
+@dataclass(frozen=True)
+class Input:
+    """A signal from outside: an expression of t and parameters, or a table over t."""
+
+    name: str
+    value: Expression | Table
+    unit: str = ""
+    doc: str = ""
+
+
+@dataclass(frozen=True)
+class Edge:
+    """A component between two nodes, with its fields and initial values."""
+
+    name: str
+    component: Component
+    nodes: tuple[str, str]
+    fields: Mapping[str, FieldValue]
+    initial: Mapping[str, Expression]
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """What a plain run does: end time, and tolerances and method where given."""
+
+    t_end: float = 10.0
+    rtol: float = 1e-8
+    atol: float = 1e-10
+    method: str = "auto"
+
+
+@dataclass
+class SceneDescription:
+    """Edges between named nodes, with parameters, inputs, outputs, gravity and initial values.
+
+    Every method checks what it is told before keeping it, so that a description is always made
+    of accepted names and parsed expressions; what only the whole can show is checked when the
+    equations are formed.
+    """
+
+    name: str
+    gravity: tuple[Expression, ...]
+    parameters: dict[str, Parameter] = field(default_factory=dict)
+    inputs: dict[str, Input] = field(default_factory=dict)
+    edges: dict[str, Edge] = field(default_factory=dict)
+    outputs: dict[str, Expression] = field(default_factory=dict)
+    defaults: Simulation = field(default_factory=Simulation)
+
+    def __init__(self, name: str, gravity: Sequence[float | str] = (0.0, 0.0, 0.0)) -> None:
+        self.name = check_scene_name(name)
+        self.gravity = _vector(gravity, "gravity")
+        self.parameters, self.inputs, self.edges, self.outputs = {}, {}, {}, {}
+        self.defaults = Simulation()
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """Names of the nodes, the reference first, then in order of appearance."""
+        seen = dict.fromkeys(["ground"])
+        for edge in self.edges.values():
+            seen.update(dict.fromkeys(edge.nodes))
+        return tuple(seen)
+
+    def parameter(
+        self, name: str, value: float, *, unit: str = "", doc: str = "", tunable: bool = True
+    ) -> None:
+        """Declare a parameter.
+
+        Parameters
+        ----------
+        name : str
+            Its name in expressions.
+        value : float
+            Its value, finite.
+        unit, doc : str
+            Its unit and meaning, for people.
+        tunable : bool
+            False folds the value into the generated code as a number.
+
+        Raises
+        ------
+        SceneError, ParameterError
+            If the name is not allowed or taken, or the value is not a finite number.
+        """
+        check_name("parameter", name)
+        self._check_new("parameter", name, {**self.parameters, **self.inputs})
+        number = check_number(value, f"parameter '{name}'")
+        self.parameters[name] = Parameter(
+            name,
+            number,
+            _text(unit, f"unit of parameter '{name}'"),
+            _text(doc, f"doc of parameter '{name}'"),
+            bool(tunable),
+        )
+
+    def input(
+        self,
+        name: str,
+        value: float | str | Sequence[Sequence[float]] = 0.0,
+        *,
+        unit: str = "",
+        doc: str = "",
+    ) -> None:
+        """Declare an input: a signal of time that a run may replace.
+
+        Parameters
+        ----------
+        name : str
+            Its name in expressions.
+        value : float, str or (times, values)
+            A number, an expression of ``t`` and parameters, or a table that is linear between
+            its times and constant outside them.
+        unit, doc : str
+            Its unit and meaning, for people.
+
+        Raises
+        ------
+        SceneError, ExpressionError
+            If the name is not allowed or taken, or the value is none of these.
+        """
+        check_name("input", name)
+        self._check_new("input", name, {**self.parameters, **self.inputs})
+        signal = parse_signal(value, f"input '{name}'")
+        self.inputs[name] = Input(
+            name,
+            signal,
+            _text(unit, f"unit of input '{name}'"),
+            _text(doc, f"doc of input '{name}'"),
+        )
+
+    def edge(
+        self,
+        name: str,
+        type: str,  # noqa: A002 - the word that scene files use
+        first: str,
+        second: str,
+        *,
+        initial: Mapping[str, float | str] | None = None,
+        **fields: Any,
+    ) -> None:
+        """Add an edge: a component from the first node to the second.
+
+        Parameters
+        ----------
+        name : str
+            Its name; coordinates are called ``name.coordinate``.
+        type : str
+            A component type, see :data:`cotree.components.COMPONENTS`.
+        first, second : str
+            Names of its nodes. Across variables are second minus first; through variables act on
+            the second.
+        initial : mapping, optional
+            Initial values of its coordinates and their rates, numbers or expressions of parameters.
+        **fields
+            What the component needs: numbers, expressions, or lists of them.
+
+        Raises
+        ------
+        SceneError, ExpressionError
+            If a name, field or value is not accepted.
+        """
+        check_name("edge", name)
+        self._check_new("edge", name, self.edges)
+        if len(self.edges) >= _LARGEST_SCENE:
+            raise SceneError(f"the scene has more than {_LARGEST_SCENE} edges")
+        component = COMPONENTS.get(type) if isinstance(type, str) else None
+        if component is None:
+            hint = nearest(str(type)[:80], COMPONENTS)
+            raise SceneError(f"edge '{name}' has the unknown type '{str(type)[:80]}'{hint}")
+        nodes = (check_name("node", first), check_name("node", second))
+        if first == second:
+            raise SceneError(f"edge '{name}' begins and ends at node '{first}': name two nodes")
+        self.edges[name] = Edge(
+            name,
+            component,
+            nodes,
+            _check_fields(name, component, fields),
+            _check_initial(name, component, initial or {}),
+        )
+
+    def output(self, name: str, value: str | float) -> None:
+        """Declare an output: an expression of coordinates, node positions, inputs and parameters.
+
+        Raises
+        ------
+        SceneError, ExpressionError
+            If the name is not allowed or taken, or the expression is not accepted.
+        """
+        check_name("output", name)
+        self._check_new("output", name, self.outputs)
+        self.outputs[name] = parse(value, f"output '{name}'")
+
+    def simulation(self, **settings: Any) -> None:
+        """Set what a plain run does: ``t_end``, ``rtol``, ``atol``, ``method``.
+
+        Raises
+        ------
+        SceneError
+            If a setting is unknown or has no sensible value.
+        """
+        known = Simulation.__dataclass_fields__
+        for key, value in settings.items():
+            if key not in known:
+                raise SceneError(f"simulation has no setting '{key}'{nearest(key, known)}")
+            if key == "method":
+                settings[key] = _text(value, "method of the simulation")
+            elif check_number(value, f"{key} of the simulation") <= 0.0:
+                raise SceneError(f"{key} of the simulation is {value}: it must be positive")
+        self.defaults = Simulation(**{**vars(self.defaults), **settings})
+
+    def _check_new(self, kind: str, name: str, taken: Mapping[str, object]) -> None:
+        if name in taken:
+            raise SceneError(f"the name of {kind} '{name}' is taken: every {kind} needs its own")
+
+
+def check_number(value: object, what: str) -> float:
+    """Accept a finite number.
+
+    Raises
+    ------
+    ParameterError
+        If it is not one.
+    """
+    if isinstance(value, bool) or not hasattr(type(value), "__float__"):
+        raise ParameterError(f"{what} is {str(value)[:60]!r}: give a number")
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        raise ParameterError(f"{what} is {str(value)[:60]!r}: give a number") from None
+    if not math.isfinite(number):
+        raise ParameterError(f"{what} is {number}: give a finite number")
+    return number
+
+
+def parse_signal(value: object, where: str) -> Expression | Table:
+    """Accept a number, an expression string or a pair (times, values)."""
+    if isinstance(value, (int, float, str)):
+        return parse(value, where)
+    try:
+        times, values = value  # type: ignore[misc]
+        table = Table(tuple(float(x) for x in times), tuple(float(y) for y in values))
+    except (TypeError, ValueError):
+        raise SceneError(
+            f"{where} must be a number, an expression in quotes, or (times, values)"
+        ) from None
+    if len(table.x) != len(table.y) or len(table.x) < 2:
+        raise SceneError(f"{where} needs as many values as times, at least two")
+    if not all(math.isfinite(number) for number in table.x + table.y):
+        raise SceneError(f"{where} holds a time or value that is not finite")
+    if any(b <= a for a, b in zip(table.x, table.x[1:], strict=False)):
+        raise SceneError(f"{where} needs times that increase")
+    return table
+
+
+def _text(value: object, what: str) -> str:
+    if not isinstance(value, str) or len(value) > 1000:
+        raise SceneError(f"{what} must be a text of at most 1000 characters")
+    return value
+
+
+def _vector(value: object, where: str) -> tuple[Expression, ...]:
+    if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != 3:
+        raise SceneError(f"{where} must be a list of three numbers or expressions")
+    return tuple(parse(item, f"component {'xyz'[i]} of {where}") for i, item in enumerate(value))
+
+
+def _inertia(value: object, where: str) -> FieldValue:
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        if len(value) == 3 and all(
+            isinstance(row, Sequence) and not isinstance(row, str) for row in value
+        ):
+            rows = tuple(_vector(row, f"row {i + 1} of {where}") for i, row in enumerate(value))
+            if any(rows[i][j].text != rows[j][i].text for i in range(3) for j in range(i)):
+                raise SceneError(f"{where} must be symmetric: write both halves alike")
+            return rows
+        return _vector(value, where)
+    scalar = parse(value, where)
+    return (scalar, scalar, scalar)
+
+
+def _check_fields(
+    edge: str, component: Component, given: Mapping[str, Any]
+) -> dict[str, FieldValue]:
+    known = {row.name for row in component.fields}
+    for name in given:
+        if name not in known:
+            raise SceneError(
+                f"edge '{edge}' of type '{component.name}' has no field '{name}'"
+                f"{nearest(name, known)}"
+            )
+    fields: dict[str, FieldValue] = {}
+    for row in component.fields:
+        where = f"{row.name} of edge '{edge}'"
+        if row.name in given:
+            fields[row.name] = _check_field(row, given[row.name], where)
+        elif row.required:
+            raise SceneError(f"edge '{edge}' of type '{component.name}' needs the field '{row.name}'")
+        elif row.default is not None:
+            fields[row.name] = parse(row.default, where)
+    return fields
+
+
+def _check_field(row: Field, value: Any, where: str) -> FieldValue:
+    if row.shape is Shape.VECTOR:
+        return _vector(value, where)
+    if row.shape is Shape.INERTIA:
+        return _inertia(value, where)
+    return parse(value, where)
+
+
+def _check_initial(
+    edge: str, component: Component, given: Mapping[str, Any]
+) -> dict[str, Expression]:
+    if not isinstance(given, Mapping):
+        raise SceneError(f"initial of edge '{edge}' must be a table of names and values")
+    names = [row.name for row in component.motion_space]
+    known = [*names, *(f"{name}_dot" for name in names)]
+    initial = {}
+    for name, value in given.items():
+        if name not in known:
+            raise SceneError(f"edge '{edge}' has no coordinate '{name}'{nearest(str(name), known)}")
+        initial[name] = parse(value, f"initial {name} of edge '{edge}'")
+    return initial
+
+

@@ -1,0 +1,201 @@
+"""Expression strings: parsed by a small grammar, never evaluated as Python.
+
+An expression may hold numbers, names, ``edge.coordinate``, ``+ - * / **``, parentheses and the
+functions of :data:`FUNCTIONS`. It is checked when a scene is made and turned into nodes later.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.errors import ExpressionError, nearest
+
+if TYPE_CHECKING:
+    from cotree.dag.nodes import Dag, Node
+
+_LONGEST = 4000  # characters; keeps the parser's own recursion bounded
+_DEEPEST = 100  # nesting levels
+
+#: Functions by name, with their number of arguments.
+FUNCTIONS: dict[str, int] = {
+    **dict.fromkeys(("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh"), 1),
+    **dict.fromkeys(("exp", "log", "sqrt", "abs", "sign"), 1),
+    **dict.fromkeys(("atan2", "min", "max"), 2),
+}
+
+_BINARY: dict[type[ast.operator], Callable[[Node, Node], Node]] = {
+    ast.Add: lambda a, b: a + b,
+    ast.Sub: lambda a, b: a - b,
+    ast.Mult: lambda a, b: a * b,
+    ast.Div: lambda a, b: a / b,
+    ast.Pow: lambda a, b: a**b,
+}
+
+
+@dataclass(frozen=True)
+class Expression:
+    """A checked expression.
+
+    Attributes
+    ----------
+    text : str
+        As the user wrote it.
+    where : str
+        What it belongs to, for messages: "stiffness of edge 'k'".
+    tree : ast.expr
+        The parsed text.
+    names : frozenset of str
+        The names in it: parameters, inputs, ``t``, and dotted ``edge.coordinate``.
+    """
+
+    text: str
+    where: str
+    tree: ast.expr
+    names: frozenset[str]
+
+    def lower(self, dag: Dag, resolve: Callable[[str], Node]) -> Node:
+        """Turn the expression into a node.
+
+        Parameters
+        ----------
+        dag : Dag
+            The arena to make it in.
+        resolve : callable
+            Gives the node of a name; raises ExpressionError for an unknown one.
+
+        Raises
+        ------
+        ExpressionError
+            If a name is unknown or a constant part is undefined (``1/0``, ``sqrt(-1)``).
+        """
+        try:
+            return _lower(self.tree, dag, resolve)
+        except (ArithmeticError, ValueError, TypeError) as error:
+            if isinstance(error, ExpressionError):
+                raise ExpressionError(f"{self.where}: {error}") from None
+            raise ExpressionError(f"{self.where}: '{self.text}' has no value: {error}") from None
+
+
+def parse(value: object, where: str) -> Expression:
+    """Check a number or an expression string.
+
+    Parameters
+    ----------
+    value : float, int or str
+        What the user gave.
+    where : str
+        What it belongs to, for messages.
+
+    Raises
+    ------
+    ExpressionError
+        If it is neither, does not parse, or holds anything but the grammar above.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        raise ExpressionError(
+            f"{where} must be a number or an expression in quotes, not {type(value).__name__}"
+        )
+    if isinstance(value, str):
+        return _parse_text(value, where)
+    number = _number(value)
+    if number is None:
+        raise ExpressionError(f"{where} is {value}: give a finite number")
+    return Expression(repr(number), where, ast.Constant(number), frozenset())
+
+
+def _parse_text(text: str, where: str) -> Expression:
+    if len(text) > _LONGEST:
+        raise ExpressionError(f"{where} is longer than {_LONGEST} characters: split it")
+    try:
+        tree = ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise ExpressionError(f"{where}: '{_short(text)}' is not an expression") from None
+    names: set[str] = set()
+    try:
+        _check(tree, names, 0)
+    except ExpressionError as error:
+        raise ExpressionError(f"{where}: '{_short(text)}' {error}") from None
+    return Expression(text, where, tree, frozenset(names))
+
+
+def _short(text: str) -> str:
+    line = " ".join(text.split())
+    return line if len(line) <= 60 else line[:57] + "..."
+
+
+def _number(value: object) -> float | None:
+    """Give a finite float, or None."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _check(tree: ast.expr, names: set[str], depth: int) -> None:
+    """Accept the grammar and collect its names; everything else is refused."""
+    if depth > _DEEPEST:
+        raise ExpressionError(f"is nested deeper than {_DEEPEST} levels: split it")
+    match tree:
+        case ast.Constant(value=value):
+            if _number(value) is None:
+                raise ExpressionError(f"holds {_short(repr(value))}, which is no finite number")
+        case ast.Name(id=name):
+            names.add(name)
+        case ast.Attribute(value=ast.Name(id=edge), attr=attribute):
+            names.add(f"{edge}.{attribute}")
+        case ast.BinOp(left=left, op=op, right=right):
+            if type(op) not in _BINARY:
+                raise ExpressionError("holds an operator that is not one of + - * / **")
+            _check(left, names, depth + 1)
+            _check(right, names, depth + 1)
+        case ast.UnaryOp(op=ast.USub() | ast.UAdd(), operand=operand):
+            _check(operand, names, depth + 1)
+        case ast.Call(func=ast.Name(id=function), args=args, keywords=[]):
+            if function not in FUNCTIONS:
+                raise ExpressionError(
+                    f"calls '{function}', which is not a known function{nearest(function, FUNCTIONS)}"
+                )
+            if len(args) != FUNCTIONS[function]:
+                raise ExpressionError(f"gives {function} {len(args)} arguments")
+            for arg in args:
+                _check(arg, names, depth + 1)
+        case _:
+            raise ExpressionError(
+                "holds something other than numbers, names, + - * / ** and functions"
+            )
+
+
+def _lower(tree: ast.expr, dag: Dag, resolve: Callable[[str], Node]) -> Node:
+    """Turn a checked tree into a node."""
+    match tree:
+        case ast.Constant(value=value):
+            return dag.constant(float(value))  # type: ignore[arg-type]
+        case ast.Name(id="pi"):
+            return dag.constant(math.pi)
+        case ast.Name(id=name):
+            return resolve(name)
+        case ast.Attribute(value=ast.Name(id=edge), attr=attribute):
+            return resolve(f"{edge}.{attribute}")
+        case ast.BinOp(left=left, op=op, right=right):
+            return _BINARY[type(op)](_lower(left, dag, resolve), _lower(right, dag, resolve))
+        case ast.UnaryOp(op=op, operand=operand):
+            value = _lower(operand, dag, resolve)
+            return -value if isinstance(op, ast.USub) else value
+        case ast.Call(func=ast.Name(id=function), args=args):
+            return _lower_call(dag, function, [_lower(arg, dag, resolve) for arg in args])
+    raise AssertionError("the tree was checked when it was parsed")
+
+
+def _lower_call(dag: Dag, function: str, args: list[Node]) -> Node:
+    if function == "max":
+        return dag.select(args[0] - args[1], args[0], args[1])
+    if function == "min":
+        return dag.select(args[0] - args[1], args[1], args[0])
+    return dag.function(function, *args)

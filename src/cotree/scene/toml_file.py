@@ -1,0 +1,126 @@
+"""Scene files: TOML to a scene, with the file named in every complaint."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any, TypeVar
+
+from cotree.errors import ModelError, SceneError, nearest
+from cotree.scene.description import SceneDescription
+
+_Scene = TypeVar("_Scene", bound=SceneDescription)
+
+_LARGEST_FILE = 50_000_000  # bytes
+_SECTIONS = ("name", "gravity", "parameters", "inputs", "edges", "outputs", "simulation")
+
+
+def shipped_scenes() -> tuple[str, ...]:
+    """Names of the scenes that come with cotree."""
+    folder = resources.files("cotree") / "scenes"
+    return tuple(sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".toml")))
+
+
+def load_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
+    """Read a scene.
+
+    Parameters
+    ----------
+    source : str or Path
+        Name of a shipped scene, or path of a TOML file.
+    scene_type : type
+        The class to make.
+
+    Raises
+    ------
+    SceneError
+        If there is no such scene or the file cannot be read or is not TOML.
+    ModelError
+        If the scene is wrong; the message begins with the file.
+    """
+    shipped = shipped_scenes()
+    if isinstance(source, str) and source in shipped:
+        file = resources.files("cotree") / "scenes" / f"{source}.toml"
+        return read_scene(file.read_text(encoding="utf-8"), f"{source}.toml", scene_type)
+    path = Path(source)
+    if not path.is_file():
+        raise SceneError(
+            f"'{source}' is neither a file nor a shipped scene{nearest(str(source), shipped)}"
+        )
+    try:
+        if path.stat().st_size > _LARGEST_FILE:
+            raise SceneError(f"{path} is larger than {_LARGEST_FILE} bytes")
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise SceneError(f"{path} cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise SceneError(f"{path} is not a text in UTF-8") from None
+    return read_scene(text, str(path), scene_type)
+
+
+def read_scene(text: str, where: str, scene_type: type[_Scene]) -> _Scene:
+    """Read a scene from TOML text; ``where`` names it in messages."""
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(f"{where}: not valid TOML: {error}") from None
+    except RecursionError:
+        raise SceneError(f"{where}: nested too deeply") from None
+    try:
+        return _fill(data, Path(where).stem, scene_type)
+    except ModelError as error:
+        raise type(error)(f"{where}: {error}") from None
+
+
+def _fill(data: Mapping[str, Any], stem: str, scene_type: type[_Scene]) -> _Scene:
+    for key in data:
+        if key not in _SECTIONS:
+            raise SceneError(f"unknown section '{key}'{nearest(key, _SECTIONS)}")
+    scene = scene_type(data.get("name", stem), gravity=data.get("gravity", (0.0, 0.0, 0.0)))
+    for name, value in _table(data, "parameters").items():
+        scene.parameter(name, **_named_value("parameter", name, value, ("unit", "doc", "tunable")))
+    for name, value in _table(data, "inputs").items():
+        scene.input(name, **_named_value("input", name, value, ("unit", "doc")))
+    for name, edge in _table(data, "edges").items():
+        _add_edge(scene, name, edge)
+    for name, value in _table(data, "outputs").items():
+        scene.output(name, value)
+    scene.simulation(**_table(data, "simulation"))
+    return scene
+
+
+def _table(data: Mapping[str, Any], key: str) -> dict[str, Any]:
+    table = data.get(key, {})
+    if not isinstance(table, dict):
+        raise SceneError(f"'{key}' must be a table")
+    return table
+
+
+def _named_value(kind: str, name: str, value: Any, extras: tuple[str, ...]) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        return {"value": value}
+    for key in value:
+        if key != "value" and key not in extras:
+            known = ("value", *extras)
+            raise SceneError(f"{kind} '{name}' has no field '{key}'{nearest(key, known)}")
+    if "value" not in value:
+        raise SceneError(f"{kind} '{name}' needs a value")
+    return value
+
+
+def _add_edge(scene: SceneDescription, name: str, edge: Any) -> None:
+    if not isinstance(edge, dict):
+        raise SceneError(f"edge '{name}' must be a table")
+    rest = dict(edge)
+    for key in ("type", "nodes"):
+        if key not in rest:
+            raise SceneError(f"edge '{name}' needs the field '{key}'")
+    nodes = rest.pop("nodes")
+    if not isinstance(nodes, list) or len(nodes) != 2:
+        raise SceneError(f"nodes of edge '{name}' must be a list of two names")
+    for reserved in ("name", "first", "second"):
+        if reserved in rest:
+            raise SceneError(f"edge '{name}' has no field '{reserved}'")
+    scene.edge(name, rest.pop("type"), nodes[0], nodes[1], initial=rest.pop("initial", None), **rest)

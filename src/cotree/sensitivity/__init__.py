@@ -1,0 +1,1 @@
+"""Sensitivity graphs: topologically identical to the first, with differentiated terminal equations."""

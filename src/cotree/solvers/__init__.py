@@ -1,0 +1,27 @@
+"""Integration of initial value problems with SciPy and SUNDIALS, and the result.
+
+``integrate(problem, method)`` turns a ``Problem`` into a ``Trajectory``; ``Result`` holds one
+with names, units and outputs.
+"""
+
+from __future__ import annotations
+
+from cotree.solvers.base import METHODS, Method, Solver, Statistics, Trajectory, solver_for
+from cotree.solvers.problem import Problem, check_problem
+from cotree.solvers.result import Result, UnknownNameError
+from cotree.solvers.select import choose_method, integrate
+
+__all__ = [
+    "METHODS",
+    "Method",
+    "Problem",
+    "Result",
+    "Solver",
+    "Statistics",
+    "Trajectory",
+    "UnknownNameError",
+    "check_problem",
+    "choose_method",
+    "integrate",
+    "solver_for",
+]

@@ -1,0 +1,187 @@
+"""Guarded calls of the user's right-hand side and Jacobian during one integration.
+
+In: a ``Problem``. Out: callables for the solvers that count, copy where the solvers keep
+references, remember the first derivative that is not finite, and enforce the time budget.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cotree.errors import SolveError
+from cotree.solvers.augmented import (
+    DENSE_LIMIT,
+    assemble_dense,
+    assemble_sparse,
+    difference_columns,
+)
+from cotree.solvers.problem import describe_entry
+
+if TYPE_CHECKING:
+    from cotree.solvers.problem import FloatArray, Problem
+
+
+class IntegrationStopError(Exception):
+    """Leave the solver from inside a callback; the drive turns it into a failed trajectory."""
+
+    def __init__(self, status: int, reason: str) -> None:
+        super().__init__(reason)
+        self.status = status
+        self.reason = reason
+
+
+FAILED = -1
+BUDGET_SPENT = -2
+
+
+class Evaluator:
+    """Call, count and guard; it is mutable and belongs to one integration.
+
+    Attributes
+    ----------
+    nfev, njev : int
+        Calls of the right-hand side, those for differences included, and state Jacobians.
+    not_finite : str
+        What was first not finite, as a phrase for a message; empty for nothing.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.nfev = 0
+        self.njev = 0
+        self.not_finite = ""
+        self._last_jacobian: FloatArray | None = None
+        self._bounds = sorted(problem.t_span)
+        self._deadline = math.inf
+        if problem.time_limit is not None:
+            self._deadline = time.perf_counter() + problem.time_limit
+        # A step takes tens of evaluations, or the length of z where the solver differences a
+        # Jacobian. SciPy's step loops have no end where the step size itself becomes nan.
+        self._per_step = 10_000 + 100 * problem.size
+        self._allowed = self._per_step
+
+    def open_segment(self, start: float, end: float) -> None:
+        """Keep the times handed to the problem inside one segment between breakpoints."""
+        # A pulse that begins at the end of a segment must not be seen by the last stage of this
+        # segment's last step, nor one that ends at its start by the first: both sides of a jump
+        # would meet in one step, and the error test would shrink it to nothing.
+        low, high = self.problem.t_span
+        first = start if start == low else math.nextafter(start, end)
+        last = end if end == high else math.nextafter(end, start)
+        self._bounds = sorted((first, last))
+
+    def step_done(self) -> None:
+        """Allow the evaluations of another step."""
+        self._allowed = self.nfev + self._per_step
+
+    def rhs(self, t: float, z: FloatArray) -> FloatArray:
+        """Return a fresh array with the derivative of z."""
+        dz = self._call(t, z)
+        # A dot product finds nan and infinity in one pass; squares may also overflow, which the
+        # slower test then sorts out.
+        if not math.isfinite(dz.dot(dz)) and not self.not_finite:
+            self._remember(t, dz)
+        return dz
+
+    def state_jacobian(self, t: float, z: FloatArray) -> FloatArray:
+        """Return the Jacobian of the states, dense, shape (n_states, n_states).
+
+        Raises
+        ------
+        IntegrationStopError
+            If an entry is not finite and no earlier Jacobian was.
+        """
+        self.njev += 1
+        n_states = self.problem.n_states
+        if self.problem.jacobian is None:
+            return self._checked(t, self._differences(t, z)[:n_states])
+        self._check_budgets()
+        point = np.ascontiguousarray(z[:n_states], dtype=np.float64)
+        matrix = np.array(self.problem.jacobian(self._inside(t), point), dtype=np.float64)
+        return self._checked(t, matrix)
+
+    def first_columns(self, t: float, z: FloatArray) -> FloatArray:
+        """Return the derivatives of z' by the states, shape (size, n_states)."""
+        n_states = self.problem.n_states
+        if not self.problem.n_sensitivities:
+            return self.state_jacobian(t, z)
+        columns = self._differences(t, z)
+        if self.problem.jacobian is None:
+            self.njev += 1
+            columns[:n_states] = self._checked(t, columns[:n_states])
+        else:
+            columns[:n_states] = self.state_jacobian(t, z)
+        # A second derivative that is not finite is left out: it would only speed the iteration up.
+        columns[~np.isfinite(columns)] = 0.0
+        return columns
+
+    def dense_jacobian(self, t: float, z: FloatArray) -> FloatArray:
+        """Return the Jacobian of z as a dense matrix, shape (size, size)."""
+        return assemble_dense(self.first_columns(t, z), self.problem.n_states)
+
+    def sized_jacobian(self, t: float, z: FloatArray) -> Any:
+        """Return the Jacobian of z, in SciPy's CSC form where that is cheaper."""
+        is_sparse = self.problem.n_sensitivities and self.problem.size > DENSE_LIMIT
+        assemble = assemble_sparse if is_sparse else assemble_dense
+        return assemble(self.first_columns(t, z), self.problem.n_states)
+
+    def _call(self, t: float, z: FloatArray) -> FloatArray:
+        self.nfev += 1
+        self._check_budgets()
+        point = np.ascontiguousarray(z, dtype=np.float64)
+        # Solvers keep references to what they get, and a compiled kernel may reuse its buffer.
+        dz = np.array(self.problem.rhs(self._inside(t), point), dtype=np.float64)
+        if dz.shape != point.shape:
+            raise SolveError(
+                f"The right-hand side returned shape {dz.shape} where {point.shape} is needed."
+            )
+        return dz
+
+    def _inside(self, t: float) -> float:
+        low, high = self._bounds
+        return min(max(float(t), low), high)
+
+    def _differences(self, t: float, z: FloatArray) -> FloatArray:
+        point = np.array(z, dtype=np.float64)
+        return difference_columns(self.problem, lambda shifted: self._call(t, shifted), point)
+
+    def _checked(self, t: float, matrix: FloatArray) -> FloatArray:
+        n_states = self.problem.n_states
+        if matrix.shape != (n_states, n_states):
+            raise SolveError(
+                f"The Jacobian has shape {matrix.shape} where ({n_states}, {n_states}) is needed."
+            )
+        if np.all(np.isfinite(matrix)):
+            self._last_jacobian = matrix.copy()
+            return matrix
+        row, column = (int(i) for i in np.argwhere(~np.isfinite(matrix))[0])
+        phrase = (
+            f"the derivative of {describe_entry(self.problem, row)} differentiated by "
+            f"{describe_entry(self.problem, column)} is {matrix[row, column]} at t = {float(t):.10g}"
+        )
+        if self._last_jacobian is None:
+            raise IntegrationStopError(FAILED, f"the Jacobian is not finite: {phrase}")
+        # A trial step may leave the domain of the equations. An older Jacobian only slows the
+        # iteration down; if the right-hand side is not finite either, the step is shortened.
+        self.not_finite = self.not_finite or phrase
+        return self._last_jacobian.copy()
+
+    def _check_budgets(self) -> None:
+        if time.perf_counter() > self._deadline:
+            limit = self.problem.time_limit
+            raise IntegrationStopError(BUDGET_SPENT, f"the time limit of {limit:g} s is spent")
+        if self.nfev > self._allowed:
+            raise IntegrationStopError(FAILED, "the step size control does not come to an end")
+
+    def _remember(self, t: float, dz: FloatArray) -> None:
+        indices = np.flatnonzero(~np.isfinite(dz))
+        if indices.size:
+            index = int(indices[0])
+            self.not_finite = (
+                f"the derivative of {describe_entry(self.problem, index)} is {dz[index]} "
+                f"at t = {float(t):.10g}"
+            )

@@ -1,0 +1,174 @@
+"""The initial value problem that every solver takes, and the checks made before work.
+
+In: callables and numbers. Out: a frozen ``Problem``, or a ``SolveError`` that names the culprit.
+The vector of unknowns is z = [y, s_1, ..., s_np]: the states, then the sensitivities of all states
+parameter by parameter, so each block of ``n_states`` entries obeys the same state Jacobian.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.errors import SolveError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """An initial value problem z' = rhs(t, z) over states and sensitivities.
+
+    Attributes
+    ----------
+    rhs : callable
+        ``rhs(t, z)``, both shapes (n_states * (1 + n_sensitivities),), [state unit / s]. It always
+        receives a contiguous array and may return the same buffer at every call.
+    jacobian : callable or None
+        ``jacobian(t, y)`` of the states only, dense, shape (n_states, n_states), [1/s and mixed].
+    n_states : int
+        Number of states.
+    n_sensitivities : int
+        Number of parameters whose sensitivities are integrated.
+    z0 : ndarray, shape (n_states * (1 + n_sensitivities),)
+        Initial states and sensitivities.
+    t_span : tuple of float
+        Start and end, [s]; the end may lie before the start.
+    t_eval : ndarray or None
+        Times of the wanted values, sorted in the direction of ``t_span``, [s]; None keeps the
+        solver's own steps.
+    rtol : float
+        Relative tolerance; what is below ``RTOL_FLOOR`` is raised to it, and the message says so.
+    atol : float or ndarray, shape (n_states,)
+        Absolute tolerance, [state unit]. A state's sensitivities share its value.
+    error_test_sensitivities : bool
+        Whether sensitivities take part in the error test.
+    breakpoints : tuple of float
+        Times where the right-hand side jumps or has a kink, [s]; integration restarts there, so
+        no pulse between two of them is stepped over. Those outside the span are ignored.
+    names : tuple of str
+        Names of the states, for messages; empty for none.
+    time_limit : float or None
+        Budget of wall-clock time, [s].
+    max_steps : int or None
+        Budget of steps.
+    """
+
+    rhs: Callable[[float, FloatArray], FloatArray]
+    jacobian: Callable[[float, FloatArray], FloatArray] | None
+    n_states: int
+    n_sensitivities: int
+    z0: FloatArray
+    t_span: tuple[float, float]
+    t_eval: FloatArray | None = None
+    rtol: float = 1e-8
+    atol: float | FloatArray = 1e-10
+    error_test_sensitivities: bool = True
+    breakpoints: tuple[float, ...] = ()
+    names: tuple[str, ...] = ()
+    time_limit: float | None = None
+    max_steps: int | None = None
+
+    @property
+    def size(self) -> int:
+        """Return the length of z."""
+        return self.n_states * (1 + self.n_sensitivities)
+
+    @property
+    def direction(self) -> float:
+        """Return +1 where time increases, -1 where it decreases."""
+        return 1.0 if self.t_span[1] > self.t_span[0] else -1.0
+
+
+def describe_entry(problem: Problem, index: int) -> str:
+    """Name one entry of z in the user's words."""
+    block, state = divmod(index, problem.n_states)
+    name = f"'{problem.names[state]}'" if problem.names else f"state {state}"
+    return name if block == 0 else f"the sensitivity of {name} to parameter {block - 1}"
+
+
+def check_problem(problem: Problem) -> None:
+    """Refuse a problem that no solver could start.
+
+    Raises
+    ------
+    SolveError
+        If a size, a time, a tolerance, a budget or an initial value cannot be accepted; the
+        message names it.
+    """
+    _check_sizes(problem)
+    _check_times(problem)
+    _check_tolerances(problem)
+    _check_budgets(problem)
+    not_finite = np.flatnonzero(~np.isfinite(problem.z0))
+    if not_finite.size:
+        index = int(not_finite[0])
+        raise SolveError(
+            f"The initial value of {describe_entry(problem, index)} is {problem.z0[index]}; "
+            "give a finite number."
+        )
+
+
+def _check_sizes(problem: Problem) -> None:
+    if problem.n_states < 0 or problem.n_sensitivities < 0:
+        raise SolveError("The numbers of states and sensitivities must not be negative.")
+    if np.shape(problem.z0) != (problem.size,):
+        raise SolveError(
+            f"z0 has shape {np.shape(problem.z0)}, but {problem.n_states} states with "
+            f"{problem.n_sensitivities} sensitivities each need shape ({problem.size},)."
+        )
+    if problem.names and len(problem.names) != problem.n_states:
+        raise SolveError(f"{len(problem.names)} names are given for {problem.n_states} states.")
+
+
+def _check_times(problem: Problem) -> None:
+    start, end = problem.t_span
+    if not (np.isfinite(start) and np.isfinite(end)):
+        raise SolveError(f"The time span ({start}, {end}) is not finite.")
+    if start == end:
+        raise SolveError(f"The time span is empty: it starts and ends at t = {start:g}.")
+    if not np.all(np.isfinite(problem.breakpoints)):
+        raise SolveError("A breakpoint is not finite; give times in seconds.")
+    if problem.t_eval is None:
+        return
+    times = np.asarray(problem.t_eval, dtype=np.float64)
+    if times.ndim != 1 or times.size == 0:
+        raise SolveError("t_eval must be a sequence of at least one time, or None.")
+    if not np.all(np.isfinite(times)):
+        raise SolveError("t_eval holds a time that is not finite.")
+    outside = times[(times < min(start, end)) | (times > max(start, end))]
+    if outside.size:
+        raise SolveError(
+            f"t_eval holds t = {outside[0]:g}, outside the time span ({start:g}, {end:g})."
+        )
+    if np.any(problem.direction * np.diff(times) <= 0):
+        order = "increase" if problem.direction > 0 else "decrease"
+        raise SolveError(f"t_eval must strictly {order}, as the time span does.")
+
+
+def _check_tolerances(problem: Problem) -> None:
+    if not (np.isfinite(problem.rtol) and problem.rtol > 0):
+        raise SolveError(f"rtol is {problem.rtol}; give a positive finite number.")
+    atol = np.asarray(problem.atol, dtype=np.float64)
+    if atol.shape not in ((), (problem.n_states,)):
+        raise SolveError(
+            f"atol has shape {atol.shape}; give one number or one for each of the "
+            f"{problem.n_states} states."
+        )
+    wrong = np.flatnonzero(~(np.isfinite(atol) & (atol > 0)))
+    if wrong.size:
+        which = f" of {describe_entry(problem, int(wrong[0]))}" if atol.ndim else ""
+        raise SolveError(f"atol{which} is {atol.flat[wrong[0]]}; give a positive finite number.")
+
+
+def _check_budgets(problem: Problem) -> None:
+    if problem.time_limit is not None and not problem.time_limit > 0:
+        raise SolveError(f"time_limit is {problem.time_limit}; give positive seconds or None.")
+    if problem.max_steps is not None and not problem.max_steps > 0:
+        raise SolveError(f"max_steps is {problem.max_steps}; give a positive number or None.")

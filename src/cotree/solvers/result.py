@@ -1,0 +1,264 @@
+"""The result of a simulation, by name.
+
+In: trajectories of states, sensitivities, outputs and inputs with their names. Out: arrays by
+name, tables, a picture, a text.
+"""
+
+from __future__ import annotations
+
+import csv
+import importlib
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cotree.errors import Error, ModelError, nearest
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from cotree.solvers.base import Statistics
+    from cotree.solvers.problem import FloatArray
+
+
+class UnknownNameError(ModelError, KeyError):
+    """A result holds nothing of this name."""
+
+    def __str__(self) -> str:
+        """Return the sentence itself; KeyError would quote it."""
+        return str(self.args[0]) if self.args else ""
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """The outcome of one simulation.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n_t,)
+        Times, [s].
+    y : ndarray, shape (n_states, n_t)
+        States.
+    s : ndarray, shape (n_states, n_parameters, n_t)
+        Sensitivities of the states, [state unit / parameter unit].
+    states : tuple of str
+        Names along the first axis of ``y``.
+    outputs : tuple of str
+        Names along the first axis of ``output_values``.
+    output_values : ndarray, shape (n_outputs, n_t)
+        Outputs.
+    output_sensitivities : ndarray, shape (n_outputs, n_parameters, n_t)
+        Sensitivities of the outputs.
+    inputs : tuple of str
+        Names along the first axis of ``input_values``.
+    input_values : ndarray, shape (n_inputs, n_t)
+        Inputs.
+    parameters_of_sensitivity : tuple of str
+        Names along the second axis of ``s``.
+    units : mapping of str to str
+        Unit of each name that has one.
+    status : int
+        0 for success, negative for an integration that stopped early.
+    message : str
+        What the solver says.
+    statistics : Statistics
+        Work done by the solver.
+    times : mapping of str to float
+        Seconds spent in each stage: formulate, generate, compile, integrate.
+    """
+
+    t: FloatArray
+    y: FloatArray
+    s: FloatArray
+    states: tuple[str, ...]
+    outputs: tuple[str, ...]
+    output_values: FloatArray
+    output_sensitivities: FloatArray
+    inputs: tuple[str, ...]
+    input_values: FloatArray
+    parameters_of_sensitivity: tuple[str, ...]
+    units: Mapping[str, str]
+    status: int
+    message: str
+    statistics: Statistics
+    times: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def success(self) -> bool:
+        """Tell whether the integration reached its end."""
+        return self.status == 0
+
+    def __getitem__(self, name: str) -> FloatArray:
+        """Return a state, output or input over time.
+
+        Parameters
+        ----------
+        name : str
+            Its name, or "t".
+
+        Returns
+        -------
+        ndarray, shape (n_t,)
+
+        Raises
+        ------
+        UnknownNameError
+            If there is none of this name; it is also a KeyError.
+        """
+        if name == "t":
+            return self.t
+        for names, values in self._groups():
+            if name in names:
+                row: FloatArray = values[names.index(name)]
+                return row
+        known = [*self.states, *self.outputs, *self.inputs]
+        raise UnknownNameError(f"There is no state, output or input '{name}'{_hint(name, known)}")
+
+    def sensitivity(self, name: str, parameter: str) -> FloatArray:
+        """Return the derivative of a state or output with respect to a parameter, over time.
+
+        Returns
+        -------
+        ndarray, shape (n_t,), [unit of name / unit of parameter]
+
+        Raises
+        ------
+        UnknownNameError
+            If there is no such state or output, or its sensitivities to this parameter were not
+            asked for.
+        """
+        if parameter not in self.parameters_of_sensitivity:
+            raise UnknownNameError(
+                f"Sensitivities to '{parameter}' were not asked for"
+                f"{_hint(parameter, self.parameters_of_sensitivity)}"
+            )
+        column = self.parameters_of_sensitivity.index(parameter)
+        for names, values in (
+            (self.states, self.s),
+            (self.outputs, self.output_sensitivities),
+        ):
+            if name in names:
+                row: FloatArray = values[names.index(name), column]
+                return row
+        raise UnknownNameError(
+            f"There is no state or output '{name}'{_hint(name, [*self.states, *self.outputs])}"
+        )
+
+    def unit(self, name: str) -> str:
+        """Return the unit of a state, output, input or parameter, "" where none is known."""
+        if name == "t":
+            return "s"
+        known = {*self.states, *self.outputs, *self.inputs, *self.parameters_of_sensitivity}
+        if name not in self.units and name not in known:
+            raise UnknownNameError(
+                f"There is nothing of the name '{name}'{_hint(name, {*known, *self.units})}"
+            )
+        return self.units.get(name, "")
+
+    def columns(self) -> dict[str, FloatArray]:
+        """Return all columns of a table by their titles.
+
+        These are t, the states, outputs and inputs, then "d(name)/d(parameter)" of the states and
+        outputs, each of shape (n_t,).
+        """
+        table = {"t": self.t}
+        for names, values in self._groups():
+            table.update(zip(names, values, strict=True))
+        for name in (*self.states, *self.outputs):
+            for parameter in self.parameters_of_sensitivity:
+                table[f"d({name})/d({parameter})"] = self.sensitivity(name, parameter)
+        return table
+
+    def to_dataframe(self) -> Any:
+        """Return a pandas DataFrame with the columns of ``columns()``.
+
+        Raises
+        ------
+        Error
+            If pandas is not installed.
+        """
+        try:
+            import pandas as pd
+        except ImportError as error:
+            raise Error(
+                "to_dataframe() needs pandas: run `pip install cotree[data]`, or use to_csv()."
+            ) from error
+        return pd.DataFrame(self.columns())
+
+    def to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write the columns of ``columns()`` with 17 significant digits.
+
+        A reader never sees a file half written, and an interrupted call leaves an older file as
+        it was.
+
+        Raises
+        ------
+        Error
+            If the file cannot be written.
+        """
+        target = Path(path)
+        draft = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+        table = self.columns()
+        try:
+            try:
+                with draft.open("w", newline="", encoding="utf-8") as file:
+                    writer = csv.writer(file, lineterminator="\n")
+                    writer.writerow(table)
+                    for row in zip(*table.values(), strict=True):
+                        writer.writerow([f"{value:.17g}" for value in row])
+                draft.replace(target)
+            finally:
+                draft.unlink(missing_ok=True)
+        except OSError as error:
+            raise Error(
+                f"The file '{target}' cannot be written: {error.strerror or error}."
+            ) from error
+
+    def plot(self, names: Sequence[str] | None = None) -> Any:
+        """Draw states, outputs or sensitivities over time; see ``cotree.plot.plot_result``."""
+        # Drawing lies above this room, so it is looked up by name when someone asks for it.
+        return importlib.import_module("cotree.plot").plot_result(self, names)
+
+    def summary(self) -> str:
+        """Return the last point with 10 digits, the solver's message and where time went."""
+        lines = [self.message]
+        if self.t.size:
+            lines.append(f"At t = {self.t[-1]:.10g} s:")
+            lines += _aligned(
+                (name, f"{values[-1]:.10g}", self.units.get(name, ""))
+                for name, values in self.columns().items()
+                if name != "t"
+            )
+        work = self.statistics
+        lines.append(
+            f"{work.method}: {work.n_steps} steps, {work.nfev} evaluations, {work.njev} Jacobians."
+        )
+        if self.times:
+            stages = ", ".join(f"{stage} {seconds:.3g} s" for stage, seconds in self.times.items())
+            lines.append(f"Time: {stages}.")
+        return "\n".join(lines)
+
+    def _groups(self) -> tuple[tuple[tuple[str, ...], FloatArray], ...]:
+        return (
+            (self.states, self.y),
+            (self.outputs, self.output_values),
+            (self.inputs, self.input_values),
+        )
+
+
+def _hint(name: str, known: Iterable[str]) -> str:
+    """End the sentence with the nearest known name."""
+    hint = nearest(name, known)
+    return hint if hint.endswith("?") else f"{hint}."
+
+
+def _aligned(rows: Iterable[tuple[str, str, str]]) -> list[str]:
+    """Set names, numbers and units in columns."""
+    table = list(rows)
+    name_width = max((len(name) for name, _, _ in table), default=0)
+    number_width = max((len(number) for _, number, _ in table), default=0)
+    return [
+        f"  {name:<{name_width}}  {number:>{number_width}} {unit}".rstrip()
+        for name, number, unit in table
+    ]

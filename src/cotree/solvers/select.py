@@ -1,0 +1,112 @@
+"""Choose a method for a problem, and integrate.
+
+In: a ``Problem`` and a method's name or "auto". Out: the method with its reason, or the
+``Trajectory``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cotree.solvers.base import solver_for
+from cotree.solvers.evaluate import Evaluator, IntegrationStopError
+from cotree.solvers.problem import check_problem
+
+if TYPE_CHECKING:
+    from cotree.solvers.base import Trajectory
+    from cotree.solvers.problem import FloatArray, Problem
+
+# DOP853 is stable up to about |lambda| h = 6 with 12 evaluations a step. At this number of time
+# constants in the span its evaluations, 4000, equal those of an implicit method at usual
+# tolerances.
+_STIFF_TIME_CONSTANTS = 2000.0
+
+_PROBE_STEPS = 20
+_PROBE_RTOL = 1e-3
+
+
+def integrate(problem: Problem, method: str = "auto") -> Trajectory:
+    """Integrate a problem with a named or chosen method.
+
+    Parameters
+    ----------
+    problem : Problem
+        What to integrate.
+    method : str
+        A name in ``base.METHODS``, or "auto".
+
+    Returns
+    -------
+    Trajectory
+        A failed integration is a value with status != 0. The message of a chosen method ends with
+        the reason of the choice.
+
+    Raises
+    ------
+    SolveError
+        If the method is unknown or not installed, or the problem cannot be accepted.
+    """
+    if method != "auto":
+        return solver_for(method).solve(problem)
+    chosen, reason = choose_method(problem)
+    trajectory = solver_for(chosen).solve(problem)
+    return dataclasses.replace(trajectory, message=f"{trajectory.message} {reason}")
+
+
+def choose_method(problem: Problem) -> tuple[str, str]:
+    """Choose a method by the fastest decay at the start and after a few steps.
+
+    Strongly damped modes whose time constant is a small part of the span force explicit methods
+    to steps that accuracy does not ask for. Modes that oscillate faster than they decay do not
+    count: accuracy needs short steps for them with any method. Stiffness that appears later than
+    the probed steps is not seen; name a method in such cases.
+
+    Parameters
+    ----------
+    problem : Problem
+        What to integrate.
+
+    Returns
+    -------
+    method : str
+        "DOP853", or where the problem is stiff "cvode", or "BDF" without scikit-sundae.
+    reason : str
+        One sentence.
+
+    Raises
+    ------
+    SolveError
+        If the problem cannot be accepted.
+    """
+    check_problem(problem)
+    span = abs(problem.t_span[1] - problem.t_span[0])
+    count = span * max(_fastest_decay(problem, t, z) for t, z in _probe(problem))
+    if count <= _STIFF_TIME_CONSTANTS:
+        return "DOP853", f"DOP853 was chosen: not stiff, {count:.2g} fastest time constants."
+    method = "cvode" if importlib.util.find_spec("sksundae") is not None else "BDF"
+    return method, f"{method} was chosen: stiff, {count:.2g} fastest time constants in the span."
+
+
+def _probe(problem: Problem) -> list[tuple[float, FloatArray]]:
+    """Return the start and a point a few loose steps later."""
+    probe = dataclasses.replace(
+        problem, t_eval=None, rtol=max(problem.rtol, _PROBE_RTOL), max_steps=_PROBE_STEPS
+    )
+    trajectory = solver_for("DOP853").solve(probe)
+    return [(float(trajectory.t[i]), trajectory.z[:, i]) for i in (0, -1)]
+
+
+def _fastest_decay(problem: Problem, t: float, z: FloatArray) -> float:
+    """Return the largest decay rate among modes that decay faster than they oscillate, [1/s]."""
+    try:
+        matrix = Evaluator(problem).state_jacobian(t, z)
+    except IntegrationStopError:
+        return 0.0
+    # Integrated backwards in time, what grows forwards decays.
+    eigenvalues = problem.direction * np.linalg.eigvals(matrix)
+    decays = -eigenvalues.real[np.abs(eigenvalues.imag) <= np.abs(eigenvalues.real)]
+    return float(np.max(decays, initial=0.0))

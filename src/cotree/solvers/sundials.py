@@ -1,0 +1,160 @@
+"""SUNDIALS' CVODE and IDA through scikit-sundae, driven one step at a time.
+
+In: a ``Problem``. Out: a ``Trajectory``. Their outputs come from the polynomials that they step
+with, which are as accurate as the steps: stopping at outputs costs more and gains nothing.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cotree.errors import SolveError
+from cotree.solvers.augmented import DENSE_LIMIT, augmented_tolerances, diagonal_blocks
+from cotree.solvers.drive import drive
+from cotree.solvers.problem import check_problem
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+    from cotree.solvers.base import Trajectory
+    from cotree.solvers.evaluate import Evaluator
+    from cotree.solvers.problem import FloatArray, Problem
+
+
+@dataclass(frozen=True)
+class SundialsSolver:
+    """CVODE or IDA.
+
+    Attributes
+    ----------
+    method : str
+        "cvode" or "ida".
+    """
+
+    method: str
+
+    def solve(self, problem: Problem) -> Trajectory:
+        """Integrate a problem.
+
+        Raises
+        ------
+        SolveError
+            If scikit-sundae is not installed, or the problem cannot be accepted.
+        """
+        _sksundae(self.method)
+        check_problem(problem)
+        return drive(problem, self.method, self._start)
+
+    def _start(
+        self, evaluator: Evaluator, t: float, z: FloatArray, t_end: float
+    ) -> SundialsStepper:
+        make = _make_cvode if self.method == "cvode" else _make_ida
+        return SundialsStepper(make(evaluator, t, z), t, z)
+
+
+class SundialsStepper:
+    """A CVODE or IDA object between two breakpoints."""
+
+    lands = False
+    nlu = 0
+
+    def __init__(self, solver: Any, t: float, z: FloatArray) -> None:
+        self.t = t
+        self.z = z
+        self._solver = solver
+        self._has_interpolated = False
+
+    def step(self, t_bound: float) -> str:
+        """Take one step, not past ``t_bound``."""
+        if self._has_interpolated:
+            # After an interpolation SUNDIALS first returns the end of the last step once more.
+            self._has_interpolated = False
+            self._advance(t_bound)
+        answer = self._advance(t_bound)
+        if answer.status < 0:
+            return f"SUNDIALS says: {answer.message.rstrip('.').lower()}"
+        self.t, self.z = float(answer.t), np.asarray(answer.y, dtype=np.float64)
+        return ""
+
+    def interpolate(self, t: float) -> FloatArray:
+        """Return the values at a time inside the last step."""
+        self._has_interpolated = True
+        return np.asarray(self._solver.step(t, "normal", None).y, dtype=np.float64)
+
+    def _advance(self, t_bound: float) -> Any:
+        # scikit-sundae prints what SUNDIALS says of an error; the message has it already.
+        with contextlib.redirect_stdout(io.StringIO()):
+            return self._solver.step(t_bound, "onestep", t_bound)
+
+
+def _make_cvode(evaluator: Evaluator, t: float, z: FloatArray) -> Any:
+    def rhs(t: float, z: FloatArray, dz: FloatArray) -> None:
+        dz[:] = evaluator.rhs(t, z)
+
+    def dense(t: float, z: FloatArray, dz: FloatArray, matrix: FloatArray) -> None:
+        matrix[:] = evaluator.dense_jacobian(t, z)
+
+    def banded(t: float, z: FloatArray, dz: FloatArray, matrix: FloatArray) -> None:
+        # The memory starts as zeros and is the solver's own; only the blocks are ever written.
+        blocks = diagonal_blocks(matrix, evaluator.problem.n_states)
+        blocks[...] = evaluator.state_jacobian(t, z)
+
+    options = _options(evaluator.problem)
+    options["jacfn"] = banded if options["linsolver"] == "band" else dense
+    solver = _sksundae("cvode").CVODE(rhs, **options)
+    solver.init_step(t, z)
+    return solver
+
+
+def _make_ida(evaluator: Evaluator, t: float, z: FloatArray) -> Any:
+    n_states = evaluator.problem.n_states
+
+    def residual(t: float, z: FloatArray, dz: FloatArray, result: FloatArray) -> None:
+        result[:] = dz - evaluator.rhs(t, z)
+
+    def dense(
+        t: float, z: FloatArray, dz: FloatArray, result: FloatArray, cj: float, matrix: FloatArray
+    ) -> None:
+        np.negative(evaluator.dense_jacobian(t, z), out=matrix)
+        matrix.flat[:: len(z) + 1] += cj
+
+    def banded(
+        t: float, z: FloatArray, dz: FloatArray, result: FloatArray, cj: float, matrix: FloatArray
+    ) -> None:
+        blocks = diagonal_blocks(matrix, n_states)
+        blocks[...] = cj * np.eye(n_states) - evaluator.state_jacobian(t, z)
+
+    options = _options(evaluator.problem)
+    options["jacfn"] = banded if options["linsolver"] == "band" else dense
+    solver = _sksundae("ida").IDA(residual, **options)
+    solver.init_step(t, z, evaluator.rhs(t, z))
+    return solver
+
+
+def _options(problem: Problem) -> dict[str, Any]:
+    rtol, atol = augmented_tolerances(problem)
+    options: dict[str, Any] = {"rtol": rtol, "atol": atol, "linsolver": "dense"}
+    # Without the blocks below the first the matrix is banded, and is factored block by block as
+    # such. The iterations that this costs are only made where the sensitivities are tested.
+    is_large = problem.n_sensitivities > 0 and problem.size > DENSE_LIMIT
+    if is_large and problem.error_test_sensitivities:
+        width = problem.n_states - 1
+        options |= {"linsolver": "band", "lband": width, "uband": width}
+    return options
+
+
+def _sksundae(module: str) -> ModuleType:
+    import importlib
+
+    try:
+        return importlib.import_module(f"sksundae.{module}")
+    except ImportError as error:
+        raise SolveError(
+            f"The method '{module}' needs SUNDIALS: run `pip install scikit-sundae`, or use "
+            "'BDF', 'Radau' or 'LSODA'."
+        ) from error

@@ -1,0 +1,71 @@
+from __future__ import annotations
+
+import platform
+
+import pytest
+
+from cotree.build import BuildOptions, Toolchain, compiler_flags
+from cotree.build.options import cpu_features
+from cotree.errors import BuildError
+
+GCC = Toolchain(("/usr/bin/gcc",), "gcc (GCC) 12.2.0", "cc")
+CLANG = Toolchain(("/usr/bin/clang",), "clang version 14.0.6", "cc")
+ZIG = Toolchain(("/usr/bin/zig", "cc"), "clang version 22.1.8", "zig")
+
+
+@pytest.mark.parametrize(
+    ("toolchain", "n_statements", "level"),
+    [
+        (GCC, 4_000, "-O1"),
+        (GCC, 4_001, "-O0"),
+        (CLANG, 20_000, "-O1"),
+        (CLANG, 20_001, "-O0"),
+        (ZIG, 20_000, "-O1"),
+    ],
+)
+def test_level_follows_the_longest_function(toolchain, n_statements, level):
+    assert level in compiler_flags(toolchain, BuildOptions(), n_statements)
+
+
+def test_chosen_level_is_kept():
+    flags = compiler_flags(GCC, BuildOptions(optimize="-O2"), n_statements=1_000_000)
+    assert "-O2" in flags
+    assert "-O0" not in flags
+
+
+@pytest.mark.parametrize("toolchain", [GCC, CLANG, ZIG])
+@pytest.mark.parametrize("native", [False, True])
+def test_digits_do_not_depend_on_hidden_defaults(toolchain, native):
+    flags = compiler_flags(toolchain, BuildOptions(native=native), 10)
+    assert {"-std=c99", "-shared", "-ffp-contract=off", "-fno-math-errno"} <= set(flags)
+    assert "-ffast-math" not in flags
+
+
+def test_zig_is_told_what_others_do_by_default():
+    flags = compiler_flags(ZIG, BuildOptions(), 10)
+    assert {"-g0", "-fno-sanitize=all", "-mcpu=baseline"} <= set(flags)
+
+
+def test_native_is_opted_into(monkeypatch):
+    monkeypatch.setattr(platform, "machine", lambda: "x86_64")
+    assert "-march=native" not in compiler_flags(GCC, BuildOptions(), 10)
+    assert "-march=native" in compiler_flags(GCC, BuildOptions(native=True), 10)
+    assert "-mcpu=baseline" not in compiler_flags(ZIG, BuildOptions(native=True), 10)
+    monkeypatch.setattr(platform, "machine", lambda: "arm64")
+    assert "-mcpu=native" in compiler_flags(CLANG, BuildOptions(native=True), 10)
+
+
+def test_cpu_features_are_stable():
+    assert cpu_features() == cpu_features()
+
+
+@pytest.mark.parametrize("optimize", ["-Ofast", "O1", "", "-O1 -ffast-math"])
+def test_unknown_level_is_refused(optimize):
+    with pytest.raises(BuildError, match="optimize is"):
+        BuildOptions(optimize=optimize)
+
+
+@pytest.mark.parametrize("time_limit", [0.0, -1.0, float("nan")])
+def test_time_limit_is_positive(time_limit):
+    with pytest.raises(BuildError, match="time_limit"):
+        BuildOptions(time_limit=time_limit)
