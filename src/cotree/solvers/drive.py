@@ -80,7 +80,7 @@ def drive(problem: Problem, method: str, start: StartStepper) -> Trajectory:
         With status 0, or with the last good point as its last column.
     """
     begin = time.perf_counter()
-    run = _Run(problem, start)
+    run = _Run(problem, start if problem.size else _Idle)
     status, reason = 0, ""
     # What is not finite is watched and reported here; SciPy's own warnings say it once more.
     with np.errstate(all="ignore"), warnings.catch_warnings():
@@ -102,11 +102,29 @@ def drive(problem: Problem, method: str, start: StartStepper) -> Trajectory:
     )
     return Trajectory(
         t=np.array(run.times),
-        z=np.array(run.columns).reshape(-1, problem.size).T.copy(),
+        z=np.array(run.columns).reshape(len(run.columns), problem.size).T.copy(),
         status=status,
         message=_message(problem, method, run, reason),
         statistics=statistics,
     )
+
+
+class _Idle:
+    """The stepper of a problem without states, which no solver accepts."""
+
+    lands = True
+    nlu = 0
+
+    def __init__(self, evaluator: Evaluator, t: float, z: FloatArray, t_end: float) -> None:
+        self.t = t
+        self.z = z
+
+    def step(self, t_bound: float) -> str:
+        self.t = t_bound
+        return ""
+
+    def interpolate(self, t: float) -> FloatArray:
+        return self.z
 
 
 class _Run:
@@ -151,6 +169,8 @@ class _Run:
                 self._accept(stepper)
                 is_short = abs(self.t - before) <= _STALL_SPACINGS * np.spacing(abs(self.t))
                 short_steps = short_steps + 1 if is_short else 0
+                if not is_short:
+                    evaluator.progressed()
                 if short_steps >= _STALL_STEPS:
                     raise IntegrationStopError(FAILED, "the step size fell to rounding level")
         finally:

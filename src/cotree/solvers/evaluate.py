@@ -46,7 +46,7 @@ class Evaluator:
     nfev, njev : int
         Calls of the right-hand side, those for differences included, and state Jacobians.
     not_finite : str
-        What was first not finite, as a phrase for a message; empty for nothing.
+        What was first not finite since ``progressed()``, as a phrase for a message; or empty.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -77,6 +77,10 @@ class Evaluator:
     def step_done(self) -> None:
         """Allow the evaluations of another step."""
         self._allowed = self.nfev + self._per_step
+
+    def progressed(self) -> None:
+        """Forget what was not finite: the solver has found its way around it."""
+        self.not_finite = ""
 
     def rhs(self, t: float, z: FloatArray) -> FloatArray:
         """Return a fresh array with the derivative of z."""
@@ -159,9 +163,10 @@ class Evaluator:
             self._last_jacobian = matrix.copy()
             return matrix
         row, column = (int(i) for i in np.argwhere(~np.isfinite(matrix))[0])
+        of, by = describe_entry(self.problem, row), describe_entry(self.problem, column)
         phrase = (
-            f"the derivative of {describe_entry(self.problem, row)} differentiated by "
-            f"{describe_entry(self.problem, column)} is {matrix[row, column]} at t = {float(t):.10g}"
+            f"the derivative of {of} differentiated by {by} is {matrix[row, column]} "
+            f"at t = {float(t):.10g}"
         )
         if self._last_jacobian is None:
             raise IntegrationStopError(FAILED, f"the Jacobian is not finite: {phrase}")

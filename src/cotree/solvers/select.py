@@ -83,6 +83,8 @@ def choose_method(problem: Problem) -> tuple[str, str]:
         If the problem cannot be accepted.
     """
     check_problem(problem)
+    if problem.size == 0:
+        return "DOP853", "There are no states to integrate."
     span = abs(problem.t_span[1] - problem.t_span[0])
     count = span * max(_fastest_decay(problem, t, z) for t, z in _probe(problem))
     if count <= _STIFF_TIME_CONSTANTS:

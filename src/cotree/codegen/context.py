@@ -1,0 +1,219 @@
+"""What the templates get: typed, plain data. A template arranges text and decides nothing else."""
+
+from __future__ import annotations
+
+import hashlib
+import textwrap
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.codegen.printer_c import literal, print_nodes
+from cotree.dag.operations import OPERATIONS
+from cotree.dag.several import Function, Table
+from cotree.dag.traverse import symbols_in
+from cotree.naming import c_comment, c_identifier, c_string
+from cotree.program.kernels import ARGUMENTS
+from cotree.version import ABI_VERSION, VERSION
+
+if TYPE_CHECKING:
+    from cotree.dag.nodes import Node
+    from cotree.equations import Quantity
+    from cotree.program import Kernel, Program
+
+#: C name of each kind of symbol.
+SYMBOL_NAMES = {kind: kind for kind in ("t", "x", "s", "u", "p", "k")}
+
+
+@dataclass(frozen=True)
+class QuantityContext:
+    """A row of a table of names."""
+
+    name: str
+    unit: str
+    doc: str
+    name_literal: str
+    unit_literal: str
+
+
+@dataclass(frozen=True)
+class TableContext:
+    """A piecewise linear function."""
+
+    name: str
+    length: int
+    x: list[str]
+    y: list[str]
+
+
+@dataclass(frozen=True)
+class KernelContext:
+    """One kernel."""
+
+    name: str
+    signature: str
+    doc: str
+    n_results: int
+    n_operations: int
+    n_statements: int
+    unused: list[str]
+    lines: list[str]
+    uses_status: bool
+
+
+@dataclass(frozen=True)
+class ModelContext:
+    """One model."""
+
+    title: str
+    name_literal: str
+    prefix: str
+    upper: str
+    guard: str
+    generator: str
+    abi_version: int
+    digest: str
+    uses_math: bool
+    uses_solve: bool
+    tables: list[TableContext]
+    functions: list[str]
+    kernels: list[KernelContext]
+    states: list[QuantityContext]
+    parameters: list[QuantityContext]
+    inputs: list[QuantityContext]
+    outputs: list[QuantityContext]
+    sensitivities: list[str]
+    sensitivity_literals: list[str]
+    guard_literals: list[str]
+    parameter_values: list[str]
+    column_starts: list[str]
+    row_indices: list[str]
+    n_prepared: int
+    n_guards: int
+    n_nonzeros: int
+
+    @property
+    def n_longest(self) -> int:
+        """Number of temporaries of the longest kernel."""
+        return max(kernel.n_statements for kernel in self.kernels)
+
+
+def model_context(program: Program) -> ModelContext:
+    """Gather what the templates of a model need.
+
+    Parameters
+    ----------
+    program : Program
+        After its passes.
+    """
+    layout = program.layout
+    prefix = c_identifier(layout.name)
+    nodes = [node for kernel in program.kernels.values() for node in kernel.order]
+    tables = _name_tables(node.data for node in nodes if node.op == "table")
+    functions = sorted({node.data.name for node in nodes if isinstance(node.data, Function)})
+    kernels = [_kernel_context(prefix, k, program, tables) for k in program.kernels.values()]
+    lines = "\n".join(line for kernel in kernels for line in (kernel.signature, *kernel.lines))
+    return ModelContext(
+        title=layout.name,
+        name_literal=c_string(layout.name),
+        prefix=prefix,
+        upper=prefix.upper(),
+        guard=f"COTREE_MODEL_{prefix.upper()}_H",
+        generator=VERSION,
+        abi_version=ABI_VERSION,
+        digest=hashlib.sha256(lines.encode()).hexdigest()[:16],
+        uses_math=any(node.op == "solve" or _is_call(node) for node in nodes),
+        uses_solve=any(node.op == "solve" for node in nodes),
+        tables=[
+            TableContext(
+                name, len(table.x), _wrapped(map(literal, table.x)), _wrapped(map(literal, table.y))
+            )
+            for table, name in tables.items()
+        ],
+        functions=functions,
+        kernels=kernels,
+        states=[_quantity(row) for row in layout.states],
+        parameters=[_quantity(row) for row in layout.parameters],
+        inputs=[_quantity(row) for row in layout.inputs],
+        outputs=[_quantity(row) for row in layout.outputs],
+        sensitivities=list(layout.sensitivities),
+        sensitivity_literals=_wrapped(map(c_string, layout.sensitivities)),
+        guard_literals=[f"{c_string(guard.what)}," for guard in program.guards],
+        parameter_values=_wrapped(map(literal, layout.parameter_values)),
+        column_starts=_wrapped(map(str, layout.column_starts)),
+        row_indices=_wrapped(map(str, layout.row_indices)),
+        n_prepared=program.n_prepared,
+        n_guards=len(program.guards),
+        n_nonzeros=len(layout.row_indices),
+    )
+
+
+def _is_call(node: Node) -> bool:
+    """Whether C needs a function of its mathematics library for it."""
+    return node.op in OPERATIONS and OPERATIONS[node.op].is_call
+
+
+def _name_tables(tables: Iterable[Table]) -> dict[Table, str]:
+    return {table: f"table{i}" for i, table in enumerate(dict.fromkeys(tables))}
+
+
+def _wrapped(items: Iterable[str]) -> list[str]:
+    """Fill lines with items, each followed by a comma."""
+    text = " ".join(f"{item}," for item in items)
+    return textwrap.wrap(text, 96, break_long_words=False, break_on_hyphens=False)
+
+
+def _quantity(row: Quantity) -> QuantityContext:
+    return QuantityContext(
+        row.name, c_comment(row.unit), c_comment(row.doc), c_string(row.name), c_string(row.unit)
+    )
+
+
+def _kernel_context(
+    prefix: str, kernel: Kernel, program: Program, tables: dict[Table, str]
+) -> KernelContext:
+    spec = kernel.spec
+    is_prepare = spec.name == "prepare"
+    guards = program.guards if is_prepare else ()
+    printed = print_nodes(
+        [*kernel.results, *(guard.value for guard in guards)], SYMBOL_NAMES, tables
+    )
+    n_results = len(kernel.results)
+    lines = list(printed.lines)
+    lines += [f"{spec.result}[{i}] = {v};" for i, v in enumerate(printed.values[:n_results])]
+    for i, (guard, value) in enumerate(zip(guards, printed.values[n_results:], strict=True)):
+        comparison = ">" if guard.is_strict else ">="
+        lines.append(f"if (!({value} {comparison} 0.0)) return {i + 1};")
+    return KernelContext(
+        name=f"{prefix}_{spec.name}",
+        signature=_signature(f"{prefix}_{spec.name}", kernel),
+        doc=spec.doc,
+        n_results=n_results,
+        n_operations=kernel.n_operations,
+        n_statements=printed.n_statements,
+        unused=_unused(kernel, [guard.value for guard in guards]),
+        lines=lines,
+        uses_status=printed.uses_status,
+    )
+
+
+def _signature(name: str, kernel: Kernel) -> str:
+    """Write a function's declarator, broken between arguments only."""
+    arguments = [ARGUMENTS[key][0] for key in kernel.spec.arguments]
+    arguments.append(f"double *COTREE_RESTRICT {kernel.spec.result}")
+    indent = " " * (len(name) + 5)  # under the first argument, after "int name("
+    lines = [f"{name}("]
+    for argument in arguments:
+        separator = ")" if argument is arguments[-1] else ","
+        if len(lines[-1]) + len(argument) > 96 and not lines[-1].endswith("("):
+            lines[-1] = lines[-1].rstrip()
+            lines.append(indent)
+        lines[-1] += f"{argument}{separator} "
+    return "\n".join(lines).rstrip()
+
+
+def _unused(kernel: Kernel, guards: Sequence[Node]) -> list[str]:
+    """List the arguments that no statement reads or writes."""
+    read = {node.data[0] for node in symbols_in([*kernel.results, *guards])}
+    unused = [key for key in kernel.spec.arguments if key not in read]
+    return unused if kernel.results else [*unused, kernel.spec.result]

@@ -1,0 +1,182 @@
+"""Nodes to C statements.
+
+A value that is used once stands where it is used; the others become constants in the order of
+evaluation. Comments name the group that a statement belongs to.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from cotree.dag.operations import OPERATIONS
+from cotree.dag.several import SEVERAL
+from cotree.dag.traverse import reachable
+from cotree.naming import c_comment
+
+if TYPE_CHECKING:
+    from cotree.dag.nodes import Node
+
+_LONGEST_INLINE = 72  # characters of an expression that may stand inside another
+_ATOM = 9
+_PRECEDENCE = {"add": 1, "sub": 1, "mul": 2, "div": 2, "neg": 3}
+_OUTER = {"sign": _ATOM, "select": 3}  # arguments that do not stand between commas
+
+
+@dataclass(frozen=True)
+class Printed:
+    """C statements that compute some values.
+
+    Attributes
+    ----------
+    lines : list of str
+        The statements, with comments.
+    values : list of str
+        An expression for each value asked for.
+    n_statements : int
+        Number of statements.
+    uses_status : bool
+        Whether a statement may set ``status``.
+    """
+
+    lines: list[str]
+    values: list[str]
+    n_statements: int
+    uses_status: bool
+
+
+def literal(value: float) -> str:
+    """Write a double as the shortest C literal that reads back equal."""
+    text = repr(float(value))
+    return text if any(char in text for char in ".en") else f"{text}.0"
+
+
+def print_nodes(
+    roots: Sequence[Node], rename: Mapping[str, str], tables: Mapping[object, str]
+) -> Printed:
+    """Print the statements that some values need.
+
+    Parameters
+    ----------
+    roots : sequence of Node
+        The values wanted.
+    rename : mapping of str to str
+        C name of each kind of symbol.
+    tables : mapping of Table to str
+        C name of each table.
+    """
+    printer = _Printer(rename, tables, roots)
+    for node in reachable(roots):
+        printer.visit(node)
+    values = [printer.operand(root, 0) for root in roots]
+    return Printed(printer.lines, values, printer.n_statements, printer.uses_status)
+
+
+@dataclass
+class _Printer:
+    rename: Mapping[str, str]
+    tables: Mapping[object, str]
+    roots: Sequence[Node]
+    lines: list[str] = field(default_factory=list)
+    uses_status: bool = False
+
+    def __post_init__(self) -> None:
+        self._text: dict[Node, tuple[str, int]] = {}  # expression and its precedence
+        self._number: dict[Node, int] = {}  # of the values that have a statement
+        self._section = ""
+        self._uses = Counter(arg for node in reachable(self.roots) for arg in node.args)
+        self._uses.update(self.roots)
+
+    @property
+    def n_statements(self) -> int:
+        return len(self._number)
+
+    def operand(self, node: Node, precedence: int) -> str:
+        """Give an expression, in parentheses where it binds less than asked for."""
+        text, own = self._text[node]
+        return text if own >= precedence else f"({text})"
+
+    def visit(self, node: Node) -> None:
+        op = node.op
+        if op == "constant":
+            assert node.value is not None
+            self._text[node] = (literal(node.value), _ATOM if node.value >= 0.0 else 3)
+        elif op == "symbol":
+            kind, position = node.data
+            name = self.rename[kind]
+            self._text[node] = (name if kind == "t" else f"{name}[{position}]", _ATOM)
+        elif op in SEVERAL:
+            self._several(node)
+        elif op == "result":
+            self._text[node] = (f"v{self._number[node.args[0]]}[{node.data}]", _ATOM)
+        else:
+            self._scalar(node)
+
+    def _declare(self, node: Node) -> str:
+        """Number a statement and comment the group it begins."""
+        if node.section and node.section != self._section:
+            self.lines.append(f"/* {c_comment(node.section)} */")
+        self._section = node.section
+        self._number[node] = len(self._number)
+        return f"v{self._number[node]}"
+
+    def _scalar(self, node: Node) -> None:
+        text = self._expression(node)
+        precedence = _PRECEDENCE.get(node.op, _ATOM)
+        if self._uses[node] == 1 and len(text) <= _LONGEST_INLINE:
+            self._text[node] = (text, precedence)
+            return
+        name = self._declare(node)
+        self.lines.append(f"const double {name} = {text};")
+        self._text[node] = (name, _ATOM)
+
+    def _expression(self, node: Node) -> str:
+        op = node.op
+        if op in _PRECEDENCE:
+            level = _PRECEDENCE[op]
+            # The right operand binds tighter, so that values are computed in the program's order
+            # and not regrouped; the left one may share the level.
+            left = self.operand(node.args[0], level + 1 if op == "neg" else level)
+            if op == "neg":
+                return OPERATIONS[op].c.format(left)
+            return OPERATIONS[op].c.format(left, self.operand(node.args[1], level + 1))
+        outer = _OUTER.get(op, 0)
+        return OPERATIONS[op].c.format(*(self.operand(arg, outer) for arg in node.args))
+
+    def _several(self, node: Node) -> None:
+        getattr(self, f"_{node.op}")(node)
+
+    def _array(self, name: str, args: Sequence[Node]) -> str:
+        return f"double {name}[{len(args)}] = {{{', '.join(self.operand(a, 0) for a in args)}}};"
+
+    def _solve(self, node: Node) -> None:
+        n, name = node.data, self._declare(node)
+        a, b, order = f"a{name[1:]}", f"b{name[1:]}", f"c{name[1:]}"
+        self.lines += [
+            self._array(a, node.args[: n * n]),
+            self._array(b, node.args[n * n :]),
+            f"int {order}[{n}];",
+            f"double {name}[{n + 1}];",
+            f"{name}[{n}] = (double)cotree_solve({n}, {a}, {b}, {order}, {name});",
+            f"if ({name}[{n}] < {n}.0) status = COTREE_SINGULAR;",
+        ]
+        self.uses_status = True
+
+    def _table(self, node: Node) -> None:
+        name, table = self._declare(node), self.tables[node.data]
+        n = len(node.data.x)
+        self.lines += [
+            f"double {name}[2];",
+            f"cotree_table({n}, {table}_x, {table}_y, {self.operand(node.args[0], 0)}, {name});",
+        ]
+
+    def _call(self, node: Node) -> None:
+        name = self._declare(node)
+        self.lines += [
+            f"const {self._array(f'a{name[1:]}', node.args)}",
+            f"double {name}[{node.data.n_results}];",
+            f"if ({node.data.name}(a{name[1:]}, {name}) != 0) status = COTREE_FAILED_CALL;",
+        ]
+        self.uses_status = True

@@ -1,0 +1,93 @@
+"""Contexts into templates: the C files of a model."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cotree.errors import CodegenError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import jinja2
+
+    from cotree.codegen.context import ModelContext
+
+#: Bytes of C text beyond which no compiler is bothered.
+LARGEST_FILE = 200_000_000
+
+
+def template_folder() -> Path:
+    """Find the templates: beside the installed package, or in the source tree.
+
+    Raises
+    ------
+    CodegenError
+        If they are in neither place.
+    """
+    package = Path(__file__).resolve().parents[1]
+    for folder in (package / "_templates", package.parents[1] / "templates"):
+        if (folder / "c").is_dir():
+            return folder
+    raise CodegenError(f"the templates are missing from {package}: install cotree again")
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    import jinja2
+
+    return jinja2.Environment(
+        loader=jinja2.FileSystemLoader(template_folder()),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,  # C, not HTML: what is untrusted was escaped in naming.py
+    )
+
+
+def render(template: str, **context: object) -> str:
+    """Fill one template.
+
+    Parameters
+    ----------
+    template : str
+        Path below the template folder.
+    **context
+        Typed contexts, see :mod:`cotree.codegen.context`.
+
+    Raises
+    ------
+    CodegenError
+        If the text grows beyond reason.
+    """
+    text = _environment().get_template(template).render(**context)
+    if len(text) > LARGEST_FILE:
+        raise CodegenError(
+            f"the C text has {len(text)} characters: ask for fewer sensitivities or outputs"
+        )
+    return text
+
+
+def render_model(model: ModelContext) -> Mapping[str, str]:
+    """Write the C files of a model.
+
+    Parameters
+    ----------
+    model : ModelContext
+        From :func:`cotree.codegen.context.model_context`.
+
+    Returns
+    -------
+    mapping of str to str
+        Text by file name: ``cotree_abi.h``, ``<model>.h``, ``<model>.c``.
+    """
+    return {
+        "cotree_abi.h": render(
+            "c/cotree_abi.h.jinja", abi_version=model.abi_version, generator=model.generator
+        ),
+        f"{model.prefix}.h": render("c/model.h.jinja", model=model),
+        f"{model.prefix}.c": render("c/model.c.jinja", model=model),
+    }

@@ -1,0 +1,53 @@
+"""Pass: divide once. Divisions by one value become products with its reciprocal.
+
+Assumes nothing. Guarantees the same values to rounding. A reciprocal is formed where a kernel
+divides by the same value more than once, or by a value of parameters only, whose reciprocal
+``prepare`` then forms once for all calls. Other divisions stay.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from cotree.dag.traverse import dependent
+
+if TYPE_CHECKING:
+    from cotree.dag.nodes import Node
+    from cotree.program import Kernel, Program
+
+
+def share_reciprocals(program: Program) -> Program:
+    """Replace repeated divisions by products with a reciprocal."""
+    kernels = {name: _rewrite(kernel) for name, kernel in program.kernels.items()}
+    return replace(program, kernels=kernels)
+
+
+def _rewrite(kernel: Kernel) -> Kernel:
+    order = kernel.order
+    divisions = [node for node in order if node.op == "div"]
+    if not divisions:
+        return kernel
+    varying = dependent(
+        order, [node for node in order if node.op == "symbol" and node.data[0] not in ("p", "k")]
+    )
+    times = Counter(node.args[1] for node in divisions)
+    shared = {
+        node
+        for node in divisions
+        if times[node.args[1]] > 1 or (node.args[1] not in varying and node in varying)
+    }
+    new: dict[Node, Node] = {}
+    for node in order:
+        args = tuple(new.get(arg, arg) for arg in node.args)
+        if node in shared and args[0] is not node.dag.one:
+            with node.dag.labelled(node.section):
+                new[node] = args[0] * (1.0 / args[1])
+        elif any(arg in new for arg in node.args):
+            with node.dag.labelled(node.section):
+                new[node] = node.dag.rebuild(node, args)
+    results = tuple(new.get(node, node) for node in kernel.results)
+    return replace(kernel, results=results)
+
+

@@ -1,0 +1,52 @@
+"""Operation counts: every + - * /, negation and function call counts as one."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from cotree.dag.nodes import Node
+
+_ARITHMETIC = frozenset({"add", "sub", "mul", "div", "neg"})
+
+
+@dataclass(frozen=True)
+class OperationCount:
+    """Operations of a kernel.
+
+    Attributes
+    ----------
+    by_kind : mapping of str to int
+        Counts by operation: ``add``, ``sub``, ``mul``, ``div``, ``neg``, and functions by name.
+    kernel, prepare : int
+        Operations of the kernel alone, and of what it uses of ``prepare``.
+    """
+
+    by_kind: Mapping[str, int]
+    kernel: int
+    prepare: int = 0
+
+    @property
+    def total(self) -> int:
+        """All operations, those of ``prepare`` that the kernel uses counted in."""
+        return self.kernel + self.prepare
+
+    @property
+    def calls(self) -> int:
+        """Function calls among them."""
+        return sum(n for kind, n in self.by_kind.items() if kind not in _ARITHMETIC)
+
+    def with_prepared(self, share: OperationCount) -> OperationCount:
+        """Count in what a kernel uses of ``prepare``."""
+        return OperationCount(
+            dict(Counter(self.by_kind) + Counter(share.by_kind)), self.kernel, share.kernel
+        )
+
+
+def count_operations(nodes: Iterable[Node]) -> OperationCount:
+    """Count the operations among some nodes; reading a result of several is none."""
+    kinds = Counter(node.op for node in nodes if node.args and node.op != "result")
+    return OperationCount(dict(sorted(kinds.items())), kinds.total())

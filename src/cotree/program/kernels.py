@@ -1,0 +1,61 @@
+"""The registry of kernels: one row each, with its arguments and what it computes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+#: Arguments of kernels: C declaration and meaning. ``k`` is what ``prepare`` made of p.
+ARGUMENTS: dict[str, tuple[str, str]] = {
+    "t": ("double t", "time"),
+    "x": ("const double *COTREE_RESTRICT x", "states"),
+    "s": ("const double *COTREE_RESTRICT s", "sensitivities, parameter by parameter"),
+    "u": ("const double *COTREE_RESTRICT u", "inputs"),
+    "p": ("const double *COTREE_RESTRICT p", "parameters"),
+    "k": ("const double *COTREE_RESTRICT k", "prepared values"),
+}
+
+
+@dataclass(frozen=True)
+class KernelSpec:
+    """A kind of kernel.
+
+    Attributes
+    ----------
+    name : str
+        Its name; in C it follows the model's.
+    arguments : tuple of str
+        Keys of :data:`ARGUMENTS`, in order; the result comes last.
+    result : str
+        Name of the result in C.
+    doc : str
+        What it computes.
+    """
+
+    name: str
+    arguments: tuple[str, ...]
+    result: str
+    doc: str
+
+
+_STATE = ("t", "x", "u", "p", "k")
+_SENSITIVITY = ("t", "x", "s", "u", "p", "k")
+
+_ROWS = (
+    KernelSpec("prepare", ("p",), "k", "what depends on parameters only"),
+    KernelSpec("initial", ("p", "k"), "x", "initial states"),
+    KernelSpec("initial_sensitivity", ("p", "k"), "s", "sensitivities of the initial states"),
+    KernelSpec("inputs", ("t", "p", "k"), "u", "the scene's own inputs"),
+    KernelSpec("rhs", _STATE, "dx", "rates of the states"),
+    KernelSpec(
+        "jacobian", _STATE, "values", "derivatives of rhs by the states: nonzeros, by columns"
+    ),
+    KernelSpec("sensitivity_rhs", _SENSITIVITY, "ds", "rates of the sensitivities"),
+    KernelSpec(
+        "augmented_rhs", _SENSITIVITY, "dz", "rates of the states, then of the sensitivities"
+    ),
+    KernelSpec("outputs", _STATE, "y", "outputs"),
+    KernelSpec("output_sensitivity", _SENSITIVITY, "dy", "sensitivities of the outputs"),
+)
+
+#: Every kind of kernel, by name.
+KERNELS: dict[str, KernelSpec] = {row.name: row for row in _ROWS}

@@ -1,0 +1,101 @@
+"""From equations to a program: eliminate the unknowns and gather the kernels."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cotree.dag.traverse import substitute
+from cotree.equations import Quantity
+from cotree.formulation.elimination import factorise, substitute_back
+from cotree.program.kernels import KERNELS
+from cotree.program.program import Kernel, Layout, Program
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cotree.dag.nodes import Node
+    from cotree.equations import Derivative, Equations
+    from cotree.formulation.elimination import Factors
+
+
+def lower(equations: Equations) -> Program:
+    """Turn equations into a program.
+
+    The matrix is factorised once; every derivative reuses the factors.
+
+    Parameters
+    ----------
+    equations : Equations
+        Governing and sensitivity equations.
+    """
+    factors = factorise(equations.dag, equations.matrix, equations.is_safe)
+    solved = dict(zip(equations.unknowns, substitute_back(factors, equations.forcing), strict=True))
+    rates = substitute(equations.rates, solved)
+    along = [
+        _solve_derivative(equations, factors, solved, row) for row in equations.sensitivities
+    ]
+    columns = [_solve_derivative(equations, factors, solved, row) for row in equations.columns]
+    sensitivity_rates = [node for row in along for node in row]
+    starts, rows, values = _compress(columns)
+    results: dict[str, list[Node]] = {
+        "prepare": [],
+        "initial": [state.initial for state in equations.states],
+        "initial_sensitivity": [node for row in equations.sensitivities for node in row.initial],
+        "inputs": list(equations.input_values),
+        "rhs": rates,
+        "jacobian": values,
+        "sensitivity_rhs": sensitivity_rates,
+        "augmented_rhs": [*rates, *sensitivity_rates],
+        "outputs": list(equations.output_values),
+        "output_sensitivity": [node for row in equations.sensitivities for node in row.outputs],
+    }
+    if not equations.sensitivities:  # model only what is asked for
+        for name in ("sensitivity_rhs", "augmented_rhs"):
+            results[name] = []
+    return Program(
+        equations.dag,
+        _layout(equations, starts, rows),
+        {name: Kernel(spec, tuple(results[name])) for name, spec in KERNELS.items()},
+        equations.guards,
+    )
+
+
+def _solve_derivative(
+    equations: Equations, factors: Factors, solved: dict[Node, Node], row: Derivative
+) -> list[Node]:
+    """Substitute the unknowns and their derivatives into the derivatives of the rates."""
+    n = len(row.forcing)
+    known = substitute((*row.forcing, *row.rates), solved)
+    tangents = substitute_back(factors, known[:n])
+    return substitute(
+        known[n:], dict(zip(equations.unknown_tangents, tangents, strict=True))
+    )
+
+
+def _compress(columns: Sequence[Sequence[Node]]) -> tuple[list[int], list[int], list[Node]]:
+    """List the nonzeros by columns."""
+    starts, rows, values = [0], [], []
+    for column in columns:
+        for i, node in enumerate(column):
+            if not node.is_zero:
+                rows.append(i)
+                values.append(node)
+        starts.append(len(rows))
+    return starts, rows, values
+
+
+def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
+
+
+    states: tuple[Quantity, ...] = tuple(Quantity(s.name, s.unit) for s in equations.states)
+    return Layout(
+        name=equations.name,
+        states=states,
+        parameters=equations.parameters,
+        inputs=equations.inputs,
+        outputs=equations.outputs,
+        sensitivities=tuple(row.name for row in equations.sensitivities),
+        parameter_values=equations.parameter_values,
+        column_starts=tuple(starts),
+        row_indices=tuple(rows),
+    )

@@ -1,0 +1,120 @@
+"""The program of a scene: what each kernel computes, as nodes of one arena."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from cotree.dag.traverse import reachable
+from cotree.program.counts import OperationCount, count_operations
+
+if TYPE_CHECKING:
+    from cotree.dag.nodes import Dag, Node
+    from cotree.equations import Guard, Quantity
+    from cotree.program.kernels import KernelSpec
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """One kernel: its kind and its results, in order.
+
+    Attributes
+    ----------
+    spec : KernelSpec
+        Its kind.
+    results : tuple of Node
+        What it writes.
+    """
+
+    spec: KernelSpec
+    results: tuple[Node, ...]
+
+    @cached_property
+    def order(self) -> list[Node]:
+        """Every value that the results need, in order of evaluation."""
+        return reachable(self.results)
+
+    @property
+    def n_operations(self) -> int:
+        """Number of operations of the kernel alone."""
+        return count_operations(self.order).total
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Names, units and patterns of a program's arguments and results.
+
+    Attributes
+    ----------
+    name : str
+        Name of the scene.
+    states, parameters, inputs, outputs : tuple of Quantity
+        In the order of the arrays.
+    sensitivities : tuple of str
+        Parameters and states that sensitivities are taken to.
+    parameter_values : tuple of float
+        The scene's values.
+    column_starts, row_indices : tuple of int
+        The Jacobian's pattern, compressed by columns.
+    """
+
+    name: str
+    states: tuple[Quantity, ...]
+    parameters: tuple[Quantity, ...]
+    inputs: tuple[Quantity, ...]
+    outputs: tuple[Quantity, ...]
+    sensitivities: tuple[str, ...]
+    parameter_values: tuple[float, ...]
+    column_starts: tuple[int, ...]
+    row_indices: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Program:
+    """A program.
+
+    Attributes
+    ----------
+    dag : Dag
+        The arena of all its values.
+    layout : Layout
+        Names and patterns.
+    kernels : mapping of str to Kernel
+        By name, in the registry's order.
+    guards : tuple of Guard
+        Checked by ``prepare``.
+    """
+
+    dag: Dag
+    layout: Layout
+    kernels: Mapping[str, Kernel]
+    guards: tuple[Guard, ...]
+
+    @property
+    def n_prepared(self) -> int:
+        """Number of prepared values."""
+        return len(self.kernels["prepare"].results)
+
+    @cached_property
+    def operations(self) -> dict[str, OperationCount]:
+        """Operation counts of each kernel, with its share of ``prepare`` counted in."""
+        prepared = self.kernels["prepare"].results
+        counts = {}
+        for name, kernel in self.kernels.items():
+            own = count_operations(kernel.order)
+            used = [node for node in kernel.order if node.op == "symbol" and node.data[0] == "k"]
+            share = count_operations(reachable([prepared[node.data[1]] for node in used]))
+            counts[name] = own.with_prepared(share)
+        return counts
+
+    def summary(self) -> str:
+        """Describe the kernels by their operation counts."""
+        lines = [f"{self.layout.name}: {len(self.kernels)} kernels"]
+        for name, count in self.operations.items():
+            lines.append(
+                f"  {name:20} {len(self.kernels[name].results):6} results {count.total:8} "
+                f"operations ({count.kernel} in the kernel, {count.prepare} prepared)"
+            )
+        return "\n".join(lines)

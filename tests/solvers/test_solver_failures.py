@@ -1,0 +1,151 @@
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+import pytest
+from ivp_cases import oscillator, scalar
+
+from cotree.errors import ModelError, SolveError
+from cotree.solvers import METHODS, check_problem, integrate
+
+ALL = list(METHODS)
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_past_a_pole(method):
+    times = np.array([0.0, 0.25, 1.5])
+    result = integrate(scalar(lambda t, x: x * x, lambda t, x: 2 * x, t_eval=times), method)
+    assert result.status == -1
+    assert not result.message.startswith(f"{method} reached")
+    # The last column is the last good point. The pole lies at t = 1; at rtol = 1e-6 the methods
+    # place it within 1e-4 of that.
+    assert result.t[:2].tolist() == [0.0, 0.25]
+    assert result.t[2] == pytest.approx(1, abs=1e-4)
+    assert np.all(np.isfinite(result.z))
+    assert result.z[0, 1] == pytest.approx(4 / 3, rel=1e-4)
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_derivative_becomes_nan(method):
+    result = integrate(scalar(lambda t, x: math.nan if t > 0.5 else 1.0, lambda t, x: 0.0), method)
+    assert result.status == -1
+    assert "the derivative of 'x' is nan at t = " in result.message
+    assert result.t[-1] <= 0.5
+    np.testing.assert_allclose(result.z[0], 1 + result.t, rtol=1e-12)
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_derivative_is_infinite_at_the_start(method):
+    result = integrate(scalar(lambda t, x: math.inf, lambda t, x: 0.0), method)
+    assert result.status == -1
+    assert "cannot start; the derivative of 'x' is inf at t = 0" in result.message
+    assert result.t.tolist() == [0.0]
+
+
+@pytest.mark.parametrize("method", ["Radau", "BDF", "LSODA", "cvode", "ida"])
+def test_jacobian_that_is_not_finite_at_first(method):
+    result = integrate(scalar(lambda t, x: -1000 * x, lambda t, x: math.nan), method)
+    # LSODA begins with Adams' formulas and may never ask.
+    assert result.status == -1 or (method == "LSODA" and result.statistics.njev == 0)
+    if result.statistics.njev:
+        assert "'x' differentiated by 'x' is nan" in result.message
+
+
+@pytest.mark.parametrize("method", ["Radau", "BDF", "LSODA", "cvode", "ida"])
+def test_trial_steps_may_leave_the_domain(method):
+    def root(t: float, x: float) -> float:
+        return -math.sqrt(x) if x >= 0 else math.nan
+
+    # x = (1 - t/2)^2 comes near to the edge of the domain, where trial steps overshoot.
+    result = integrate(scalar(root, None, t_span=(0.0, 1.99)), method)
+    assert result.status == 0, result.message
+    # atol = 1e-8, and the error of 1e-6 in the motion before, divided by the closing distance.
+    assert result.z[0, -1] == pytest.approx(0.005**2, abs=2e-6)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ModelError, ValueError])
+@pytest.mark.parametrize("method", ALL)
+def test_errors_of_the_right_hand_side_propagate(method, error):
+    def broken(t: float, x: float) -> float:
+        if t > 0.5:
+            raise error("from inside")
+        return -x
+
+    with pytest.raises(error, match="from inside"):
+        integrate(scalar(broken, lambda t, x: -1.0), method)
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_step_budget(method):
+    result = integrate(oscillator(max_steps=7), method)
+    assert result.status == -2
+    assert "limit of 7 steps" in result.message
+    assert result.statistics.n_steps == 7
+    assert result.t.size == 8
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_time_budget(method):
+    def slow(t: float, x: float) -> float:
+        time.sleep(0.001)
+        return -1e3 * (x - math.cos(1e3 * t))
+
+    begin = time.perf_counter()
+    span = (0.0, 1e3)
+    problem = scalar(slow, lambda t, x: -1e3, z0=0.0, t_span=span, time_limit=0.05)
+    result = integrate(problem, method)
+    assert result.status == -2
+    assert "time limit of 0.05 s" in result.message
+    # One evaluation may overrun; the rest is room for a busy machine.
+    assert time.perf_counter() - begin < 2.0
+
+
+@pytest.mark.parametrize("method", ["cvode", "ida"])
+def test_more_than_500_steps_between_outputs(method):
+    problem = scalar(
+        lambda t, x: math.cos(100 * t), lambda t, x: 0.0, t_eval=np.array([10.0]), t_span=(0, 10)
+    )
+    result = integrate(problem, method)
+    assert result.status == 0
+    assert result.statistics.n_steps > 500
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"t_span": (1.0, 1.0)}, "empty"),
+        ({"t_span": (0.0, math.inf)}, "not finite"),
+        ({"t_eval": np.array([])}, "at least one"),
+        ({"t_eval": np.array([0.0, math.nan])}, "not finite"),
+        ({"t_eval": np.array([0.0, 6.0])}, "outside"),
+        ({"t_eval": np.array([1.0, 1.0])}, "strictly increase"),
+        ({"t_eval": np.array([0.0, 1.0]), "t_span": (5.0, 0.0)}, "strictly decrease"),
+        ({"rtol": 0.0}, "rtol is 0"),
+        ({"rtol": math.nan}, "rtol is nan"),
+        ({"atol": -1.0}, "atol is -1"),
+        ({"atol": np.array([1e-8, math.inf])}, "atol of 'v' is inf"),
+        ({"atol": np.ones(3)}, "each of the 2 states"),
+        ({"z0": np.array([0.0, math.nan, 0, 0, 0, 0])}, "initial value of 'v' is nan"),
+        (
+            {"z0": np.array([0.0, 0, 0, 0, math.inf, 0])},
+            "the sensitivity of 'x' to parameter 1 is inf",
+        ),
+        ({"z0": np.zeros(5)}, "shape"),
+        ({"names": ("x",)}, "1 names are given for 2 states"),
+        ({"breakpoints": (math.nan,)}, "breakpoint"),
+        ({"max_steps": 0}, "max_steps is 0"),
+        ({"time_limit": -1.0}, "time_limit is -1"),
+    ],
+)
+def test_wrong_problems_are_named(changes, words):
+    with pytest.raises(SolveError, match=words):
+        check_problem(oscillator(**changes))
+
+
+def test_shapes_of_callables_are_checked():
+    with pytest.raises(SolveError, match=r"right-hand side returned shape \(2,\)"):
+        integrate(oscillator(rhs=lambda t, z: z[:2]), "RK45")
+    with pytest.raises(SolveError, match=r"Jacobian has shape \(3, 3\)"):
+        integrate(oscillator(jacobian=lambda t, y: np.eye(3)), "BDF")
