@@ -1,1 +1,42 @@
-"""cotree."""
+"""From a linear graph of a dynamic system to compiled C with exact sensitivities."""
+
+from __future__ import annotations
+
+from cotree.api import Model, Scene, load
+from cotree.build import cache_directory, clear_cache
+from cotree.errors import (
+    BuildError,
+    CodegenError,
+    Error,
+    ExpressionError,
+    FormulationError,
+    ModelError,
+    ParameterError,
+    SceneError,
+    SingularSystemError,
+    SolveError,
+    TopologyError,
+)
+from cotree.solvers import Result
+from cotree.version import VERSION as __version__
+
+__all__ = [
+    "BuildError",
+    "CodegenError",
+    "Error",
+    "ExpressionError",
+    "FormulationError",
+    "Model",
+    "ModelError",
+    "ParameterError",
+    "Result",
+    "Scene",
+    "SceneError",
+    "SingularSystemError",
+    "SolveError",
+    "TopologyError",
+    "__version__",
+    "cache_directory",
+    "clear_cache",
+    "load",
+]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from cotree.codegen.printer_c import literal, print_nodes
 from cotree.dag.operations import OPERATIONS
 from cotree.dag.several import Function, Table
-from cotree.dag.traverse import symbols_in
+from cotree.dag.traverse import reachable
 from cotree.naming import c_comment, c_identifier, c_string
 from cotree.program.kernels import ARGUMENTS
 from cotree.version import ABI_VERSION, VERSION
@@ -20,10 +20,6 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Node
     from cotree.equations import Quantity
     from cotree.program import Kernel, Program
-
-#: C name of each kind of symbol.
-SYMBOL_NAMES = {kind: kind for kind in ("t", "x", "s", "u", "p", "k")}
-
 
 @dataclass(frozen=True)
 class QuantityContext:
@@ -176,7 +172,7 @@ def _kernel_context(
     is_prepare = spec.name == "prepare"
     guards = program.guards if is_prepare else ()
     printed = print_nodes(
-        [*kernel.results, *(guard.value for guard in guards)], SYMBOL_NAMES, tables
+        [*kernel.results, *(guard.value for guard in guards)], kernel.prepared, tables
     )
     n_results = len(kernel.results)
     lines = list(printed.lines)
@@ -189,7 +185,7 @@ def _kernel_context(
         signature=_signature(f"{prefix}_{spec.name}", kernel),
         doc=spec.doc,
         n_results=n_results,
-        n_operations=kernel.n_operations,
+        n_operations=kernel.operations.total,
         n_statements=printed.n_statements,
         unused=_unused(kernel, [guard.value for guard in guards]),
         lines=lines,
@@ -214,6 +210,9 @@ def _signature(name: str, kernel: Kernel) -> str:
 
 def _unused(kernel: Kernel, guards: Sequence[Node]) -> list[str]:
     """List the arguments that no statement reads or writes."""
-    read = {node.data[0] for node in symbols_in([*kernel.results, *guards])}
+    nodes = reachable([*kernel.results, *guards], stop=kernel.prepared)
+    read = {node.data[0] for node in nodes if node.op == "symbol"}
+    if any(node in kernel.prepared for node in nodes):
+        read.add("k")
     unused = [key for key in kernel.spec.arguments if key not in read]
     return unused if kernel.results else [*unused, kernel.spec.result]

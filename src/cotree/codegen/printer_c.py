@@ -6,7 +6,6 @@ evaluation. Comments name the group that a statement belongs to.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -54,7 +53,7 @@ def literal(value: float) -> str:
 
 
 def print_nodes(
-    roots: Sequence[Node], rename: Mapping[str, str], tables: Mapping[object, str]
+    roots: Sequence[Node], prepared: Mapping[Node, int], tables: Mapping[object, str]
 ) -> Printed:
     """Print the statements that some values need.
 
@@ -62,13 +61,15 @@ def print_nodes(
     ----------
     roots : sequence of Node
         The values wanted.
-    rename : mapping of str to str
-        C name of each kind of symbol.
+    prepared : mapping of Node to int
+        Values to read from ``k``, with their place there.
     tables : mapping of Table to str
         C name of each table.
     """
-    printer = _Printer(rename, tables, roots)
-    for node in reachable(roots):
+    order = reachable(roots, stop=prepared)
+    printer = _Printer(prepared, tables)
+    printer.count_uses(roots, order)
+    for node in order:
         printer.visit(node)
     values = [printer.operand(root, 0) for root in roots]
     return Printed(printer.lines, values, printer.n_statements, printer.uses_status)
@@ -76,18 +77,26 @@ def print_nodes(
 
 @dataclass
 class _Printer:
-    rename: Mapping[str, str]
+    prepared: Mapping[Node, int]
     tables: Mapping[object, str]
-    roots: Sequence[Node]
     lines: list[str] = field(default_factory=list)
     uses_status: bool = False
 
     def __post_init__(self) -> None:
         self._text: dict[Node, tuple[str, int]] = {}  # expression and its precedence
         self._number: dict[Node, int] = {}  # of the values that have a statement
+        self._uses: dict[Node, int] = {}
         self._section = ""
-        self._uses = Counter(arg for node in reachable(self.roots) for arg in node.args)
-        self._uses.update(self.roots)
+
+    def count_uses(self, roots: Sequence[Node], order: Sequence[Node]) -> None:
+        """Count how often each value is read."""
+        uses = self._uses
+        for node in order:
+            if node not in self.prepared:
+                for arg in node.args:
+                    uses[arg] = uses.get(arg, 0) + 1
+        for root in roots:
+            uses[root] = uses.get(root, 0) + 1
 
     @property
     def n_statements(self) -> int:
@@ -100,13 +109,14 @@ class _Printer:
 
     def visit(self, node: Node) -> None:
         op = node.op
-        if op == "constant":
+        if node in self.prepared:
+            self._text[node] = (f"k[{self.prepared[node]}]", _ATOM)
+        elif op == "constant":
             assert node.value is not None
             self._text[node] = (literal(node.value), _ATOM if node.value >= 0.0 else 3)
         elif op == "symbol":
             kind, position = node.data
-            name = self.rename[kind]
-            self._text[node] = (name if kind == "t" else f"{name}[{position}]", _ATOM)
+            self._text[node] = (kind if kind == "t" else f"{kind}[{position}]", _ATOM)
         elif op in SEVERAL:
             self._several(node)
         elif op == "result":

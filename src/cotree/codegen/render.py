@@ -91,3 +91,18 @@ def render_model(model: ModelContext) -> Mapping[str, str]:
         f"{model.prefix}.h": render("c/model.h.jinja", model=model),
         f"{model.prefix}.c": render("c/model.c.jinja", model=model),
     }
+
+
+def cdef(header: str, prefix: str) -> str:
+    """Give the declarations that cffi reads, for one model.
+
+    Parameters
+    ----------
+    header : str
+        Text of ``cotree_abi.h``.
+    prefix : str
+        Prefix of the model's names.
+    """
+    begin = header.index("*/", header.index("begin of the part that cffi reads")) + 2
+    end = header.index("/* cotree: end of the part that cffi reads")
+    return f"{header[begin:end]}\nconst cotree_model *{prefix}_abi(void);\n"

@@ -28,7 +28,7 @@ def evaluate(
     roots : sequence of Node
         What is wanted.
     values : mapping of Node to number
-        The symbols' values.
+        The symbols' values; other nodes may be given too, and are then not computed.
     numbers : {'real', 'complex_', 'array'}
         Kind of the values; 'complex_' follows the real part at every branch, for the complex step.
     order : sequence of Node, optional
@@ -48,12 +48,14 @@ def evaluate(
     """
     functions = {name: getattr(row, numbers) for name, row in OPERATIONS.items()}
     known: dict[Node, Any] = {}
-    for node in reachable(roots) if order is None else order:
+    for node in reachable(roots, stop=values) if order is None else order:
         op = node.op
-        if op == "constant":
+        if node in values:
+            known[node] = values[node]
+        elif op == "constant":
             known[node] = node.value
         elif op == "symbol":
-            known[node] = values[node]
+            raise KeyError(node.data)
         elif op == "result":
             known[node] = known[node.args[0]][node.data]
         elif op in SEVERAL:

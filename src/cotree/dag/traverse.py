@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from cotree.dag.nodes import Node
+
+_by_index = attrgetter("index")
 
 
 def reachable(roots: Iterable[Node], stop: Container[Node] = ()) -> list[Node]:
@@ -24,7 +27,7 @@ def reachable(roots: Iterable[Node], stop: Container[Node] = ()) -> list[Node]:
             if arg not in found:
                 found.add(arg)
                 stack.append(arg)
-    return sorted(found, key=lambda node: node.index)
+    return sorted(found, key=_by_index)
 
 
 def dependent(nodes: Iterable[Node], sources: Iterable[Node]) -> set[Node]:
@@ -53,11 +56,11 @@ def substitute(roots: Iterable[Node], replacement: Mapping[Node, Node]) -> list[
     """
     roots = list(roots)
     new: dict[Node, Node] = dict(replacement)
-    for node in reachable(roots):
-        if node in new or not node.args:
+    for node in reachable(roots, stop=replacement):
+        if node in replacement:
             continue
-        if any(arg in new for arg in node.args):
-            args = tuple(new.get(arg, arg) for arg in node.args)
+        args = tuple([new.get(arg, arg) for arg in node.args])
+        if args != node.args:
             made = node.dag.rebuild(node, args)
             if made is not node:
                 new[node] = made

@@ -136,7 +136,7 @@ def _line(
     dag = motion.system.dag
     if is_central:
         length = dag.function("sqrt", vector.dot(reach, reach))
-        direction = (reach[0] / length, reach[1] / length, reach[2] / length)
+        direction = vector.scale(1.0 / length, reach)
     else:
         direction = carried(motion, first, edge.vectors["axis"], ancestor)
         length = vector.dot(direction, reach)

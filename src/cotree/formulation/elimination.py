@@ -26,8 +26,8 @@ class Factors:
         The safe unknowns, in the order of their elimination.
     columns : tuple of dict of int to Node
         For each of them, its multipliers in the rows that remain.
-    pivots : tuple of Node
-        Their pivots.
+    inverses : tuple of Node
+        The reciprocals of their pivots: every right-hand side multiplies by them.
     core : tuple of int
         The unknowns left to a solution at run time.
     core_matrix : tuple of rows of Node
@@ -37,7 +37,7 @@ class Factors:
     dag: Dag
     order: tuple[int, ...]
     columns: tuple[dict[int, Node], ...]
-    pivots: tuple[Node, ...]
+    inverses: tuple[Node, ...]
     core: tuple[int, ...]
     core_matrix: tuple[tuple[Node, ...], ...]
 
@@ -58,7 +58,7 @@ def factorise(dag: Dag, matrix: Sequence[Sequence[Node]], is_safe: Sequence[bool
     rows = {
         i: {j: matrix[i][j] for j in range(n) if not matrix[i][j].is_zero} for i in range(n)
     }
-    order, columns, pivots = [], [], []
+    order, columns, inverses = [], [], []
     left = {i for i in range(n) if is_safe[i]}
     while left:
         # Ties go to the last, which lies farthest out in the tree and fills in least.
@@ -67,7 +67,8 @@ def factorise(dag: Dag, matrix: Sequence[Sequence[Node]], is_safe: Sequence[bool
         pivot_row = rows.pop(k)
         pivot = pivot_row.pop(k)
         with dag.labelled("elimination"):
-            multipliers = {i: entry / pivot for i, entry in sorted(pivot_row.items())}
+            inverse = 1.0 / pivot
+            multipliers = {i: entry * inverse for i, entry in sorted(pivot_row.items())}
             for i, multiplier in multipliers.items():
                 del rows[i][k]
                 for j, entry in pivot_row.items():
@@ -77,13 +78,13 @@ def factorise(dag: Dag, matrix: Sequence[Sequence[Node]], is_safe: Sequence[bool
                     rows[i][j] = rows[j][i] = updated
         order.append(k)
         columns.append(multipliers)
-        pivots.append(pivot)
+        inverses.append(inverse)
     core = tuple(sorted(rows))
     return Factors(
         dag,
         tuple(order),
         tuple(columns),
-        tuple(pivots),
+        tuple(inverses),
         core,
         tuple(tuple(rows[i].get(j, dag.zero) for j in core) for i in core),
     )
@@ -115,13 +116,13 @@ def substitute_back(factors: Factors, rhs: Sequence[Node]) -> list[Node]:
             solution = solve(dag, factors.core_matrix, [right[i] for i in factors.core])
             for i, value in zip(factors.core, solution, strict=False):
                 unknowns[i] = value
-        for k, column, pivot in zip(
+        for k, column, inverse in zip(
             reversed(factors.order),
             reversed(factors.columns),
-            reversed(factors.pivots),
+            reversed(factors.inverses),
             strict=True,
         ):
-            value = right[k] / pivot
+            value = right[k] * inverse
             for i, multiplier in column.items():
                 value = value - multiplier * unknowns[i]
             unknowns[k] = value

@@ -39,12 +39,14 @@ def run_passes(program: Program) -> tuple[Program, tuple[PassReport, ...]]:
         One for each pass.
     """
     reports = []
+    before = _counts(program)
     for name, transform in RECIPE:
-        before = _counts(program)
         program = transform(program)
-        reports.append(PassReport(name, before, _counts(program)))
+        after = _counts(program)
+        reports.append(PassReport(name, before, after))
+        before = after
     return program, tuple(reports)
 
 
 def _counts(program: Program) -> dict[str, int]:
-    return {name: kernel.n_operations for name, kernel in program.kernels.items()}
+    return {name: kernel.operations.total for name, kernel in program.kernels.items()}

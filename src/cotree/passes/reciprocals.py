@@ -26,7 +26,7 @@ def share_reciprocals(program: Program) -> Program:
 
 def _rewrite(kernel: Kernel) -> Kernel:
     order = kernel.order
-    divisions = [node for node in order if node.op == "div"]
+    divisions = [n for n in order if n.op == "div" and n.args[0] is not n.dag.one]
     if not divisions:
         return kernel
     varying = dependent(
@@ -41,7 +41,7 @@ def _rewrite(kernel: Kernel) -> Kernel:
     new: dict[Node, Node] = {}
     for node in order:
         args = tuple(new.get(arg, arg) for arg in node.args)
-        if node in shared and args[0] is not node.dag.one:
+        if node in shared:
             with node.dag.labelled(node.section):
                 new[node] = args[0] * (1.0 / args[1])
         elif any(arg in new for arg in node.args):

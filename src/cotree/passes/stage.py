@@ -1,6 +1,6 @@
 """Pass: stage. What depends on parameters only moves to ``prepare``.
 
-Assumes that ``prepare`` is empty. Guarantees that no kernel but ``prepare`` computes a value of
+Assumes that nothing is prepared yet. Guarantees that no kernel but ``prepare`` computes a value of
 parameters only: each reads it as a prepared value.
 """
 
@@ -9,34 +9,35 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from cotree.dag.traverse import dependent, substitute
+from cotree.dag.several import SEVERAL
+from cotree.dag.traverse import dependent, reachable
 
 if TYPE_CHECKING:
     from cotree.dag.nodes import Node
-    from cotree.program import Kernel, Program
+    from cotree.program import Program
 
 
 def stage_parameters(program: Program) -> Program:
     """Move values of parameters only to ``prepare``."""
-    staged: dict[Node, Node] = {}
-    for kernel in program.kernels.values():
-        for node in _frontier(kernel):
-            if node not in staged:
-                staged[node] = program.dag.symbol("k", len(staged))
+    results = [node for kernel in program.kernels.values() for node in kernel.results]
+    prepared = {node: i for i, node in enumerate(_frontier(results))}
     kernels = {
-        name: replace(kernel, results=tuple(substitute(kernel.results, staged)))
-        for name, kernel in program.kernels.items()
+        name: replace(kernel, prepared=prepared) for name, kernel in program.kernels.items()
     }
-    kernels["prepare"] = replace(kernels["prepare"], results=tuple(staged))
+    kernels["prepare"] = replace(kernels["prepare"], results=tuple(prepared), prepared={})
     return replace(program, kernels=kernels)
 
 
-def _frontier(kernel: Kernel) -> list[Node]:
+def _frontier(results: list[Node]) -> list[Node]:
     """List the values of parameters only that values of other things, or results, read."""
-    order = kernel.order
+    order = reachable(results)
     varying = dependent(
         order, [node for node in order if node.op == "symbol" and node.data[0] != "p"]
     )
     read = {arg for node in order if node in varying for arg in node.args}
-    read.update(kernel.results)
-    return [node for node in order if node in read and node not in varying and node.args]
+    read.update(results)
+    return [
+        node
+        for node in order
+        if node in read and node not in varying and node.args and node.op not in SEVERAL
+    ]

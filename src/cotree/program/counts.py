@@ -48,5 +48,5 @@ class OperationCount:
 
 def count_operations(nodes: Iterable[Node]) -> OperationCount:
     """Count the operations among some nodes; reading a result of several is none."""
-    kinds = Counter(node.op for node in nodes if node.args and node.op != "result")
+    kinds = Counter([node.op for node in nodes if node.args and node.op != "result"])
     return OperationCount(dict(sorted(kinds.items())), kinds.total())

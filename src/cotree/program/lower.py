@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cotree.dag.nodes import Node
-    from cotree.equations import Derivative, Equations
+    from cotree.equations import Equations
     from cotree.formulation.elimination import Factors
 
 
@@ -31,10 +31,7 @@ def lower(equations: Equations) -> Program:
     factors = factorise(equations.dag, equations.matrix, equations.is_safe)
     solved = dict(zip(equations.unknowns, substitute_back(factors, equations.forcing), strict=True))
     rates = substitute(equations.rates, solved)
-    along = [
-        _solve_derivative(equations, factors, solved, row) for row in equations.sensitivities
-    ]
-    columns = [_solve_derivative(equations, factors, solved, row) for row in equations.columns]
+    along, columns = _solve_derivatives(equations, factors, solved)
     sensitivity_rates = [node for row in along for node in row]
     starts, rows, values = _compress(columns)
     results: dict[str, list[Node]] = {
@@ -55,21 +52,29 @@ def lower(equations: Equations) -> Program:
     return Program(
         equations.dag,
         _layout(equations, starts, rows),
-        {name: Kernel(spec, tuple(results[name])) for name, spec in KERNELS.items()},
+        {name: Kernel(spec, tuple(results[name]), {}) for name, spec in KERNELS.items()},
         equations.guards,
     )
 
 
-def _solve_derivative(
-    equations: Equations, factors: Factors, solved: dict[Node, Node], row: Derivative
-) -> list[Node]:
-    """Substitute the unknowns and their derivatives into the derivatives of the rates."""
-    n = len(row.forcing)
-    known = substitute((*row.forcing, *row.rates), solved)
-    tangents = substitute_back(factors, known[:n])
-    return substitute(
-        known[n:], dict(zip(equations.unknown_tangents, tangents, strict=True))
+def _solve_derivatives(
+    equations: Equations, factors: Factors, solved: dict[Node, Node]
+) -> tuple[list[list[Node]], list[list[Node]]]:
+    """Form the derivatives of the rates along each sensitivity and each state."""
+    directions = (*equations.sensitivities, *equations.columns)
+    # One substitution for all directions: what they share is visited once.
+    known = iter(
+        substitute([node for row in directions for node in (*row.forcing, *row.rates)], solved)
     )
+    rates = []
+    for row in directions:
+        forcing = [next(known) for _ in row.forcing]
+        unsolved = [next(known) for _ in row.rates]
+        unknowns = substitute_back(factors, forcing)
+        tangents = dict(zip(equations.unknown_tangents, unknowns, strict=True))
+        rates.append(substitute(unsolved, tangents))
+    n = len(equations.sensitivities)
+    return rates[:n], rates[n:]
 
 
 def _compress(columns: Sequence[Sequence[Node]]) -> tuple[list[int], list[int], list[Node]]:

@@ -26,20 +26,23 @@ class Kernel:
         Its kind.
     results : tuple of Node
         What it writes.
+    prepared : mapping of Node to int
+        Values that it reads from ``k`` in place of computing them, with their place there.
     """
 
     spec: KernelSpec
     results: tuple[Node, ...]
+    prepared: Mapping[Node, int]
 
     @cached_property
     def order(self) -> list[Node]:
-        """Every value that the results need, in order of evaluation."""
-        return reachable(self.results)
+        """Every value that the results need, in order of evaluation; prepared ones included."""
+        return reachable(self.results, stop=self.prepared)
 
-    @property
-    def n_operations(self) -> int:
-        """Number of operations of the kernel alone."""
-        return count_operations(self.order).total
+    @cached_property
+    def operations(self) -> OperationCount:
+        """Operation counts of the kernel alone."""
+        return count_operations([node for node in self.order if node not in self.prepared])
 
 
 @dataclass(frozen=True)
@@ -100,13 +103,10 @@ class Program:
     @cached_property
     def operations(self) -> dict[str, OperationCount]:
         """Operation counts of each kernel, with its share of ``prepare`` counted in."""
-        prepared = self.kernels["prepare"].results
         counts = {}
         for name, kernel in self.kernels.items():
-            own = count_operations(kernel.order)
-            used = [node for node in kernel.order if node.op == "symbol" and node.data[0] == "k"]
-            share = count_operations(reachable([prepared[node.data[1]] for node in used]))
-            counts[name] = own.with_prepared(share)
+            used = [node for node in kernel.order if node in kernel.prepared]
+            counts[name] = kernel.operations.with_prepared(count_operations(reachable(used)))
         return counts
 
     def summary(self) -> str:

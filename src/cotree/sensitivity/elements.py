@@ -102,7 +102,7 @@ def _line_tangents(
         length = action.arguments["length"]
         d_length = vector.dot(direction, d_reach)
         across = vector.sub(d_reach, vector.scale(d_length, direction))
-        d_direction = (across[0] / length, across[1] / length, across[2] / length)
+        d_direction = vector.scale(1.0 / length, across)
     else:
         d_direction = _carried(moved, action.first, action.edge.vectors["axis"], ancestor)
         d_length = vector.dot(d_direction, reach) + vector.dot(direction, d_reach)

@@ -7,6 +7,7 @@ initial-value sensitivities differ in their seed only.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -68,8 +69,8 @@ def state_columns(first: FirstGraph, support: Support) -> tuple[Derivative, ...]
     )
 
 
-def forward_sensitivities(
-    first: FirstGraph, parameters: Mapping[str, Node], wanted: Sequence[str], support: Support
+def form_derivatives(
+    first: FirstGraph, wanted: Sequence[str], support: Support | None = None
 ) -> tuple[Derivative, ...]:
     """Differentiate along parameters or initial values, states taken along.
 
@@ -77,28 +78,32 @@ def forward_sensitivities(
     ----------
     first : FirstGraph
         The first graph.
-    parameters : mapping of str to Node
-        Symbols of the tunable parameters.
     wanted : sequence of str
         Names of parameters, or of states whose initial value is meant.
-    support : Support
-        Shared by all directions.
+    support : Support, optional
+        Shared with other directions.
 
     Returns
     -------
     tuple of Derivative
         In the order of ``wanted``. The sensitivity of state i to number j is the symbol
         ``("s", j * n_states + i)``.
+
+    Raises
+    ------
+    ParameterError
+        If a name is neither, is not tunable, or occurs twice.
     """
-    dag = first.system.dag
-    n = len(first.states)
+    _check_wanted(first, wanted)
+    dag, n = first.system.dag, len(first.states)
+    support = support or Support()
     found = []
     for j, name in enumerate(wanted):
         symbols = {
             state.symbol: dag.symbol("s", j * n + i) for i, state in enumerate(first.states)
         }
-        if name in parameters:
-            symbols[parameters[name]] = dag.one
+        if name in first.system.parameters:
+            symbols[first.system.parameters[name]] = dag.one
             found.append(differentiate(first, name, symbols, support))
         else:
             found.append(_initial_value(differentiate(first, name, symbols, support), first))
@@ -137,7 +142,6 @@ def form_equations(first: FirstGraph, sensitivities: Sequence[str]) -> Equations
     """
     scene, system = first.scene, first.system
     tunable = {n: symbol for n, symbol in system.parameters.items() if symbol.op == "symbol"}
-    _check_wanted(first, tunable, sensitivities)
     support = Support()
     parameters = [scene.parameters[name] for name in tunable]
     return Equations(
@@ -157,7 +161,7 @@ def form_equations(first: FirstGraph, sensitivities: Sequence[str]) -> Equations
         rates=first.rates,
         balances=first.balance.residual,
         output_values=first.outputs.values,
-        sensitivities=forward_sensitivities(first, tunable, sensitivities, support),
+        sensitivities=form_derivatives(first, sensitivities, support),
         columns=state_columns(first, support),
         guards=first.guards,
     )
@@ -173,12 +177,12 @@ def output_unit(first: FirstGraph, name: str) -> str:
     return {"x": "m", "y": "m", "z": "m", "vx": "m/s", "vy": "m/s", "vz": "m/s"}.get(variable, "")
 
 
-def _check_wanted(
-    first: FirstGraph, tunable: Mapping[str, Node], sensitivities: Sequence[str]
-) -> None:
+def _check_wanted(first: FirstGraph, wanted: Sequence[str]) -> None:
+    """Refuse names that nothing can have a sensitivity to."""
+    tunable = [n for n, symbol in first.system.parameters.items() if symbol.op == "symbol"]
     states = [state.name for state in first.states]
-    for name in sensitivities:
-        if list(sensitivities).count(name) > 1:
+    for name, times in Counter(wanted).items():
+        if times > 1:
             raise ParameterError(f"the sensitivity to '{name}' is asked for twice")
         if name in tunable or name in states:
             continue

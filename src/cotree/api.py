@@ -1,0 +1,292 @@
+"""The public face: Scene and Model, thin over the stages that do the work."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cotree.build import BuildOptions
+from cotree.dag.several import Table
+from cotree.model.model import CompiledModel
+from cotree.scene.description import SceneDescription
+from cotree.scene.toml_file import load_scene
+from cotree.solvers.simulate import Settings, simulate
+
+if TYPE_CHECKING:
+    from cotree.export.c_project import CProject
+    from cotree.export.equations import SymbolicEquations
+    from cotree.export.graph_report import GraphReport
+    from cotree.pipeline import Compiled
+    from cotree.scene.graphs import TreeChoice
+    from cotree.solvers import Result
+
+
+class Scene(SceneDescription):
+    """A system drawn as edges between named nodes.
+
+    Parameters
+    ----------
+    name : str
+        Its name: letters, digits, underscores, dashes.
+    gravity : sequence of three float or str, [m/s^2]
+        Acceleration of free fall in ground axes; expressions of parameters are allowed.
+
+    Examples
+    --------
+    >>> scene = Scene("pendulum", gravity=[0, "-g", 0])
+    >>> scene.parameter("g", 9.81, unit="m/s^2")
+    >>> scene.parameter("L", 2.0, unit="m")
+    >>> scene.edge("hinge", "revolute", "ground", "A", axis=[0, 0, 1], initial={"theta": 0.1})
+    >>> scene.edge("rod", "arm", "A", "B", vector=[0, "-L", 0])
+    >>> scene.edge("bob", "rigid_body", "ground", "B", mass=1.0)
+    >>> scene.compile(sensitivities=["L"]).states
+    ('hinge.theta', 'hinge.theta_dot')
+    """
+
+    def compile(
+        self,
+        sensitivities: Sequence[str] = (),
+        tree: TreeChoice = None,
+        *,
+        optimize: str = "auto",
+        native: bool = False,
+    ) -> Model:
+        """Form the equations, generate C, compile and load it.
+
+        Parameters
+        ----------
+        sensitivities : sequence of str
+            Parameters, or states whose initial value is meant, to take sensitivities to.
+        tree : None, sequence of str, or mapping of domain to sequence of str
+            The branches of both graphs, or of ``translation`` and ``rotation`` each; None takes
+            those that add least to the equations.
+        optimize : str
+            Compiler level, ``-O0`` to ``-O3``; ``auto`` goes by the size of the code.
+        native : bool
+            Use every instruction of this machine; the library then runs on no other.
+
+        Returns
+        -------
+        Model
+            The compiled model.
+
+        Raises
+        ------
+        ModelError
+            If the scene is wrong: an unknown name, a floating node, a bad value.
+        FormulationError
+            If its equations cannot be formed.
+        BuildError
+            If the C text cannot be compiled.
+        """
+        from cotree.pipeline import compile_scene
+
+        names = [sensitivities] if isinstance(sensitivities, str) else list(sensitivities)
+        options = BuildOptions(optimize=optimize, native=native)
+        model = Model(compile_scene(self, names, tree, options), self)
+        model.check_start()
+        return model
+
+    def graph(self, tree: TreeChoice = None) -> GraphReport:
+        """Draw the linear graphs, with trees and topology matrices.
+
+        Raises
+        ------
+        TopologyError
+            If a node is floating or the named edges are not a tree.
+        """
+        from cotree.export.graph_report import graph_report
+        from cotree.pipeline import draw_graphs
+
+        return graph_report(*draw_graphs(self, tree))
+
+    def equations(
+        self, sensitivities: Sequence[str] = (), tree: TreeChoice = None
+    ) -> SymbolicEquations:
+        """Form governing and sensitivity equations as SymPy expressions, to read.
+
+        Raises
+        ------
+        ModelError, FormulationError
+            As for :meth:`compile`.
+        """
+        from cotree.export.equations import symbolic_equations
+        from cotree.pipeline import formulate
+
+        names = [sensitivities] if isinstance(sensitivities, str) else list(sensitivities)
+        return symbolic_equations(formulate(self, names, tree)[0])
+
+
+def load(source: str | Path) -> Scene:
+    """Read a scene.
+
+    Parameters
+    ----------
+    source : str or Path
+        Name of a shipped scene, or path of a TOML file.
+
+    Raises
+    ------
+    ModelError
+        If there is no such scene, the file is not TOML, or the scene is wrong.
+
+    Examples
+    --------
+    >>> load("slider-pendulum").nodes
+    ('ground', 'A', 'C', 'D', 'B')
+    """
+    return load_scene(source, Scene)
+
+
+class Model(CompiledModel):
+    """A compiled scene."""
+
+    def __init__(self, compiled: Compiled, scene: SceneDescription) -> None:
+        super().__init__(compiled.program, compiled.kernels)
+        self._compiled = compiled
+        self._scene = scene
+
+    @property
+    def source(self) -> str:
+        """The C text of the model."""
+        return self._compiled.files[f"{self._compiled.context.prefix}.c"]
+
+    @property
+    def times(self) -> Mapping[str, float]:
+        """Seconds spent in each stage: formulate, generate, compile."""
+        return self._compiled.times
+
+    def check_start(self) -> None:
+        """Evaluate the model once at its initial state.
+
+        Raises
+        ------
+        ParameterError
+            If the scene's parameter values are refused.
+        SingularSystemError
+            If the mass matrix is singular there.
+        """
+        self.rhs(0.0, self.initial_state)
+
+    def simulate(
+        self,
+        t_span: tuple[float, float] | None = None,
+        t_eval: Any = None,
+        method: str | None = None,
+        rtol: float | None = None,
+        atol: float | None = None,
+        parameters: Mapping[str, float] | None = None,
+        initial: Mapping[str, float] | None = None,
+        inputs: Mapping[str, Any] | None = None,
+        *,
+        error_test_sensitivities: bool = True,
+        max_steps: int | None = None,
+        time_limit: float | None = None,
+        throw: bool = False,
+    ) -> Result:
+        """Integrate states and sensitivities together.
+
+        Parameters
+        ----------
+        t_span : (float, float), optional
+            Start and end, [s]; the scene's ``t_end`` where absent.
+        t_eval : array_like, shape (n_t,), optional
+            Times to report; the solver's own steps where absent.
+        method : str, optional
+            ``RK45``, ``RK23``, ``DOP853``, ``Radau``, ``BDF``, ``LSODA`` (SciPy), ``cvode``,
+            ``ida`` (SUNDIALS), or ``auto``.
+        rtol, atol : float, optional
+            Relative and absolute tolerance.
+        parameters : mapping of str to float, optional
+            Values in place of the scene's.
+        initial : mapping of str to float, optional
+            Initial values of states in place of the scene's; they depend on no parameter.
+        inputs : mapping, optional
+            Inputs in place of the scene's: a number, an expression of t and parameters,
+            (times, values), or a Python function of t (SciPy's methods only).
+        error_test_sensitivities : bool
+            Whether sensitivities take part in the error test.
+        max_steps, time_limit : int and float, optional
+            Budgets of steps and of seconds.
+        throw : bool
+            Raise SolveError where the integration fails; else it warns, and the result says so.
+
+        Returns
+        -------
+        Result
+            ``t``, ``y`` (n_states, n_t), ``s`` (n_states, n_parameters, n_t), and all by name.
+
+        Raises
+        ------
+        ModelError
+            If a parameter, initial value or input is not accepted.
+        SolveError
+            If the method is unknown or its settings make no sense.
+
+        Examples
+        --------
+        >>> result = load("slider-pendulum").compile(["L"]).simulate((0, 10), rtol=1e-10)
+        >>> round(float(result["j1.s"][-1]), 6)
+        0.526045
+        """
+        defaults = self._scene.defaults
+        settings = Settings(
+            t_span=(0.0, defaults.t_end) if t_span is None else t_span,
+            t_eval=t_eval,
+            method=method or defaults.method,
+            rtol=defaults.rtol if rtol is None else rtol,
+            atol=defaults.atol if atol is None else atol,
+            parameters=parameters or {},
+            initial=initial or {},
+            inputs=inputs or {},
+            error_test_sensitivities=error_test_sensitivities,
+            max_steps=max_steps,
+            time_limit=time_limit,
+            throw=throw,
+        )
+        replaced = set(settings.inputs)
+        breakpoints = tuple(
+            at
+            for name, row in self._scene.inputs.items()
+            if isinstance(row.value, Table) and name not in replaced
+            for at in row.value.x
+        )
+        units = {
+            row.name: row.unit
+            for rows in (self.layout.states, self.layout.outputs, self.layout.inputs)
+            for row in rows
+        }
+        units |= {row.name: row.unit for row in self.layout.parameters}
+        result = simulate(self, settings, breakpoints, units)
+        return replace(result, times={**self.times, **result.times})
+
+    def write(self, directory: str | Path) -> CProject:
+        """Write model, header, integrator and a main program that need no Python.
+
+        Parameters
+        ----------
+        directory : str or Path
+            Where to; made if it does not exist.
+
+        Returns
+        -------
+        CProject
+            The files and the command that builds them.
+
+        Raises
+        ------
+        SceneError
+            If the directory cannot be written.
+        """
+        from cotree.export.c_project import write_c_project
+
+        defaults = self._scene.defaults
+        return write_c_project(
+            self._program,
+            Path(directory),
+            t_end=defaults.t_end,
+            rtol=defaults.rtol,
+            atol=defaults.atol,
+        )

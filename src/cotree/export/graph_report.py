@@ -1,0 +1,77 @@
+"""The linear graphs of a scene with their trees and topology matrices, to look at."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.graph import f_circuit, f_cutset, incidence
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from matplotlib.figure import Figure
+
+    from cotree.graph import LinearGraph, TopologyMatrix, Tree
+
+
+@dataclass(frozen=True)
+class GraphReport:
+    """Linear graphs, trees and matrices by domain.
+
+    Attributes
+    ----------
+    graphs, trees : mapping of str to LinearGraph and Tree
+        By domain: ``translation`` and ``rotation``.
+    incidence, f_cutset, f_circuit : mapping of str to TopologyMatrix
+        Integer matrices with the names of their rows and columns.
+    """
+
+    graphs: Mapping[str, LinearGraph]
+    trees: Mapping[str, Tree]
+    incidence: Mapping[str, TopologyMatrix]
+    f_cutset: Mapping[str, TopologyMatrix]
+    f_circuit: Mapping[str, TopologyMatrix]
+
+    def draw(self) -> Figure:
+        """Draw the graphs side by side, trees in bold."""
+        from cotree.plot import draw_graphs
+
+        return draw_graphs([(graph, self.trees[name]) for name, graph in self.graphs.items()])
+
+    def save(self, path: str | Path) -> None:
+        """Draw into a file; its suffix says which kind: svg, png or pdf.
+
+        Raises
+        ------
+        SceneError
+            If the suffix is unknown or the file cannot be written.
+        """
+        from cotree.plot import save_figure
+
+        save_figure(self.draw(), path)
+
+    def summary(self) -> str:
+        """Describe graphs, trees and matrices."""
+        parts = []
+        for name, graph in self.graphs.items():
+            parts += [graph.summary(), self.trees[name].summary()]
+            parts += ["f-cutsets", self.f_cutset[name].summary()]
+            parts += ["f-circuits", self.f_circuit[name].summary(), ""]
+        return "\n".join(parts)
+
+    def __str__(self) -> str:
+        """Describe graphs, trees and matrices."""
+        return self.summary()
+
+
+def graph_report(graphs: Mapping[str, LinearGraph], trees: Mapping[str, Tree]) -> GraphReport:
+    """Gather graphs, trees and their matrices."""
+    return GraphReport(
+        graphs,
+        trees,
+        {name: incidence(graph) for name, graph in graphs.items()},
+        {name: f_cutset(tree) for name, tree in trees.items()},
+        {name: f_circuit(tree) for name, tree in trees.items()},
+    )

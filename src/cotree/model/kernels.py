@@ -1,0 +1,234 @@
+"""Kernels that can be called: compiled C, or the program evaluated in Python.
+
+Both take and give contiguous arrays of doubles. A result array is the kernel's own buffer: copy it
+to keep it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.dag.evaluate import evaluate
+from cotree.dag.several import results
+from cotree.dag.traverse import reachable, symbols_in
+from cotree.errors import BuildError, SingularSystemError, SolveError
+from cotree.version import ABI_VERSION
+
+if TYPE_CHECKING:
+    from cotree.build import LoadedLibrary
+    from cotree.dag.nodes import Node
+    from cotree.equations import Guard
+    from cotree.program import Kernel, Layout, Program
+
+Array = npt.NDArray[np.float64]
+
+SINGULAR = 1
+
+_SINGULAR_TEXT = (
+    "the mass matrix is singular in the present configuration: a joint moves nothing that has "
+    "inertia; give the bodies beyond it mass or inertia"
+)
+
+
+class Kernels(Protocol):
+    """Kernels of a model, called by name."""
+
+    @property
+    def backend(self) -> str:
+        """What evaluates them: ``C`` or ``Python``."""
+        ...
+
+    def prepare(self, p: Array) -> None:
+        """Take parameters for all calls that follow.
+
+        Raises
+        ------
+        ParameterError
+            If a guard of the model refuses them.
+        """
+        ...
+
+    def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
+        """Evaluate a kernel; arguments that it has no use for are not looked at.
+
+        Raises
+        ------
+        SingularSystemError
+            If a linear system of the kernel is singular here.
+        """
+        ...
+
+
+def result_sizes(layout: Layout) -> dict[str, int]:
+    """Give the number of results of each kernel but ``prepare``."""
+    n, m = len(layout.states), len(layout.sensitivities)
+    return {
+        "initial": n,
+        "initial_sensitivity": n * m,
+        "inputs": len(layout.inputs),
+        "rhs": n,
+        "jacobian": len(layout.row_indices),
+        "sensitivity_rhs": n * m,
+        "augmented_rhs": n * (1 + m) if m else 0,
+        "outputs": len(layout.outputs),
+        "output_sensitivity": len(layout.outputs) * m,
+    }
+
+
+class CKernels:
+    """Kernels of a loaded library, with every buffer and pointer bound once."""
+
+    backend = "C"
+
+    def __init__(self, program: Program, library: LoadedLibrary, prefix: str) -> None:
+        ffi, layout = library.ffi, program.layout
+        model = getattr(library.lib, f"{prefix}_abi")()
+        if model.abi_version != ABI_VERSION or model.n_states != len(layout.states):
+            raise BuildError("the loaded library belongs to another model: clear the cache")
+        self._library = library  # keeps the code loaded
+        self._model = model
+        self._guards = program.guards
+        n, m = len(layout.states), len(layout.sensitivities)
+        sizes = {"x": n, "s": n * m, "u": len(layout.inputs), "p": len(layout.parameters)}
+        self._arrays = {key: np.zeros(size) for key, size in sizes.items()}
+        self._arrays["k"] = np.zeros(model.n_prepared)
+
+        def pointer(array: Array) -> Any:
+            return ffi.from_buffer("double[]", array) if array.size else ffi.NULL
+
+        bound = {key: pointer(array) for key, array in self._arrays.items()}
+        self._prepared = (bound["p"], bound["k"])
+        fields = {"inputs": "inputs_of_time", "outputs": "outputs_of_state"}
+        self._calls: dict[str, tuple[Any, tuple[Any, ...], Array]] = {}
+        for name, size in result_sizes(layout).items():
+            result = np.zeros(size)
+            keys = _POINTERS[name]
+            arguments = (*(bound[key] for key in keys), pointer(result))
+            self._calls[name] = (getattr(model, fields.get(name, name)), arguments, result)
+
+    def prepare(self, p: Array) -> None:
+        """Take parameters for all calls that follow; see :class:`Kernels`."""
+        self._arrays["p"][:] = p
+        status = self._model.prepare(*self._prepared)
+        if status:
+            check_guards(self._guards, p)
+
+    def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
+        """Evaluate a kernel; see :class:`Kernels`."""
+        function, arguments, result = self._calls[name]
+        arrays = self._arrays
+        if name in _TIMED:
+            arrays["x"][:] = x
+            if u.size:
+                arrays["u"][:] = u
+            if s.size:
+                arrays["s"][:] = s
+            status = function(t, *arguments)
+        elif name == "inputs":
+            status = function(t, *arguments)
+        else:
+            status = function(*arguments)
+        if status:
+            raise _failure(status)
+        return result
+
+
+_STATE = ("x", "u", "p", "k")
+_SENSITIVITY = ("x", "s", "u", "p", "k")
+_POINTERS: Mapping[str, tuple[str, ...]] = {
+    "initial": ("p", "k"),
+    "initial_sensitivity": ("p", "k"),
+    "inputs": ("p", "k"),
+    "rhs": _STATE,
+    "jacobian": _STATE,
+    "outputs": _STATE,
+    "sensitivity_rhs": _SENSITIVITY,
+    "augmented_rhs": _SENSITIVITY,
+    "output_sensitivity": _SENSITIVITY,
+}
+_TIMED = frozenset(name for name, keys in _POINTERS.items() if "x" in keys)
+
+
+def _failure(status: int) -> Exception:
+    if status == SINGULAR:
+        return SingularSystemError(_SINGULAR_TEXT)
+    return SolveError(f"a function called by the model failed with status {status}")
+
+
+def check_guards(guards: Sequence[Guard], p: Array) -> None:
+    """Check parameter values in Python, where the numbers can be named.
+
+    Raises
+    ------
+    ParameterError
+        For the first guard that is violated.
+    """
+    values = {node: float(p[node.data[1]]) for node in symbols_in([g.value for g in guards])}
+    for guard, number in zip(guards, evaluate([g.value for g in guards], values), strict=True):
+        guard.check(number)
+
+
+class PythonKernels:
+    """The program evaluated in Python: for machines without a compiler."""
+
+    backend = "Python"
+
+    def __init__(self, program: Program) -> None:
+        self._program = program
+        self._p: Array = np.zeros(0)
+        self._prepared: dict[Node, float] = {}
+        self._plans = {name: _Plan.of(kernel) for name, kernel in program.kernels.items()}
+
+    def prepare(self, p: Array) -> None:
+        """Take parameters for all calls that follow; see :class:`Kernels`."""
+        check_guards(self._program.guards, p)
+        self._p = np.array(p, dtype=float)
+        self._prepared = {}
+        values = self._evaluate("prepare", {})
+        prepared = self._program.kernels["prepare"].results
+        self._prepared = dict(zip(prepared, values, strict=True))
+
+    def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
+        """Evaluate a kernel; see :class:`Kernels`."""
+        return np.array(self._evaluate(name, {"t": (t,), "x": x, "s": s, "u": u}))
+
+    def _evaluate(self, name: str, arguments: Mapping[str, Sequence[float] | Array]) -> list[float]:
+        plan, known = self._plans[name], {**arguments, "p": self._p}
+        values: dict[Node, float] = dict(self._prepared)
+        for node in plan.symbols:
+            kind, position = node.data
+            values[node] = float(known[kind][position])
+        roots = [*plan.results, *plan.ranks]
+        try:
+            found: list[float] = evaluate(roots, values, order=plan.order)
+        except (ArithmeticError, ValueError):  # C would go on with nan
+            return [math.nan] * len(plan.results)
+        for node, rank in zip(plan.ranks, found[len(plan.results) :], strict=True):
+            if rank < node.args[0].data:
+                raise SingularSystemError(_SINGULAR_TEXT)
+        return found[: len(plan.results)]
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What evaluating a kernel in Python needs, found once."""
+
+    results: tuple[Node, ...]
+    ranks: tuple[Node, ...]
+    symbols: tuple[Node, ...]
+    order: list[Node]
+
+    @classmethod
+    def of(cls, kernel: Kernel) -> _Plan:
+        ranks = tuple(
+            results(node, node.data + 1)[-1] for node in kernel.order if node.op == "solve"
+        )
+        order = reachable([*kernel.results, *ranks], stop=kernel.prepared)
+        symbols = tuple(node for node in order if node.op == "symbol")
+        return cls(kernel.results, ranks, symbols, order)

@@ -1,0 +1,270 @@
+"""The compiled model: right-hand side, Jacobian, sensitivities and outputs as numpy arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.errors import ParameterError, nearest
+from cotree.scene.description import check_number
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_matrix
+
+    from cotree.model.kernels import Kernels
+    from cotree.program import Layout, Program
+    from cotree.program.counts import OperationCount
+
+Array = npt.NDArray[np.float64]
+
+_NONE: Array = np.zeros(0)
+
+
+class CompiledModel:
+    """Kernels of a scene with their names, called with numpy arrays.
+
+    Every method takes parameters ``p`` and inputs ``u`` as arrays in the order of
+    :attr:`parameters` and :attr:`inputs`; None takes the scene's values. Results are fresh arrays.
+    """
+
+    def __init__(self, program: Program, kernels: Kernels) -> None:
+        self._program = program
+        self._kernels = kernels
+        self._prepared: Array | None = None
+
+    @property
+    def layout(self) -> Layout:
+        """Names, units and patterns."""
+        return self._program.layout
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the states."""
+        return tuple(row.name for row in self.layout.states)
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the tunable parameters."""
+        return tuple(row.name for row in self.layout.parameters)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return tuple(row.name for row in self.layout.inputs)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return tuple(row.name for row in self.layout.outputs)
+
+    @property
+    def sensitivities(self) -> tuple[str, ...]:
+        """Parameters and states that sensitivities are taken to."""
+        return self.layout.sensitivities
+
+    @property
+    def backend(self) -> str:
+        """What evaluates the kernels: ``C`` or ``Python``."""
+        return self._kernels.backend
+
+    @property
+    def operations(self) -> dict[str, OperationCount]:
+        """Operation counts by kernel; ``total`` counts in what it uses of ``prepare``."""
+        return self._program.operations
+
+    @property
+    def default_parameters(self) -> Array:
+        """The scene's parameter values, shape (n_parameters,)."""
+        return np.array(self.layout.parameter_values, dtype=float)
+
+    @property
+    def initial_state(self) -> Array:
+        """The scene's initial states at its parameter values, shape (n_states,)."""
+        return self.initial(self.default_parameters)
+
+    @property
+    def jacobian_pattern(self) -> npt.NDArray[np.bool_]:
+        """Where the Jacobian may be nonzero, shape (n_states, n_states)."""
+        n = len(self.states)
+        pattern = np.zeros((n, n), dtype=bool)
+        pattern[self._rows, self._columns] = True
+        return pattern
+
+    @property
+    def _rows(self) -> npt.NDArray[np.intp]:
+        return np.array(self.layout.row_indices, dtype=np.intp)
+
+    @property
+    def _columns(self) -> npt.NDArray[np.intp]:
+        counts = np.diff(np.array(self.layout.column_starts, dtype=np.intp))
+        return np.repeat(np.arange(len(self.states)), counts)
+
+    def parameter_array(self, values: Mapping[str, float] | None = None) -> Array:
+        """Give the parameter array with some values replaced by name.
+
+        Raises
+        ------
+        ParameterError
+            If a name is not a tunable parameter or a value is not a finite number.
+        """
+        p = self.default_parameters
+        for name, value in (values or {}).items():
+            if name not in self.parameters:
+                raise ParameterError(
+                    f"the model has no tunable parameter '{name}'{nearest(name, self.parameters)}"
+                )
+            p[self.parameters.index(name)] = check_number(value, f"parameter '{name}'")
+        return p
+
+    def initial(self, p: Any = None) -> Array:
+        """Give the initial states, shape (n_states,), for parameters ``p``."""
+        self._prepare(p)
+        return self._call("initial", 0.0, _NONE, _NONE, _NONE)
+
+    def initial_sensitivity(self, p: Any = None) -> Array:
+        """Give the sensitivities of the initial states, shape (n_states, n_parameters)."""
+        self._prepare(p)
+        return self._by_parameter(self._call("initial_sensitivity", 0.0, _NONE, _NONE, _NONE))
+
+    def input_values(self, t: float, p: Any = None) -> Array:
+        """Give the scene's own inputs at a time, shape (n_inputs,)."""
+        self._prepare(p)
+        return self._call("inputs", float(t), _NONE, _NONE, _NONE)
+
+    def rhs(self, t: float, y: Any, p: Any = None, u: Any = None) -> Array:
+        """Evaluate the rates of the states.
+
+        Parameters
+        ----------
+        t : float
+            Time, [s].
+        y : array_like, shape (n_states,)
+            States.
+        p : array_like, shape (n_parameters,), optional
+            Parameters.
+        u : array_like, shape (n_inputs,), optional
+            Inputs.
+
+        Returns
+        -------
+        ndarray, shape (n_states,)
+            Rates, in the states' units per second.
+
+        Raises
+        ------
+        ParameterError
+            If an array has the wrong shape, or the parameters are refused by the model.
+        SingularSystemError
+            If the mass matrix is singular here.
+        """
+        return self._at("rhs", t, y, p, u)
+
+    def jacobian(self, t: float, y: Any, p: Any = None, u: Any = None) -> Array:
+        """Evaluate the derivatives of the rates by the states, shape (n_states, n_states).
+
+        Parameters and errors as for :meth:`rhs`.
+        """
+        n = len(self.states)
+        dense = np.zeros((n, n))
+        dense[self._rows, self._columns] = self._at("jacobian", t, y, p, u)
+        return dense
+
+    def jacobian_sparse(self, t: float, y: Any, p: Any = None, u: Any = None) -> csc_matrix:
+        """Evaluate the Jacobian as a scipy CSC matrix; see :meth:`jacobian`."""
+        from scipy.sparse import csc_matrix
+
+        n = len(self.states)
+        values = self._at("jacobian", t, y, p, u)
+        return csc_matrix((values, self._rows, self.layout.column_starts), shape=(n, n))
+
+    def sensitivity_rhs(self, t: float, y: Any, s: Any, p: Any = None, u: Any = None) -> Array:
+        """Evaluate the rates of the sensitivities.
+
+        Parameters
+        ----------
+        t, y, p, u
+            As for :meth:`rhs`.
+        s : array_like, shape (n_states, n_parameters)
+            Sensitivities of the states, in the order of :attr:`sensitivities`.
+
+        Returns
+        -------
+        ndarray, shape (n_states, n_parameters)
+            Their rates.
+        """
+        return self._by_parameter(self._at("sensitivity_rhs", t, y, p, u, s))
+
+    def output_values(self, t: float, y: Any, p: Any = None, u: Any = None) -> Array:
+        """Evaluate the outputs, shape (n_outputs,); see :meth:`rhs`."""
+        return self._at("outputs", t, y, p, u)
+
+    def output_sensitivity(self, t: float, y: Any, s: Any, p: Any = None, u: Any = None) -> Array:
+        """Evaluate the sensitivities of the outputs, shape (n_outputs, n_parameters)."""
+        flat = self._at("output_sensitivity", t, y, p, u, s)
+        return flat.reshape(len(self.sensitivities), len(self.outputs)).T.copy()
+
+    def bound(self, name: str, p: Array) -> Callable[[float, Array, Array, Array | None], Array]:
+        """Give a kernel as a function of time, states, flat sensitivities and inputs.
+
+        For solvers: no checks and no copies, the result is the kernel's own buffer. It stays
+        valid while no other parameters are prepared; the function prepares its own when needed.
+        """
+        kernels = self._kernels
+
+        def call(t: float, x: Array, s: Array, u: Array | None) -> Array:
+            if self._prepared is not p:
+                self._prepare(p)
+                self._prepared = p
+            if u is None:
+                u = kernels("inputs", t, _NONE, _NONE, _NONE) if self.layout.inputs else _NONE
+            return kernels(name, t, x, s, u)
+
+        return call
+
+    def _by_parameter(self, flat: Array) -> Array:
+        return flat.reshape(len(self.sensitivities), len(self.states)).T.copy()
+
+    def _at(self, name: str, t: float, y: Any, p: Any, u: Any, s: Any = None) -> Array:
+        self._prepare(p)
+        n, m = len(self.states), len(self.sensitivities)
+        states = _array(y, (n,), "the states")
+        inputs = self.input_values(t, p) if u is None else _array(u, (len(self.inputs),), "inputs")
+        along = _NONE
+        if s is not None:
+            along = _array(s, (n, m), "the sensitivities").T.ravel()
+        return self._call(name, float(t), states, along, inputs)
+
+    def _call(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
+        return self._kernels(name, t, x, s, u).copy()
+
+    def _prepare(self, p: Any) -> None:
+        """Prepare for parameters, unless they are those of the last call."""
+        values = (
+            self.default_parameters
+            if p is None
+            else _array(p, (len(self.parameters),), "the parameters")
+        )
+        if self._prepared is not None and np.array_equal(values, self._prepared):
+            return
+        if not np.all(np.isfinite(values)):
+            name = self.parameters[int(np.flatnonzero(~np.isfinite(values))[0])]
+            raise ParameterError(f"parameter '{name}' is not finite: give a finite number")
+        self._prepared = None
+        self._kernels.prepare(values)
+        self._prepared = values
+
+
+def _array(value: Any, shape: Sequence[int], what: str) -> Array:
+    """Make a contiguous array of doubles of a given shape."""
+    try:
+        array = np.ascontiguousarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise ParameterError(f"{what} must be an array of numbers of shape {tuple(shape)}") from None
+    if array.shape != tuple(shape):
+        raise ParameterError(
+            f"{what} must be an array of shape {tuple(shape)}, not of shape {array.shape}"
+        )
+    return array.copy() if array is value else array

@@ -1,0 +1,109 @@
+"""Inputs of a run: the scene's own, or numbers, expressions, tables and functions in their place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.dag.evaluate import evaluate
+from cotree.dag.nodes import Dag
+from cotree.dag.several import Table, table
+from cotree.dag.traverse import reachable
+from cotree.errors import ExpressionError, ParameterError, nearest
+from cotree.scene.description import parse_signal
+
+if TYPE_CHECKING:
+    from cotree.dag.nodes import Node
+    from cotree.scene.expressions import Expression
+
+Array = npt.NDArray[np.float64]
+Signal = Callable[[float], float]
+
+
+@dataclass(frozen=True)
+class Signals:
+    """What a run puts in place of the scene's inputs.
+
+    Attributes
+    ----------
+    by_position : mapping of int to callable
+        The replaced inputs, by their place in u, as functions of time.
+    breakpoints : tuple of float
+        Times where a table has a kink.
+    has_function : bool
+        Whether one is a Python function of the user's.
+    """
+
+    by_position: Mapping[int, Signal]
+    breakpoints: tuple[float, ...]
+    has_function: bool
+
+    def apply(self, t: float, u: Array) -> Array:
+        """Replace entries of u at a time, in place."""
+        for position, signal in self.by_position.items():
+            u[position] = signal(t)
+        return u
+
+
+def read_signals(
+    values: Mapping[str, Any], names: tuple[str, ...], parameters: Mapping[str, float]
+) -> Signals:
+    """Read the inputs of a run.
+
+    Parameters
+    ----------
+    values : mapping of str to number, str, (times, values) or callable
+        By name of the input.
+    names : tuple of str
+        The model's inputs.
+    parameters : mapping of str to float
+        What expressions may use besides ``t``.
+
+    Raises
+    ------
+    ParameterError
+        If a name is not an input.
+    ModelError
+        If a value is not accepted.
+    """
+    by_position: dict[int, Signal] = {}
+    breakpoints: list[float] = []
+    for name, value in values.items():
+        if name not in names:
+            raise ParameterError(f"the model has no input '{name}'{nearest(name, names)}")
+        if callable(value):
+            by_position[names.index(name)] = value
+            continue
+        parsed = parse_signal(value, f"input '{name}'")
+        if isinstance(parsed, Table):
+            breakpoints += parsed.x
+        by_position[names.index(name)] = _function_of_time(parsed, parameters)
+    has_function = any(callable(value) for value in values.values())
+    return Signals(by_position, tuple(breakpoints), has_function)
+
+
+def _function_of_time(value: Expression | Table, parameters: Mapping[str, float]) -> Signal:
+    """Make a function of time by evaluating nodes."""
+    dag = Dag()
+    time = dag.symbol("t", 0)
+
+    def resolve(name: str) -> Node:
+        if name == "t":
+            return time
+        if name in parameters:
+            return dag.constant(parameters[name])
+        raise ExpressionError(
+            f"uses '{name}', but may depend on parameters and t only{nearest(name, parameters)}"
+        )
+
+    node = table(dag, value, time)[0] if isinstance(value, Table) else value.lower(dag, resolve)
+    order = reachable([node])
+
+    def signal(t: float) -> float:
+        return float(evaluate([node], {time: t}, order=order)[0])
+
+    return signal

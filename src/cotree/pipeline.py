@@ -1,0 +1,168 @@
+"""The way of the data, every stage by name, with timings.
+
+::
+
+    scene -> linear graphs -> trees -> first graph -> equations -> program -> C text -> library
+"""
+
+from __future__ import annotations
+
+import gc
+import time
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.build import BuildOptions, build_library, find_toolchain, load_library
+from cotree.codegen.context import model_context
+from cotree.codegen.render import cdef, render_model
+from cotree.model.kernels import CKernels, PythonKernels
+from cotree.passes.recipe import run_passes
+from cotree.program.lower import lower
+from cotree.program.strategy import choose_first_graph
+from cotree.scene.graphs import choose_trees, joint_tree, linear_graphs
+from cotree.sensitivity.graphs import form_equations
+from cotree.version import ABI_VERSION
+
+if TYPE_CHECKING:
+    from cotree.codegen.context import ModelContext
+    from cotree.equations import Equations
+    from cotree.graph import LinearGraph, Tree
+    from cotree.model.kernels import Kernels
+    from cotree.passes.recipe import PassReport
+    from cotree.program import Program
+    from cotree.program.strategy import Alternative
+    from cotree.scene.description import SceneDescription
+    from cotree.scene.graphs import TreeChoice
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """What the pipeline made of a scene.
+
+    Attributes
+    ----------
+    program : Program
+        After its passes.
+    reports : tuple of PassReport
+        What each pass did.
+    alternatives : tuple of Alternative
+        The formulations tried, the cheapest first.
+    context : ModelContext
+        What the templates got.
+    files : mapping of str to str
+        C text by file name.
+    kernels : Kernels
+        Ready to be called.
+    times : mapping of str to float
+        Seconds for each stage: formulate, generate, compile.
+    """
+
+    program: Program
+    reports: tuple[PassReport, ...]
+    alternatives: tuple[Alternative, ...]
+    context: ModelContext
+    files: Mapping[str, str]
+    kernels: Kernels
+    times: Mapping[str, float]
+
+
+def draw_graphs(
+    scene: SceneDescription, tree: TreeChoice
+) -> tuple[dict[str, LinearGraph], dict[str, Tree]]:
+    """Draw the linear graphs of a scene and choose their trees."""
+    graphs = linear_graphs(scene)
+    return graphs, choose_trees(scene, graphs, tree)
+
+
+def formulate(
+    scene: SceneDescription, sensitivities: Sequence[str], tree: TreeChoice
+) -> tuple[Equations, tuple[Alternative, ...]]:
+    """Form the governing and sensitivity equations of a scene."""
+    _, trees = draw_graphs(scene, tree)
+    with _no_collection():
+        first, alternatives = choose_first_graph(scene, joint_tree(scene, trees), sensitivities)
+        return form_equations(first, sensitivities), alternatives
+
+
+def generate(equations: Equations) -> tuple[Program, tuple[PassReport, ...]]:
+    """Lower equations to a program and run the passes."""
+    with _no_collection():
+        return run_passes(lower(equations))
+
+
+def compile_scene(
+    scene: SceneDescription,
+    sensitivities: Sequence[str],
+    tree: TreeChoice,
+    options: BuildOptions,
+) -> Compiled:
+    """Take a scene all the way to kernels that can be called.
+
+    Parameters
+    ----------
+    scene : SceneDescription
+        The scene.
+    sensitivities : sequence of str
+        Parameters and states to take sensitivities to.
+    tree : None, sequence of str, or mapping of domain to sequence of str
+        The branches; None chooses them.
+    options : BuildOptions
+        How to compile.
+
+    Raises
+    ------
+    ModelError, FormulationError, CodegenError, BuildError
+        If a stage cannot do its work; the message says which edge, node or name is at fault.
+    """
+    marks = [time.perf_counter()]
+    equations, alternatives = formulate(scene, sensitivities, tree)
+    marks.append(time.perf_counter())
+    program, reports = generate(equations)
+    with _no_collection():
+        context = model_context(program)
+        files = render_model(context)
+    marks.append(time.perf_counter())
+    kernels = _load(program, context, files, options)
+    marks.append(time.perf_counter())
+    stages = ("formulate", "generate", "compile")
+    times = {stage: marks[i + 1] - marks[i] for i, stage in enumerate(stages)}
+    return Compiled(program, reports, alternatives, context, files, kernels, times)
+
+
+def _load(
+    program: Program, context: ModelContext, files: Mapping[str, str], options: BuildOptions
+) -> Kernels:
+    """Compile and load the C text, or evaluate the program where there is no compiler."""
+    toolchain = find_toolchain()
+    if toolchain is None:
+        warnings.warn(
+            "no C compiler was found (CC, cc, gcc, clang): the model is evaluated in Python, "
+            "which is a hundred times slower. Install one, or: pip install 'cotree[zig]'",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+        return PythonKernels(program)
+    library = build_library(
+        files,
+        abi_version=ABI_VERSION,
+        n_statements=max(kernel.n_operations for kernel in context.kernels),
+        options=options,
+        toolchain=toolchain,
+    )
+    loaded = load_library(library.path, cdef(files["cotree_abi.h"], context.prefix))
+    return CKernels(program, loaded, context.prefix)
+
+
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """Pause the cycle collector: an arena is one large structure that lives as a whole."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()

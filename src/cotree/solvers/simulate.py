@@ -1,0 +1,198 @@
+"""From a compiled model and a run's settings to a result."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cotree.errors import ParameterError, SolveError, nearest
+from cotree.model.signals import Signals, read_signals
+from cotree.scene.description import check_number
+from cotree.solvers.base import METHODS
+from cotree.solvers.problem import Problem
+from cotree.solvers.result import Result
+from cotree.solvers.select import integrate
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from cotree.model.model import CompiledModel
+    from cotree.solvers.problem import FloatArray
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to run; see :meth:`cotree.Model.simulate`."""
+
+    t_span: tuple[float, float]
+    t_eval: Any = None
+    method: str = "auto"
+    rtol: float = 1e-8
+    atol: float = 1e-10
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    initial: Mapping[str, float] = field(default_factory=dict)
+    inputs: Mapping[str, Any] = field(default_factory=dict)
+    error_test_sensitivities: bool = True
+    max_steps: int | None = None
+    time_limit: float | None = None
+    throw: bool = False
+
+
+def simulate(
+    model: CompiledModel, settings: Settings, breakpoints: tuple[float, ...], units: Mapping[str, str]
+) -> Result:
+    """Integrate a model.
+
+    Parameters
+    ----------
+    model : CompiledModel
+        The model.
+    settings : Settings
+        How to run.
+    breakpoints : tuple of float
+        Times where the scene's own inputs have kinks.
+    units : mapping of str to str
+        Unit of each state, output and input.
+
+    Raises
+    ------
+    ModelError
+        If a parameter, initial value or input is not accepted.
+    SolveError
+        If the method is unknown or cannot take what it is given, or, with ``throw``, if the
+        integration fails.
+    """
+    start = time.perf_counter()
+    p = model.parameter_array(settings.parameters)
+    values = dict(zip(model.parameters, p.tolist(), strict=True))
+    signals = read_signals(settings.inputs, model.inputs, values)
+    _check_method(settings.method, signals)
+    u = _input_function(model, p, signals)
+    problem = Problem(
+        rhs=_rhs(model, p, u),
+        jacobian=lambda t, y: model.jacobian(t, y, p, u(t)),
+        n_states=len(model.states),
+        n_sensitivities=len(model.sensitivities),
+        z0=_start(model, p, settings.initial),
+        t_span=_span(settings.t_span),
+        t_eval=None if settings.t_eval is None else np.array(settings.t_eval, dtype=float),
+        rtol=settings.rtol,
+        atol=settings.atol,
+        error_test_sensitivities=settings.error_test_sensitivities,
+        breakpoints=(*breakpoints, *signals.breakpoints),
+        names=model.states,
+        max_steps=settings.max_steps,
+        time_limit=settings.time_limit,
+    )
+    method = settings.method
+    if method == "auto" and signals.has_function:
+        method = "LSODA"  # switches between stiff and not, and takes any Python function
+    trajectory = integrate(problem, method)
+    if trajectory.status != 0:
+        if settings.throw:
+            raise SolveError(trajectory.message)
+        warnings.warn(trajectory.message, RuntimeWarning, stacklevel=3)
+    n, m = len(model.states), len(model.sensitivities)
+    y = trajectory.z[:n]
+    s = trajectory.z[n:].reshape(m, n, -1).transpose(1, 0, 2)
+    outputs, output_s, inputs = _outputs(model, p, u, trajectory.t, y, s)
+    return Result(
+        t=trajectory.t,
+        y=y,
+        s=s,
+        states=model.states,
+        outputs=model.outputs,
+        output_values=outputs,
+        output_sensitivities=output_s,
+        inputs=model.inputs,
+        input_values=inputs,
+        parameters_of_sensitivity=model.sensitivities,
+        units=units,
+        status=trajectory.status,
+        message=trajectory.message,
+        statistics=trajectory.statistics,
+        times={"integrate": time.perf_counter() - start},
+    )
+
+
+def _check_method(method: str, signals: Signals) -> None:
+    row = METHODS.get(method)
+    if row is not None and signals.has_function and not row.accepts_callable_inputs:
+        raise SolveError(
+            f"method '{method}' cannot take a Python function as input: give an expression or "
+            "(times, values), or use one of SciPy's methods"
+        )
+
+
+def _span(t_span: Any) -> tuple[float, float]:
+    try:
+        first, last = t_span
+    except (TypeError, ValueError):
+        raise SolveError("t_span must be a pair (start, end)") from None
+    return check_number(first, "start of t_span"), check_number(last, "end of t_span")
+
+
+def _input_function(
+    model: CompiledModel, p: FloatArray, signals: Signals
+) -> Callable[[float], FloatArray | None]:
+    """Give u as a function of time; None leaves it to the model."""
+    if not model.inputs:
+        nothing = np.zeros(0)
+        return lambda t: nothing
+    if not signals.by_position:
+        return lambda t: None
+    return lambda t: signals.apply(t, model.input_values(t, p))
+
+
+def _rhs(
+    model: CompiledModel, p: FloatArray, u: Callable[[float], FloatArray | None]
+) -> Callable[[float, FloatArray], FloatArray]:
+    """Give the rates of states and sensitivities as one function."""
+    kernel = model.bound("augmented_rhs" if model.sensitivities else "rhs", p)
+    n = len(model.states)
+    if not model.inputs:
+        return lambda t, z: kernel(t, z[:n], z[n:], None)
+    return lambda t, z: kernel(t, z[:n], z[n:], u(t))
+
+
+def _start(model: CompiledModel, p: FloatArray, initial: Mapping[str, float]) -> FloatArray:
+    """Give the initial states and sensitivities; a state set by the run depends on nothing."""
+    y, s = model.initial(p), model.initial_sensitivity(p)
+    for name, value in initial.items():
+        if name not in model.states:
+            raise ParameterError(
+                f"the model has no state '{name}'{nearest(name, model.states)}"
+            )
+        i = model.states.index(name)
+        y[i] = check_number(value, f"initial value of '{name}'")
+        s[i] = [float(wanted == name) for wanted in model.sensitivities]
+    return np.concatenate([y, s.T.ravel()])
+
+
+def _outputs(
+    model: CompiledModel,
+    p: FloatArray,
+    u: Callable[[float], FloatArray | None],
+    t: FloatArray,
+    y: FloatArray,
+    s: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Evaluate outputs, their sensitivities and inputs along a trajectory."""
+    n_outputs, m, n_t = len(model.outputs), len(model.sensitivities), len(t)
+    values = np.zeros((n_outputs, n_t))
+    sensitivities = np.zeros((n_outputs, m, n_t))
+    inputs = np.zeros((len(model.inputs), n_t))
+    for j, at in enumerate(t):
+        known = u(at)
+        if model.inputs:
+            inputs[:, j] = model.input_values(at, p) if known is None else known
+        if n_outputs:
+            values[:, j] = model.output_values(at, y[:, j], p, known)
+        if n_outputs and m:
+            sensitivities[:, :, j] = model.output_sensitivity(at, y[:, j], s[:, :, j], p, known)
+    return values, sensitivities, inputs
