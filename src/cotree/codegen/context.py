@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.codegen.printer_c import literal, print_nodes
+from cotree.codegen.printer_c import Printed, literal, print_nodes
 from cotree.dag.operations import OPERATIONS
 from cotree.dag.several import Function, Table
 from cotree.dag.traverse import reachable
@@ -169,15 +169,19 @@ def _kernel_context(
     prefix: str, kernel: Kernel, program: Program, tables: dict[Table, str]
 ) -> KernelContext:
     spec = kernel.spec
-    is_prepare = spec.name == "prepare"
-    guards = program.guards if is_prepare else ()
-    printed = print_nodes(
-        [*kernel.results, *(guard.value for guard in guards)], kernel.prepared, tables
-    )
+    guards = program.guards if spec.name == "prepare" else ()
+    if spec.tail_of and kernel.results:
+        whole = program.kernels[spec.tail_of]
+        printed = Printed(_tail_lines(prefix, kernel, whole), [], 1, uses_status=True)
+        unused, operations = [], whole.operations.total
+    else:
+        roots = [*kernel.results, *(guard.value for guard in guards)]
+        printed = print_nodes(roots, kernel.prepared, tables)
+        unused, operations = _unused(kernel, roots), kernel.operations.total
     n_results = len(kernel.results)
-    lines = list(printed.lines)
-    lines += [f"{spec.result}[{i}] = {v};" for i, v in enumerate(printed.values[:n_results])]
-    for i, (guard, value) in enumerate(zip(guards, printed.values[n_results:], strict=True)):
+    results, checks = printed.values[:n_results], printed.values[n_results:]
+    lines = [*printed.lines, *(f"{spec.result}[{i}] = {v};" for i, v in enumerate(results))]
+    for i, (guard, value) in enumerate(zip(guards, checks, strict=True)):
         comparison = ">" if guard.is_strict else ">="
         lines.append(f"if (!({value} {comparison} 0.0)) return {i + 1};")
     return KernelContext(
@@ -185,12 +189,25 @@ def _kernel_context(
         signature=_signature(f"{prefix}_{spec.name}", kernel),
         doc=spec.doc,
         n_results=n_results,
-        n_operations=kernel.operations.total,
+        n_operations=operations,
         n_statements=printed.n_statements,
-        unused=_unused(kernel, [guard.value for guard in guards]),
+        unused=unused,
         lines=lines,
         uses_status=printed.uses_status,
     )
+
+
+def _tail_lines(prefix: str, kernel: Kernel, whole: Kernel) -> list[str]:
+    """Call another kernel and keep its last results."""
+    n, skipped = len(whole.results), len(whole.results) - len(kernel.results)
+    arguments = ", ".join([*kernel.spec.arguments, "whole"])
+    result = kernel.spec.result
+    return [
+        f"double whole[{n}];",
+        "int i;",
+        f"status = {prefix}_{whole.spec.name}({arguments});",
+        f"for (i = 0; i < {n - skipped}; ++i) {result}[i] = whole[{skipped} + i];",
+    ]
 
 
 def _signature(name: str, kernel: Kernel) -> str:
@@ -208,9 +225,9 @@ def _signature(name: str, kernel: Kernel) -> str:
     return "\n".join(lines).rstrip()
 
 
-def _unused(kernel: Kernel, guards: Sequence[Node]) -> list[str]:
+def _unused(kernel: Kernel, roots: Sequence[Node]) -> list[str]:
     """List the arguments that no statement reads or writes."""
-    nodes = reachable([*kernel.results, *guards], stop=kernel.prepared)
+    nodes = reachable(roots, stop=kernel.prepared)
     read = {node.data[0] for node in nodes if node.op == "symbol"}
     if any(node in kernel.prepared for node in nodes):
         read.add("k")

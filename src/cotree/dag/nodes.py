@@ -59,19 +59,25 @@ class Node:
         dag.nodes.append(self)
 
     def __add__(self, other: Node | float) -> Node:
-        return self.dag.add(self, other if isinstance(other, Node) else self.dag.constant(other))
+        if other.__class__ is not Node:
+            other = self.dag.constant(other)  # type: ignore[arg-type]
+        return self.dag.add(self, other)  # type: ignore[arg-type]
 
     def __radd__(self, other: float) -> Node:
         return self.dag.add(self.dag.constant(other), self)
 
     def __sub__(self, other: Node | float) -> Node:
-        return self.dag.sub(self, other if isinstance(other, Node) else self.dag.constant(other))
+        if other.__class__ is not Node:
+            other = self.dag.constant(other)  # type: ignore[arg-type]
+        return self.dag.sub(self, other)  # type: ignore[arg-type]
 
     def __rsub__(self, other: float) -> Node:
         return self.dag.sub(self.dag.constant(other), self)
 
     def __mul__(self, other: Node | float) -> Node:
-        return self.dag.mul(self, other if isinstance(other, Node) else self.dag.constant(other))
+        if other.__class__ is not Node:
+            other = self.dag.constant(other)  # type: ignore[arg-type]
+        return self.dag.mul(self, other)  # type: ignore[arg-type]
 
     def __rmul__(self, other: float) -> Node:
         return self.dag.mul(self.dag.constant(other), self)

@@ -21,11 +21,29 @@ RECIPE: tuple[tuple[str, Callable[[Program], Program]], ...] = (
 
 @dataclass(frozen=True)
 class PassReport:
-    """What a pass did: operations of each kernel alone, before and after."""
+    """What a pass did.
+
+    Attributes
+    ----------
+    name : str
+        The pass.
+    earlier, later : Program
+        The program before and after it.
+    """
 
     name: str
-    before: dict[str, int]
-    after: dict[str, int]
+    earlier: Program
+    later: Program
+
+    @property
+    def before(self) -> dict[str, int]:
+        """Operations of each kernel alone, before the pass."""
+        return _counts(self.earlier)
+
+    @property
+    def after(self) -> dict[str, int]:
+        """Operations of each kernel alone, after the pass."""
+        return _counts(self.later)
 
 
 def run_passes(program: Program) -> tuple[Program, tuple[PassReport, ...]]:
@@ -39,12 +57,9 @@ def run_passes(program: Program) -> tuple[Program, tuple[PassReport, ...]]:
         One for each pass.
     """
     reports = []
-    before = _counts(program)
     for name, transform in RECIPE:
-        program = transform(program)
-        after = _counts(program)
-        reports.append(PassReport(name, before, after))
-        before = after
+        earlier, program = program, transform(program)
+        reports.append(PassReport(name, earlier, program))
     return program, tuple(reports)
 
 

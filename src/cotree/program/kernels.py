@@ -29,12 +29,16 @@ class KernelSpec:
         Name of the result in C.
     doc : str
         What it computes.
+    tail_of : str
+        The kernel whose last results are this one's, if there is one: C then calls it and keeps
+        those, since computing them alone would save next to nothing.
     """
 
     name: str
     arguments: tuple[str, ...]
     result: str
     doc: str
+    tail_of: str = ""
 
 
 _STATE = ("t", "x", "u", "p", "k")
@@ -49,9 +53,15 @@ _ROWS = (
     KernelSpec(
         "jacobian", _STATE, "values", "derivatives of rhs by the states: nonzeros, by columns"
     ),
-    KernelSpec("sensitivity_rhs", _SENSITIVITY, "ds", "rates of the sensitivities"),
     KernelSpec(
         "augmented_rhs", _SENSITIVITY, "dz", "rates of the states, then of the sensitivities"
+    ),
+    KernelSpec(
+        "sensitivity_rhs",
+        _SENSITIVITY,
+        "ds",
+        "rates of the sensitivities",
+        tail_of="augmented_rhs",
     ),
     KernelSpec("outputs", _STATE, "y", "outputs"),
     KernelSpec("output_sensitivity", _SENSITIVITY, "dy", "sensitivities of the outputs"),

@@ -41,14 +41,11 @@ def lower(equations: Equations) -> Program:
         "inputs": list(equations.input_values),
         "rhs": rates,
         "jacobian": values,
+        "augmented_rhs": [*rates, *sensitivity_rates] if along else [],
         "sensitivity_rhs": sensitivity_rates,
-        "augmented_rhs": [*rates, *sensitivity_rates],
         "outputs": list(equations.output_values),
         "output_sensitivity": [node for row in equations.sensitivities for node in row.outputs],
     }
-    if not equations.sensitivities:  # model only what is asked for
-        for name in ("sensitivity_rhs", "augmented_rhs"):
-            results[name] = []
     return Program(
         equations.dag,
         _layout(equations, starts, rows),

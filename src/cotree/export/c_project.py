@@ -1,0 +1,191 @@
+"""A program to a folder of C files that a C99 compiler turns into an executable.
+
+The folder holds the model, an integrator without dependencies, and a main program that integrates
+the model to its end time and prints the end state.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import tempfile
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.codegen.context import model_context
+from cotree.codegen.printer_c import literal
+from cotree.codegen.render import render, render_model
+from cotree.errors import CodegenError, SceneError
+from cotree.naming import c_string
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from cotree.codegen.context import ModelContext
+    from cotree.program import Program
+
+_INTEGRATOR = "cotree_dopri5"
+# File names of the project that a model must not take, whatever the case.
+_TAKEN = frozenset({"main", "cotree_abi", _INTEGRATOR})
+
+
+@dataclass(frozen=True)
+class CProject:
+    """A folder of C files.
+
+    Attributes
+    ----------
+    directory : Path
+        The folder.
+    files : tuple of Path
+        The files written there.
+    command : str
+        What builds the executable, to be run in the folder.
+    """
+
+    directory: Path
+    files: tuple[Path, ...]
+    command: str
+
+
+@dataclass(frozen=True)
+class IntegratorContext:
+    """What the templates of an integrator get."""
+
+    generator: str
+
+
+@dataclass(frozen=True)
+class MainContext:
+    """What the template of the main program gets.
+
+    Attributes
+    ----------
+    title, name_literal, prefix, upper, generator : str
+        As in the model's context.
+    command : str
+        What builds the executable.
+    t_end, rtol, atol : str
+        C literals.
+    guards : list of str
+        A C string for each guard of ``prepare``: what it demands.
+    has_sensitivities : bool
+        Whether the unknowns are states and sensitivities, or states alone.
+    """
+
+    title: str
+    name_literal: str
+    prefix: str
+    upper: str
+    generator: str
+    command: str
+    t_end: str
+    rtol: str
+    atol: str
+    guards: list[str]
+    has_sensitivities: bool
+
+
+def write_c_project(
+    program: Program, directory: Path, *, t_end: float, rtol: float, atol: float
+) -> CProject:
+    """Write a model with a main program that integrates it.
+
+    Files that stand there already are replaced, each at once and none unless all are complete.
+
+    Parameters
+    ----------
+    program : Program
+        After its passes.
+    directory : Path
+        Folder of the files, created where it is missing.
+    t_end : float
+        End time of a run without arguments, [s].
+    rtol, atol : float
+        Tolerances of states and sensitivities, relative and absolute.
+
+    Returns
+    -------
+    CProject
+        The files, and the command that builds them.
+
+    Raises
+    ------
+    SceneError
+        If a file of the model would take the place of another file of the project, or the end
+        time or a tolerance is not acceptable.
+    CodegenError
+        If the folder or a file cannot be written.
+    """
+    _check_numbers(t_end, rtol, atol)
+    model = model_context(program)
+    if model.prefix.lower() in _TAKEN:
+        raise SceneError(
+            f"the scene '{model.title}' would overwrite the file {model.prefix.lower()}.c or .h of "
+            "the C project: rename the scene"
+        )
+    command = (
+        f"cc -std=c99 -O2 -ffp-contract=off -o {model.prefix} "
+        f"{model.prefix}.c {_INTEGRATOR}.c main.c -lm"
+    )
+    main = _main_context(program, model, command, t_end, rtol, atol)
+    integrator = IntegratorContext(model.generator)
+    texts = dict(render_model(model))
+    for name in (f"{_INTEGRATOR}.h", f"{_INTEGRATOR}.c"):
+        texts[name] = render(f"c/integrators/{name}.jinja", integrator=integrator)
+    texts["main.c"] = render("c/main.c.jinja", main=main)
+    _write_files(directory, texts)
+    return CProject(directory, tuple(directory / name for name in texts), command)
+
+
+def _check_numbers(t_end: float, rtol: float, atol: float) -> None:
+    if not math.isfinite(t_end):
+        raise SceneError(f"t_end is {t_end}: give a finite number")
+    for name, value in (("rtol", rtol), ("atol", atol)):
+        if not (math.isfinite(value) and value >= 0.0):
+            raise SceneError(f"{name} is {value}: give a finite number that is not negative")
+
+
+def _main_context(
+    program: Program,
+    model: ModelContext,
+    command: str,
+    t_end: float,
+    rtol: float,
+    atol: float,
+) -> MainContext:
+    return MainContext(
+        title=model.title,
+        name_literal=model.name_literal,
+        prefix=model.prefix,
+        upper=model.upper,
+        generator=model.generator,
+        command=command,
+        t_end=literal(t_end),
+        rtol=literal(rtol),
+        atol=literal(atol),
+        guards=[
+            c_string(f"{guard.what} must {'be positive' if guard.is_strict else 'not be negative'}")
+            for guard in program.guards
+        ],
+        has_sensitivities=bool(model.sensitivities),
+    )
+
+
+def _write_files(directory: Path, texts: Mapping[str, str]) -> None:
+    """Write all files beside their places, then move them there."""
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        # In the same folder, so that moving a file is one rename on one file system.
+        with tempfile.TemporaryDirectory(prefix=".cotree-", dir=directory) as folder:
+            for name, text in texts.items():
+                with open(os.path.join(folder, name), "w", encoding="ascii", newline="\n") as file:
+                    file.write(text)
+            for name in texts:
+                os.replace(os.path.join(folder, name), directory / name)
+    except OSError as error:
+        raise CodegenError(
+            f"the C files cannot be written to '{directory}' ({error.strerror}): name a folder "
+            "that can be created or written"
+        ) from None

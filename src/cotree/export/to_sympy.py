@@ -1,0 +1,137 @@
+"""From nodes to SymPy: how equations leave the program for people.
+
+In: nodes and the SymPy expression of each symbol. Out: SymPy expressions, shared where the nodes
+are. Nothing is simplified beyond what SymPy does as it builds an expression.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+from cotree.dag.traverse import reachable
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from cotree.dag.nodes import Node
+
+_LARGEST_DENOMINATOR = 10**6
+_LARGEST_NUMERATOR = 10**15  # beyond it a double's own digits say nothing to a reader
+
+#: SymPy's names, where they differ from ours.
+_SYMPY_NAMES = {"abs": "Abs"}
+
+
+def to_sympy(nodes: Sequence[Node], symbols: Mapping[Node, Any]) -> list[Any]:
+    """Turn nodes into SymPy expressions.
+
+    Parameters
+    ----------
+    nodes : sequence of Node
+        The values wanted.
+    symbols : mapping of Node to sympy.Expr
+        What stands for each symbol; other nodes may be replaced too.
+
+    Returns
+    -------
+    list of sympy.Expr
+        One for each node. A node with several results becomes the application of an undefined
+        function: ``table_1(t)``, ``solve_1_x_1(...)``, ``name_1(...)``.
+
+    Raises
+    ------
+    KeyError
+        If a symbol has nothing to stand for it.
+    """
+    known: dict[Node, Any] = {}
+    numbers: dict[Any, int] = {}
+    for node in reachable(nodes, stop=symbols):
+        if node in symbols:
+            known[node] = symbols[node]
+        elif node.value is not None:
+            known[node] = rational(node.value)
+        elif node.op == "symbol":
+            raise KeyError(f"no SymPy symbol is given for {node!r}")
+        elif node.op == "result":
+            known[node] = _result(node, [known[arg] for arg in node.args[0].args], numbers)
+        elif node.op not in _SEVERAL:
+            known[node] = _apply(node.op, [known[arg] for arg in node.args])
+    return [known[node] for node in nodes]
+
+
+def rational(value: float) -> Any:
+    """Give the simplest rational number that reads back as the same double, or the double.
+
+    Parameters
+    ----------
+    value : float
+        A finite number.
+
+    Examples
+    --------
+    >>> rational(1.0 / 12.0), rational(9.81), rational(1.5e-9)
+    (1/12, 981/100, 1.5e-9)
+    """
+    import sympy
+
+    fraction = Fraction(value).limit_denominator(_LARGEST_DENOMINATOR)
+    if float(fraction) == value and abs(fraction.numerator) <= _LARGEST_NUMERATOR:
+        return sympy.Rational(fraction.numerator, fraction.denominator)
+    return sympy.Float(value)
+
+
+_ARITHMETIC: dict[str, Callable[..., Any]] = {
+    "add": lambda a, b: a + b,
+    "sub": lambda a, b: a - b,
+    "mul": lambda a, b: a * b,
+    "div": lambda a, b: a / b,
+    "neg": lambda a: -a,
+    "pow": lambda a, b: a**b,
+}
+
+
+def _apply(op: str, args: list[Any]) -> Any:
+    """Apply one operation of :data:`cotree.dag.operations.OPERATIONS`."""
+    import sympy
+
+    if op in _ARITHMETIC:
+        return _ARITHMETIC[op](*args)
+    if op == "select":
+        condition, accepted, refused = args
+        return sympy.Piecewise((accepted, condition >= 0), (refused, True))
+    return getattr(sympy, _SYMPY_NAMES.get(op, op))(*args)
+
+
+def _solve_name(node: Node, position: int) -> str:
+    return f"x_{position + 1}" if position < node.data else "rank"
+
+
+def _table_name(_: Node, position: int) -> str:
+    return "slope" if position else ""
+
+
+def _call_name(_: Node, position: int) -> str:
+    return str(position + 1)
+
+
+#: Names of the results of nodes that have several.
+_SEVERAL: dict[str, Callable[[Node, int], str]] = {
+    "solve": _solve_name,
+    "table": _table_name,
+    "call": _call_name,
+}
+
+
+def _result(node: Node, args: list[Any], numbers: dict[Any, int]) -> Any:
+    """Apply an undefined function for one result of a node that has several."""
+    import sympy
+
+    source = node.args[0]
+    # Systems are told apart by their arguments, tables and functions by what they are.
+    key = (source.op, source if source.op == "solve" else source.data)
+    if key not in numbers:
+        numbers[key] = 1 + sum(op == source.op for op, _ in numbers)
+    own = source.data.name if source.op == "call" else f"{source.op}_{numbers[key]}"
+    suffix = _SEVERAL[source.op](source, node.data)
+    return sympy.Function(f"{own}_{suffix}" if suffix else own, real=True)(*args)
