@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +14,8 @@ from cotree.scene.toml_file import load_scene
 from cotree.solvers.simulate import Settings, simulate
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from cotree.export.c_project import CProject
     from cotree.export.equations import SymbolicEquations
     from cotree.export.graph_report import GraphReport

@@ -10,7 +10,6 @@ from __future__ import annotations
 import gc
 import time
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -27,6 +26,8 @@ from cotree.sensitivity.graphs import form_equations
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
     from cotree.codegen.context import ModelContext
     from cotree.equations import Equations
     from cotree.graph import LinearGraph, Tree

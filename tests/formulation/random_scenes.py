@@ -53,7 +53,13 @@ def _add_body(scene: Scene, rng: random.Random, i: int, parent: str, is_planar: 
     name, drive = ("theta", "torque") if kind == "revolute" else ("s", "force")
     initial = {name: rng.uniform(-1, 1), f"{name}_dot": rng.uniform(-1, 1)}
     scene.edge(
-        f"j{i}", kind, *nodes, axis=axis, damping="b*0.1", stiffness=0.5, initial=initial,
+        f"j{i}",
+        kind,
+        *nodes,
+        axis=axis,
+        damping="b*0.1",
+        stiffness=0.5,
+        initial=initial,
         **{drive: "0.3*u1"},
     )
     arm = [f"B{i}", f"C{i}"]
@@ -67,12 +73,13 @@ def _add_body(scene: Scene, rng: random.Random, i: int, parent: str, is_planar: 
 def _add_forces(scene: Scene, rng: random.Random, ends: list[str]) -> None:
     pairs = [rng.sample(ends, 2) for _ in range(6)]
     scene.edge("f0", "spring", *pairs[0], stiffness="3*a", free_length=0.4, damping=0.2)
-    scene.edge("f1", "spring", *pairs[1], axis=vector(rng), stiffness=2.0, free_length="0.1*b",
-               damping="a")
+    scene.edge(
+        "f1", "spring", *pairs[1], axis=vector(rng), stiffness=2.0, free_length="0.1*b", damping="a"
+    )
     scene.edge("f2", "damper", *pairs[2], damping="0.4*b")
     scene.edge("f3", "damper", *pairs[3], axis=vector(rng), damping=0.7)
-    scene.edge("f4", "force", *pairs[4], force=["a*sin(t)", 0.3, "u1*j0.%s" % _first(scene)])
-    scene.edge("f5", "torque", *pairs[5], torque=[0.1, "b", "j0.%s_dot" % _first(scene)])
+    scene.edge("f4", "force", *pairs[4], force=["a*sin(t)", 0.3, f"u1*j0.{_first(scene)}"])
+    scene.edge("f5", "torque", *pairs[5], torque=[0.1, "b", f"j0.{_first(scene)}_dot"])
     scene.output("x", f"{ends[-1]}.x + 2*{ends[-2]}.vz*a")
     scene.output("y", f"{ends[-1]}.vy*{ends[-1]}.z")
 

@@ -66,9 +66,9 @@ def lagrange_residual(bodies, gravity, q, v, a):
         vup, vdown = list(v), list(v)
         (up if by == "q" else vup)[i] += h
         (down if by == "q" else vdown)[i] -= h
-        return (
-            lagrangian(bodies, gravity, up, vup) - lagrangian(bodies, gravity, down, vdown)
-        ) / (2 * h)
+        return (lagrangian(bodies, gravity, up, vup) - lagrangian(bodies, gravity, down, vdown)) / (
+            2 * h
+        )
 
     def moved(sign):
         return (

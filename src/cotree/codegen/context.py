@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import textwrap
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -17,9 +16,12 @@ from cotree.program.kernels import ARGUMENTS
 from cotree.version import ABI_VERSION, VERSION
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
     from cotree.dag.nodes import Node
     from cotree.equations import Quantity
     from cotree.program import Kernel, Program
+
 
 @dataclass(frozen=True)
 class QuantityContext:
@@ -176,7 +178,8 @@ def _kernel_context(
         unused, operations = [], whole.operations.total
     else:
         roots = [*kernel.results, *(guard.value for guard in guards)]
-        printed = print_nodes(roots, kernel.prepared, tables)
+        order = None if guards else kernel.order
+        printed = print_nodes(roots, kernel.prepared, tables, order)
         unused, operations = _unused(kernel, roots), kernel.operations.total
     n_results = len(kernel.results)
     results, checks = printed.values[:n_results], printed.values[n_results:]

@@ -6,7 +6,6 @@ evaluation. Comments name the group that a statement belongs to.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -16,10 +15,14 @@ from cotree.dag.traverse import reachable
 from cotree.naming import c_comment
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from cotree.dag.nodes import Node
+    from cotree.dag.several import Table
 
 _LONGEST_INLINE = 72  # characters of an expression that may stand inside another
 _ATOM = 9
+_SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 _PRECEDENCE = {"add": 1, "sub": 1, "mul": 2, "div": 2, "neg": 3}
 _OUTER = {"sign": _ATOM, "select": 3}  # arguments that do not stand between commas
 
@@ -53,7 +56,10 @@ def literal(value: float) -> str:
 
 
 def print_nodes(
-    roots: Sequence[Node], prepared: Mapping[Node, int], tables: Mapping[object, str]
+    roots: Sequence[Node],
+    prepared: Mapping[Node, int],
+    tables: Mapping[Table, str],
+    order: Sequence[Node] | None = None,
 ) -> Printed:
     """Print the statements that some values need.
 
@@ -65,8 +71,10 @@ def print_nodes(
         Values to read from ``k``, with their place there.
     tables : mapping of Table to str
         C name of each table.
+    order : sequence of Node, optional
+        What the values depend on, in order of evaluation, where it is known already.
     """
-    order = reachable(roots, stop=prepared)
+    order = reachable(roots, stop=prepared) if order is None else order
     printer = _Printer(prepared, tables)
     printer.count_uses(roots, order)
     for node in order:
@@ -78,7 +86,7 @@ def print_nodes(
 @dataclass
 class _Printer:
     prepared: Mapping[Node, int]
-    tables: Mapping[object, str]
+    tables: Mapping[Table, str]
     lines: list[str] = field(default_factory=list)
     uses_status: bool = False
 
@@ -125,7 +133,7 @@ class _Printer:
             self._scalar(node)
 
     def _declare(self, node: Node) -> str:
-        """Number a statement and comment the group it begins."""
+        """Give a statement its name, after a comment where a group begins."""
         if node.section and node.section != self._section:
             self.lines.append(f"/* {c_comment(node.section)} */")
         self._section = node.section
@@ -133,27 +141,26 @@ class _Printer:
         return f"v{self._number[node]}"
 
     def _scalar(self, node: Node) -> None:
-        text = self._expression(node)
-        precedence = _PRECEDENCE.get(node.op, _ATOM)
+        op = node.op
+        sign = _SIGNS.get(op)
+        if sign is not None:
+            level = _PRECEDENCE[op]
+            # The right operand binds tighter, so that values are computed in the program's order
+            # and not regrouped; the left one may share the level.
+            a, b = node.args
+            text = f"{self.operand(a, level)} {sign} {self.operand(b, level + 1)}"
+        elif op == "neg":
+            level = _PRECEDENCE[op]
+            text = f"-{self.operand(node.args[0], level + 1)}"
+        else:
+            level, outer = _ATOM, _OUTER.get(op, 0)
+            text = OPERATIONS[op].c.format(*(self.operand(arg, outer) for arg in node.args))
         if self._uses[node] == 1 and len(text) <= _LONGEST_INLINE:
-            self._text[node] = (text, precedence)
+            self._text[node] = (text, level)
             return
         name = self._declare(node)
         self.lines.append(f"const double {name} = {text};")
         self._text[node] = (name, _ATOM)
-
-    def _expression(self, node: Node) -> str:
-        op = node.op
-        if op in _PRECEDENCE:
-            level = _PRECEDENCE[op]
-            # The right operand binds tighter, so that values are computed in the program's order
-            # and not regrouped; the left one may share the level.
-            left = self.operand(node.args[0], level + 1 if op == "neg" else level)
-            if op == "neg":
-                return OPERATIONS[op].c.format(left)
-            return OPERATIONS[op].c.format(left, self.operand(node.args[1], level + 1))
-        outer = _OUTER.get(op, 0)
-        return OPERATIONS[op].c.format(*(self.operand(arg, outer) for arg in node.args))
 
     def _several(self, node: Node) -> None:
         getattr(self, f"_{node.op}")(node)

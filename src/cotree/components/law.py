@@ -8,7 +8,6 @@ the SymPy form of the law, once for each law, never from assembled equations.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -16,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 from cotree.dag.from_sympy import from_sympy
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
     from cotree.dag.nodes import Dag, Node
 
 

@@ -24,9 +24,7 @@ ARM = Component(
     "arm",
     Role.ARM,
     "a vector fixed in a body, from the first node to the second",
-    fields=(
-        Field("vector", "m", "in the first node's axes", Shape.VECTOR, required=True),
-    ),
+    fields=(Field("vector", "m", "in the first node's axes", Shape.VECTOR, required=True),),
 )
 
 WELD = Component("weld", Role.ARM, "holds the second node to the first")

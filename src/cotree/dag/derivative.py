@@ -139,9 +139,7 @@ def tangent(root: Node, seed: Mapping[Node, Node]) -> Node:
     return tangents([root], seed)[0]
 
 
-def adjoints(
-    roots: Sequence[Node], weights: Sequence[Node], wanted: Sequence[Node]
-) -> list[Node]:
+def adjoints(roots: Sequence[Node], weights: Sequence[Node], wanted: Sequence[Node]) -> list[Node]:
     """Differentiate in reverse: the derivative of ``sum(weights * roots)``.
 
     Parameters

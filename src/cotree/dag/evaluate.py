@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 from cotree.dag.operations import OPERATIONS
@@ -10,6 +9,8 @@ from cotree.dag.several import SEVERAL
 from cotree.dag.traverse import reachable
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from cotree.dag.nodes import Node
 
 Numbers = Literal["real", "complex_", "array"]

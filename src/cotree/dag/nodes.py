@@ -10,11 +10,13 @@ ascending index is a valid order of evaluation.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cotree.dag.operations import OPERATIONS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
 
 _REAL = {name: operation.real for name, operation in OPERATIONS.items()}
 _ODD = frozenset({"sin", "tan", "asin", "atan", "sinh", "tanh", "sign"})
@@ -61,7 +63,7 @@ class Node:
     def __add__(self, other: Node | float) -> Node:
         if other.__class__ is not Node:
             other = self.dag.constant(other)  # type: ignore[arg-type]
-        return self.dag.add(self, other)  # type: ignore[arg-type]
+        return self.dag.add(self, other)
 
     def __radd__(self, other: float) -> Node:
         return self.dag.add(self.dag.constant(other), self)
@@ -69,7 +71,7 @@ class Node:
     def __sub__(self, other: Node | float) -> Node:
         if other.__class__ is not Node:
             other = self.dag.constant(other)  # type: ignore[arg-type]
-        return self.dag.sub(self, other)  # type: ignore[arg-type]
+        return self.dag.sub(self, other)
 
     def __rsub__(self, other: float) -> Node:
         return self.dag.sub(self.dag.constant(other), self)
@@ -77,7 +79,7 @@ class Node:
     def __mul__(self, other: Node | float) -> Node:
         if other.__class__ is not Node:
             other = self.dag.constant(other)  # type: ignore[arg-type]
-        return self.dag.mul(self, other)  # type: ignore[arg-type]
+        return self.dag.mul(self, other)
 
     def __rmul__(self, other: float) -> Node:
         return self.dag.mul(self.dag.constant(other), self)

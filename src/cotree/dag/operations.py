@@ -10,11 +10,13 @@ from __future__ import annotations
 import cmath
 import math
 import operator
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 Scalar = Any  # float, complex, or a numpy array of either
 

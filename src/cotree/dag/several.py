@@ -7,13 +7,14 @@ C stands in :mod:`cotree.codegen.printer_c`. The results are read with ``result`
 from __future__ import annotations
 
 import bisect
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
     from cotree.dag.nodes import Dag, Node
 
 #: Pivots below this fraction of the largest entry count as zero: a hundred roundings of a dense
@@ -86,8 +87,8 @@ def solve_pivoted(matrix: Any, rhs: Any) -> tuple[Any, int]:
     smallest = RANK_TOLERANCE * np.max(np.abs(a.real), initial=0.0)
     rank = 0
     for k in range(n):
-        row, column = np.unravel_index(np.argmax(np.abs(a[k:, k:].real)), (n - k, n - k))
-        row, column = int(row) + k, int(column) + k
+        place = int(np.argmax(np.abs(a[k:, k:].real)))
+        row, column = k + place // (n - k), k + place % (n - k)
         if not abs(a[row, column].real) > smallest:
             break
         a[[k, row]], b[[k, row]] = a[[row, k]], b[[row, k]]
@@ -126,7 +127,8 @@ def _evaluate_table(table: Table, values: Sequence[Any]) -> Sequence[Any]:
 
 
 def _evaluate_call(function: Function, values: Sequence[Any]) -> Sequence[Any]:
-    return function.evaluate(values)
+    results: Sequence[Any] = function.evaluate(values)
+    return results
 
 
 def solve(dag: Dag, matrix: Sequence[Sequence[Node]], rhs: Sequence[Node]) -> tuple[Node, ...]:
@@ -163,7 +165,7 @@ def call(dag: Dag, function: Function, args: Sequence[Node]) -> tuple[Node, ...]
 
 
 def _tangent_solve(node: Node, tangents: Sequence[Node]) -> tuple[Node, ...]:
-    """A dx = db - dA x, with the matrix of the node itself."""
+    """Solve A dx = db - dA x, with the matrix of the node itself."""
     dag, n = node.dag, node.data
     matrix = [node.args[n * i : n * (i + 1)] for i in range(n)]
     x = results(node, n)

@@ -7,13 +7,14 @@ algebraic unknowns in general. A derivative along a direction has the same matri
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.errors import ParameterError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from cotree.dag.nodes import Dag, Node
 
 

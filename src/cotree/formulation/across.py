@@ -6,7 +6,6 @@ parent. Accelerations contain minus gravity, so that weight needs no terminal eq
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -16,7 +15,7 @@ from cotree.formulation.circuits import Circuits, inwards
 from cotree.formulation.frames import choose_frames, resolve_branch
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Sequence
 
     from cotree.dag.nodes import Node
     from cotree.dag.vector import Matrix, Vector
@@ -164,9 +163,7 @@ def accelerate(motion: Motion, rates: Sequence[Node]) -> Accelerations:
                 weighted(geometry.turning, own), vector.cross(spin, relative_spin(geometry))
             )
             alpha.append(frames.down(branch.child, vector.add(alpha[branch.parent], turn)))
-            matrix.append(
-                vector.angular_acceleration_matrix(motion.omega[branch.child], alpha[-1])
-            )
+            matrix.append(vector.angular_acceleration_matrix(motion.omega[branch.child], alpha[-1]))
             sliding = sliding_directions(geometry)
             across = vector.times(matrix[branch.parent], geometry.from_parent)
             across = vector.add(across, weighted(sliding, own))
@@ -185,7 +182,5 @@ def sliding_directions(geometry: Geometry) -> tuple[Vector, ...]:
     zero = vector.zeros(geometry.offset[0].dag)
     return tuple(
         zero if coordinate.freedom.rotates else shifting
-        for coordinate, shifting in zip(
-            geometry.branch.coordinates, geometry.shifting, strict=True
-        )
+        for coordinate, shifting in zip(geometry.branch.coordinates, geometry.shifting, strict=True)
     )

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from cotree.dag import vector
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from cotree.dag.vector import Vector
     from cotree.formulation.clusters import Branch, Clusters
     from cotree.formulation.frames import Frames
@@ -37,16 +38,15 @@ class Circuits:
         for branch in self.clusters.path(cluster, ancestor):
             key = (ancestor, branch.child)
             if key not in self._sums:
-                step = inwards(self.clusters, self.frames, self.across(branch), branch.parent,
-                               ancestor)
+                step = inwards(
+                    self.clusters, self.frames, self.across(branch), branch.parent, ancestor
+                )
                 self._sums[key] = vector.add(total, step)
             total = self._sums[key]
         return total
 
 
-def inwards(
-    clusters: Clusters, frames: Frames, a: Vector, cluster: int, ancestor: int
-) -> Vector:
+def inwards(clusters: Clusters, frames: Frames, a: Vector, cluster: int, ancestor: int) -> Vector:
     """Resolve a vector of a cluster's basis in an ancestor's."""
     while cluster != ancestor:
         a = frames.up(cluster, a)
@@ -56,9 +56,7 @@ def inwards(
     return a
 
 
-def outwards(
-    clusters: Clusters, frames: Frames, a: Vector, ancestor: int, cluster: int
-) -> Vector:
+def outwards(clusters: Clusters, frames: Frames, a: Vector, ancestor: int, cluster: int) -> Vector:
     """Resolve a vector of an ancestor's basis in a cluster's."""
     for branch in clusters.path(cluster, ancestor):
         a = frames.down(branch.child, a)

@@ -155,7 +155,7 @@ def _inertias(
         if body.first != "ground":
             raise SceneError(
                 f"rigid body '{body.name}' begins at node '{body.first}': inertia is measured "
-                f"from the ground, write nodes = [\"ground\", \"{body.second}\"]"
+                f'from the ground, write nodes = ["ground", "{body.second}"]'
             )
         point = points[body.second]
         with system.dag.labelled(f"inertia of {body.name}"):

@@ -6,7 +6,6 @@ hang from, so that only the circuit between them is summed.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,6 +14,8 @@ from cotree.dag import vector
 from cotree.formulation.circuits import inwards, outwards
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from cotree.dag.nodes import Node
     from cotree.dag.vector import Vector
     from cotree.formulation.across import Motion
@@ -31,9 +32,7 @@ class Wrench:
 
     def plus(self, other: Wrench) -> Wrench:
         """Add another wrench at the same origin."""
-        return Wrench(
-            vector.add(self.force, other.force), vector.add(self.torque, other.torque)
-        )
+        return Wrench(vector.add(self.force, other.force), vector.add(self.torque, other.torque))
 
 
 @dataclass(frozen=True)

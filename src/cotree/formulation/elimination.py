@@ -1,4 +1,4 @@
-"""Elimination of linear unknowns on nodes: sparse L D L^T with safe pivots, a dense core for the rest.
+"""Elimination of linear unknowns: sparse L D L^T with safe pivots, a dense core for the rest.
 
 In: a symmetric matrix of nodes and which of its pivots are safe. Out: a factorisation that solves
 for any number of right-hand sides by substitution.
@@ -6,13 +6,14 @@ for any number of right-hand sides by substitution.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.dag.several import solve
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from cotree.dag.nodes import Dag, Node
 
 
@@ -55,9 +56,7 @@ def factorise(dag: Dag, matrix: Sequence[Sequence[Node]], is_safe: Sequence[bool
         Whether the pivot of each unknown is known to be nonzero.
     """
     n = len(matrix)
-    rows = {
-        i: {j: matrix[i][j] for j in range(n) if not matrix[i][j].is_zero} for i in range(n)
-    }
+    rows = {i: {j: matrix[i][j] for j in range(n) if not matrix[i][j].is_zero} for i in range(n)}
     order, columns, inverses = [], [], []
     left = {i for i in range(n) if is_safe[i]}
     while left:

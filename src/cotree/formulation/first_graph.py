@@ -7,7 +7,6 @@ motion spaces.
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -22,6 +21,8 @@ from cotree.formulation.system import bind
 from cotree.formulation.through import balance, load, mass_matrix
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from cotree.dag.nodes import Node
     from cotree.equations import Guard
     from cotree.formulation.across import Accelerations, Motion

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 from cotree.components import Component, Freedom, Role
 from cotree.dag import vector
@@ -230,7 +230,7 @@ def _lower_vector(value: FieldValue, dag: Dag, resolve: Resolver) -> Vector:
 
 def _inertia(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
     rows: list[Vector] = []
-    for i, row in enumerate(value):  # type: ignore[arg-type]
+    for i, row in enumerate(cast("Sequence[Any]", value)):
         if isinstance(row, Expression):  # three principal values
             entries = [dag.zero] * 3
             entries[i] = row.lower(dag, resolve)
@@ -259,8 +259,7 @@ def _guards(edge: Edge, bound: BoundEdge) -> list[Guard]:
             found.append(Guard(bound.scalars[row.name], what, is_strict))
         elif row.sign and row.name == "inertia" and bound.inertia is not None:
             found += [
-                Guard(bound.inertia[i][i], f"entry {i + 1} of {what}", is_strict)
-                for i in range(3)
+                Guard(bound.inertia[i][i], f"entry {i + 1} of {what}", is_strict) for i in range(3)
             ]
     return found
 

@@ -7,7 +7,6 @@ force elements. Projection on the motion space gives one equation for each coord
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -16,6 +15,8 @@ from cotree.formulation.clusters import Inertia, combined
 from cotree.formulation.elements import Wrench, actions, wrenches
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from cotree.dag.nodes import Node
     from cotree.dag.vector import Matrix, Vector
     from cotree.formulation.across import Accelerations, Motion
@@ -226,9 +227,7 @@ def mass_matrix(motion: Motion, loads: Loads) -> list[list[Node]]:
             composite = _up(motion, branch.child, composite)
             at_parent = carried_inertia(composite, geometry.offset)
             known = composites[branch.parent]
-            composites[branch.parent] = (
-                combined(known, at_parent) if branch.parent else None
-            )
+            composites[branch.parent] = combined(known, at_parent) if branch.parent else None
         with system.dag.labelled(f"mass matrix, column of {branch.edge}"):
             for i, coordinate in enumerate(branch.coordinates):
                 wrench = unit_wrench(composite, geometry.turning[i], geometry.shifting[i])
@@ -259,12 +258,8 @@ def carried_inertia(inertia: Inertia, arm: Vector) -> Inertia:
 def unit_wrench(inertia: Inertia, turning: Vector, shifting: Vector) -> Wrench:
     """Form the wrench that gives an inertia a unit acceleration along a direction."""
     return Wrench(
-        vector.add(
-            vector.scale(inertia.mass, shifting), vector.cross(turning, inertia.moment)
-        ),
-        vector.add(
-            vector.cross(inertia.moment, shifting), vector.times(inertia.tensor, turning)
-        ),
+        vector.add(vector.scale(inertia.mass, shifting), vector.cross(turning, inertia.moment)),
+        vector.add(vector.cross(inertia.moment, shifting), vector.times(inertia.tensor, turning)),
     )
 
 

@@ -7,7 +7,6 @@ to keep it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -21,6 +20,8 @@ from cotree.errors import BuildError, SingularSystemError, SolveError
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from cotree.build import LoadedLibrary
     from cotree.dag.nodes import Node
     from cotree.equations import Guard
@@ -100,7 +101,7 @@ class CKernels:
         self._arrays["k"] = np.zeros(model.n_prepared)
 
         def pointer(array: Array) -> Any:
-            return ffi.from_buffer("double[]", array) if array.size else ffi.NULL
+            return ffi.from_buffer("double[]", array.data) if array.size else ffi.NULL
 
         bound = {key: pointer(array) for key, array in self._arrays.items()}
         self._prepared = (bound["p"], bound["k"])

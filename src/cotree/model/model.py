@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import itertools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +12,8 @@ from cotree.errors import ParameterError, nearest
 from cotree.scene.description import check_number
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
     from scipy.sparse import csc_matrix
 
     from cotree.model.kernels import Kernels
@@ -99,7 +101,8 @@ class CompiledModel:
 
     @property
     def _columns(self) -> npt.NDArray[np.intp]:
-        counts = np.diff(np.array(self.layout.column_starts, dtype=np.intp))
+        starts = self.layout.column_starts
+        counts = [end - start for start, end in itertools.pairwise(starts)]
         return np.repeat(np.arange(len(self.states)), counts)
 
     def parameter_array(self, values: Mapping[str, float] | None = None) -> Array:
@@ -262,7 +265,9 @@ def _array(value: Any, shape: Sequence[int], what: str) -> Array:
     try:
         array = np.ascontiguousarray(value, dtype=float)
     except (TypeError, ValueError):
-        raise ParameterError(f"{what} must be an array of numbers of shape {tuple(shape)}") from None
+        raise ParameterError(
+            f"{what} must be an array of numbers of shape {tuple(shape)}"
+        ) from None
     if array.shape != tuple(shape):
         raise ParameterError(
             f"{what} must be an array of shape {tuple(shape)}, not of shape {array.shape}"

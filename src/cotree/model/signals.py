@@ -1,4 +1,4 @@
-"""Inputs of a run: the scene's own, or numbers, expressions, tables and functions in their place."""
+"""Inputs of a run: numbers, expressions, tables or functions in place of the scene's own."""
 
 from __future__ import annotations
 

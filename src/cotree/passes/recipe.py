@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,6 +9,8 @@ from cotree.passes.reciprocals import share_reciprocals
 from cotree.passes.stage import stage_parameters
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from cotree.program import Program
 
 #: Each pass with its name, in the order they run.

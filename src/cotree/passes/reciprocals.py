@@ -49,5 +49,3 @@ def _rewrite(kernel: Kernel) -> Kernel:
                 new[node] = node.dag.rebuild(node, args)
     results = tuple(new.get(node, node) for node in kernel.results)
     return replace(kernel, results=results)
-
-

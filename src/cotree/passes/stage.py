@@ -21,9 +21,7 @@ def stage_parameters(program: Program) -> Program:
     """Move values of parameters only to ``prepare``."""
     results = [node for kernel in program.kernels.values() for node in kernel.results]
     prepared = {node: i for i, node in enumerate(_frontier(results))}
-    kernels = {
-        name: replace(kernel, prepared=prepared) for name, kernel in program.kernels.items()
-    }
+    kernels = {name: replace(kernel, prepared=prepared) for name, kernel in program.kernels.items()}
     kernels["prepare"] = replace(kernels["prepare"], results=tuple(prepared), prepared={})
     return replace(program, kernels=kernels)
 

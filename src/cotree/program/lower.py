@@ -88,7 +88,6 @@ def _compress(columns: Sequence[Sequence[Node]]) -> tuple[list[int], list[int], 
 
 def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
 
-
     states: tuple[Quantity, ...] = tuple(Quantity(s.name, s.unit) for s in equations.states)
     return Layout(
         name=equations.name,

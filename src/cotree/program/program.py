@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -11,6 +10,8 @@ from cotree.dag.traverse import reachable
 from cotree.program.counts import OperationCount, count_operations
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from cotree.dag.nodes import Dag, Node
     from cotree.equations import Guard, Quantity
     from cotree.program.kernels import KernelSpec

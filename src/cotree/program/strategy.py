@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING
@@ -15,6 +14,8 @@ from cotree.program.counts import count_operations
 from cotree.sensitivity.graphs import form_derivatives
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
     from cotree.formulation.first_graph import FirstGraph
     from cotree.graph import Tree
     from cotree.scene.description import SceneDescription

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 from cotree.components import COMPONENTS, Component, Field, Shape
 from cotree.dag.several import Table
@@ -162,7 +162,7 @@ class SceneDescription:
     def edge(
         self,
         name: str,
-        type: str,  # noqa: A002 - the word that scene files use
+        type: str,
         first: str,
         second: str,
         *,
@@ -268,7 +268,7 @@ def parse_signal(value: object, where: str) -> Expression | Table:
     if isinstance(value, (int, float, str)):
         return parse(value, where)
     try:
-        times, values = value  # type: ignore[misc]
+        times, values = cast("Any", value)
         table = Table(tuple(float(x) for x in times), tuple(float(y) for y in values))
     except (TypeError, ValueError):
         raise SceneError(
@@ -325,7 +325,9 @@ def _check_fields(
         if row.name in given:
             fields[row.name] = _check_field(row, given[row.name], where)
         elif row.required:
-            raise SceneError(f"edge '{edge}' of type '{component.name}' needs the field '{row.name}'")
+            raise SceneError(
+                f"edge '{edge}' of type '{component.name}' needs the field '{row.name}'"
+            )
         elif row.default is not None:
             fields[row.name] = parse(row.default, where)
     return fields
@@ -352,5 +354,3 @@ def _check_initial(
             raise SceneError(f"edge '{edge}' has no coordinate '{name}'{nearest(str(name), known)}")
         initial[name] = parse(value, f"initial {name} of edge '{edge}'")
     return initial
-
-

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import ast
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.errors import ExpressionError, nearest
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from cotree.dag.nodes import Dag, Node
 
 _LONGEST = 4000  # characters; keeps the parser's own recursion bounded
@@ -159,9 +160,8 @@ def _check(tree: ast.expr, names: set[str], depth: int) -> None:
             _check(operand, names, depth + 1)
         case ast.Call(func=ast.Name(id=function), args=args, keywords=[]):
             if function not in FUNCTIONS:
-                raise ExpressionError(
-                    f"calls '{function}', which is not a known function{nearest(function, FUNCTIONS)}"
-                )
+                hint = nearest(function, FUNCTIONS)
+                raise ExpressionError(f"calls '{function}', which is not a known function{hint}")
             if len(args) != FUNCTIONS[function]:
                 raise ExpressionError(f"gives {function} {len(args)} arguments")
             for arg in args:
@@ -186,8 +186,8 @@ def _lower(tree: ast.expr, dag: Dag, resolve: Callable[[str], Node]) -> Node:
         case ast.BinOp(left=left, op=op, right=right):
             return _BINARY[type(op)](_lower(left, dag, resolve), _lower(right, dag, resolve))
         case ast.UnaryOp(op=op, operand=operand):
-            value = _lower(operand, dag, resolve)
-            return -value if isinstance(op, ast.USub) else value
+            inner = _lower(operand, dag, resolve)
+            return -inner if isinstance(op, ast.USub) else inner
         case ast.Call(func=ast.Name(id=function), args=args):
             return _lower_call(dag, function, [_lower(arg, dag, resolve) for arg in args])
     raise AssertionError("the tree was checked when it was parsed")

@@ -61,8 +61,9 @@ def choose_trees(
     if isinstance(choice, Mapping):
         for domain in choice:
             if domain not in graphs:
-                raise TopologyError(f"the tree names the unknown domain '{domain}': known are "
-                                    f"{', '.join(graphs)}")
+                raise TopologyError(
+                    f"the tree names the unknown domain '{domain}': known are {', '.join(graphs)}"
+                )
         wanted = {domain: choice.get(domain) for domain in graphs}
     else:
         wanted = dict.fromkeys(graphs, choice)

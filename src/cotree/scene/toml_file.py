@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from cotree.errors import ModelError, SceneError, nearest
 from cotree.scene.description import SceneDescription
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 _Scene = TypeVar("_Scene", bound=SceneDescription)
 
@@ -123,4 +125,6 @@ def _add_edge(scene: SceneDescription, name: str, edge: Any) -> None:
     for reserved in ("name", "first", "second"):
         if reserved in rest:
             raise SceneError(f"edge '{name}' has no field '{reserved}'")
-    scene.edge(name, rest.pop("type"), nodes[0], nodes[1], initial=rest.pop("initial", None), **rest)
+    scene.edge(
+        name, rest.pop("type"), nodes[0], nodes[1], initial=rest.pop("initial", None), **rest
+    )

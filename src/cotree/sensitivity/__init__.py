@@ -1,1 +1,1 @@
-"""Sensitivity graphs: topologically identical to the first, with differentiated terminal equations."""
+"""Sensitivity graphs: the topology of the first, with differentiated terminal equations."""

@@ -10,7 +10,6 @@ A sensitivity graph visits only the clusters that its seed reaches; None stands 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -20,6 +19,8 @@ from cotree.formulation.across import carrier_spin, relative_spin, sliding_direc
 from cotree.formulation.circuits import Circuits, inwards
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from cotree.dag.nodes import Node
     from cotree.dag.vector import Matrix, Vector
     from cotree.formulation.across import Accelerations, Motion

@@ -49,9 +49,7 @@ def wrench_tangents(moved: MotionTangent, action: Action) -> list[tuple[int, Wre
             continue
         torque = vector.add(vector.cross(d_arm, action.force), vector.cross(arm, d_force))
         torque = vector.add(torque, d_torque)
-        found.append(
-            (point.cluster, settled(motion, point, ancestor, sign, d_force, torque))
-        )
+        found.append((point.cluster, settled(motion, point, ancestor, sign, d_force, torque)))
     return found
 
 
@@ -132,7 +130,5 @@ def _spin_tangent(
     d_omega = inwards(
         motion.clusters, motion.frames, moved.omega_of(first.cluster), first.cluster, ancestor
     )
-    d_turn = vector.add(
-        vector.cross(d_omega, action.direction), vector.cross(omega, d_direction)
-    )
+    d_turn = vector.add(vector.cross(d_omega, action.direction), vector.cross(omega, d_direction))
     return vector.dot(d_turn, action.reach) + vector.dot(turn, d_reach)

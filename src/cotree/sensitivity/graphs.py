@@ -8,7 +8,6 @@ initial-value sensitivities differ in their seed only.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -21,6 +20,8 @@ from cotree.sensitivity.seed import Seed, Support
 from cotree.sensitivity.through import balance_tangent
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from cotree.dag.nodes import Node
     from cotree.formulation.first_graph import FirstGraph
 
@@ -99,9 +100,7 @@ def form_derivatives(
     support = support or Support()
     found = []
     for j, name in enumerate(wanted):
-        symbols = {
-            state.symbol: dag.symbol("s", j * n + i) for i, state in enumerate(first.states)
-        }
+        symbols = {state.symbol: dag.symbol("s", j * n + i) for i, state in enumerate(first.states)}
         if name in first.system.parameters:
             symbols[first.system.parameters[name]] = dag.one
             found.append(differentiate(first, name, symbols, support))
@@ -113,9 +112,7 @@ def form_derivatives(
 def _initial_value(direction: Derivative, first: FirstGraph) -> Derivative:
     """Start a direction with one in its own state and zero elsewhere."""
     dag = first.system.dag
-    initial = tuple(
-        dag.one if state.name == direction.name else dag.zero for state in first.states
-    )
+    initial = tuple(dag.one if state.name == direction.name else dag.zero for state in first.states)
     return replace(direction, initial=initial)
 
 

@@ -6,7 +6,6 @@ sensitivity graph: a tangent for each symbol that changes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -14,6 +13,8 @@ from cotree.dag.derivative import tangents
 from cotree.dag.traverse import symbols_in
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from cotree.dag.nodes import Dag, Node
     from cotree.dag.vector import Matrix, Vector
 

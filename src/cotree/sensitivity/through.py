@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 from cotree.components.law import chain
 from cotree.dag import vector
-from cotree.formulation.clusters import Inertia
 from cotree.formulation.elements import Wrench
 from cotree.formulation.through import spin_torque
 from cotree.sensitivity.across import accelerate_tangent
@@ -18,6 +17,7 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Node
     from cotree.dag.vector import Matrix, Vector
     from cotree.formulation.across import Accelerations
+    from cotree.formulation.clusters import Inertia
     from cotree.formulation.frames import Geometry
     from cotree.formulation.through import Balance, Loads
     from cotree.sensitivity.across import AccelerationTangent, GeometryTangent, MotionTangent
@@ -150,9 +150,7 @@ def _inertia_tangent(
     d_matrix = d_across.matrix[cluster]
     if d_matrix is not None:
         force = vector.add(force, vector.times(d_matrix, inertia.moment))
-    torque = vector.add(
-        vector.cross(d_moment, origin), vector.cross(inertia.moment, d_origin)
-    )
+    torque = vector.add(vector.cross(d_moment, origin), vector.cross(inertia.moment, d_origin))
     d_tensor = None
     if is_changed:
         axes = motion.frames.rotations[cluster].matrix

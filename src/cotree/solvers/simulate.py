@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +18,7 @@ from cotree.solvers.result import Result
 from cotree.solvers.select import integrate
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from cotree.model.model import CompiledModel
     from cotree.solvers.problem import FloatArray
@@ -44,7 +43,10 @@ class Settings:
 
 
 def simulate(
-    model: CompiledModel, settings: Settings, breakpoints: tuple[float, ...], units: Mapping[str, str]
+    model: CompiledModel,
+    settings: Settings,
+    breakpoints: tuple[float, ...],
+    units: Mapping[str, str],
 ) -> Result:
     """Integrate a model.
 
@@ -165,9 +167,7 @@ def _start(model: CompiledModel, p: FloatArray, initial: Mapping[str, float]) ->
     y, s = model.initial(p), model.initial_sensitivity(p)
     for name, value in initial.items():
         if name not in model.states:
-            raise ParameterError(
-                f"the model has no state '{name}'{nearest(name, model.states)}"
-            )
+            raise ParameterError(f"the model has no state '{name}'{nearest(name, model.states)}")
         i = model.states.index(name)
         y[i] = check_number(value, f"initial value of '{name}'")
         s[i] = [float(wanted == name) for wanted in model.sensitivities]
