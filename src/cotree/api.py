@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cotree.build import BuildOptions
 from cotree.dag.several import Table
+from cotree.errors import SingularSystemError
 from cotree.model.model import CompiledModel
 from cotree.scene.description import SceneDescription
 from cotree.scene.toml_file import load_scene
@@ -88,6 +91,12 @@ class Scene(SceneDescription):
         options = BuildOptions(optimize=optimize, native=native)
         model = Model(compile_scene(self, names, tree, options), self)
         model.check_start()
+        for name in model.unreached:
+            warnings.warn(
+                f"no state depends on parameter '{name}': its sensitivities are all zero",
+                RuntimeWarning,
+                stacklevel=2,
+            )
         return model
 
     def graph(self, tree: TreeChoice = None) -> GraphReport:
@@ -169,7 +178,13 @@ class Model(CompiledModel):
         SingularSystemError
             If the mass matrix is singular there.
         """
-        self.rhs(0.0, self.initial_state)
+        rates = self.rhs(0.0, self.initial_state)
+        for name, rate in zip(self.states, rates, strict=True):
+            if not math.isfinite(rate):
+                raise SingularSystemError(
+                    f"the rate of '{name}' is not finite at the initial state: check its initial "
+                    "value, and the inertia and the laws that act on it"
+                )
 
     def simulate(
         self,

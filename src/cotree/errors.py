@@ -20,7 +20,10 @@ Messages name the edge, node, parameter or file line at fault and say what to do
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 
 class Error(Exception):

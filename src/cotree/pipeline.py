@@ -143,7 +143,7 @@ def _load(
             "no C compiler was found (CC, cc, gcc, clang): the model is evaluated in Python, "
             "which is a hundred times slower. Install one, or: pip install 'cotree[zig]'",
             RuntimeWarning,
-            stacklevel=2,
+            stacklevel=4,  # whoever asked for the model
         )
         return PythonKernels(program)
     library = build_library(

@@ -107,6 +107,7 @@ def model_context(program: Program) -> ModelContext:
     layout = program.layout
     prefix = c_identifier(layout.name)
     nodes = [node for kernel in program.kernels.values() for node in kernel.order]
+    nodes += reachable([guard.value for guard in program.guards])  # prepare checks them
     tables = _name_tables(node.data for node in nodes if node.op == "table")
     functions = sorted({node.data.name for node in nodes if isinstance(node.data, Function)})
     kernels = [_kernel_context(prefix, k, program, tables) for k in program.kernels.values()]

@@ -94,6 +94,7 @@ class _Printer:
         self._text: dict[Node, tuple[str, int]] = {}  # expression and its precedence
         self._number: dict[Node, int] = {}  # of the values that have a statement
         self._uses: dict[Node, int] = {}
+        self._factors: dict[tuple[Node, ...], str] = {}  # number of each factorised matrix
         self._section = ""
 
     def count_uses(self, roots: Sequence[Node], order: Sequence[Node]) -> None:
@@ -169,15 +170,23 @@ class _Printer:
         return f"double {name}[{len(args)}] = {{{', '.join(self.operand(a, 0) for a in args)}}};"
 
     def _solve(self, node: Node) -> None:
+        """Print a solution; a matrix that several solutions share is factorised once."""
         n, name = node.data, self._declare(node)
-        a, b, order = f"a{name[1:]}", f"b{name[1:]}", f"c{name[1:]}"
+        matrix, rhs, reference = node.args[: n * n], node.args[n * n : -1], node.args[-1]
+        if matrix not in self._factors:
+            self._factors[matrix] = number = name[1:]
+            self.lines += [
+                self._array(f"a{number}", matrix),
+                f"int r{number}[{n}], c{number}[{n}];",
+                f"const int rank{number} = cotree_factorise({n}, {self.operand(reference, 0)}, "
+                f"a{number}, r{number}, c{number});",
+            ]
+        number = self._factors[matrix]
+        values = ", ".join([*(self.operand(arg, 0) for arg in rhs), f"(double)rank{number}"])
         self.lines += [
-            self._array(a, node.args[: n * n]),
-            self._array(b, node.args[n * n :]),
-            f"int {order}[{n}];",
-            f"double {name}[{n + 1}];",
-            f"{name}[{n}] = (double)cotree_solve({n}, {a}, {b}, {order}, {name});",
-            f"if ({name}[{n}] < {n}.0) status = COTREE_SINGULAR;",
+            f"double {name}[{n + 1}] = {{{values}}};",
+            f"cotree_substitute({n}, rank{number}, a{number}, r{number}, c{number}, {name});",
+            f"if (rank{number} < {n}) status = COTREE_SINGULAR;",
         ]
         self.uses_status = True
 

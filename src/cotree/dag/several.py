@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
 
-#: Pivots below this fraction of the largest entry count as zero: a hundred roundings of a dense
-#: elimination of the sizes met here.
+#: Pivots below this fraction of the largest entry, or of the reference given with the matrix, count
+#: as zero: a few hundred roundings.
 RANK_TOLERANCE = 1e-13
 
 
@@ -60,7 +60,7 @@ class Function:
     partials: Function | None = None
 
 
-def solve_pivoted(matrix: Any, rhs: Any) -> tuple[Any, int]:
+def solve_pivoted(matrix: Any, rhs: Any, reference: float = 0.0) -> tuple[Any, int]:
     """Solve a dense linear system by Gaussian elimination with complete pivoting.
 
     Unknowns whose pivot falls below :data:`RANK_TOLERANCE` of the largest entry are set to zero,
@@ -72,6 +72,8 @@ def solve_pivoted(matrix: Any, rhs: Any) -> tuple[Any, int]:
         The coefficients, real or complex.
     rhs : array_like, shape (n,)
         The right-hand side.
+    reference : float
+        Size of what the entries were made from, where they may be the rest of a cancellation.
 
     Returns
     -------
@@ -84,7 +86,7 @@ def solve_pivoted(matrix: Any, rhs: Any) -> tuple[Any, int]:
     b = np.array(rhs, dtype=np.result_type(a, rhs))
     n = len(b)
     columns = list(range(n))
-    smallest = RANK_TOLERANCE * np.max(np.abs(a.real), initial=0.0)
+    smallest = RANK_TOLERANCE * np.max(np.abs(a.real), initial=reference)
     rank = 0
     for k in range(n):
         place = int(np.argmax(np.abs(a[k:, k:].real)))
@@ -107,15 +109,16 @@ def solve_pivoted(matrix: Any, rhs: Any) -> tuple[Any, int]:
 
 def _evaluate_solve(n: int, values: Sequence[Any]) -> Sequence[Any]:
     matrix = np.array(values[: n * n]).reshape(n, n)
-    solution, rank = solve_pivoted(matrix, np.array(values[n * n :]))
+    reference = complex(values[-1]).real
+    solution, rank = solve_pivoted(matrix, np.array(values[n * n : -1]), reference)
     return [*solution.tolist(), float(rank)]
 
 
 def _evaluate_table(table: Table, values: Sequence[Any]) -> Sequence[Any]:
     x = values[0]
     if np.ndim(x):
-        results = [_evaluate_table(table, [float(item)]) for item in x]
-        return np.array(results).T.tolist()
+        rows: list[Any] = np.array([_evaluate_table(table, [float(at)]) for at in x]).T.tolist()
+        return rows
     place = complex(x).real
     if place <= table.x[0]:
         return [table.y[0], 0.0]
@@ -127,11 +130,15 @@ def _evaluate_table(table: Table, values: Sequence[Any]) -> Sequence[Any]:
 
 
 def _evaluate_call(function: Function, values: Sequence[Any]) -> Sequence[Any]:
-    results: Sequence[Any] = function.evaluate(values)
-    return results
+    return function.evaluate(values)
 
 
-def solve(dag: Dag, matrix: Sequence[Sequence[Node]], rhs: Sequence[Node]) -> tuple[Node, ...]:
+def solve(
+    dag: Dag,
+    matrix: Sequence[Sequence[Node]],
+    rhs: Sequence[Node],
+    reference: Node | None = None,
+) -> tuple[Node, ...]:
     """Form the solution of a small dense linear system, and its rank.
 
     Parameters
@@ -142,6 +149,8 @@ def solve(dag: Dag, matrix: Sequence[Sequence[Node]], rhs: Sequence[Node]) -> tu
         Coefficients, n by n.
     rhs : sequence of Node
         Right-hand side.
+    reference : Node, optional
+        Size of what the entries were made from, for the rank decision.
 
     Returns
     -------
@@ -149,7 +158,7 @@ def solve(dag: Dag, matrix: Sequence[Sequence[Node]], rhs: Sequence[Node]) -> tu
         The n unknowns, then the rank found at run time.
     """
     n = len(rhs)
-    args = [entry for row in matrix for entry in row] + list(rhs)
+    args = [*(entry for row in matrix for entry in row), *rhs, reference or dag.zero]
     return dag.several("solve", args, n, n + 1)
 
 
@@ -169,20 +178,21 @@ def _tangent_solve(node: Node, tangents: Sequence[Node]) -> tuple[Node, ...]:
     dag, n = node.dag, node.data
     matrix = [node.args[n * i : n * (i + 1)] for i in range(n)]
     x = results(node, n)
-    right = list(tangents[n * n :])
+    right = list(tangents[n * n : -1])
     for i in range(n):
         for j in range(n):
             right[i] = right[i] - tangents[n * i + j] * x[j]
-    return (*solve(dag, matrix, right)[:n], dag.zero)
+    return (*solve(dag, matrix, right, node.args[-1])[:n], dag.zero)
 
 
 def _reverse_solve(node: Node, adjoints: Sequence[Node]) -> tuple[Node, ...]:
     """Transposed solve: b_bar = A^-T x_bar, A_bar = -b_bar x^T."""
     dag, n = node.dag, node.data
     transposed = [[node.args[n * j + i] for j in range(n)] for i in range(n)]
-    b_bar = solve(dag, transposed, adjoints[:n])[:n]
+    b_bar = solve(dag, transposed, adjoints[:n], node.args[-1])[:n]
     x = results(node, n)
-    return (*[-(b_bar[i] * x[j]) for i in range(n) for j in range(n)], *b_bar)
+    a_bar = [-(b_bar[i] * x[j]) for i in range(n) for j in range(n)]
+    return (*a_bar, *b_bar, dag.zero)
 
 
 def _tangent_table(node: Node, tangents: Sequence[Node]) -> tuple[Node, ...]:

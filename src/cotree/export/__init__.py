@@ -1,1 +1,1 @@
-"""From a program to somewhere else: C projects."""
+"""From equations or a program to somewhere else: C projects, SymPy, LaTeX."""

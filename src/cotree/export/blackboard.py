@@ -10,13 +10,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+#: How tightly a text holds together: a sum, a product of vectors, anything tighter.
+SUM, PRODUCT, SYMBOL = range(3)
+
 
 @dataclass(frozen=True)
 class Atom:
-    """A text, and whether it needs parentheses beside another factor."""
+    """A text, and how tightly it holds together."""
 
     text: str
-    is_open: bool = False
+    level: int = SYMBOL
 
 
 @dataclass(frozen=True)
@@ -46,9 +49,16 @@ class Term:
 
 def _guarded(factor: Atom | Formula, is_bare: bool, is_all: bool) -> str:
     """Write a factor, in parentheses where it needs them."""
-    if isinstance(factor, Atom):
-        return f"({factor.text})" if factor.is_open and not is_bare else factor.text
-    return str(factor) if is_all else f"({factor})"
+    if isinstance(factor, Formula):
+        is_kept = is_all
+    else:
+        is_kept = is_all or factor.level == SYMBOL or (factor.level == PRODUCT and is_bare)
+    return text_of(factor) if is_kept else f"({text_of(factor)})"
+
+
+def text_of(factor: Atom | Formula) -> str:
+    """Write a factor as it is."""
+    return factor.text if isinstance(factor, Atom) else str(factor)
 
 
 @dataclass(frozen=True)
@@ -85,38 +95,41 @@ class Formula:
         """Multiply a scalar with a scalar or a vector."""
         if self.is_zero or other.is_zero:
             return ZERO
-        a, b = _as_term(self), _as_term(other)
-        return Formula((Term(a.sign * b.sign, a.scalars + b.scalars, b.vector),))
+        b = _as_term(other)
+        # A sum of scalars is spread over a vector: -(r - l0) i - k*r_k i.
+        factors = [_as_term(self)] if b.vector is None else self.terms
+        return Formula(
+            tuple(Term(a.sign * b.sign, a.scalars + b.scalars, b.vector) for a in factors)
+        )
 
 
 ZERO = Formula()
 ONE = Formula((Term(1),))
 
 
-def _as_term(formula: Formula, as_vector: bool = False) -> Term:
+def _as_term(formula: Formula) -> Term:
     """See a formula as one term: a sum becomes a factor of its own."""
     if len(formula.terms) == 1:
         return formula.terms[0]
-    if as_vector or any(term.vector is not None for term in formula.terms):
+    if any(term.vector is not None for term in formula.terms):
         return Term(1, (), formula)
     return Term(1, (formula,))
 
 
-def scalar(text: str, is_open: bool = False) -> Formula:
-    """Write a scalar; ``is_open`` if its text is a sum."""
-    return Formula((Term(1, (Atom(text, is_open),)),))
+def scalar(text: str, level: int = SYMBOL) -> Formula:
+    """Write a scalar."""
+    return Formula((Term(1, (Atom(text, level),)),))
 
 
-def vector(text: str, is_open: bool = False) -> Formula:
-    """Write a vector; ``is_open`` if its text is a product of vectors."""
-    return Formula((Term(1, (), Atom(text, is_open)),))
+def vector(text: str) -> Formula:
+    """Write a vector."""
+    return Formula((Term(1, (), Atom(text)),))
 
 
 def _operand(factor: Atom | Formula | None) -> str:
-    assert factor is not None
-    is_open = isinstance(factor, Formula) or factor.is_open
-    text = str(factor) if isinstance(factor, Formula) else factor.text
-    return f"({text})" if is_open else text
+    assert factor is not None  # vectors are multiplied with vectors only
+    is_symbol = isinstance(factor, Atom) and factor.level == SYMBOL
+    return text_of(factor) if is_symbol else f"({text_of(factor)})"
 
 
 def cross(a: Formula, b: Formula) -> Formula:
@@ -124,8 +137,8 @@ def cross(a: Formula, b: Formula) -> Formula:
     if a.is_zero or b.is_zero:
         return ZERO
     left, right = _as_term(a), _as_term(b)
-    text = f"{_operand(left.vector)} × {_operand(right.vector)}"
-    return Formula((Term(left.sign * right.sign, left.scalars + right.scalars, Atom(text, True)),))
+    product = Atom(f"{_operand(left.vector)} × {_operand(right.vector)}", PRODUCT)
+    return Formula((Term(left.sign * right.sign, left.scalars + right.scalars, product),))
 
 
 def dot(a: Formula, b: Formula) -> Formula:
@@ -133,18 +146,14 @@ def dot(a: Formula, b: Formula) -> Formula:
     if a.is_zero or b.is_zero:
         return ZERO
     left, right = _as_term(a), _as_term(b)
-    text = Atom(f"{_operand(left.vector)}·{_operand(right.vector)}", True)
-    return Formula((Term(left.sign * right.sign, (*left.scalars, *right.scalars, text)),))
+    product = Atom(f"{_operand(left.vector)}·{_operand(right.vector)}", PRODUCT)
+    return Formula((Term(left.sign * right.sign, (*left.scalars, *right.scalars, product)),))
 
 
 def applied(tensor: Formula, b: Formula) -> Formula:
-    """Write a tensor applied to a vector; the tensor is one symbol."""
-    return _as_vector(dot(tensor, b))
-
-
-def _as_vector(formula: Formula) -> Formula:
-    """See the last scalar of a term as its vector."""
-    return Formula(tuple(Term(t.sign, t.scalars[:-1], t.scalars[-1]) for t in formula.terms))
+    """Write a tensor applied to a vector; the result is a vector."""
+    terms = dot(tensor, b).terms
+    return Formula(tuple(Term(t.sign, t.scalars[:-1], t.scalars[-1]) for t in terms))
 
 
 @dataclass(frozen=True)

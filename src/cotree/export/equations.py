@@ -112,7 +112,15 @@ def _printer(kind: str, latex_names: Mapping[Any, str]) -> Callable[[Any], str]:
             known[key] = plain(item)
         return known[key]
 
-    printer._print = print_once
+    ordered = printer._as_ordered_terms
+
+    def plus_first(item: Any, order: Any = None) -> list[Any]:
+        terms = list(ordered(item, order))
+        first = next((t for t in terms if not t.could_extract_minus_sign()), terms[0])
+        terms.remove(first)
+        return [first, *terms]
+
+    printer._print, printer._as_ordered_terms = print_once, plus_first
     spell: Callable[[Any], str] = printer.doprint
     return spell
 

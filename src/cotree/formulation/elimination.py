@@ -31,8 +31,11 @@ class Factors:
         The reciprocals of their pivots: every right-hand side multiplies by them.
     core : tuple of int
         The unknowns left to a solution at run time.
+    core_scales : tuple of Node
+        One over the square root of their diagonal entries before elimination.
     core_matrix : tuple of rows of Node
-        Their Schur complement.
+        Their Schur complement, scaled from both sides: entries near 1 have lost nothing to
+        cancellation, which makes the rank decision free of units.
     """
 
     dag: Dag
@@ -40,6 +43,7 @@ class Factors:
     columns: tuple[dict[int, Node], ...]
     inverses: tuple[Node, ...]
     core: tuple[int, ...]
+    core_scales: tuple[Node, ...]
     core_matrix: tuple[tuple[Node, ...], ...]
 
 
@@ -79,13 +83,18 @@ def factorise(dag: Dag, matrix: Sequence[Sequence[Node]], is_safe: Sequence[bool
         columns.append(multipliers)
         inverses.append(inverse)
     core = tuple(sorted(rows))
+    scales = tuple(1.0 / dag.function("sqrt", matrix[i][i]) for i in core)
     return Factors(
         dag,
         tuple(order),
         tuple(columns),
         tuple(inverses),
         core,
-        tuple(tuple(rows[i].get(j, dag.zero) for j in core) for i in core),
+        scales,
+        tuple(
+            tuple(rows[i].get(j, dag.zero) * (a * b) for j, b in zip(core, scales, strict=True))
+            for i, a in zip(core, scales, strict=True)
+        ),
     )
 
 
@@ -112,9 +121,11 @@ def substitute_back(factors: Factors, rhs: Sequence[Node]) -> list[Node]:
             for i, multiplier in column.items():
                 right[i] = right[i] - multiplier * right[k]
         if factors.core and any(not right[i].is_zero for i in factors.core):
-            solution = solve(dag, factors.core_matrix, [right[i] for i in factors.core])
-            for i, value in zip(factors.core, solution, strict=False):
-                unknowns[i] = value
+            scales = factors.core_scales
+            scaled = [right[i] * scale for i, scale in zip(factors.core, scales, strict=True)]
+            solution = solve(dag, factors.core_matrix, scaled, dag.one)
+            for i, scale, value in zip(factors.core, scales, solution, strict=False):
+                unknowns[i] = scale * value
         for k, column, inverse in zip(
             reversed(factors.order),
             reversed(factors.columns),

@@ -31,10 +31,14 @@ Array = npt.NDArray[np.float64]
 
 SINGULAR = 1
 
-_SINGULAR_TEXT = (
-    "the mass matrix is singular in the present configuration: a joint moves nothing that has "
-    "inertia; give the bodies beyond it mass or inertia"
-)
+
+def _singular(layout: Layout) -> SingularSystemError:
+    names = ", ".join(f"'{name}'" for name in layout.uncertain)
+    return SingularSystemError(
+        f"the mass matrix is singular in the present configuration: among {names}, whose joints "
+        "carry no inertia of their own, some motion moves no inertia; give the bodies that these "
+        "joints carry mass or inertia"
+    )
 
 
 class Kernels(Protocol):
@@ -94,7 +98,7 @@ class CKernels:
             raise BuildError("the loaded library belongs to another model: clear the cache")
         self._library = library  # keeps the code loaded
         self._model = model
-        self._guards = program.guards
+        self._layout, self._guards = layout, program.guards
         n, m = len(layout.states), len(layout.sensitivities)
         sizes = {"x": n, "s": n * m, "u": len(layout.inputs), "p": len(layout.parameters)}
         self._arrays = {key: np.zeros(size) for key, size in sizes.items()}
@@ -119,6 +123,7 @@ class CKernels:
         status = self._model.prepare(*self._prepared)
         if status:
             check_guards(self._guards, p)
+            raise _failure(status)  # no guard is violated: prepare itself met a singular system
 
     def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
         """Evaluate a kernel; see :class:`Kernels`."""
@@ -136,7 +141,11 @@ class CKernels:
         else:
             status = function(*arguments)
         if status:
-            raise _failure(status)
+            raise (
+                _singular(self._layout)
+                if status == SINGULAR
+                else SolveError(f"a function called by the model failed with status {status}")
+            )
         return result
 
 
@@ -156,12 +165,6 @@ _POINTERS: Mapping[str, tuple[str, ...]] = {
 _TIMED = frozenset(name for name, keys in _POINTERS.items() if "x" in keys)
 
 
-def _failure(status: int) -> Exception:
-    if status == SINGULAR:
-        return SingularSystemError(_SINGULAR_TEXT)
-    return SolveError(f"a function called by the model failed with status {status}")
-
-
 def check_guards(guards: Sequence[Guard], p: Array) -> None:
     """Check parameter values in Python, where the numbers can be named.
 
@@ -171,7 +174,11 @@ def check_guards(guards: Sequence[Guard], p: Array) -> None:
         For the first guard that is violated.
     """
     values = {node: float(p[node.data[1]]) for node in symbols_in([g.value for g in guards])}
-    for guard, number in zip(guards, evaluate([g.value for g in guards], values), strict=True):
+    for guard in guards:
+        try:
+            (number,) = evaluate([guard.value], values)
+        except (ArithmeticError, ValueError):  # undefined here: no guard accepts nan
+            number = math.nan
         guard.check(number)
 
 
@@ -212,7 +219,7 @@ class PythonKernels:
             return [math.nan] * len(plan.results)
         for node, rank in zip(plan.ranks, found[len(plan.results) :], strict=True):
             if rank < node.args[0].data:
-                raise SingularSystemError(_SINGULAR_TEXT)
+                raise _singular(self._program.layout)
         return found[: len(plan.results)]
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from cotree.dag.traverse import symbols_in
 from cotree.errors import ParameterError, nearest
 from cotree.scene.description import check_number
 
@@ -66,6 +67,14 @@ class CompiledModel:
     def sensitivities(self) -> tuple[str, ...]:
         """Parameters and states that sensitivities are taken to."""
         return self.layout.sensitivities
+
+    @property
+    def unreached(self) -> tuple[str, ...]:
+        """Parameters among :attr:`sensitivities` that no state depends on."""
+        kernels = self._program.kernels
+        read = symbols_in([*kernels["rhs"].results, *kernels["initial"].results])
+        reached = {self.parameters[node.data[1]] for node in read if node.data[0] == "p"}
+        return tuple(n for n in self.sensitivities if n in self.parameters and n not in reached)
 
     @property
     def backend(self) -> str:

@@ -99,4 +99,9 @@ def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
         parameter_values=equations.parameter_values,
         column_starts=tuple(starts),
         row_indices=tuple(rows),
+        uncertain=tuple(
+            state.name
+            for state, is_safe in zip(equations.states, equations.is_safe, strict=False)
+            if not is_safe
+        ),
     )

@@ -62,6 +62,8 @@ class Layout:
         The scene's values.
     column_starts, row_indices : tuple of int
         The Jacobian's pattern, compressed by columns.
+    uncertain : tuple of str
+        Coordinates whose pivot is checked at run time.
     """
 
     name: str
@@ -73,6 +75,7 @@ class Layout:
     parameter_values: tuple[float, ...]
     column_starts: tuple[int, ...]
     row_indices: tuple[int, ...]
+    uncertain: tuple[str, ...]
 
 
 @dataclass(frozen=True)

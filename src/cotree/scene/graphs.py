@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from cotree.components import Role
+from cotree.domains import DOMAINS
 from cotree.errors import FormulationError, TopologyError
 from cotree.graph import GraphEdge, LinearGraph, Tree, named_tree, select_tree
 
@@ -14,8 +15,6 @@ if TYPE_CHECKING:
 
 #: What a user may say of the tree: nothing, the branches of every graph, or those of each.
 TreeChoice = Sequence[str] | Mapping[str, Sequence[str]] | None
-
-DOMAINS = ("translation", "rotation")
 
 
 def linear_graphs(scene: SceneDescription) -> dict[str, LinearGraph]:

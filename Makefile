@@ -1,0 +1,37 @@
+# Two commands do everything on a fresh machine: `make run` and `make test`.
+# Each makes its own virtual environment; PYTHON chooses the interpreter (3.11 or newer).
+PYTHON ?= python3
+
+.PHONY: run test lint golden clean
+
+run: .venv-run/ready
+	.venv-run/bin/cotree run slider-pendulum --sensitivity L --plot out/slider-pendulum.png
+	.venv-run/bin/cotree graph slider-pendulum -o out/slider-pendulum-graph.png
+	@echo "pictures: out/slider-pendulum.png (figures 5 and 6), out/slider-pendulum-graph.png"
+
+test: .venv-test/ready
+	.venv-test/bin/python -m pytest
+
+lint: .venv-test/ready
+	.venv-test/bin/ruff check .
+	.venv-test/bin/ruff format --check .
+	.venv-test/bin/mypy
+	.venv-test/bin/lint-imports
+	.venv-test/bin/codespell src tests docs README.md CONTRIBUTING.md CHANGELOG.md
+
+golden: .venv-test/ready
+	.venv-test/bin/python -m pytest --update-golden tests
+
+.venv-run/ready: pyproject.toml
+	$(PYTHON) -m venv .venv-run
+	.venv-run/bin/python -m pip install --quiet --disable-pip-version-check .
+	mkdir -p out
+	touch $@
+
+.venv-test/ready: pyproject.toml
+	$(PYTHON) -m venv .venv-test
+	.venv-test/bin/python -m pip install --quiet --disable-pip-version-check --editable ".[dev]"
+	touch $@
+
+clean:
+	rm -rf .venv-run .venv-test out dist

@@ -1,0 +1,305 @@
+"""Commands, one function each, and what becomes of errors and warnings.
+
+Exit codes: 0 done, 1 a failed integration or check, 2 a wrong argument or scene, 130 interrupted.
+Packages that take long to import are imported by the commands that need them.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from contextlib import contextmanager
+from pathlib import Path  # noqa: TC003 - typer reads the annotations
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cotree.cli.arguments import check_folder, read_numbers, read_pairs, read_tree
+from cotree.cli.report import run_report, scene_line, unreached
+from cotree.errors import Error
+from cotree.version import VERSION
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from cotree.api import Scene
+    from cotree.scene.graphs import TreeChoice
+
+_INTERRUPTED = 130
+
+app = typer.Typer(
+    name="cotree",
+    help="From a linear graph of a dynamic system to compiled C with exact sensitivities.",
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="A shipped scene, or a TOML file.")]
+Sensitivity = Annotated[
+    list[str],
+    typer.Option(
+        "--sensitivity",
+        "-s",
+        metavar="NAME",
+        help="Parameter, or state whose initial value is meant; may be repeated.",
+    ),
+]
+Setting = Annotated[
+    list[str],
+    typer.Option("--set", metavar="NAME=NUMBER", help="Value of a parameter; may be repeated."),
+]
+TreeOption = Annotated[
+    list[str],
+    typer.Option(
+        "--tree",
+        metavar="EDGES",
+        help="Branches, as j1,h2 or once as translation=... and once as rotation=...",
+    ),
+]
+EndTime = Annotated[
+    float | None, typer.Option("--t-end", metavar="S", help="End time in s; the scene's if absent.")
+]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Without the name of the program; those of the process where absent.
+
+    Returns
+    -------
+    int
+        Exit code.
+    """
+    try:
+        with _warnings_in_one_line():
+            app(args=None if arguments is None else list(arguments), prog_name="cotree")
+    except SystemExit as stop:
+        return stop.code if isinstance(stop.code, int) else 1 if stop.code else 0
+    except Error as error:
+        _complain(str(error))
+        return 2
+    except KeyboardInterrupt:
+        return _INTERRUPTED
+    return 0
+
+
+def _complain(sentence: str) -> None:
+    # On one line, whatever a name or the compiler has put into the sentence.
+    typer.echo(f"cotree: {' '.join(sentence.split())}", err=True)
+
+
+@contextmanager
+def _warnings_in_one_line() -> Iterator[None]:
+    """Show warnings as sentences, without file names and source lines."""
+
+    def show(message: Warning | str, *_: Any, **__: Any) -> None:
+        _complain(f"warning: {message}")
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", RuntimeWarning)
+        warnings.showwarning = show
+        yield
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"cotree {VERSION}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command("run")
+def run_scene(
+    scene: SceneName,
+    sensitivity: Sensitivity = [],  # noqa: B006 - typer copies it
+    t_end: EndTime = None,
+    method: Annotated[
+        str | None,
+        typer.Option(help="RK45, RK23, DOP853, Radau, BDF, LSODA, cvode, ida or auto."),
+    ] = None,
+    rtol: Annotated[float | None, typer.Option(help="Relative tolerance.")] = None,
+    atol: Annotated[float | None, typer.Option(help="Absolute tolerance.")] = None,
+    setting: Setting = [],  # noqa: B006
+    initial: Annotated[
+        list[str],
+        typer.Option(metavar="STATE=NUMBER", help="Initial value of a state; may be repeated."),
+    ] = [],  # noqa: B006
+    inputs: Annotated[
+        list[str],
+        typer.Option(
+            "--input",
+            metavar="NAME=VALUE",
+            help="Number, or expression of t and parameters; may be repeated.",
+        ),
+    ] = [],  # noqa: B006
+    tree: TreeOption = [],  # noqa: B006
+    csv: Annotated[Path | None, typer.Option(help="Write all columns to this file.")] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Draw to this file: .svg, .png or .pdf.")
+    ] = None,
+    points: Annotated[
+        int | None,
+        typer.Option(min=2, help="Number of evenly spaced times; the solver's steps if absent."),
+    ] = None,
+) -> None:
+    """Integrate a scene and print its end state and sensitivities."""
+    import numpy as np
+
+    from cotree.api import load
+
+    check_folder(csv)
+    check_folder(plot)
+    settings: dict[str, Any] = {
+        "method": method,
+        "rtol": rtol,
+        "atol": atol,
+        "parameters": read_numbers("--set", setting),
+        "initial": read_numbers("--initial", initial),
+        "inputs": read_pairs("--input", inputs),
+    }
+    described = load(scene)
+    model = described.compile(sensitivity, read_tree(tree))
+    end = described.defaults.t_end if t_end is None else t_end
+    times = None if points is None else np.linspace(0.0, end, points)
+    result = model.simulate((0.0, end), times, **settings)
+    typer.echo(run_report(described, model, result))
+    for name in unreached(result):
+        _complain(f"warning: '{name}' reaches no state and no output: its sensitivities are zero")
+    if csv is not None:
+        result.to_csv(csv)
+        typer.echo(f"wrote {csv}")
+    if plot is not None:
+        from cotree.cli.picture import draw_run
+
+        draw_run(model, result, plot, settings)
+        typer.echo(f"wrote {plot}")
+    if not result.success:
+        raise typer.Exit(1)
+
+
+@app.command("generate")
+def generate_project(
+    scene: SceneName,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Folder to write.")],
+    sensitivity: Sensitivity = [],  # noqa: B006
+    tree: TreeOption = [],  # noqa: B006
+) -> None:
+    """Write a C project that integrates a scene without Python."""
+    from cotree.api import load
+
+    project = load(scene).compile(sensitivity, read_tree(tree)).write(output)
+    for file in project.files:
+        typer.echo(f"wrote {file}")
+    typer.echo(f"build it there with: {project.command}")
+
+
+@app.command("equations")
+def show_equations(
+    scene: SceneName,
+    sensitivity: Sensitivity = [],  # noqa: B006
+    tree: TreeOption = [],  # noqa: B006
+    latex: Annotated[bool, typer.Option("--latex", help="As LaTeX.")] = False,
+    steps: Annotated[
+        bool, typer.Option("--steps", help="The whole way from the graph to the equations.")
+    ] = False,
+) -> None:
+    """Print the governing and sensitivity equations of a scene."""
+    from cotree.api import load
+
+    described, choice = load(scene), read_tree(tree)
+    if steps and latex:
+        raise typer.BadParameter("give --latex or --steps, not both")
+    if steps:
+        typer.echo(_steps(described, sensitivity, choice), nl=False)
+        return
+    equations = described.equations(sensitivity, choice)
+    typer.echo(equations.latex() if latex else str(equations))
+
+
+def _steps(scene: Scene, sensitivities: Sequence[str], choice: TreeChoice) -> str:
+    """Write the steps of the formulation, once for each sensitivity."""
+    from cotree.components import Role
+    from cotree.export.steps import formulation_steps
+    from cotree.pipeline import draw_graphs
+    from cotree.program.strategy import choose_first_graph
+    from cotree.scene.graphs import joint_tree
+
+    graphs, trees = draw_graphs(scene, choice)
+    branches = [set(tree.branches) for tree in trees.values()]
+    has_bodies = any(
+        scene.edges[name].component.role is Role.BODY for name in set().union(*branches)
+    )
+    first = None
+    if not has_bodies and all(names == branches[0] for names in branches):
+        first = choose_first_graph(scene, joint_tree(scene, trees), sensitivities)[0]
+    names: list[str | None] = [*sensitivities] or [None]
+    return "\n".join(formulation_steps(scene, graphs, trees, first, name) for name in names)
+
+
+@app.command("graph")
+def show_graph(
+    scene: SceneName,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Draw to this file: .svg, .png, .pdf."),
+    ] = None,
+    tree: TreeOption = [],  # noqa: B006
+) -> None:
+    """Print the linear graphs of a scene with tree and matrices, or draw them."""
+    from cotree.api import load
+
+    check_folder(output)
+    report = load(scene).graph(read_tree(tree))
+    if output is None:
+        typer.echo(report.summary().rstrip())
+        return
+    report.save(output)
+    typer.echo(f"wrote {output}")
+
+
+@app.command("check")
+def check_scene(
+    scene: SceneName,
+    sensitivity: Sensitivity = [],  # noqa: B006
+    t_end: EndTime = None,
+    setting: Setting = [],  # noqa: B006
+) -> None:
+    """Compare sensitivities with finite differences; all parameters if none is named."""
+    from cotree.api import load
+    from cotree.studies.check import check_sensitivities
+
+    values = read_numbers("--set", setting)
+    described = load(scene)
+    names = sensitivity or [row.name for row in described.parameters.values() if row.tunable]
+    report = check_sensitivities(described.compile(names), t_end=t_end, values=values)
+    typer.echo(report.summary())
+    if not report.passed:
+        raise typer.Exit(1)
+
+
+@app.command("scenes")
+def list_scenes() -> None:
+    """List the shipped scenes."""
+    from cotree.api import load
+    from cotree.scene.toml_file import shipped_scenes
+
+    for name in shipped_scenes():
+        typer.echo(scene_line(load(name)))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,103 @@
+"""Texts of the command line to what the public interface takes, refused in one sentence."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cotree.errors import ParameterError, SceneError, TopologyError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from cotree.scene.graphs import TreeChoice
+
+
+def read_numbers(option: str, texts: Sequence[str]) -> dict[str, float]:
+    """Read ``name=number`` for each time that an option is given.
+
+    Raises
+    ------
+    ParameterError
+        If a text has another form or a name is given twice.
+    """
+    numbers = {}
+    for name, value in read_pairs(option, texts).items():
+        try:
+            numbers[name] = float(value)
+        except ValueError:
+            raise ParameterError(
+                f"{option} {_short(name)}={_short(value)}: '{_short(value)}' is not a number; "
+                f"write it as {option} {_short(name)}=1.5"
+            ) from None
+    return numbers
+
+
+def read_pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
+    """Read ``name=text`` for each time that an option is given; see :func:`read_numbers`."""
+    pairs: dict[str, str] = {}
+    for text in texts:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not (name and equals and value):
+            raise ParameterError(
+                f"{option} '{_short(text)}' is not of the form name=value: "
+                f"write it as {option} L=1.5"
+            )
+        if name in pairs:
+            raise ParameterError(f"{option} gives '{_short(name)}' twice: give it once")
+        pairs[name] = value
+    return pairs
+
+
+def read_tree(texts: Sequence[str]) -> TreeChoice:
+    """Read branches: ``j1,h2`` for both graphs, or ``translation=m rotation=s`` for each.
+
+    Raises
+    ------
+    TopologyError
+        If the two forms are mixed, or a domain is given twice.
+    """
+    if not any("=" in text for text in texts):
+        names = [name for text in texts for name in _names(text)]
+        return names if texts else None
+    tree: dict[str, list[str]] = {}
+    for text in texts:
+        domain, equals, names_text = text.partition("=")
+        if not equals:
+            raise TopologyError(
+                f"--tree '{_short(text)}' names no domain, but another --tree does: "
+                "write --tree translation=... --tree rotation=..."
+            )
+        if domain.strip() in tree:
+            raise TopologyError(f"--tree gives the domain '{_short(domain)}' twice: give it once")
+        tree[domain.strip()] = _names(names_text)
+    return tree
+
+
+def check_folder(path: Path | None) -> None:
+    """Refuse a file that cannot be written because its folder does not exist.
+
+    It is looked at before a run, so that no work is lost.
+
+    Raises
+    ------
+    SceneError
+        If there is no such folder, or the path is one itself.
+    """
+    if path is None:
+        return
+    if not path.parent.is_dir():
+        raise SceneError(
+            f"cannot write '{path}': there is no folder '{path.parent}'; make it first"
+        )
+    if path.is_dir():
+        raise SceneError(f"cannot write '{path}': it is a folder; name a file in it")
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def _short(text: str) -> str:
+    line = " ".join(text.split())
+    return line if len(line) <= 60 else f"{line[:57]}..."

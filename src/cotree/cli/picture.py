@@ -1,0 +1,89 @@
+"""The picture of a run: coordinates, and sensitivities with finite differences laid over."""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cotree.errors import Error
+from cotree.plot import plot_result, save_figure
+from cotree.studies.differences import Experiment
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from cotree.api import Model
+    from cotree.solvers import Result
+    from cotree.studies.differences import Array
+
+_SMOOTH = 401  # times that make a curve look like one
+_CIRCLES = 41
+# Relative step of the differences, and tolerance of their runs: truncation and integration error
+# then stay below 1e-5 of the curve, less than the width of its line.
+_STEP, _RTOL, _ATOL = 1e-4, 1e-10, 1e-12
+
+
+def draw_run(
+    model: Model,
+    result: Result,
+    path: Path,
+    settings: Mapping[str, Any],
+) -> None:
+    """Draw a run into a file.
+
+    Parameters
+    ----------
+    model, result : Model, Result
+        What ran, and how it went.
+    path : Path
+        The file.
+    settings : mapping of str to object
+        Arguments of :meth:`cotree.Model.simulate` that made the result.
+
+    Raises
+    ------
+    SceneError
+        If the file cannot be written.
+    """
+    coordinates = [name for name in result.states if not name.endswith("_dot")]
+    names = coordinates or [*result.states, *result.outputs]
+    overlay: dict[tuple[str, str], tuple[Array, Array]] = {}
+    curves = result
+    if result.success:
+        span = (float(result.t[0]), float(result.t[-1]))
+        if len(result.t) < _SMOOTH:
+            # A second run, so that the one that is reported does not depend on the picture.
+            curves = model.simulate(span, np.linspace(*span, _SMOOTH), **settings)
+        overlay = _finite_differences(model, result, names, settings)
+    save_figure(plot_result(curves, names, overlay), path)
+
+
+def _finite_differences(
+    model: Model,
+    result: Result,
+    names: list[str],
+    settings: Mapping[str, Any],
+) -> dict[tuple[str, str], tuple[Array, Array]]:
+    """Difference two runs for each parameter; one that cannot be differenced is left out."""
+    times = np.linspace(result.t[0], result.t[-1], _CIRCLES)
+    tight = {"method": result.statistics.method, "rtol": _RTOL, "atol": _ATOL}
+    experiment = Experiment(model, times, {**settings, **tight})
+    overlay: dict[tuple[str, str], tuple[Array, Array]] = {}
+    for parameter in result.parameters_of_sensitivity:
+        try:
+            values = experiment.central_difference(
+                parameter, _STEP * experiment.size(parameter, result)
+            )
+        except Error as error:
+            warnings.warn(
+                f"no finite differences of '{parameter}' are drawn: {error}",
+                RuntimeWarning,
+                stacklevel=2,
+            )
+            continue
+        rows = dict(zip(experiment.quantities, values, strict=True))
+        overlay |= {(name, parameter): (times, rows[name]) for name in names}
+    return overlay

@@ -1,0 +1,97 @@
+"""What a run prints: the model, where time went, and the last point."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from cotree.api import Model, Scene
+    from cotree.solvers import Result
+
+
+def scene_line(scene: Scene) -> str:
+    """Describe a scene in one line."""
+    counts = (
+        (len(scene.nodes), "node"),
+        (len(scene.edges), "edge"),
+        (len(scene.parameters), "parameter"),
+        (len(scene.inputs), "input"),
+        (len(scene.outputs), "output"),
+    )
+    shown = [f"{n} {noun}" + ("s" if n != 1 else "") for n, noun in counts if n]
+    return f"{scene.name}: {', '.join(shown)}"
+
+
+def run_report(scene: Scene, model: Model, result: Result) -> str:
+    """Describe a run and its last point.
+
+    Parameters
+    ----------
+    scene, model : Scene, Model
+        What ran.
+    result : Result
+        How it went; its last point is the end, or the last good point.
+
+    Returns
+    -------
+    str
+        Some lines; numbers have 10 significant digits.
+    """
+    work = result.statistics
+    times = ", ".join(f"{stage} {seconds:.3f} s" for stage, seconds in result.times.items())
+    lines = [
+        f"{scene_line(scene)}; {len(model.states)} states, kernels in {model.backend}",
+        f"times: {times}",
+        f"{work.method}: {work.n_steps} steps, {work.nfev} evaluations, {work.njev} Jacobians",
+    ]
+    if result.success:
+        lines.append(result.message)
+    if not result.t.size:
+        return "\n".join(lines)
+    lines += ["", f"{'end' if result.success else 'last good point'}: t = {result.t[-1]:.10g} s"]
+    lines += _aligned((name, result[name][-1], result.unit(name)) for name in result.states)
+    for title, names in (("outputs", result.outputs), ("inputs", result.inputs)):
+        if names:
+            lines += [title, *_aligned((n, result[n][-1], result.unit(n)) for n in names)]
+    for parameter in result.parameters_of_sensitivity:
+        lines.append(f"sensitivities to {parameter}")
+        lines += _aligned(
+            (
+                f"d({name})/d({parameter})",
+                result.sensitivity(name, parameter)[-1],
+                _quotient(result.unit(name), result.unit(parameter)),
+            )
+            for name in (*result.states, *result.outputs)
+        )
+    return "\n".join(lines)
+
+
+def unreached(result: Result) -> tuple[str, ...]:
+    """Name the parameters whose sensitivities are all zero."""
+    return tuple(
+        name
+        for j, name in enumerate(result.parameters_of_sensitivity)
+        if not np.any(result.s[:, j]) and not np.any(result.output_sensitivities[:, j])
+    )
+
+
+def _aligned(rows: Iterable[tuple[str, float, str]]) -> list[str]:
+    """Write ``name = value unit`` for each row, in columns."""
+    table = [(name, f"{value:.10g}", unit) for name, value, unit in rows]
+    width = max((len(name) for name, _, _ in table), default=0)
+    # A space holds the place of a minus sign.
+    return [
+        f"  {name:<{width}} = {number if number.startswith('-') else ' ' + number} {unit}".rstrip()
+        for name, number, unit in table
+    ]
+
+
+def _quotient(unit: str, divisor: str) -> str:
+    """Write a unit over another; nothing where one of them is not known."""
+    if not unit or not divisor or divisor == "1":
+        return unit if divisor == "1" else ""
+    return f"{unit}/({divisor})" if any(mark in divisor for mark in " /*") else f"{unit}/{divisor}"

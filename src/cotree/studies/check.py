@@ -1,0 +1,299 @@
+"""Sensitivities against finite differences over a range of step sizes.
+
+In: a model compiled with sensitivities. Out: a report with the deviation over the step size for
+each of them, and whether it is as small as rounding and integration errors allow.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.errors import Error, ParameterError, nearest
+from cotree.studies.differences import Experiment, quantities, sensitivities
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cotree.api import Model
+    from cotree.solvers import Result
+
+Array = npt.NDArray[np.float64]
+
+# Relative steps from 1e-1 to 1e-9 in half decades: from where truncation shows in any nonlinear
+# system to where rounding hides everything.
+_RELATIVE_STEPS = tuple(10.0 ** (-1 - k / 2) for k in range(17))
+_N_TIMES = 21
+_RTOL, _ATOL = 1e-12, 1e-14
+# The second run is this much looser; what changes is the integration error of the looser one.
+_LOOSER = 10.0
+# A central difference at its best step has an error of about eps**(2/3), see `check_sensitivities`.
+_ROUNDING = 10.0 * float(np.finfo(float).eps) ** (2.0 / 3.0)
+
+
+@dataclass(frozen=True)
+class ParameterCheck:
+    """One sensitivity against finite differences.
+
+    Attributes
+    ----------
+    name : str
+        The parameter, or the state whose initial value is meant.
+    value : float
+        Its value, in its own unit.
+    steps : tuple of float
+        Step sizes h, in the same unit, falling.
+    deviations : tuple of float
+        V(h) = max abs(S - FD(h)) over states, outputs and times; nan where a run failed.
+    quantities : tuple of str
+        The state or output where that maximum is found, "" where a run failed.
+    closest : str
+        The state or output whose least deviation comes closest to what is allowed.
+    deviation, tolerance : float
+        Its least deviation over all steps, and what is allowed.
+    step : float
+        The step of this deviation; nan without one.
+    note : str
+        What a reader must know: it reaches nothing, or it could not be checked.
+    """
+
+    name: str
+    value: float
+    steps: tuple[float, ...]
+    deviations: tuple[float, ...]
+    quantities: tuple[str, ...]
+    closest: str
+    deviation: float
+    tolerance: float
+    step: float
+    note: str = ""
+
+    @property
+    def passed(self) -> bool:
+        """Tell whether the deviation is as small as it should be; False where it is not known."""
+        return self.deviation <= self.tolerance
+
+    def summary(self) -> str:
+        """Give the deviation over the step size as a table, then the verdict."""
+        lines = [f"sensitivity to {self.name} = {self.value:.10g}", "         h   max |S - FD(h)|"]
+        for step, deviation, quantity in zip(
+            self.steps, self.deviations, self.quantities, strict=True
+        ):
+            shown = "not available" if math.isnan(deviation) else f"{deviation:.3e}  {quantity}"
+            lines.append(f"  {step:8.2e}   {shown}")
+        verdict = "PASS" if self.passed else "FAIL"
+        if not math.isnan(self.deviation):
+            verdict += (
+                f"  {self.name}: closest is {self.closest}, {self.deviation:.2e} at "
+                f"h = {self.step:.2e}, allowed {self.tolerance:.2e}"
+            )
+        else:
+            verdict += f"  {self.name}"
+        return "\n".join([*lines, f"{verdict}; {self.note}" if self.note else verdict])
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """Sensitivities of a model against finite differences.
+
+    Attributes
+    ----------
+    rows : tuple of ParameterCheck
+        One for each parameter.
+    t_end : float
+        End of the runs, [s].
+    method : str
+        The method of all runs.
+    """
+
+    rows: tuple[ParameterCheck, ...]
+    t_end: float
+    method: str
+
+    @property
+    def passed(self) -> bool:
+        """Tell whether every parameter passed."""
+        return all(row.passed for row in self.rows)
+
+    def summary(self) -> str:
+        """Give a table and a verdict for each parameter."""
+        head = (
+            f"sensitivities S against central differences FD(h) at {_N_TIMES} times to "
+            f"t = {self.t_end:g} s, {self.method}, rtol {_RTOL:g}"
+        )
+        return "\n\n".join([head, *(row.summary() for row in self.rows)])
+
+
+def check_sensitivities(
+    model: Model,
+    parameters: Sequence[str] | None = None,
+    t_end: float | None = None,
+    values: Mapping[str, float] | None = None,
+) -> CheckReport:
+    """Compare sensitivities with central finite differences over a range of step sizes.
+
+    Parameters
+    ----------
+    model : Model
+        Compiled with sensitivities.
+    parameters : sequence of str, optional
+        Which of its sensitivities; all of them where absent.
+    t_end : float, optional
+        End of the runs, [s]; the scene's where absent.
+    values : mapping of str to float, optional
+        Parameter values in place of the scene's.
+
+    Returns
+    -------
+    CheckReport
+        A row for each parameter.
+
+    Raises
+    ------
+    ParameterError
+        If a sensitivity was not compiled in, or there is none.
+    ModelError
+        If a value is refused.
+    SolveError
+        If the run at the values themselves fails. A failed run at changed values is no error: its
+        step is left out.
+
+    Notes
+    -----
+    Every run takes the same method at rtol = 1e-12 and atol = 1e-14. The steps h are 1e-1 to 1e-9
+    in half decades, relative to the size P of what is changed: that of the parameter, or the
+    largest value that a state takes where its initial value is meant, or 1 if that is zero.
+
+    For each state and output, V(h) is the largest absolute deviation of the sensitivity S from the
+    central difference FD(h) over the times. V falls as h**2 with truncation, rises as 1/h with
+    rounding and integration errors, and has a floor where S itself is wrong. With a step
+    of eps**(1/3) P a central difference of a smooth quantity y is good to about eps**(2/3) times
+
+        scale = max(max|S|, max|y| / P),
+
+    if y is known to rounding. It is known to its integration error only, so that the
+    least V over all steps is to stay below
+
+        10 eps**(2/3) scale + e_S + e_y / h*,
+
+    where e_S and e_y are the changes of S and y in a run at ten times the tolerances, and at
+    least what the solver was asked for, atol + rtol max|S| and atol + rtol max|y|. The step h* is
+    the one where FD itself is best: the smaller of the two neighbours whose differences agree best.
+    It is found without S, so that a wrong S cannot choose the step that excuses it.
+
+    A parameter passes if this holds for every state and output.
+    """
+    names = _checked_names(model, parameters)
+    # A short way to learn what "auto" chooses and where the scene ends.
+    values = dict(values or {})
+    span = None if t_end is None else (0.0, t_end)
+    probe = model.simulate(span, parameters=values, throw=True)
+    method, end = probe.statistics.method, float(probe.t[-1])
+    times = np.linspace(0.0, end, _N_TIMES)
+    tight, loose = (
+        Experiment(
+            model,
+            times,
+            {
+                "method": method,
+                "rtol": factor * _RTOL,
+                "atol": factor * _ATOL,
+                "parameters": values,
+            },
+        )
+        for factor in (1.0, _LOOSER)
+    )
+    reference, other = tight.run(), loose.run()
+    rows = tuple(_check(tight, name, reference, other) for name in names)
+    return CheckReport(rows, end, method)
+
+
+def _checked_names(model: Model, parameters: Sequence[str] | None) -> tuple[str, ...]:
+    names = model.sensitivities if parameters is None else tuple(parameters)
+    if not names:
+        raise ParameterError(
+            "there is no sensitivity to check: name the parameters when the scene is compiled"
+        )
+    for name in names:
+        if name not in model.sensitivities:
+            raise ParameterError(
+                f"the model has no sensitivity to '{name}'{nearest(name, model.sensitivities)}"
+            )
+    return names
+
+
+def _check(experiment: Experiment, name: str, tight: Result, loose: Result) -> ParameterCheck:
+    """Check one sensitivity; arrays have the axes step, quantity, time."""
+    s, y = sensitivities(tight, name), quantities(tight)
+    size = experiment.size(name, tight)
+    steps = np.array([size * relative for relative in _RELATIVE_STEPS])
+    differences, refusal = _differences(experiment, name, steps, y.shape)
+    deviations = np.max(np.abs(s - differences), axis=2)
+    scale = np.maximum(_largest(s), _largest(y) / size)
+    s_error = np.maximum(_largest(s - sensitivities(loose, name)), _ATOL + _RTOL * _largest(s))
+    y_error = np.maximum(_largest(y - quantities(loose)), _ATOL + _RTOL * _largest(y))
+    tolerance = _ROUNDING * scale + s_error + y_error / _best_steps(differences, steps)
+    least = _least(deviations)
+    closest = int(np.argmax(np.nan_to_num(least / tolerance, nan=np.inf)))
+    is_known = math.isfinite(least[closest])
+    note = ""
+    if not is_known:
+        note = f"no finite differences could be formed: {refusal}"
+    elif not np.any(s) and not np.any(np.nan_to_num(differences)):
+        note = f"'{name}' reaches no state and no output"
+    largest = np.argmax(deviations, axis=1)
+    found = np.max(deviations, axis=1)
+    return ParameterCheck(
+        name=name,
+        value=experiment.value(name),
+        steps=tuple(steps.tolist()),
+        deviations=tuple(found.tolist()),
+        quantities=tuple(
+            "" if math.isnan(v) else experiment.quantities[i]
+            for i, v in zip(largest, found, strict=True)
+        ),
+        closest=experiment.quantities[closest],
+        deviation=float(least[closest]),
+        tolerance=float(tolerance[closest]),
+        step=float(steps[np.nanargmin(deviations[:, closest])]) if is_known else math.nan,
+        note=note,
+    )
+
+
+def _differences(
+    experiment: Experiment, name: str, steps: Array, shape: tuple[int, ...]
+) -> tuple[Array, str]:
+    """Form the central differences at all steps, nan and the reason where a run fails."""
+    found = np.full((len(steps), *shape), np.nan)
+    refusal = ""
+    for k, step in enumerate(steps.tolist()):
+        try:
+            found[k] = experiment.central_difference(name, step)
+        except Error as error:
+            # A mass below zero, or a configuration that the solver cannot leave.
+            refusal = str(error)
+    return found, refusal
+
+
+def _largest(values: Array) -> Array:
+    """Give the largest size over time, shape (n_quantities,)."""
+    largest: Array = np.max(np.abs(values), axis=-1)
+    return largest
+
+
+def _least(deviations: Array) -> Array:
+    """Give the least deviation over the steps that are known, nan where none is."""
+    least = np.min(np.where(np.isnan(deviations), np.inf, deviations), axis=0)
+    return np.where(np.isfinite(least), least, np.nan)
+
+
+def _best_steps(differences: Array, steps: Array) -> Array:
+    """Give, for each quantity, the smaller of the two neighbouring steps that agree best."""
+    spread = np.max(np.abs(np.diff(differences, axis=0)), axis=2)
+    best = np.argmin(np.where(np.isnan(spread), np.inf, spread), axis=0)
+    found: Array = steps[best + 1]
+    return found

@@ -1,0 +1,309 @@
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cotree.codegen.render import render
+from cotree.export.c_project import CProject, IntegratorContext, write_c_project
+from cotree.pipeline import formulate, generate
+from cotree.scene.description import SceneDescription
+from cotree.scene.toml_file import load_scene
+
+pytestmark = [
+    pytest.mark.compiler,
+    pytest.mark.skipif(sys.platform == "win32", reason="needs a POSIX compiler"),
+]
+
+STRICT = ["-Wall", "-Wextra", "-pedantic", "-Wconversion", "-Wshadow", "-Werror"]
+SANITIZE = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+REFERENCES = Path(__file__).parents[1] / "references"
+
+OK, BAD_ARGUMENT, TOO_MANY_STEPS, STEP_TOO_SMALL, FAILED, NOT_FINITE, STOPPED = range(7)
+
+
+def execute(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
+
+
+def run(command: list[str], folder: Path) -> str:
+    done = execute(command, folder)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def need(program: str) -> str:
+    if shutil.which(program) is None:
+        pytest.skip(f"{program} is not installed")
+    return program
+
+
+@pytest.fixture(scope="module", params=["gcc", "clang"])
+def compiler(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Give a compiler that has its sanitizers."""
+    name = need(request.param)
+    folder = tmp_path_factory.mktemp("probe")
+    (folder / "probe.c").write_text("int main(void) { return 0; }\n")
+    if execute([name, *SANITIZE, "-o", "probe", "probe.c"], folder).returncode:
+        pytest.skip(f"{name} has no sanitizers")
+    return name
+
+
+@pytest.fixture(scope="module")
+def driver(compiler: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Build the cases of the integrator."""
+    folder = tmp_path_factory.mktemp("driver")
+    for name in ("cotree_dopri5.h", "cotree_dopri5.c"):
+        text = render(f"c/integrators/{name}.jinja", integrator=IntegratorContext("0"))
+        (folder / name).write_text(text)
+    shutil.copy(Path(__file__).with_name("dopri5_driver.c"), folder)
+    sources = ["dopri5_driver.c", "cotree_dopri5.c", "-lm"]
+    run([compiler, "-std=c99", "-O1", *STRICT, *SANITIZE, "-o", "driver", *sources], folder)
+    return folder
+
+
+def case(driver: Path, *arguments: object) -> list[str]:
+    return run(["./driver", *map(str, arguments)], driver).splitlines()
+
+
+def write(
+    folder: Path, scene: str, *sensitivities: str, parameters: dict[str, float] | None = None
+) -> CProject:
+    equations, _ = formulate(load_scene(scene, SceneDescription), sensitivities, None)
+    program, _ = generate(equations)
+    values = [
+        (parameters or {}).get(row.name, value)
+        for row, value in zip(
+            program.layout.parameters, program.layout.parameter_values, strict=True
+        )
+    ]
+    layout = dataclasses.replace(program.layout, parameter_values=tuple(values))
+    program = dataclasses.replace(program, layout=layout)
+    return write_c_project(program, folder, t_end=10.0, rtol=1e-10, atol=1e-10)
+
+
+def build(project: CProject, compiler: str) -> str:
+    """Run the project's own command, made stricter; give the executable."""
+    command = project.command.split()
+    run([compiler, *STRICT, *SANITIZE, *command[1:]], project.directory)
+    return "./" + command[command.index("-o") + 1]
+
+
+def printed(text: str) -> dict[str, float]:
+    rows = [line.split(" = ") for line in text.splitlines()]
+    return {name: float(value) for name, value in rows}
+
+
+def reference(name: str, states: dict[str, str], t: float, *parameters: str) -> dict[str, float]:
+    """Give the reference values by the names that the executable prints."""
+    data = json.loads((REFERENCES / f"{name}.json").read_text())
+    tables = {"": data["reference"], **data["sensitivities"]["values"]}
+    found = {}
+    for parameter in ("", *parameters):
+        values = next(row["values"] for row in tables[parameter] if row["t"] == t)
+        for state, key in states.items():
+            found[f"d({state})/d({parameter})" if parameter else state] = values[key]
+    return found
+
+
+def assert_close(values: dict[str, float], expected: dict[str, float]) -> None:
+    # A step may err by 1e-10 (1 + |y|), and a few hundred steps by as many times that if their
+    # errors had one sign. But the estimate is that of order 4 and the solution that of order 5,
+    # errors turn with the oscillation and decay with it: up to ten tolerances are what remains of
+    # them here, in rates, which an oscillation at 5 rad/s errs most in; fifty are allowed.
+    for name, value in expected.items():
+        assert values[name] == pytest.approx(value, abs=5e-9 * max(1.0, abs(value))), name
+
+
+SLIDER = {"j1.s": "s", "h2.theta": "theta", "j1.s_dot": "sdot", "h2.theta_dot": "thetadot"}
+DAMPER = {"s.s": "x", "s.s_dot": "v"}
+
+
+@pytest.fixture(scope="module")
+def slider(compiler: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Build the slider-pendulum with its sensitivity to L."""
+    folder = tmp_path_factory.mktemp("slider")
+    assert build(write(folder, "slider-pendulum", "L"), compiler) == "./slider_pendulum"
+    return folder
+
+
+def test_slider_pendulum_agrees_with_its_reference(slider: Path) -> None:
+    for end in ("1.0", "10.0"):
+        text = run(["./slider_pendulum", end], slider)
+        values = printed(text)
+        expected = reference("slider_pendulum", SLIDER, float(end), "L")
+        assert_close(values, expected)
+        assert list(values) == [*expected, "rod_x", "d(rod_x)/d(L)"]
+    assert run(["./slider_pendulum"], slider) == text  # the scene's own end time is 10
+    # x = s + L/2 sin(theta); sums of numbers of 12 digits
+    s, theta = values["j1.s"], values["h2.theta"]
+    ds, dtheta = values["d(j1.s)/d(L)"], values["d(h2.theta)/d(L)"]
+    assert values["rod_x"] == pytest.approx(s + 0.5 * math.sin(theta), abs=3e-12)
+    slope = ds + 0.5 * math.sin(theta) + 0.5 * math.cos(theta) * dtheta
+    assert values["d(rod_x)/d(L)"] == pytest.approx(slope, abs=3e-12)
+
+
+def test_values_have_twelve_digits(slider: Path) -> None:
+    lines = run(["./slider_pendulum", "0"], slider).splitlines()
+    assert lines[0] == "j1.s = 0.500000000000"  # at the start of the run
+
+
+def test_time_dependent_force_with_and_without_sensitivities(compiler: str, tmp_path: Path) -> None:
+    """Without sensitivities the kernels of sensitivities are empty and are not called."""
+    for parameters in ((), ("m", "w")):
+        folder = tmp_path / str(len(parameters))
+        executable = build(write(folder, "spring-mass-damper", *parameters), compiler)
+        values = printed(run([executable], folder))
+        expected = reference("spring_mass_damper", DAMPER, 10.0, *parameters)
+        assert_close(values, expected)
+        assert list(values)[: len(expected)] == list(expected)
+        assert values["x"] == values["s.s"]
+
+
+def test_scene_with_input_and_without_parameters_or_outputs(compiler: str, tmp_path: Path) -> None:
+    """Arrays of length zero do not exist in C99."""
+    scene = SceneDescription("bare")
+    scene.input("F", "2*t", unit="N")
+    scene.edge("m", "rigid_body", "ground", "A", mass=2.0)
+    scene.edge("F", "force", "ground", "A", force=["F", 0, 0])
+    scene.edge("s", "prismatic", "ground", "A", axis=[1, 0, 0])
+    program, _ = generate(formulate(scene, (), None)[0])
+    project = write_c_project(program, tmp_path, t_end=3.0, rtol=1e-8, atol=1e-8)
+    values = printed(run([build(project, compiler)], tmp_path))
+    # s'' = t: the method is exact for it, up to 12 printed digits.
+    assert values == pytest.approx({"s.s": 4.5, "s.s_dot": 4.5}, abs=1e-11)
+
+
+def test_refused_parameters_are_named(compiler: str, tmp_path: Path) -> None:
+    executable = build(write(tmp_path, "slider-pendulum", "L", parameters={"m2": -5.0}), compiler)
+    done = execute([executable], tmp_path)
+    assert done.returncode != 0
+    assert done.stdout == ""
+    assert done.stderr == "slider-pendulum: mass of edge 'm6' must not be negative.\n"
+
+
+@pytest.mark.parametrize("argument", ["", "soon", "1s", "nan", "inf"])
+def test_end_time_that_is_none(slider: Path, argument: str) -> None:
+    done = execute(["./slider_pendulum", argument], slider)
+    assert done.returncode != 0
+    assert done.stderr == "slider-pendulum: the end time is not a finite number.\n"
+
+
+def test_integration_that_fails_says_where(compiler: str, tmp_path: Path) -> None:
+    project = write(tmp_path, "spring-mass-damper", parameters={"c": -1e200, "x0": 1e200})
+    done = execute([build(project, compiler)], tmp_path)
+    assert done.returncode != 0
+    assert done.stdout == ""
+    assert done.stderr.startswith("spring-mass-damper: the integration stops at t = ")
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs the GNU linker's options")
+@pytest.mark.parametrize("source", ["slider_pendulum.c", "cotree_dopri5.c"])
+def test_nothing_but_the_mathematics_library_is_needed(
+    compiler: str, tmp_path: Path, source: str
+) -> None:
+    """The C library is left out, so a call of malloc or printf would not link."""
+    write(tmp_path, "slider-pendulum", "L")
+    link = ["-shared", "-fPIC", "-nostdlib", "-Wl,--no-undefined", "-o", "x.so", source, "-lm"]
+    run([compiler, "-std=c99", "-O1", *link], tmp_path)
+
+
+@pytest.mark.parametrize("name", ["g++", "clang++"])
+def test_headers_serve_c_plus_plus(tmp_path: Path, name: str) -> None:
+    write(tmp_path, "slider-pendulum", "L")
+    text = '#include "cotree_dopri5.h"\n#include "slider_pendulum.h"\n'
+    (tmp_path / "use.cpp").write_text(text * 2)
+    run([need(name), "-std=c++11", *STRICT, "-fsyntax-only", "use.cpp"], tmp_path)
+
+
+def test_orders_of_convergence(driver: Path) -> None:
+    """Halved steps divide errors by 2^5: order 5 at steps, and a polynomial of degree 4 between."""
+    coarse, fine = ([float(x) for x in case(driver, "order", n)] for n in (20, 40))
+    assert (coarse[0], fine[0]) == (20, 40)  # each call took one step of the size asked for
+    # The next term of the error changes the ratio by a factor 1 + O(h): 2^4.8 to 2^5.2 at h = 0.2.
+    for large, small in zip(coarse[1:], fine[1:], strict=True):
+        assert 4.8 < math.log2(large / small) < 5.2
+
+
+@pytest.mark.parametrize("rtol", [1e-4, 1e-7, 1e-10])
+def test_error_follows_tolerance(driver: Path, rtol: float) -> None:
+    status, n_points, between, at_end, *work = map(float, case(driver, "control", rtol))
+    steps, rejected, evaluations = work
+    assert status == OK
+    assert n_points == 1001
+    # Root mean square of error / (rtol (1 + |y|)) below 1 at each of some dozens to hundreds of
+    # steps of an oscillator, which keeps errors as they are: their sum is a few tens of rtol. The
+    # polynomial's own error is of the order of the tolerance of one step.
+    assert at_end < 50 * rtol
+    assert between < 50 * rtol
+    # One evaluation at the start, one to choose the first step, then six for each attempt: dense
+    # output costs none.
+    assert evaluations == 2 + 6 * (steps + rejected)
+
+
+def test_goals_are_met_exactly_and_cost_little(driver: Path) -> None:
+    t, error, steps, other_steps, t_back, error_back = map(float, case(driver, "goals"))
+    assert t == 10.0
+    assert t_back == 0.0
+    # As in the test above: a few tens of the tolerance, 1e-9, each way.
+    assert error < 5e-8
+    assert error_back < 1e-7
+    # Nine goals on the way shorten nine steps, and restart none.
+    assert steps <= other_steps + 9
+
+
+@pytest.mark.parametrize(
+    ("t", "result", "status"),
+    [
+        (0.25, -1, STOPPED),
+        (0.25, 1, FAILED),
+        (0.25, 0, NOT_FINITE),
+        (-1.0, -1, STOPPED),
+        (-1.0, 1, FAILED),
+        (-1.0, 0, NOT_FINITE),
+    ],
+)
+def test_failing_rate_gives_its_code(driver: Path, t: float, result: int, status: int) -> None:
+    code, end, error, at_end, beyond, again, message = case(driver, "fail", t, result, 0, 0)
+    assert int(code) == int(again) == status
+    if result == -1 or t < 0.0:
+        assert 0.0 <= float(end) <= 0.25
+    else:  # steps shorten until they end where the rate does: a few units in the last place
+        assert float(end) == pytest.approx(0.25, rel=1e-13)
+    # The last good point is good: the solution decays, and so do the errors made before.
+    assert float(error) < 1e-5
+    assert int(at_end) == OK
+    assert int(beyond) == BAD_ARGUMENT
+    assert message
+
+
+def test_smaller_step_cures_a_recoverable_failure(driver: Path) -> None:
+    """A first step of 1 throws the stages far beyond 1.5, where the rate refuses."""
+    code, end, error, *_ = case(driver, "fail", 2.0, 1, 1.5, 1.0)
+    assert (int(code), float(end)) == (OK, 1.0)
+    assert float(error) < 1e-5  # ten times the tolerance; the solution itself has died out
+
+
+def test_limits(driver: Path) -> None:
+    lines = case(driver, "limits")
+    assert [int(x) for x in lines[:5]] == [BAD_ARGUMENT] * 5  # n, t, rtol, atol, y
+    assert int(lines[5]) == OK  # no absolute tolerance, with a zero among the initial values
+    assert [int(x) for x in lines[6:8]] == [BAD_ARGUMENT] * 2  # end times
+    assert [int(x) for x in lines[8:11]] == [OK, OK, 0]  # nothing to do, nothing evaluated
+    assert [int(x) for x in lines[11:13]] == [TOO_MANY_STEPS, 5]
+    assert int(lines[13]) == OK
+    assert float(lines[14]) < 1e-4  # a hundred times the tolerance, for it went on as before
+
+
+def test_extremes(driver: Path) -> None:
+    status, t, blown, end = case(driver, "extremes")
+    assert (int(status), float(t)) == (OK, 10.0)
+    assert int(blown) == STEP_TOO_SMALL
+    assert float(end) == pytest.approx(1.0, abs=1e-5)  # y = 1/(1 - t), to the tolerance of 1e-6

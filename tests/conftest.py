@@ -1,0 +1,149 @@
+"""Options, markers and shared fixtures of all tests."""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import os
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from cotree import Model, Scene
+    from cotree.equations import Equations
+    from cotree.program import Program
+
+SCENES = ("slider-pendulum", "spring-mass-damper")
+
+_GENERATED = Path(__file__).resolve().parents[1] / "generated"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--slow", action="store_true", help="run the slow tests too")
+    parser.addoption("--update-golden", action="store_true", help="rewrite the golden files")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if config.getoption("--slow") or os.environ.get("CI") == "true":
+        return
+    skip = pytest.mark.skip(reason="slow: run with --slow")
+    for item in items:
+        if item.get_closest_marker("slow"):
+            item.add_marker(skip)
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    if item.get_closest_marker("compiler"):
+        from cotree.build import find_toolchain
+
+        if find_toolchain() is None:
+            pytest.skip("no C compiler")
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _session_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Keep the user's cache out of the tests, and the tests out of it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("COTREE_CACHE_DIR", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture
+def golden(request: pytest.FixtureRequest) -> Callable[[str, str], None]:
+    """Compare a text with a file below generated/, byte for byte."""
+
+    def compare(path: str, text: str) -> None:
+        file = _GENERATED / path
+        if request.config.getoption("--update-golden"):
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(text.encode())
+            return
+        known = file.read_bytes().decode() if file.exists() else ""
+        if text != known:
+            diff = difflib.unified_diff(
+                known.splitlines(keepends=True),
+                text.splitlines(keepends=True),
+                f"generated/{path}",
+                "generated now",
+            )
+            pytest.fail(
+                f"{''.join(diff)}\nIf this is meant: pytest --update-golden", pytrace=False
+            )
+
+    return compare
+
+
+@functools.cache
+def _model(name: str, sensitivities: tuple[str, ...]) -> Model:
+    import cotree
+
+    return cotree.load(name).compile(list(sensitivities))
+
+
+@functools.cache
+def _equations(name: str, sensitivities: tuple[str, ...]) -> Equations:
+    import cotree
+    from cotree.pipeline import formulate
+
+    return formulate(cotree.load(name), sensitivities, None)[0]
+
+
+@functools.cache
+def _lowered(name: str, sensitivities: tuple[str, ...]) -> Program:
+    from cotree.program.lower import lower
+
+    return lower(_equations(name, sensitivities))
+
+
+@functools.cache
+def _program(name: str, sensitivities: tuple[str, ...]) -> Program:
+    from cotree.passes.recipe import run_passes
+
+    return run_passes(_lowered(name, sensitivities))[0]
+
+
+def _wanted(name: str, sensitivities: Sequence[str] | None) -> tuple[str, ...]:
+    """Give the sensitivities; None means those to all parameters."""
+    import cotree
+
+    return tuple(cotree.load(name).parameters if sensitivities is None else sensitivities)
+
+
+@pytest.fixture(params=SCENES)
+def scene_name(request: pytest.FixtureRequest) -> str:
+    """Name each shipped scene in turn."""
+    return str(request.param)
+
+
+@pytest.fixture
+def scene(scene_name: str) -> Scene:
+    import cotree
+
+    return cotree.load(scene_name)
+
+
+@pytest.fixture
+def model_of() -> Callable[..., Model]:
+    """Give the model of a shipped scene, compiled once."""
+    return lambda name, sensitivities=None: _model(name, _wanted(name, sensitivities))
+
+
+@pytest.fixture
+def equations_of() -> Callable[..., Equations]:
+    """Give the equations of a shipped scene, formed once."""
+    return lambda name, sensitivities=None: _equations(name, _wanted(name, sensitivities))
+
+
+@pytest.fixture
+def lowered_of() -> Callable[..., Program]:
+    """Give the program of a shipped scene before its passes."""
+    return lambda name, sensitivities=None: _lowered(name, _wanted(name, sensitivities))
+
+
+@pytest.fixture
+def program_of() -> Callable[..., Program]:
+    """Give the program of a shipped scene after its passes."""
+    return lambda name, sensitivities=None: _program(name, _wanted(name, sensitivities))

@@ -1,0 +1,150 @@
+from __future__ import annotations
+
+import dataclasses
+import os
+import re
+from typing import TYPE_CHECKING
+
+import pytest
+
+from cotree.codegen.render import template_folder
+from cotree.errors import CodegenError, SceneError
+from cotree.export.c_project import (
+    CProject,
+    IntegratorContext,
+    MainContext,
+    write_c_project,
+)
+from cotree.pipeline import formulate, generate
+from cotree.scene.description import SceneDescription
+from cotree.scene.toml_file import load_scene
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from cotree.program import Program
+
+NAMES = [
+    "cotree_abi.h",
+    "spring_mass_damper.h",
+    "spring_mass_damper.c",
+    "cotree_dopri5.h",
+    "cotree_dopri5.c",
+    "main.c",
+]
+
+
+@pytest.fixture(scope="module")
+def program() -> Program:
+    equations, _ = formulate(load_scene("spring-mass-damper", SceneDescription), ("k",), None)
+    return generate(equations)[0]
+
+
+def renamed(program: Program, name: str) -> Program:
+    return dataclasses.replace(program, layout=dataclasses.replace(program.layout, name=name))
+
+
+def write(program: Program, folder: Path, t_end: float = 10.0, rtol: float = 1e-8) -> CProject:
+    return write_c_project(program, folder, t_end=t_end, rtol=rtol, atol=1e-10)
+
+
+def test_files_and_command(program: Program, tmp_path: Path) -> None:
+    folder = tmp_path / "new" / "folder"
+    project = write(program, folder)
+    assert project.directory == folder
+    assert [path.name for path in project.files] == NAMES
+    assert sorted(os.listdir(folder)) == sorted(NAMES)  # and no temporary one
+    assert project.command == (
+        "cc -std=c99 -O2 -ffp-contract=off -o spring_mass_damper "
+        "spring_mass_damper.c cotree_dopri5.c main.c -lm"
+    )
+    main = (folder / "main.c").read_text()
+    assert project.command in main[: main.index("*/")]
+    assert "\n#define T_END 10.0\n#define RTOL 1e-08\n#define ATOL 1e-10\n" in main
+
+
+def test_same_program_gives_same_bytes(program: Program, tmp_path: Path) -> None:
+    first, second = (write(program, tmp_path / name) for name in "ab")
+    for one, other in zip(first.files, second.files, strict=True):
+        assert one.read_bytes() == other.read_bytes()
+
+
+def test_files_are_ascii_with_short_lines(program: Program, tmp_path: Path) -> None:
+    for path in write(program, tmp_path).files:
+        lines = path.read_text(encoding="ascii").splitlines()
+        if path.name in ("main.c", "cotree_dopri5.h", "cotree_dopri5.c"):
+            long = [line for line in lines if len(line) > 100 and " cc " not in line]
+            assert not long, path.name
+        assert not [line for line in lines if line != line.rstrip()], path.name
+
+
+def test_old_files_are_replaced_and_others_kept(program: Program, tmp_path: Path) -> None:
+    (tmp_path / "main.c").write_text("old")
+    (tmp_path / "notes.txt").write_text("mine")
+    write(program, tmp_path)
+    assert (tmp_path / "main.c").read_text() != "old"
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_link_is_replaced_and_not_followed(program: Program, tmp_path: Path) -> None:
+    target = tmp_path / "target"
+    target.write_text("kept")
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    try:
+        (folder / "main.c").symlink_to(target)
+    except OSError:
+        pytest.skip("no symbolic links here")
+    write(program, folder)
+    assert target.read_text() == "kept"
+    assert not (folder / "main.c").is_symlink()
+
+
+def test_file_in_place_of_the_folder_is_named(program: Program, tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_text("kept")
+    for folder in (path, path / "below"):
+        with pytest.raises(CodegenError, match=re.escape(str(folder))):
+            write(program, folder)
+    assert path.read_text() == "kept"
+
+
+def test_folder_in_place_of_a_file_leaves_nothing_behind(program: Program, tmp_path: Path) -> None:
+    (tmp_path / "cotree_abi.h").mkdir()
+    with pytest.raises(CodegenError, match="cannot be written"):
+        write(program, tmp_path)
+    assert os.listdir(tmp_path) == ["cotree_abi.h"]
+
+
+@pytest.mark.parametrize("name", ["main", "Main", "cotree-dopri5", "cotree_abi"])
+def test_scene_that_would_overwrite_the_project(
+    program: Program, tmp_path: Path, name: str
+) -> None:
+    with pytest.raises(SceneError, match=f"the scene '{name}' would overwrite"):
+        write(renamed(program, name), tmp_path)
+    assert not os.listdir(tmp_path)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_numbers_that_are_none(program: Program, tmp_path: Path, value: float) -> None:
+    with pytest.raises(SceneError, match="t_end is"):
+        write(program, tmp_path, t_end=value)
+    with pytest.raises(SceneError, match="rtol is"):
+        write(program, tmp_path, rtol=value)
+    with pytest.raises(SceneError, match="rtol is -1"):
+        write(program, tmp_path, rtol=-1.0)
+
+
+@pytest.mark.parametrize(
+    ("template", "name", "context"),
+    [
+        ("main.c.jinja", "main", MainContext),
+        ("integrators/cotree_dopri5.h.jinja", "integrator", IntegratorContext),
+        ("integrators/cotree_dopri5.c.jinja", "integrator", IntegratorContext),
+    ],
+)
+def test_template_uses_every_field_of_its_context(template: str, name: str, context: type) -> None:
+    text = (template_folder() / "c" / template).read_text()
+    tags = " ".join(re.findall(r"\{[{%](.*?)[}%]\}", text))
+    used = set(re.findall(rf"\b{name}\.(\w+)", tags))
+    assert used == {field.name for field in dataclasses.fields(context)}
