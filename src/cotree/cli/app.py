@@ -6,6 +6,7 @@ Packages that take long to import are imported by the commands that need them.
 
 from __future__ import annotations
 
+import io
 import sys
 import warnings
 from contextlib import contextmanager
@@ -76,6 +77,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     int
         Exit code.
     """
+    for stream in (sys.stdout, sys.stderr):
+        # A terminal or pipe may lack the Greek letters of equations.
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
     try:
         with _warnings_in_one_line():
             app(args=None if arguments is None else list(arguments), prog_name="cotree")

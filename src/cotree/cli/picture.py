@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from cotree.studies.differences import Array
 
 _SMOOTH = 401  # times that make a curve look like one
-_CIRCLES = 41
+_CIRCLES = 40
 # Relative step of the differences, and tolerance of their runs: truncation and integration error
 # then stay below 1e-5 of the curve, less than the width of its line.
 _STEP, _RTOL, _ATOL = 1e-4, 1e-10, 1e-12

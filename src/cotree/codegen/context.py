@@ -187,7 +187,7 @@ def _kernel_context(
     lines = [*printed.lines, *(f"{spec.result}[{i}] = {v};" for i, v in enumerate(results))]
     for i, (guard, value) in enumerate(zip(guards, checks, strict=True)):
         comparison = ">" if guard.is_strict else ">="
-        lines.append(f"if (!({value} {comparison} 0.0)) return {i + 1};")
+        lines.append(f"if (!({value} {comparison} 0.0)) return -{i + 1};")
     return KernelContext(
         name=f"{prefix}_{spec.name}",
         signature=_signature(f"{prefix}_{spec.name}", kernel),

@@ -8,6 +8,7 @@ those of the branches that stand for them (Eq. (6)).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from cotree.components import Role
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
     from cotree.components import Freedom
     from cotree.export.terminal import Across, Terminal
-    from cotree.graph import Tree
+    from cotree.graph import TopologyMatrix, Tree
     from cotree.scene.description import Edge
 
 #: Signs and names of edges.
@@ -52,10 +53,20 @@ class Balances:
     trees: Mapping[str, Tree]
     terminal: Terminal
 
+    @cached_property
+    def cutsets(self) -> dict[str, TopologyMatrix]:
+        """The f-cutset matrix of each graph."""
+        return {domain: f_cutset(tree) for domain, tree in self.trees.items()}
+
+    @cached_property
+    def circuits(self) -> dict[str, TopologyMatrix]:
+        """The f-circuit matrix of each graph."""
+        return {domain: f_circuit(tree) for domain, tree in self.trees.items()}
+
     def circuit(self, kind: str, chord: str) -> Terms:
         """Give the branches whose across variables add up to that of a chord."""
-        tree = self.trees["rotation" if kind in _ROTATIONAL else "translation"]
-        return tuple((-sign, edge) for sign, edge in f_circuit(tree).terms(chord) if edge != chord)
+        matrix = self.circuits["rotation" if kind in _ROTATIONAL else "translation"]
+        return tuple((-sign, edge) for sign, edge in matrix.terms(chord) if edge != chord)
 
     def moments(self, branch: str) -> list[tuple[int, str, Terms]]:
         """List the forces across a rotational cut that have a moment about the branch's head.
@@ -91,7 +102,7 @@ class Balances:
         """Write the balance of a branch along one direction of its motion space."""
         scene, terminal = self.terminal.scene, self.terminal
         if freedom.rotates:
-            cutset = f_cutset(self.trees["rotation"]).terms(edge.name)
+            cutset = self.cutsets["rotation"].terms(edge.name)
             total = signed_sum(
                 (sign, terminal.torque(scene.edges[name], across))
                 for sign, name in cutset
@@ -101,7 +112,7 @@ class Balances:
                 force = terminal.force(scene.edges[name], across)
                 total += self.moment(sign, path, force, self.of_branches)
         else:
-            cutset = f_cutset(self.trees["translation"]).terms(edge.name)
+            cutset = self.cutsets["translation"].terms(edge.name)
             total = signed_sum(
                 (sign, terminal.force(scene.edges[name], across))
                 for sign, name in cutset

@@ -23,7 +23,6 @@ from cotree.export.terminal_rows import (
     spaces_text,
     through_rows,
 )
-from cotree.graph import f_circuit, f_cutset
 from cotree.sensitivity.graphs import form_equations
 
 if TYPE_CHECKING:
@@ -84,8 +83,8 @@ def formulation_steps(
     ]
     if first is None:
         sections.append(
-            "The steps end here: these trees hold a body or differ, and equations in such coordinates\n"
-            "are not available yet. Leave the tree to cotree, or name joints and arms."
+            "The steps end here: these trees hold a body or differ, and equations in such\n"
+            "coordinates are not available yet. Leave the tree to cotree, or name joints and arms."
         )
     else:
         sections += [_projections(board), _eliminations(board), _result(board, first)]
@@ -132,6 +131,11 @@ class _Board:
     def numbers(self) -> tuple[int, ...]:
         """The graphs that are shown: 1, and 2 where there is a sensitivity."""
         return (1,) if self.name is None else (1, 2)
+
+    @property
+    def sources(self) -> str:
+        """Name the terminal equations that are shown."""
+        return " and ".join(f"({number + 2})" for number in self.numbers)
 
     def of_graph(self, pair: Pair, number: int) -> Formula:
         """Give the formula of one graph."""
@@ -186,9 +190,9 @@ def _heading(board: _Board) -> str:
     else:
         kind = "initial value of" if "." in board.name else "parameter"
         text = (
-            "Two linear graphs on the same nodes and edges: G1 is that of the system; the variables "
-            f"of G2 are the derivatives of those of G1 with respect to the {kind} {board.name}, "
-            f"marked by the subscript {board.terminal.subscript[1:]}. Superscripts name the edges."
+            "Two linear graphs on the same nodes and edges: G1 is that of the system; the "
+            f"variables of G2 are the derivatives of those of G1 with respect to the {kind} "
+            f"{board.name}, marked by the subscript {board.terminal.subscript[1:]}. Superscripts name the edges."
         )
         lines.append(textwrap.fill(text, _WIDTH))
     lines += ["", *(_wrapped(tree.summary(), 0, 4) for tree in board.trees.values())]
@@ -218,15 +222,13 @@ def _table(board: _Board) -> str:
 
 
 def _cutsets(board: _Board) -> str:
-    lines = [
-        "(1) f-cutset equations: through variables across the cut of each branch add up to zero"
-    ]
+    lines = ["(1) f-cutset equations: through variables in the cut of each branch"]
     symbol = board.terminal.symbol
     for number in board.numbers:
         for domain, letter in (("translation", "F"), ("rotation", "T")):
             note = "" if domain == "translation" else ", about the second node of each branch"
             lines += ["", f"  G{number}, {domain}{note}"]
-            cutset = f_cutset(board.trees[domain])
+            cutset = board.balances.cutsets[domain]
             for branch in cutset.rows:
                 total = signed_sum((sign, symbol(letter, e)) for sign, e in cutset.terms(branch))
                 for sign, edge, path in board.balances.moments(branch) if letter == "T" else ():
@@ -237,9 +239,7 @@ def _cutsets(board: _Board) -> str:
 
 
 def _circuits(board: _Board) -> str:
-    lines = [
-        "(2) f-circuit equations: across variables around the circuit of each chord add up to zero"
-    ]
+    lines = ["(2) f-circuit equations: across variables around the circuit of each chord"]
     mark = board.terminal.subscript
     for number in board.numbers:
         for domain, own, likewise in (("translation", "r", "va"), ("rotation", "ω", "α")):
@@ -249,8 +249,7 @@ def _circuits(board: _Board) -> str:
             others = " and ".join(item + (mark if number == 2 else "") for item in likewise)
             note = "; orientations follow one another" if letter == "ω" else ""
             lines += ["", f"  G{number}, {domain} (likewise {others}{note})"]
-            circuit = f_circuit(board.trees[domain])
-            for chord in circuit.rows:
+            for chord in board.trees[domain].chords:
                 around = board.balances.circuit(letter, chord)
                 terms = [(1, chord), *((-sign, branch) for sign, branch in around)]
                 pair = signed_sum((sign, board.terminal.symbol(letter, e)) for sign, e in terms)
@@ -259,12 +258,8 @@ def _circuits(board: _Board) -> str:
 
 
 def _terminal_equations(board: _Board, number: int) -> str:
-    title = (
-        "terminal equations of G1"
-        if number == 1
-        else "terminal equations of G2: (3) differentiated"
-    )
-    lines = [f"({number + 2}) {title}", ""]
+    title = f"({number + 2}) terminal equations of G{number}"
+    lines = [title if number == 1 else f"{title}: those of (3) differentiated", ""]
     edges = board.scene.edges.values()
     width = max(len(edge.name) for edge in edges)
     kinds = max(len(edge.component.name) for edge in edges)
@@ -303,7 +298,7 @@ def _projections(board: _Board) -> str:
 def _eliminations(board: _Board) -> str:
     lines = [
         "(6) across variables of the chords replaced by those of the branches, from (2);",
-        "    those of the branches that are zero by (3) and (4) are left out",
+        f"    those of the branches that are zero by {board.sources} are left out",
         "",
     ]
     return "\n".join([*lines, *_balance_lines(board, in_branches=True)])
@@ -322,7 +317,7 @@ def _result(board: _Board, first: FirstGraph) -> str:
     names = [] if board.name is None else [board.name]
     equations = symbolic_equations(form_equations(first, names))
     lines = [
-        "(7) across variables of the branches from (3) and (4) inserted; inertia with positive sign",
+        f"(7) the branches' own terminal equations inserted, from {board.sources}; signs turned",
         "",
     ]
     coordinates = [c.name for c in first.system.coordinates]

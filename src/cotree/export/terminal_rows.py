@@ -79,14 +79,16 @@ def definitions(terminal: Terminal, second: bool) -> list[str]:
         if edge.component.role is Role.LINE and "axis" not in edge.fields:
             lines += _line_lines(terminal, edge, second)
     if any(edge.nodes[0] in terminal.turning for edge in terminal.scene.edges.values()):
-        letters = [f"{letter}{terminal.subscript if second else ''}" for letter in "φωα"]
-        of_node = ", ".join(f"{letter}(B)" for letter in letters[0 if second else 1 :])
-        lines.append(
-            f"{of_node} of a node B: the sums of {', '.join(letters[0 if second else 1 :])} over the "
-            "branches from the ground to B"
-            + ("" if second else "; î(B), ĵ(B), k̂(B): unit vectors fixed in its axes")
-        )
+        lines.append(_node_line(terminal, second))
     return lines
+
+
+def _node_line(terminal: Terminal, second: bool) -> str:
+    """Explain the variables of nodes that turn."""
+    letters = [f"{letter}{terminal.subscript}" for letter in "φωα"] if second else ["ω", "α"]
+    of_node = ", ".join(f"{letter}(B)" for letter in letters)
+    line = f"{of_node}: sums of {', '.join(letters)} over the branches from the ground to a node B"
+    return line if second else f"{line}; î(B), ĵ(B), k̂(B): unit vectors fixed in its axes"
 
 
 def _define(lines: list[str], symbol: Pair, value: Pair, second: bool, what: str) -> None:

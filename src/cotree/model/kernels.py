@@ -121,9 +121,10 @@ class CKernels:
         """Take parameters for all calls that follow; see :class:`Kernels`."""
         self._arrays["p"][:] = p
         status = self._model.prepare(*self._prepared)
-        if status:
+        if status < 0:
             check_guards(self._guards, p)
-            raise _failure(status)  # no guard is violated: prepare itself met a singular system
+        if status:
+            raise self._failure(status)
 
     def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
         """Evaluate a kernel; see :class:`Kernels`."""
@@ -141,12 +142,18 @@ class CKernels:
         else:
             status = function(*arguments)
         if status:
-            raise (
-                _singular(self._layout)
-                if status == SINGULAR
-                else SolveError(f"a function called by the model failed with status {status}")
-            )
+            raise self._failure(status)
         return result
+
+    def _failure(self, status: int) -> Exception:
+        if status == SINGULAR:
+            return _singular(self._layout)
+        return SolveError(f"a kernel of the model failed with status {status}")
+
+    def _failure(self, status: int) -> Exception:
+        if status == SINGULAR:
+            return _singular(self._layout)
+        return SolveError(f"a function called by the model failed with status {status}")
 
 
 _STATE = ("x", "u", "p", "k")

@@ -54,7 +54,7 @@ def load_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
     try:
         if path.stat().st_size > _LARGEST_FILE:
             raise SceneError(f"{path} is larger than {_LARGEST_FILE} bytes")
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")  # some editors begin with a byte order mark
     except OSError as error:
         raise SceneError(f"{path} cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
