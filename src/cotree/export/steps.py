@@ -192,7 +192,8 @@ def _heading(board: _Board) -> str:
         text = (
             "Two linear graphs on the same nodes and edges: G1 is that of the system; the "
             f"variables of G2 are the derivatives of those of G1 with respect to the {kind} "
-            f"{board.name}, marked by the subscript {board.terminal.subscript[1:]}. Superscripts name the edges."
+            f"{board.name}, marked by the subscript {board.terminal.subscript[1:]}. "
+            "Superscripts name the edges."
         )
         lines.append(textwrap.fill(text, _WIDTH))
     lines += ["", *(_wrapped(tree.summary(), 0, 4) for tree in board.trees.values())]

@@ -54,7 +54,7 @@ def to_sympy(nodes: Sequence[Node], symbols: Mapping[Node, Any]) -> list[Any]:
         elif node.op == "symbol":
             raise KeyError(f"no SymPy symbol is given for {node!r}")
         elif node.op == "result":
-            known[node] = _result(node, [known[arg] for arg in node.args[0].args], numbers)
+            known[node] = _result(node, [known[arg] for arg in _arguments(node)], numbers)
         elif node.op not in _SEVERAL:
             known[node] = _apply(node.op, [known[arg] for arg in node.args])
     return [known[node] for node in nodes]
@@ -121,6 +121,12 @@ _SEVERAL: dict[str, Callable[[Node, int], str]] = {
     "table": _table_name,
     "call": _call_name,
 }
+
+
+def _arguments(node: Node) -> tuple[Node, ...]:
+    """List what a result depends on; how a system decides its rank says nothing to a reader."""
+    source = node.args[0]
+    return source.args[: source.data * (source.data + 1)] if source.op == "solve" else source.args
 
 
 def _result(node: Node, args: list[Any], numbers: dict[Any, int]) -> Any:

@@ -150,11 +150,6 @@ class CKernels:
             return _singular(self._layout)
         return SolveError(f"a kernel of the model failed with status {status}")
 
-    def _failure(self, status: int) -> Exception:
-        if status == SINGULAR:
-            return _singular(self._layout)
-        return SolveError(f"a function called by the model failed with status {status}")
-
 
 _STATE = ("x", "u", "p", "k")
 _SENSITIVITY = ("x", "s", "u", "p", "k")

@@ -116,12 +116,14 @@ class SceneDescription:
         check_name("parameter", name)
         self._check_new("parameter", name, {**self.parameters, **self.inputs})
         number = check_number(value, f"parameter '{name}'")
+        if not isinstance(tunable, bool):
+            raise SceneError(f"tunable of parameter '{name}' must be true or false")
         self.parameters[name] = Parameter(
             name,
             number,
             _text(unit, f"unit of parameter '{name}'"),
             _text(doc, f"doc of parameter '{name}'"),
-            bool(tunable),
+            tunable,
         )
 
     def input(

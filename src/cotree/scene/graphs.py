@@ -109,7 +109,7 @@ def joint_tree(scene: SceneDescription, trees: Mapping[str, Tree]) -> Tree:
         if scene.edges[name].component.role is Role.BODY:
             raise FormulationError(
                 f"the tree holds the body '{name}': equations in absolute coordinates are not "
-                "available yet; name joints and arms, or leave the tree to cotree"
+                f"available yet; reach node '{scene.edges[name].nodes[1]}' by joints and arms"
             )
     for name in tree.chords:
         if scene.edges[name].component.role in (Role.ARM, Role.JOINT):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tomllib
 from importlib import resources
 from pathlib import Path
@@ -47,14 +48,15 @@ def load_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
         file = resources.files("cotree") / "scenes" / f"{source}.toml"
         return read_scene(file.read_text(encoding="utf-8"), f"{source}.toml", scene_type)
     path = Path(source)
-    if not path.is_file():
+    if not os.path.isfile(path):  # unlike Path.is_file, it takes names that are too long
         raise SceneError(
             f"'{source}' is neither a file nor a shipped scene{nearest(str(source), shipped)}"
         )
     try:
         if path.stat().st_size > _LARGEST_FILE:
             raise SceneError(f"{path} is larger than {_LARGEST_FILE} bytes")
-        text = path.read_text(encoding="utf-8-sig")  # some editors begin with a byte order mark
+        # Some editors begin a file with a byte order mark.
+        text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise SceneError(f"{path} cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:

@@ -1,0 +1,68 @@
+"""Operation counts of the slider-pendulum, and stage times of a chain of rods.
+
+Run it with ``python benchmarks/operations.py [N ...]``; it prints Markdown. Times are of this machine
+and this run; counts are exact.
+"""
+
+from __future__ import annotations
+
+import platform
+import statistics
+import sys
+import time
+from pathlib import Path
+
+import cotree
+from cotree.codegen.context import model_context
+from cotree.codegen.render import render_model
+from cotree.pipeline import formulate, generate
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "example_scenes"))
+import itertools
+
+from rod_chain import rod_chain
+
+REPEATS = 5
+
+
+def slider_pendulum() -> str:
+    operations = cotree.load("slider-pendulum").compile(["L"]).operations
+    rows = ["| kernel | prepare counted in | per call |", "|---|---|---|"]
+    rows += [f"| {n} | {c.total} | {c.kernel} |" for n, c in operations.items() if c.total]
+    return "\n".join(rows)
+
+
+def chain_stages(n: int) -> tuple[list[float], int, int]:
+    """CPU seconds of formulation, generation and printing; operations; bytes."""
+    scene, wanted = rod_chain(n)
+    marks = [time.process_time()]
+    equations, _ = formulate(scene, wanted, None)
+    marks.append(time.process_time())
+    program, _ = generate(equations)
+    marks.append(time.process_time())
+    files = render_model(model_context(program))
+    marks.append(time.process_time())
+    seconds = [later - earlier for earlier, later in itertools.pairwise(marks)]
+    return seconds, program.operations["augmented_rhs"].total, sum(map(len, files.values()))
+
+
+def chain(sizes: list[int]) -> str:
+    rows = [
+        "| rods | sensitivities | operations | C bytes | formulate | generate | print | total s |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for n in sizes:
+        runs = [chain_stages(n) for _ in range(REPEATS)]
+        stages = [statistics.median(run[0][i] for run in runs) for i in range(3)]
+        total = statistics.median(sum(run[0]) for run in runs)
+        cells = [n, 2 * n, runs[0][1], runs[0][2], *(f"{s:.2f}" for s in stages), f"{total:.2f}"]
+        rows.append(f"| {' | '.join(map(str, cells))} |")
+    return "\n".join(rows)
+
+
+if __name__ == "__main__":
+    print(
+        f"cotree {cotree.__version__}, Python {platform.python_version()}, {platform.machine()}\n"
+    )
+    print(slider_pendulum(), "\n")
+    print(chain([int(arg) for arg in sys.argv[1:]] or [5, 10, 20]))
