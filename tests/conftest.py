@@ -5,16 +5,23 @@ from __future__ import annotations
 import difflib
 import functools
 import os
-from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from hypothesis import settings
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
     from cotree import Model, Scene
-    from cotree.equations import Equations
+    from cotree.dag.nodes import Dag, Node
+    from cotree.equations import Equations, Guard
     from cotree.program import Program
+
+# A busy machine is no failure of a property.
+settings.register_profile("cotree", deadline=None)
+settings.load_profile("cotree")
 
 SCENES = ("slider-pendulum", "spring-mass-damper")
 
@@ -69,9 +76,7 @@ def golden(request: pytest.FixtureRequest) -> Callable[[str, str], None]:
                 f"generated/{path}",
                 "generated now",
             )
-            pytest.fail(
-                f"{''.join(diff)}\nIf this is meant: pytest --update-golden", pytrace=False
-            )
+            pytest.fail(f"{''.join(diff)}\nIf this is meant: pytest --update-golden", pytrace=False)
 
     return compare
 
@@ -147,3 +152,40 @@ def lowered_of() -> Callable[..., Program]:
 def program_of() -> Callable[..., Program]:
     """Give the program of a shipped scene after its passes."""
     return lambda name, sensitivities=None: _program(name, _wanted(name, sensitivities))
+
+
+@pytest.fixture
+def made_up() -> Callable[..., Program]:
+    """Make a program by hand: an arena, and the results of some kernels."""
+    from cotree.equations import Quantity
+    from cotree.program import KERNELS, Kernel, Layout, Program
+
+    def make(
+        dag: Dag,
+        n_states: int = 1,
+        n_parameters: int = 1,
+        guards: tuple[Guard, ...] = (),
+        text: str = "",
+        **results: Sequence[Node],
+    ) -> Program:
+        def rows(letter: str, n: int) -> tuple[Quantity, ...]:
+            return tuple(Quantity(f"{letter}{i}", text, text) for i in range(n))
+
+        layout = Layout(
+            name="made-up",
+            states=rows("x", n_states),
+            parameters=rows("p", n_parameters),
+            inputs=(),
+            outputs=rows("y", len(results.get("outputs", ()))),
+            sensitivities=(),
+            parameter_values=(1.0,) * n_parameters,
+            column_starts=(0,) * (n_states + 1),
+            row_indices=(),
+            uncertain=(),
+        )
+        kernels = {
+            name: Kernel(row, tuple(results.get(name, ())), {}) for name, row in KERNELS.items()
+        }
+        return Program(dag, layout, kernels, guards)
+
+    return make

@@ -168,6 +168,23 @@ class Model(CompiledModel):
         """Seconds spent in each stage: formulate, generate, compile."""
         return self._compiled.times
 
+    def summary(self) -> str:
+        """Describe the kernels, the formulations tried and what each pass did."""
+        lines = [self._program.summary(), "formulations tried, by estimated operations:"]
+        for row in self._compiled.alternatives:
+            axes = ", ".join(map(str, row.own_axes)) or "none"
+            lines.append(f"  {row.n_operations:8}  clusters in their own axes: {axes}")
+        for report in self._compiled.reports:
+            lines.append(f"pass {report.name}: operations of each kernel alone, before -> after")
+            after = report.after
+            changed = [
+                f"  {name:20} {before} -> {after[name]}"
+                for name, before in report.before.items()
+                if before != after[name]
+            ]
+            lines += changed or ["  none changed"]
+        return "\n".join(lines)
+
     def check_start(self) -> None:
         """Evaluate the model once at its initial state.
 

@@ -123,7 +123,6 @@ def test_nasty_text_is_refused_in_one_sentence(text):
     assert type(caught.value.__cause__) is type(None)
 
 
-@pytest.mark.xfail(reason="repr() of such an int is refused by Python itself", strict=False)
 def test_integers_too_long_for_decimal_digits_are_refused():
     with pytest.raises(ExpressionError):
         parse("0x" + "f" * 3990, "field f")
@@ -144,7 +143,7 @@ def test_messages_show_the_text():
 
 @pytest.mark.parametrize("text", ["1/0", "sqrt(-1)", "log(0)", "10**400", "1e308*10", "a/(b - b)"])
 def test_constants_without_a_value_are_refused(text):
-    with pytest.raises(ExpressionError, match="field f: .* has no value"):
+    with pytest.raises(ExpressionError, match=r"field f: .* has no value"):
         _value(text)
 
 

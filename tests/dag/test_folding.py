@@ -66,7 +66,8 @@ def test_sums_and_products_commute(dag, x, y):
 
 
 def test_negations_sink_towards_the_result(dag, x, y):
-    assert -(-x) is x
+    negative = -x
+    assert -negative is x
     assert x + -y is x - y
     assert -x + y is y - x
     assert x - -y is x + y
@@ -258,10 +259,14 @@ def test_folding_keeps_the_value_of_positive_trees(tree, values):
     assert evaluate([node], known)[0] == pytest.approx(expected, rel=1e-13)
 
 
-@given(_exact_trees())
-def test_negating_twice_gives_the_node_back(tree):
+@given(_exact_trees(), st.tuples(_INTEGERS, _INTEGERS, _INTEGERS))
+def test_signs_and_neutral_elements_at_random(tree, values):
     dag = Dag()
     node = _node(tree, dag)
-    assert -(-node) is node
     assert node - node is dag.zero
     assert node * dag.one is node
+    assert node + dag.zero is node
+    known = {dag.symbol("x", i): float(value) for i, value in enumerate(values)}
+    negative = -node
+    value, back, twice = evaluate([node, -negative, node + node], known)
+    assert (back, twice) == (value, 2.0 * value)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import random
 
 import numpy as np
@@ -10,20 +11,10 @@ from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag
 from cotree.dag.several import solve
 from cotree.dag.traverse import dependent, reachable, symbols_in
-from cotree.equations import Quantity
-from cotree.passes.reciprocals import share_reciprocals
 from cotree.passes.recipe import RECIPE, run_passes
+from cotree.passes.reciprocals import share_reciprocals
 from cotree.passes.stage import stage_parameters
-from cotree.program import KERNELS, Kernel, Layout, Program
-
-
-def _program(dag, **results):
-    """Make a program of given kernels; the others are empty."""
-    layout = Layout("made-up", (Quantity("x"),), (Quantity("p"),), (), (), (), (1.0,), (0, 0), ())
-    kernels = {
-        name: Kernel(row, tuple(results.get(name, ())), {}) for name, row in KERNELS.items()
-    }
-    return Program(dag, layout, kernels, ())
+from cotree.program import KERNELS
 
 
 def _values(program, rng):
@@ -55,7 +46,7 @@ def test_reports_count_before_and_after(lowered_of, scene_name):
     first, last = reports[0], reports[-1]
     assert first.before == {n: k.operations.total for n, k in lowered.kernels.items()}
     assert last.after == {n: k.operations.total for n, k in program.kernels.items()}
-    for one, next_one in zip(reports, reports[1:], strict=False):
+    for one, next_one in itertools.pairwise(reports):
         assert one.after == next_one.before
     # Staging moves work out of every kernel into prepare.
     assert last.after["prepare"] > last.before["prepare"] == 0
@@ -86,9 +77,7 @@ def test_prepare_holds_nothing_but_parameters_and_nothing_unread(program_of, sce
     program = program_of(scene_name)
     prepare = program.kernels["prepare"]
     assert {node.data[0] for node in symbols_in(prepare.results)} == {"p"}
-    read = {
-        node for k in program.kernels.values() for node in k.order if node in k.prepared
-    }
+    read = {node for k in program.kernels.values() for node in k.order if node in k.prepared}
     assert read == set(prepare.results)
     assert program.n_prepared == len(prepare.results)
     assert list(program.kernels["rhs"].prepared.values()) == list(range(program.n_prepared))
@@ -98,49 +87,49 @@ def _divisions(results):
     return sum(node.op == "div" for node in reachable(results))
 
 
-def test_repeated_divisors_are_inverted_once():
+def test_repeated_divisors_are_inverted_once(made_up):
     dag = Dag()
     a, b, c = (dag.symbol("x", i) for i in range(3))
-    program = share_reciprocals(_program(dag, rhs=[a / c, b / c, (a + b) / c]))
+    program = share_reciprocals(made_up(dag, rhs=[a / c, b / c, (a + b) / c]))
     assert _divisions(program.kernels["rhs"].results) == 1
 
 
-def test_single_divisions_stay():
+def test_single_divisions_stay(made_up):
     dag = Dag()
     a, b = dag.symbol("x", 0), dag.symbol("x", 1)
-    program = _program(dag, rhs=[a / b])
+    program = made_up(dag, rhs=[a / b])
     assert share_reciprocals(program).kernels["rhs"].results == (a / b,)
 
 
-def test_divisors_of_parameters_are_inverted_by_prepare():
+def test_divisors_of_parameters_are_inverted_by_prepare(made_up):
     dag = Dag()
     x, p = dag.symbol("x", 0), dag.symbol("p", 0)
-    program, _ = run_passes(_program(dag, rhs=[x / p]))
+    program, _ = run_passes(made_up(dag, rhs=[x / p]))
     assert program.kernels["prepare"].results == (1.0 / p,)
     assert program.kernels["rhs"].operations.by_kind == {"mul": 1}
 
 
-def test_kernels_share_prepared_values():
+def test_kernels_share_prepared_values(made_up):
     dag = Dag()
     x, p = dag.symbol("x", 0), dag.symbol("p", 0)
     root = dag.function("sin", p)
-    program = stage_parameters(_program(dag, rhs=[root * x], outputs=[root + x, root]))
+    program = stage_parameters(made_up(dag, rhs=[root * x], outputs=[root + x, root]))
     assert program.kernels["prepare"].results == (root,)
     assert program.kernels["rhs"].prepared == program.kernels["outputs"].prepared == {root: 0}
 
 
-def test_constants_and_bare_parameters_are_not_prepared():
+def test_constants_and_bare_parameters_are_not_prepared(made_up):
     dag = Dag()
     x, p = dag.symbol("x", 0), dag.symbol("p", 0)
-    program = stage_parameters(_program(dag, rhs=[p * x, p, dag.one]))
+    program = stage_parameters(made_up(dag, rhs=[p * x, p, dag.one]))
     assert program.n_prepared == 0
 
 
-def test_results_of_a_parameter_only_solve_are_prepared_one_by_one():
+def test_results_of_a_parameter_only_solve_are_prepared_one_by_one(made_up):
     dag = Dag()
     x, p = dag.symbol("x", 0), dag.symbol("p", 0)
     unknown, _ = solve(dag, [[p]], [dag.one])
-    program = stage_parameters(_program(dag, rhs=[unknown * x]))
+    program = stage_parameters(made_up(dag, rhs=[unknown * x]))
     assert program.kernels["prepare"].results == (unknown,)
     assert program.kernels["rhs"].operations.by_kind == {"mul": 1}
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cotree.cli.arguments import check_folder, read_numbers, read_pairs, read_tree
-from cotree.cli.report import run_report, scene_line, unreached
+from cotree.cli.report import run_report, scene_line
 from cotree.errors import Error
 from cotree.version import VERSION
 
@@ -182,8 +182,6 @@ def run_scene(
     times = None if points is None else np.linspace(0.0, end, points)
     result = model.simulate((0.0, end), times, **settings)
     typer.echo(run_report(described, model, result))
-    for name in unreached(result):
-        _complain(f"warning: '{name}' reaches no state and no output: its sensitivities are zero")
     if csv is not None:
         result.to_csv(csv)
         typer.echo(f"wrote {csv}")

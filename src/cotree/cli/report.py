@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
@@ -68,15 +66,6 @@ def run_report(scene: Scene, model: Model, result: Result) -> str:
             for name in (*result.states, *result.outputs)
         )
     return "\n".join(lines)
-
-
-def unreached(result: Result) -> tuple[str, ...]:
-    """Name the parameters whose sensitivities are all zero."""
-    return tuple(
-        name
-        for j, name in enumerate(result.parameters_of_sensitivity)
-        if not np.any(result.s[:, j]) and not np.any(result.output_sensitivities[:, j])
-    )
 
 
 def _aligned(rows: Iterable[tuple[str, float, str]]) -> list[str]:

@@ -117,8 +117,8 @@ class Equations:
         p, u and y, in the order of their symbols.
     parameter_values : tuple of float
         The scene's values of p.
-    input_values : tuple of Node
-        The scene's u, of time and parameters.
+    input_symbols, input_values : tuple of Node
+        The symbols of u, and the scene's own values of time and parameters.
     unknowns, unknown_tangents : tuple of Node
         Symbols of w and of its derivatives.
     matrix : tuple of rows of Node
@@ -147,6 +147,7 @@ class Equations:
     inputs: tuple[Quantity, ...]
     outputs: tuple[Quantity, ...]
     parameter_values: tuple[float, ...]
+    input_symbols: tuple[Node, ...]
     input_values: tuple[Node, ...]
     unknowns: tuple[Node, ...]
     unknown_tangents: tuple[Node, ...]

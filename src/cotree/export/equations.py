@@ -59,7 +59,18 @@ class SymbolicEquations:
     latex_names: Mapping[Any, str]
 
     def lines(self, name: str | None = None) -> list[str]:
-        """Write the governing equations, or those of one sensitivity, as plain text."""
+        """Write the governing equations, or those of one sensitivity, as plain text.
+
+        Parameters
+        ----------
+        name : str, optional
+            A key of :attr:`sensitivity`.
+
+        Returns
+        -------
+        list of str
+            One line for each coordinate.
+        """
         spell = _printer("text", {})
         return [self._line(equation, spell, name) for equation in self._equations(name)]
 
@@ -100,8 +111,11 @@ def _printer(kind: str, latex_names: Mapping[Any, str]) -> Callable[[Any], str]:
     from sympy.printing.latex import LatexPrinter
     from sympy.printing.str import StrPrinter
 
-    latex_settings = {"symbol_names": dict(latex_names)}
-    printer = LatexPrinter(latex_settings) if kind == "latex" else StrPrinter()
+    settings = {"full_prec": False}  # 1.5e-9, not 1.50000000000000e-9
+    if kind == "latex":
+        printer = LatexPrinter({**settings, "symbol_names": dict(latex_names)})
+    else:
+        printer = StrPrinter(settings)
     plain, known = printer._print, {}
 
     def print_once(item: Any, **options: Any) -> Any:

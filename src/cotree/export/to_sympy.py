@@ -70,8 +70,8 @@ def rational(value: float) -> Any:
 
     Examples
     --------
-    >>> rational(1.0 / 12.0), rational(9.81), rational(1.5e-9)
-    (1/12, 981/100, 1.5e-9)
+    >>> rational(1.0 / 12.0), rational(9.81)
+    (1/12, 981/100)
     """
     import sympy
 

@@ -158,7 +158,7 @@ class CompiledModel:
         p : array_like, shape (n_parameters,), optional
             Parameters.
         u : array_like, shape (n_inputs,), optional
-            Inputs.
+            Inputs. Where the scene's own input depends on a parameter, so do sensitivities.
 
         Returns
         -------

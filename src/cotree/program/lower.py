@@ -99,6 +99,10 @@ def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
         parameter_values=equations.parameter_values,
         column_starts=tuple(starts),
         row_indices=tuple(rows),
+        input_sensitivities=tuple(
+            tuple(row.name for row in equations.sensitivities if symbol in row.seed)
+            for symbol in equations.input_symbols
+        ),
         uncertain=tuple(
             state.name
             for state, is_safe in zip(equations.states, equations.is_safe, strict=False)

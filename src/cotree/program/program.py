@@ -62,6 +62,8 @@ class Layout:
         The scene's values.
     column_starts, row_indices : tuple of int
         The Jacobian's pattern, compressed by columns.
+    input_sensitivities : tuple of tuples of str
+        For each input, which of ``sensitivities`` it has in the scene.
     uncertain : tuple of str
         Coordinates whose pivot is checked at run time.
     """
@@ -75,6 +77,7 @@ class Layout:
     parameter_values: tuple[float, ...]
     column_starts: tuple[int, ...]
     row_indices: tuple[int, ...]
+    input_sensitivities: tuple[tuple[str, ...], ...]
     uncertain: tuple[str, ...]
 
 

@@ -92,6 +92,18 @@ class SceneDescription:
             seen.update(dict.fromkeys(edge.nodes))
         return tuple(seen)
 
+    def summary(self) -> str:
+        """Describe the scene, one line an edge."""
+        lines = [
+            f"{self.name}: {len(self.nodes)} nodes, {len(self.edges)} edges, "
+            f"{len(self.parameters)} parameters, {len(self.inputs)} inputs, "
+            f"{len(self.outputs)} outputs"
+        ]
+        for edge in self.edges.values():
+            first, second = edge.nodes
+            lines.append(f"  {edge.name:12} {edge.component.name:12} {first} -> {second}")
+        return "\n".join(lines)
+
     def parameter(
         self, name: str, value: float, *, unit: str = "", doc: str = "", tunable: bool = True
     ) -> None:

@@ -104,7 +104,7 @@ def parse(value: object, where: str) -> Expression:
         return _parse_text(value, where)
     number = _number(value)
     if number is None:
-        raise ExpressionError(f"{where} is {value}: give a finite number")
+        raise ExpressionError(f"{where} is {_shown(value)}: give a finite number")
     return Expression(repr(number), where, ast.Constant(number), frozenset())
 
 
@@ -128,6 +128,13 @@ def _short(text: str) -> str:
     return line if len(line) <= 60 else line[:57] + "..."
 
 
+def _shown(value: object) -> str:
+    try:
+        return _short(repr(value))
+    except ValueError:  # Python itself refuses to write integers of thousands of digits
+        return "an integer of thousands of digits"
+
+
 def _number(value: object) -> float | None:
     """Give a finite float, or None."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -146,7 +153,7 @@ def _check(tree: ast.expr, names: set[str], depth: int) -> None:
     match tree:
         case ast.Constant(value=value):
             if _number(value) is None:
-                raise ExpressionError(f"holds {_short(repr(value))}, which is no finite number")
+                raise ExpressionError(f"holds {_shown(value)}, which is no finite number")
         case ast.Name(id=name):
             names.add(name)
         case ast.Attribute(value=ast.Name(id=edge), attr=attribute):

@@ -102,11 +102,20 @@ def form_derivatives(
     for j, name in enumerate(wanted):
         symbols = {state.symbol: dag.symbol("s", j * n + i) for i, state in enumerate(first.states)}
         if name in first.system.parameters:
-            symbols[first.system.parameters[name]] = dag.one
+            symbols |= _of_parameter(first, first.system.parameters[name])
             found.append(differentiate(first, name, symbols, support))
         else:
             found.append(_initial_value(differentiate(first, name, symbols, support), first))
     return tuple(found)
+
+
+def _of_parameter(first: FirstGraph, parameter: Node) -> dict[Node, Node]:
+    """Seed a parameter, and the scene's inputs that depend on it."""
+    system = first.system
+    seed = {parameter: system.dag.one}
+    along = tangents(system.input_values, seed)
+    inputs = zip(system.inputs.values(), along, strict=True)
+    return seed | {symbol: tangent for symbol, tangent in inputs if not tangent.is_zero}
 
 
 def _initial_value(direction: Derivative, first: FirstGraph) -> Derivative:
@@ -149,6 +158,7 @@ def form_equations(first: FirstGraph, sensitivities: Sequence[str]) -> Equations
         inputs=tuple(Quantity(row.name, row.unit, row.doc) for row in scene.inputs.values()),
         outputs=tuple(Quantity(name, output_unit(first, name)) for name in scene.outputs),
         parameter_values=tuple(p.value for p in parameters),
+        input_symbols=tuple(system.inputs.values()),
         input_values=system.input_values,
         unknowns=first.unknowns,
         unknown_tangents=unknown_tangents(first),

@@ -74,6 +74,7 @@ def simulate(
     values = dict(zip(model.parameters, p.tolist(), strict=True))
     signals = read_signals(settings.inputs, model.inputs, values)
     _check_method(settings.method, signals)
+    _check_replaced(model, settings.inputs)
     u = _input_function(model, p, signals)
     problem = Problem(
         rhs=_rhs(model, p, u),
@@ -101,7 +102,7 @@ def simulate(
         warnings.warn(trajectory.message, RuntimeWarning, stacklevel=3)
     n, m = len(model.states), len(model.sensitivities)
     y = trajectory.z[:n]
-    s = trajectory.z[n:].reshape(m, n, -1).transpose(1, 0, 2)
+    s = trajectory.z[n:].reshape(m, n, len(trajectory.t)).transpose(1, 0, 2)
     outputs, output_s, inputs = _outputs(model, p, u, trajectory.t, y, s)
     return Result(
         t=trajectory.t,
@@ -129,6 +130,16 @@ def _check_method(method: str, signals: Signals) -> None:
             f"method '{method}' cannot take a Python function as input: give an expression or "
             "(times, values), or use one of SciPy's methods"
         )
+
+
+def _check_replaced(model: CompiledModel, inputs: Mapping[str, Any]) -> None:
+    """Refuse to replace an input whose own sensitivities are compiled in."""
+    for name, wanted in zip(model.inputs, model.layout.input_sensitivities, strict=True):
+        if name in inputs and wanted:
+            raise ParameterError(
+                f"input '{name}' depends on '{wanted[0]}' in the scene, and the sensitivity to it "
+                f"is compiled in: to replace the input, compile without that sensitivity"
+            )
 
 
 def _span(t_span: Any) -> tuple[float, float]:

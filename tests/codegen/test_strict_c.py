@@ -1,0 +1,183 @@
+"""The C text is clean for strict compilers and sanitizers."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+
+import numpy as np
+import pytest
+from made_up_scenes import SWIRL_C, busy_scene, call_case, solve_case
+
+from cotree.codegen.context import model_context
+from cotree.codegen.render import render_model
+from cotree.equations import Guard
+from cotree.passes.recipe import run_passes
+from cotree.pipeline import formulate, generate
+
+pytestmark = pytest.mark.compiler
+
+
+def _files(program):
+    return dict(render_model(model_context(program)))
+
+
+def _busy():
+    scene = busy_scene()
+    return generate(formulate(scene, ["m", "a", "j3.theta"], None)[0])[0]
+
+
+@pytest.mark.parametrize("sensitivities", [[], ["k"], None])
+def test_shipped_scenes_are_clean(program_of, scene_name, sensitivities, run_compiler):
+    run_compiler(_files(program_of(scene_name, sensitivities)), "-c")
+
+
+def test_a_busy_scene_with_hostile_texts_is_clean(run_compiler):
+    files = _files(_busy())
+    text = files["double_.c"]
+    for piece in ("cotree_table(", "cotree_factorise(", " ? ", "(double)((", "sqrt(", "pow("):
+        assert piece in text
+    run_compiler(files, "-c")
+
+
+@pytest.mark.parametrize("is_staged", [False, True])
+def test_solve_call_and_table_are_clean(made_up, run_compiler, is_staged):
+    for case in (call_case, lambda: solve_case(3)):
+        dag, results = case()
+        program = made_up(dag, n_parameters=12, outputs=results)
+        if is_staged:
+            program = run_passes(program)[0]
+        run_compiler(_files(program), "-c")
+
+
+def test_a_program_of_nothing_is_clean(made_up, run_compiler):
+    from cotree.dag.nodes import Dag
+
+    run_compiler(_files(made_up(Dag(), n_states=0, n_parameters=0)), "-c")
+
+
+def test_functions_that_only_a_guard_calls_are_declared(made_up, run_compiler):
+    from cotree.dag.nodes import Dag
+
+    dag = Dag()
+    guard = Guard(dag.function("exp", dag.symbol("p", 0)), "mass of edge 'b'", is_strict=True)
+    run_compiler(_files(made_up(dag, guards=(guard,))), "-c")
+
+
+def test_headers_stand_alone_and_serve_cpp(program_of, scene_name, run_compiler):
+    files = _files(program_of(scene_name, ["k"]))
+    prefix = scene_name.replace("-", "_")
+    include = f'#include "{prefix}.h"\n#include "{prefix}.h"\nint main(void) {{ return 0; }}\n'
+    headers = {name: text for name, text in files.items() if name.endswith(".h")}
+    run_compiler({**headers, "alone.c": include}, "-c")
+
+
+_MAIN = r"""
+#include "%(prefix)s.h"
+#include <stdio.h>
+#include <stdlib.h>
+
+/* Each array has exactly its size, so that the sanitizer sees a step beyond it. */
+static double *array(int n)
+{
+    double *values = (double *)malloc((size_t)(n > 0 ? n : 1) * sizeof(double));
+    int i;
+    for (i = 0; i < n; ++i) values[i] = 0.3 + 0.1 * (double)i;
+    return values;
+}
+
+static int show(const char *name, int status, const double *values, int n)
+{
+    int i;
+    printf("%%s", name);
+    for (i = 0; i < n; ++i) printf(" %%.17g", values[i]);
+    printf("\n");
+    return status;
+}
+
+int main(void)
+{
+    const cotree_model *m = %(prefix)s_abi();
+    const int n = m->n_states, ns = n * m->n_sensitivities;
+    const int ny = m->n_outputs, nys = ny * m->n_sensitivities;
+    double *x = array(n), *s = array(ns), *u = array(m->n_inputs), *p = array(m->n_parameters);
+    double *k = array(m->n_prepared), *dx = array(n), *ds = array(ns), *dz = array(n + ns);
+    double *values = array(m->n_nonzeros), *y = array(ny), *dy = array(nys);
+    double *x0 = array(n), *s0 = array(ns), *u0 = array(m->n_inputs);
+    int failed = 0, i;
+    for (i = 0; i < m->n_parameters; ++i) p[i] = m->parameter_values[i];
+    failed |= show("prepare", m->prepare(p, k), k, m->n_prepared);
+    failed |= show("initial", m->initial(p, k, x0), x0, n);
+    failed |= show("initial_sensitivity", m->initial_sensitivity(p, k, s0), s0, ns);
+    failed |= show("inputs", m->inputs_of_time(0.7, p, k, u0), u0, m->n_inputs);
+    failed |= show("rhs", m->rhs(0.7, x, u, p, k, dx), dx, n);
+    failed |= show("jacobian", m->jacobian(0.7, x, u, p, k, values), values, m->n_nonzeros);
+    failed |= show("sensitivity_rhs", m->sensitivity_rhs(0.7, x, s, u, p, k, ds), ds, ns);
+    failed |= show("augmented_rhs", m->augmented_rhs(0.7, x, s, u, p, k, dz), dz, ns ? n + ns : 0);
+    failed |= show("outputs", m->outputs_of_state(0.7, x, u, p, k, y), y, ny);
+    failed |= show("output_sensitivity", m->output_sensitivity(0.7, x, s, u, p, k, dy), dy, nys);
+    for (i = 0; i < n; ++i) printf("# %%s %%s\n", m->states[i].name, m->states[i].unit);
+    for (i = 0; i < m->n_guards; ++i) printf("# %%s\n", m->guards[i]);
+    free(x); free(s); free(u); free(p); free(k); free(dx); free(ds); free(dz); free(values);
+    free(y); free(dy); free(x0); free(s0); free(u0);
+    return failed;
+}
+"""
+
+
+def _sanitized(files, prefix, run_compiler):
+    program = run_compiler(
+        {**files, "main.c": _MAIN % {"prefix": prefix}},
+        "-g",
+        "-fsanitize=address,undefined",
+        "-fno-sanitize-recover=all",
+        "-lm",
+        "-o",
+        "a.out",
+    )
+    done = subprocess.run(
+        [program],
+        capture_output=True,
+        text=True,
+        check=False,
+        # Leak detection needs ptrace, which containers forbid.
+        env={**os.environ, "ASAN_OPTIONS": "detect_leaks=0"},
+    )
+    assert done.returncode == 0, done.stderr
+    rows = [line.split() for line in done.stdout.splitlines() if not line.startswith("#")]
+    return {name: np.array(values, dtype=float) for name, *values in rows}
+
+
+def _check_against_python(program, found):
+    from cotree.model.kernels import PythonKernels
+
+    def ramp(n):
+        return 0.3 + 0.1 * np.arange(n)
+
+    layout, python = program.layout, PythonKernels(program)
+    n, m = len(layout.states), len(layout.sensitivities)
+    python.prepare(np.array(layout.parameter_values))
+    for name, values in found.items():
+        if name != "prepare" and program.kernels[name].results:
+            expected = python(name, 0.7, ramp(n), ramp(n * m), ramp(len(layout.inputs)))
+            # The same operations in the same order, but for the reach of math functions and for
+            # numpy's order of sums in the small linear systems.
+            np.testing.assert_allclose(values, expected, rtol=1e-12, atol=1e-13, err_msg=name)
+
+
+def test_shipped_scenes_run_clean_under_sanitizers(program_of, scene_name, run_compiler):
+    program = program_of(scene_name)
+    found = _sanitized(_files(program), scene_name.replace("-", "_"), run_compiler)
+    _check_against_python(program, found)
+
+
+def test_a_busy_scene_runs_clean_under_sanitizers(run_compiler):
+    program = _busy()
+    _check_against_python(program, _sanitized(_files(program), "double_", run_compiler))
+
+
+def test_calls_run_clean_under_sanitizers(made_up, run_compiler):
+    dag, results = call_case()
+    program = made_up(dag, outputs=results)
+    found = _sanitized({**_files(program), "swirl.c": SWIRL_C}, "made_up", run_compiler)
+    _check_against_python(program, found)

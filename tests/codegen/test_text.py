@@ -1,0 +1,242 @@
+"""The text of C files: literals, parentheses, names and texts of a scene, contexts of templates."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+
+import jinja2
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from jinja2 import meta, nodes
+from made_up_scenes import HOSTILE, busy_scene
+
+from cotree.codegen import context as contexts
+from cotree.codegen.context import model_context
+from cotree.codegen.printer_c import literal, print_nodes
+from cotree.codegen.render import cdef, render_model, template_folder
+from cotree.dag.evaluate import evaluate
+from cotree.dag.nodes import Dag
+from cotree.naming import c_comment, c_string
+from cotree.passes.recipe import run_passes
+from cotree.pipeline import formulate, generate
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_literals_read_back_equal_and_are_doubles(value):
+    text = literal(value)
+    assert float(text) == value
+    assert re.fullmatch(r"-?\d+(\.\d+)?(e[-+]?\d+)?", text)
+    assert "." in text or "e" in text
+
+
+def _text(node, prepared=None):
+    return print_nodes([node], prepared or {}, {}).values[0]
+
+
+def _trees():
+    leaves = st.integers(0, 2) | st.floats(-4.0, 4.0)
+    return st.recursive(
+        leaves,
+        lambda children: st.one_of(
+            st.tuples(st.sampled_from(["add", "sub", "mul", "div"]), children, children),
+            st.tuples(st.sampled_from(["neg", "sin", "exp"]), children),
+        ),
+        max_leaves=25,
+    )
+
+
+def _grow(dag, tree):
+    if isinstance(tree, int):
+        return dag.symbol("x", tree)
+    if isinstance(tree, float):
+        return dag.constant(tree)
+    op, *args = tree
+    args = [_grow(dag, arg) for arg in args]
+    return dag.function(op, *args) if op in ("sin", "exp") else getattr(dag, op)(*args)
+
+
+@given(_trees())
+def test_statements_compute_in_the_order_of_the_program(tree):
+    """Sums, products and calls are spelt in C as in Python: read the C text as Python."""
+    dag, x = Dag(), [0.7, -1.3, 2.9]
+    try:
+        root = _grow(dag, tree)
+        (expected,) = evaluate([root], {dag.symbol("x", i): x[i] for i in range(3)})
+    except (ArithmeticError, ValueError):
+        assume(False)
+    printed = print_nodes([root], {}, {})
+    known = {"x": x, "sin": math.sin, "exp": math.exp}
+    for line in printed.lines:
+        name, expression = re.fullmatch(r"const double (v\d+) = (.*);", line).groups()
+        known[name] = eval(expression, known)
+    # To the last bit: parentheses regroup nothing.
+    assert eval(printed.values[0], known) == expected
+
+
+def test_parentheses_stand_only_where_they_must():
+    dag = Dag()
+    a, b, c = (dag.symbol("x", i) for i in range(3))
+    assert _text(a - (b + c)) == "x[0] - (x[1] + x[2])"
+    assert _text(a / (b * c)) == "x[0] / (x[1] * x[2])"
+    assert _text(a - b - c) == "x[0] - x[1] - x[2]"
+    assert _text(-(a * b)) == "-(x[0] * x[1])"
+    assert _text(a * b / c) == "x[0] * x[1] / x[2]"
+
+
+def test_what_is_used_twice_becomes_a_constant():
+    dag = Dag()
+    x = dag.symbol("x", 0)
+    root = dag.function("sin", x)
+    printed = print_nodes([root * root, root + 1.0], {}, {})
+    assert printed.lines == ["const double v0 = sin(x[0]);"]
+    assert printed.values == ["v0 * v0", "1.0 + v0"]
+    assert printed.n_statements == 1
+
+
+def test_long_expressions_are_broken():
+    dag = Dag()
+    total = dag.zero
+    for i in range(200):
+        total = total + dag.function("cos", dag.symbol("x", i))
+    printed = print_nodes([total], {}, {})
+    assert max(map(len, printed.lines)) < 120
+
+
+def test_prepared_values_are_read():
+    dag = Dag()
+    root = dag.function("sin", dag.symbol("p", 0))
+    assert _text(root * dag.symbol("x", 0), {root: 7}) in ("k[7] * x[0]", "x[0] * k[7]")
+
+
+def test_sections_become_comments_without_escape():
+    dag = Dag()
+    with dag.labelled(f"joint {HOSTILE}"):
+        root = dag.function("sin", dag.symbol("x", 0))
+    comment, statement = print_nodes([root * root], {}, {}).lines
+    assert statement == "const double v0 = sin(x[0]);"
+    _check_comment(comment)
+
+
+def _check_comment(text):
+    """See that a text is one C comment from its first to its last character."""
+    assert text.startswith("/*")
+    assert text.index("*/", 2) == len(text) - 2
+    assert "/*" not in text[2:]
+    assert "??" not in text
+    assert "\\" not in text
+    assert text.isascii()
+    assert text.isprintable()
+
+
+@given(st.text(st.characters(codec="utf-8"), max_size=80))
+def test_any_text_is_harmless_in_a_comment(text):
+    _check_comment(f"/* {c_comment(text)} */")
+
+
+@given(st.text(st.characters(codec="utf-8"), max_size=80))
+def test_any_text_is_one_string_literal(text):
+    literal_text = c_string(text)
+    assert re.fullmatch(r'"([^"\\?]|\\["\\?])*"', literal_text)
+    assert literal_text.isascii()
+    assert literal_text.isprintable()
+
+
+def test_hostile_texts_stay_texts():
+    scene = busy_scene()
+    program, _ = generate(formulate(scene, ["m"], None)[0])
+    files = render_model(model_context(program))
+    assert set(files) == {"cotree_abi.h", "double_.h", "double_.c"}
+    for text in files.values():
+        bare = re.sub(r'/\*.*?\*/|"(?:[^"\\]|\\.)*"', "", text, flags=re.DOTALL)
+        assert "system" not in bare
+        assert "??" not in text
+        assert text.isascii()
+        assert set(text) - {"\n"} <= set(map(chr, range(32, 127)))
+
+
+def test_names_of_c_are_avoided():
+    files = render_model(model_context(generate(formulate(busy_scene(), [], None)[0])[0]))
+    assert "double__rhs" in files["double_.c"]
+
+
+def test_cffi_reads_the_marked_part_of_the_header(program_of, scene_name):
+    from cffi import FFI
+
+    files = render_model(model_context(program_of(scene_name)))
+    ffi = FFI()
+    ffi.cdef(cdef(files["cotree_abi.h"], "some_model"))
+    assert ffi.sizeof("cotree_quantity") == 2 * ffi.sizeof("void *")
+
+
+def test_the_digest_follows_the_program_and_not_the_version(program_of, made_up):
+    one = model_context(program_of("slider-pendulum", ["L"]))
+    two = model_context(program_of("slider-pendulum", ["r"]))
+    assert one.digest != two.digest
+    assert model_context(program_of("slider-pendulum", ["L"])).digest == one.digest
+
+
+def test_contexts_are_plain_data(program_of, scene_name):
+    def check(value):
+        if isinstance(value, list):
+            for item in value:
+                check(item)
+        elif dataclasses.is_dataclass(value):
+            for field in dataclasses.fields(value):
+                check(getattr(value, field.name))
+        else:
+            assert type(value) in (str, int, bool)
+
+    check(model_context(program_of(scene_name)))
+
+
+#: What the templates of a model call the contexts that they walk through.
+_VARIABLES = {
+    "model": contexts.ModelContext,
+    "kernel": contexts.KernelContext,
+    "table": contexts.TableContext,
+    "row": contexts.QuantityContext,
+}
+_TEMPLATES = ["cotree_abi.h.jinja", "model.c.jinja", "model.h.jinja", "macros.jinja"]
+
+
+def _used():
+    """Collect the attributes that the templates read, by variable."""
+    environment = jinja2.Environment()
+    used = {name: set() for name in _VARIABLES}
+    for file in _TEMPLATES:
+        tree = environment.parse((template_folder() / "c" / file).read_text())
+        for read in tree.find_all(nodes.Getattr):
+            if isinstance(read.node, nodes.Name) and read.node.name in used:
+                used[read.node.name].add(read.attr)
+    return used
+
+
+def test_templates_use_the_fields_of_their_contexts_and_all_of_them():
+    # What serves other stages: the flags of the compiler, and the arguments of cotree_abi.h.
+    elsewhere = {"model": {"abi_version", "generator", "n_longest"}}
+    for name, used in _used().items():
+        fields = {field.name for field in dataclasses.fields(_VARIABLES[name])}
+        known = fields | elsewhere.get(name, set())
+        assert used <= known, f"{name}: {used - known}"
+        unused = fields - used - elsewhere.get(name, set())
+        assert not unused, f"{name}: {unused}"
+
+
+@pytest.mark.parametrize("file", _TEMPLATES)
+def test_templates_read_their_context_only(file):
+    tree = jinja2.Environment().parse((template_folder() / "c" / file).read_text())
+    expected = {"cotree_abi.h.jinja": {"abi_version", "generator"}, "macros.jinja": set()}
+    assert meta.find_undeclared_variables(tree) == expected.get(file, {"model"})
+
+
+def test_counts_in_comments_are_those_of_the_program(made_up):
+    dag = Dag()
+    x, p = dag.symbol("x", 0), dag.symbol("p", 0)
+    program, _ = run_passes(made_up(dag, rhs=[dag.function("sin", x * p) / p]))
+    context = model_context(program)
+    rhs = next(k for k in context.kernels if k.name == "made_up_rhs")
+    assert (rhs.n_results, rhs.n_operations) == (1, program.kernels["rhs"].operations.total)
+    assert math.isclose(rhs.n_operations, 3)

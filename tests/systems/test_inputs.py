@@ -1,0 +1,128 @@
+"""Inputs of a run: number, expression, table, function; against integrals known by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import cotree
+from cotree.errors import ModelError, SolveError
+
+pytestmark = pytest.mark.compiler
+
+TIGHT = {"rtol": 1e-11, "atol": 1e-13}
+MASS = 2.0
+#: A trapezoidal pulse: force 3 N from 1.1 s to 1.2 s, with ramps of 0.1 s. Its integral is 0.6.
+PULSE = ([1.0, 1.1, 1.2, 1.3], [0.0, 3.0, 3.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def mass():
+    scene = cotree.Scene("pushed")
+    scene.parameter("m", MASS)
+    scene.parameter("a", 3.0)
+    scene.input("F", 0.0, unit="N")
+    scene.edge("guide", "prismatic", "ground", "A", axis=[1, 0, 0], force="F")
+    scene.edge("body", "rigid_body", "ground", "A", mass="m")
+    scene.output("force", "F")
+    return scene.compile(["m"])
+
+
+CASES = {
+    "number": (1.5, 1.5 * 5.0, "any"),
+    "expression": ("a*sin(t)", 3.0 * (1.0 - math.cos(5.0)), "any"),
+    "table": (PULSE, 0.6, "any"),
+    "function": (lambda t: 3.0 * math.sin(t), 3.0 * (1.0 - math.cos(5.0)), "scipy"),
+}
+
+
+@pytest.mark.parametrize("method", ["RK45", "LSODA", "BDF", "cvode", "ida", "auto"])
+@pytest.mark.parametrize("kind", CASES)
+def test_momentum_is_the_integral_of_the_force(mass, kind, method):
+    value, impulse, accepted = CASES[kind]
+    if accepted == "scipy" and method in ("cvode", "ida"):
+        with pytest.raises(SolveError, match=f"'{method}' cannot take a Python function"):
+            mass.simulate((0, 5), inputs={"F": value}, method=method)
+        return
+    result = mass.simulate((0, 5), inputs={"F": value}, method=method, **TIGHT)
+    # The velocity is a plain integral, which damps nothing: BDF's few hundred local errors of
+    # 1e-11 add up.
+    assert result["guide.s_dot"][-1] == pytest.approx(impulse / MASS, abs=3e-9)
+    along = result.sensitivity("guide.s_dot", "m")[-1]
+    assert along == pytest.approx(-impulse / MASS**2, abs=3e-9)
+
+
+def test_inputs_and_what_depends_on_them_are_reported(mass):
+    t = np.linspace(0, 2, 41)
+    result = mass.simulate((0, 2), t_eval=t, inputs={"F": PULSE})
+    expected = np.interp(t, *PULSE)
+    np.testing.assert_allclose(result["F"], expected, atol=1e-15)
+    np.testing.assert_allclose(result["force"], expected, atol=1e-15)
+
+
+def test_a_short_pulse_is_not_stepped_over(mass):
+    late = ([900.0, 900.01, 900.02], [0.0, 100.0, 0.0])
+    result = mass.simulate((0, 1000), inputs={"F": late}, method="DOP853")
+    # The kinks are restarts: nothing is lost however long the steps around them grow.
+    assert result["guide.s_dot"][-1] == pytest.approx(0.5, rel=1e-7)
+
+
+def test_a_scenes_own_table_is_not_stepped_over_either():
+    scene = cotree.Scene("pulse")
+    scene.input("F", ([900.0, 900.01, 900.02], [0.0, 100.0, 0.0]))
+    scene.edge("guide", "prismatic", "ground", "A", axis=[1, 0, 0], force="F")
+    scene.edge("body", "rigid_body", "ground", "A", mass=MASS)
+    model = scene.compile()
+    result = model.simulate((0, 1000), method="DOP853")
+    assert result["guide.s_dot"][-1] == pytest.approx(0.5, rel=1e-7)
+    replaced = model.simulate((0, 1000), method="DOP853", inputs={"F": 0.0})
+    assert replaced["guide.s_dot"][-1] == 0.0
+
+
+def test_inputs_of_the_scene_and_of_the_run_agree(mass):
+    scene = cotree.Scene("driven")
+    scene.parameter("a", 3.0)
+    scene.input("F", "a*sin(t) + a*t")
+    scene.edge("guide", "prismatic", "ground", "A", axis=[1, 0, 0], force="F")
+    scene.edge("body", "rigid_body", "ground", "A", mass=MASS)
+    own = scene.compile().simulate((0, 3), parameters={"a": 2.0}, method="DOP853", **TIGHT)
+    values = {"parameters": {"a": 2.0}, "method": "DOP853"}
+    given = mass.simulate((0, 3), inputs={"F": "a*sin(t) + a*t"}, **values, **TIGHT)
+    assert own["guide.s"][-1] == pytest.approx(given["guide.s"][-1], abs=1e-10)
+
+
+def test_sensitivity_to_a_parameter_of_the_scenes_own_input():
+    scene = cotree.Scene("driven")
+    scene.parameter("a", 3.0)
+    scene.input("F", "a*t")
+    scene.edge("guide", "prismatic", "ground", "A", axis=[1, 0, 0], force="F")
+    scene.edge("body", "rigid_body", "ground", "A", mass=MASS)
+    result = scene.compile(["a"]).simulate((0, 2), method="DOP853", **TIGHT)
+    exact = 2.0**2 / 2 / MASS
+    assert result.sensitivity("guide.s_dot", "a")[-1] == pytest.approx(exact, abs=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("inputs", "message"),
+    [
+        ({"G": 1.0}, "no input 'G'"),
+        ({"F": "b"}, "uses 'b'"),
+        ({"F": ([0, 1], [0])}, "as many values as times"),
+        ({"F": math.nan}, "finite number"),
+    ],
+)
+def test_wrong_inputs_are_refused(mass, inputs, message):
+    with pytest.raises(ModelError, match=message):
+        mass.simulate((0, 1), inputs=inputs)
+
+
+def test_an_input_whose_sensitivity_is_compiled_in_cannot_be_replaced():
+    scene = cotree.Scene("driven")
+    scene.parameter("a", 3.0)
+    scene.input("F", "a*t")
+    scene.edge("guide", "prismatic", "ground", "A", axis=[1, 0, 0], force="F")
+    scene.edge("body", "rigid_body", "ground", "A", mass=MASS)
+    with pytest.raises(ModelError, match="input 'F' depends on 'a'"):
+        scene.compile(["a"]).simulate((0, 1), inputs={"F": 1.0})

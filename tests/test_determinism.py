@@ -1,0 +1,50 @@
+"""The same scene gives the same bytes, whatever the hash seed."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+_SCRIPT = """
+import hashlib
+import cotree
+from cotree.codegen.context import model_context
+from cotree.codegen.render import render_model
+from cotree.pipeline import formulate, generate
+for name in ("slider-pendulum", "spring-mass-damper"):
+    scene = cotree.load(name)
+    for wanted in ([], list(scene.parameters), list(scene.parameters)[::-1]):
+        files = render_model(model_context(generate(formulate(scene, wanted, None)[0])[0]))
+        for file, text in files.items():
+            print(name, file, hashlib.sha256(text.encode()).hexdigest())
+"""
+
+
+def test_same_bytes_under_several_hash_seeds():
+    runs = [
+        subprocess.Popen(
+            [sys.executable, "-c", _SCRIPT],
+            env={**os.environ, "PYTHONHASHSEED": seed},
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for seed in ("0", "1", "4711")
+    ]
+    texts = [run.communicate()[0] for run in runs]
+    assert all(run.returncode == 0 for run in runs)
+    assert len(texts[0].splitlines()) == 18
+    assert texts[0] == texts[1] == texts[2]
+
+
+def test_same_bytes_twice_in_one_process(scene_name):
+    import cotree
+    from cotree.codegen.context import model_context
+    from cotree.codegen.render import render_model
+    from cotree.pipeline import formulate, generate
+
+    def text():
+        equations, _ = formulate(cotree.load(scene_name), ["k"], None)
+        return render_model(model_context(generate(equations)[0]))
+
+    assert text() == text()
