@@ -2,7 +2,7 @@
  *
  * program a55be389387cc2f9
  *
- * changed
+ * states x:
  *   [0] j1.s (m)
  *   [1] h2.theta (rad)
  *   [2] j1.s_dot (m/s)

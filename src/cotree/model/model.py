@@ -72,7 +72,8 @@ class CompiledModel:
     def unreached(self) -> tuple[str, ...]:
         """Parameters among :attr:`sensitivities` that no state depends on."""
         kernels = self._program.kernels
-        read = symbols_in([*kernels["rhs"].results, *kernels["initial"].results])
+        names = ("rhs", "initial", "inputs")
+        read = symbols_in([node for name in names for node in kernels[name].results])
         reached = {self.parameters[node.data[1]] for node in read if node.data[0] == "p"}
         return tuple(n for n in self.sensitivities if n in self.parameters and n not in reached)
 
