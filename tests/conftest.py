@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import functools
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import settings
@@ -171,18 +172,16 @@ def made_up() -> Callable[..., Program]:
         def rows(letter: str, n: int) -> tuple[Quantity, ...]:
             return tuple(Quantity(f"{letter}{i}", text, text) for i in range(n))
 
-        layout = Layout(
-            name="made-up",
-            states=rows("x", n_states),
-            parameters=rows("p", n_parameters),
-            inputs=(),
-            outputs=rows("y", len(results.get("outputs", ()))),
-            sensitivities=(),
-            parameter_values=(1.0,) * n_parameters,
-            column_starts=(0,) * (n_states + 1),
-            row_indices=(),
-            uncertain=(),
-        )
+        nothing: dict[str, Any] = {row.name: () for row in dataclasses.fields(Layout)}
+        given = {
+            "name": "made-up",
+            "states": rows("x", n_states),
+            "parameters": rows("p", n_parameters),
+            "outputs": rows("y", len(results.get("outputs", ()))),
+            "parameter_values": (1.0,) * n_parameters,
+            "column_starts": (0,) * (n_states + 1),
+        }
+        layout = Layout(**{**nothing, **given})
         kernels = {
             name: Kernel(row, tuple(results.get(name, ())), {}) for name, row in KERNELS.items()
         }

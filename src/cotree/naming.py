@@ -57,6 +57,10 @@ _C_KEYWORDS = frozenset(
 )
 
 
+#: Files and functions of a C project that are not the model's, in any case of letters.
+_TAKEN = frozenset({"main", "cotree_abi", "cotree_dopri5"})
+
+
 def _shown(name: object) -> str:
     text = repr(name)
     return text if len(text) <= 80 else text[:77] + "..."
@@ -102,7 +106,8 @@ def check_scene_name(name: object) -> str:
 def c_identifier(name: str) -> str:
     """Turn an accepted name into a C identifier."""
     identifier = name.replace("-", "_")
-    return f"{identifier}_" if identifier in _C_KEYWORDS else identifier
+    taken = identifier in _C_KEYWORDS or identifier.lower() in _TAKEN
+    return f"{identifier}_" if taken else identifier
 
 
 def c_string(text: str) -> str:

@@ -8,7 +8,6 @@ import pytest
 import cotree
 from cotree.errors import ModelError, ParameterError, SingularSystemError
 
-
 pytestmark = pytest.mark.compiler
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import math
+import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -112,7 +113,9 @@ def _parse_text(text: str, where: str) -> Expression:
     if len(text) > _LONGEST:
         raise ExpressionError(f"{where} is longer than {_LONGEST} characters: split it")
     try:
-        tree = ast.parse(text.strip(), mode="eval").body
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SyntaxWarning)  # what it warns of is refused below
+            tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise ExpressionError(f"{where}: '{_short(text)}' is not an expression") from None
     names: set[str] = set()
