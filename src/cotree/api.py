@@ -164,6 +164,11 @@ class Model(CompiledModel):
         return self._compiled.files[f"{self._compiled.context.prefix}.c"]
 
     @property
+    def cached(self) -> bool:
+        """Whether the library was compiled before."""
+        return self._compiled.cached
+
+    @property
     def times(self) -> Mapping[str, float]:
         """Seconds spent in each stage: formulate, generate, compile."""
         return self._compiled.times

@@ -57,6 +57,8 @@ class Compiled:
         C text by file name.
     kernels : Kernels
         Ready to be called.
+    cached : bool
+        Whether the library was compiled before.
     times : mapping of str to float
         Seconds for each stage: formulate, generate, compile.
     """
@@ -67,6 +69,7 @@ class Compiled:
     context: ModelContext
     files: Mapping[str, str]
     kernels: Kernels
+    cached: bool
     times: Mapping[str, float]
 
 
@@ -126,16 +129,16 @@ def compile_scene(
         context = model_context(program)
         files = render_model(context)
     marks.append(time.perf_counter())
-    kernels = _load(program, context, files, options)
+    kernels, cached = _load(program, context, files, options)
     marks.append(time.perf_counter())
     stages = ("formulate", "generate", "compile")
     times = {stage: marks[i + 1] - marks[i] for i, stage in enumerate(stages)}
-    return Compiled(program, reports, alternatives, context, files, kernels, times)
+    return Compiled(program, reports, alternatives, context, files, kernels, cached, times)
 
 
 def _load(
     program: Program, context: ModelContext, files: Mapping[str, str], options: BuildOptions
-) -> Kernels:
+) -> tuple[Kernels, bool]:
     """Compile and load the C text, or evaluate the program where there is no compiler."""
     toolchain = find_toolchain()
     if toolchain is None:
@@ -145,7 +148,7 @@ def _load(
             RuntimeWarning,
             stacklevel=4,  # whoever asked for the model
         )
-        return PythonKernels(program)
+        return PythonKernels(program), False
     library = build_library(
         files,
         abi_version=ABI_VERSION,
@@ -154,7 +157,7 @@ def _load(
         toolchain=toolchain,
     )
     loaded = load_library(library.path, cdef(files["cotree_abi.h"], context.prefix))
-    return CKernels(program, loaded, context.prefix)
+    return CKernels(program, loaded, context.prefix), library.cached
 
 
 @contextmanager

@@ -117,12 +117,13 @@ def test_folder_in_place_of_a_file_leaves_nothing_behind(program: Program, tmp_p
 
 
 @pytest.mark.parametrize("name", ["main", "Main", "cotree-dopri5", "cotree_abi"])
-def test_scene_that_would_overwrite_the_project(
-    program: Program, tmp_path: Path, name: str
-) -> None:
-    with pytest.raises(SceneError, match=f"the scene '{name}' would overwrite"):
-        write(renamed(program, name), tmp_path)
-    assert not os.listdir(tmp_path)
+def test_scene_with_the_name_of_a_project_file(program: Program, tmp_path: Path, name: str) -> None:
+    """The model's own files step aside, so that none takes the place of another."""
+    project = write(renamed(program, name), tmp_path)
+    stems = [path.name.lower() for path in project.files]
+    assert len(set(stems)) == len(stems) == 6
+    prefix = name.replace("-", "_")
+    assert f"{prefix}_.c" in {path.name for path in project.files}
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])

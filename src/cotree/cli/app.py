@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cotree.cli.arguments import check_folder, read_numbers, read_pairs, read_tree
-from cotree.cli.report import run_report, scene_line
+from cotree.cli.report import run_report
 from cotree.errors import Error
 from cotree.version import VERSION
 
@@ -301,7 +301,7 @@ def list_scenes() -> None:
     from cotree.scene.toml_file import shipped_scenes
 
     for name in shipped_scenes():
-        typer.echo(scene_line(load(name)))
+        typer.echo(load(name).summary().splitlines()[0])
 
 
 if __name__ == "__main__":

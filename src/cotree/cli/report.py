@@ -11,19 +11,6 @@ if TYPE_CHECKING:
     from cotree.solvers import Result
 
 
-def scene_line(scene: Scene) -> str:
-    """Describe a scene in one line."""
-    counts = (
-        (len(scene.nodes), "node"),
-        (len(scene.edges), "edge"),
-        (len(scene.parameters), "parameter"),
-        (len(scene.inputs), "input"),
-        (len(scene.outputs), "output"),
-    )
-    shown = [f"{n} {noun}" + ("s" if n != 1 else "") for n, noun in counts if n]
-    return f"{scene.name}: {', '.join(shown)}"
-
-
 def run_report(scene: Scene, model: Model, result: Result) -> str:
     """Describe a run and its last point.
 
@@ -41,9 +28,10 @@ def run_report(scene: Scene, model: Model, result: Result) -> str:
     """
     work = result.statistics
     times = ", ".join(f"{stage} {seconds:.3f} s" for stage, seconds in result.times.items())
+    title = scene.summary().splitlines()[0]
     lines = [
-        f"{scene_line(scene)}; {len(model.states)} states, kernels in {model.backend}",
-        f"times: {times}",
+        f"{title}; {len(model.states)} states, kernels in {model.backend}",
+        f"times: {times}{' (library from the cache)' if model.cached else ''}",
         f"{work.method}: {work.n_steps} steps, {work.nfev} evaluations, {work.njev} Jacobians",
     ]
     if result.success:

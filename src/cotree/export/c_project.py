@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from cotree.program import Program
 
 _INTEGRATOR = "cotree_dopri5"
-# File names of the project that a model must not take, whatever the case.
-_TAKEN = frozenset({"main", "cotree_abi", _INTEGRATOR})
 
 
 @dataclass(frozen=True)
@@ -113,18 +111,12 @@ def write_c_project(
     Raises
     ------
     SceneError
-        If a file of the model would take the place of another file of the project, or the end
-        time or a tolerance is not acceptable.
+        If the end time or a tolerance is not acceptable.
     CodegenError
         If the folder or a file cannot be written.
     """
     _check_numbers(t_end, rtol, atol)
     model = model_context(program)
-    if model.prefix.lower() in _TAKEN:
-        raise SceneError(
-            f"the scene '{model.title}' would overwrite the file {model.prefix.lower()}.c or .h of "
-            "the C project: rename the scene"
-        )
     command = (
         f"cc -std=c99 -O2 -ffp-contract=off -o {model.prefix} "
         f"{model.prefix}.c {_INTEGRATOR}.c main.c -lm"

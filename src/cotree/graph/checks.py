@@ -74,8 +74,8 @@ def _floating_message(graph: LinearGraph, floating: list[str], what: str, remedy
     quoted = listed(f"'{node}'" for node in floating)
     return (
         f"{subject} {quoted} of the {graph.domain} graph "
-        f"{verb} floating: {attached}, but no path of {what} leads there from "
-        f"'{graph.reference}'; {remedy.format(them=them)}"
+        f"{verb} floating: {attached}{', but' if touching else ';'} no path of {what} leads there "
+        f"from '{graph.reference}'; {remedy.format(them=them)}"
     )
 
 

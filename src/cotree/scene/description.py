@@ -94,11 +94,15 @@ class SceneDescription:
 
     def summary(self) -> str:
         """Describe the scene, one line an edge."""
-        lines = [
-            f"{self.name}: {len(self.nodes)} nodes, {len(self.edges)} edges, "
-            f"{len(self.parameters)} parameters, {len(self.inputs)} inputs, "
-            f"{len(self.outputs)} outputs"
-        ]
+        counts = {
+            "node": len(self.nodes),
+            "edge": len(self.edges),
+            "parameter": len(self.parameters),
+            "input": len(self.inputs),
+            "output": len(self.outputs),
+        }
+        shown = [f"{n} {noun}{'s' if n != 1 else ''}" for noun, n in counts.items() if n]
+        lines = [f"{self.name}: {', '.join(shown)}"]
         for edge in self.edges.values():
             first, second = edge.nodes
             lines.append(f"  {edge.name:12} {edge.component.name:12} {first} -> {second}")
