@@ -6,7 +6,8 @@ with names, units and outputs.
 
 from __future__ import annotations
 
-from cotree.solvers.base import METHODS, Method, Solver, Statistics, Trajectory, solver_for
+from cotree.solvers.base import Solver, Statistics, Trajectory
+from cotree.solvers.methods import METHODS, Method, solver_for
 from cotree.solvers.problem import Problem, check_problem
 from cotree.solvers.result import Result, UnknownNameError
 from cotree.solvers.select import choose_method, integrate

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cotree.solvers.base import solver_for
 from cotree.solvers.evaluate import Evaluator, IntegrationStopError
+from cotree.solvers.methods import solver_for
 from cotree.solvers.problem import check_problem
 
 if TYPE_CHECKING:

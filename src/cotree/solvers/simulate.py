@@ -12,7 +12,7 @@ import numpy as np
 from cotree.errors import ParameterError, SolveError, nearest
 from cotree.model.signals import Signals, read_signals
 from cotree.scene.description import check_number
-from cotree.solvers.base import METHODS
+from cotree.solvers.methods import METHODS
 from cotree.solvers.problem import Problem
 from cotree.solvers.result import Result
 from cotree.solvers.select import integrate

@@ -1,0 +1,92 @@
+"""The table of methods, and the solver of each.
+
+In: a method's name. Out: a ``Solver`` that turns a ``Problem`` into a ``Trajectory``. A new method
+of a known family is one row of ``METHODS``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.errors import SolveError, nearest
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from cotree.solvers.base import Solver
+
+
+@dataclass(frozen=True)
+class Method:
+    """One row of the table of methods.
+
+    Attributes
+    ----------
+    name : str
+        The user's name for it.
+    family : str
+        "scipy" or "sundials".
+    implicit : bool
+        Whether it uses a Jacobian.
+    accepts_callable_inputs : bool
+        Whether inputs may be Python callables.
+    meaning : str
+        One line for a list of methods.
+    """
+
+    name: str
+    family: str
+    implicit: bool
+    accepts_callable_inputs: bool
+    meaning: str
+
+
+_ROWS = (
+    Method("RK45", "scipy", False, True, "explicit Runge-Kutta of order 5"),
+    Method("DOP853", "scipy", False, True, "explicit Runge-Kutta of order 8"),
+    Method("RK23", "scipy", False, True, "explicit Runge-Kutta of order 3"),
+    Method("Radau", "scipy", True, True, "implicit Runge-Kutta of order 5, stiff"),
+    Method("BDF", "scipy", True, True, "backward differences of order 1 to 5, stiff"),
+    Method("LSODA", "scipy", True, True, "Adams or backward differences, switching"),
+    Method("cvode", "sundials", True, False, "SUNDIALS' backward differences, stiff"),
+    Method("ida", "sundials", True, False, "SUNDIALS' backward differences in residual form"),
+)
+
+METHODS: Mapping[str, Method] = {row.name: row for row in _ROWS}
+
+
+def method_row(method: str) -> Method:
+    """Return a method's row of the table.
+
+    Raises
+    ------
+    SolveError
+        If no method has this name; the message gives the nearest one.
+    """
+    if method not in METHODS:
+        raise SolveError(f"There is no method '{method}'{nearest(method, [*METHODS, 'auto'])}")
+    return METHODS[method]
+
+
+def solver_for(method: str) -> Solver:
+    """Return the solver of a method.
+
+    Parameters
+    ----------
+    method : str
+        A name in ``METHODS``; "auto" is resolved by ``choose_method`` before.
+
+    Raises
+    ------
+    SolveError
+        If no method has this name, or its package is not installed.
+    """
+    row = method_row(method)
+    if row.family == "scipy":
+        from cotree.solvers.scipy_ivp import ScipySolver
+
+        return ScipySolver(row.name)
+    from cotree.solvers.sundials import SundialsSolver
+
+    return SundialsSolver(row.name)
