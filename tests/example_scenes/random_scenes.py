@@ -5,6 +5,10 @@ from __future__ import annotations
 import random
 
 from cotree import Scene
+from cotree.components import COMPONENTS
+
+PLANAR_JOINTS = ("revolute", "prismatic")
+JOINTS = (*PLANAR_JOINTS, "cylindrical")
 
 
 def vector(rng: random.Random) -> list[float]:
@@ -41,7 +45,7 @@ def random_scene(seed: int, n_joints: int = 4, *, is_planar: bool = False) -> Sc
 
 
 def _add_body(scene: Scene, rng: random.Random, i: int, parent: str, is_planar: bool) -> None:
-    kind = rng.choice(["revolute", "prismatic"])
+    kind = rng.choice(PLANAR_JOINTS if is_planar else JOINTS)
     axis = vector(rng)
     if is_planar:
         axis = [0, 0, 1] if kind == "revolute" else [axis[0], axis[1], 0]
@@ -50,18 +54,15 @@ def _add_body(scene: Scene, rng: random.Random, i: int, parent: str, is_planar: 
     nodes = [hinge, f"B{i}"]
     if rng.random() < 0.5:
         nodes.reverse()
-    name, drive = ("theta", "torque") if kind == "revolute" else ("s", "force")
-    initial = {name: rng.uniform(-1, 1), f"{name}_dot": rng.uniform(-1, 1)}
-    scene.edge(
-        f"j{i}",
-        kind,
-        *nodes,
-        axis=axis,
-        damping="b*0.1",
-        stiffness=0.5,
-        initial=initial,
-        **{drive: "0.3*u1"},
-    )
+    names = [freedom.name for freedom in COMPONENTS[kind].motion_space]
+    initial = {f"{name}{dot}": rng.uniform(-1, 1) for name in names for dot in ("", "_dot")}
+    if not is_planar:
+        axis = [f"{axis[0]} + a", *axis[1:]]  # parameters may turn an axis
+    fields = {"axis": axis}
+    if kind in PLANAR_JOINTS:
+        drive = "torque" if kind == "revolute" else "force"
+        fields |= {"damping": "b*0.1", "stiffness": 0.5, drive: "0.3*u1"}
+    scene.edge(f"j{i}", kind, *nodes, initial=initial, **fields)
     arm = [f"B{i}", f"C{i}"]
     if rng.random() < 0.5:
         arm.reverse()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import random
 import sys
-import time
 from typing import TYPE_CHECKING
 
 import pytest
@@ -230,12 +229,9 @@ def test_inputs_and_constants_that_are_not_tunable():
     assert str(equations) == "3*s_ddot/10 - u = 0"
 
 
-def test_a_chain_of_five_rods_prints_quickly():
-    start = time.perf_counter()
+def test_a_chain_of_five_rods_prints_a_line_for_each_coordinate_and_graph():
     text = str(symbolic(chain(5), "L1", "m3"))
     assert len(text.splitlines()) == 15
-    # 0.4 s where measured; the limit leaves room for a slow and busy machine.
-    assert time.perf_counter() - start < 2.0
 
 
 @pytest.mark.parametrize(

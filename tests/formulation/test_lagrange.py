@@ -27,17 +27,30 @@ def rotation(axis, angle):
     return mp.eye(3) + mp.sin(angle) * k + (1 - mp.cos(angle)) * (k * k)
 
 
+def motions(body):
+    """The freedoms of a joint as the walk meets them: whether each turns, and its axis."""
+    kinds = {
+        "revolute": [(True, "axis")],
+        "prismatic": [(False, "axis")],
+        "cylindrical": [(False, "axis"), (True, "axis")],
+    }
+    found = [(i, turns, body[axis]) for i, (turns, axis) in enumerate(kinds[body["kind"]])]
+    return found[::-1] if body["reversed"] else found
+
+
 def place(bodies, q):
     """Orientation and centre of mass of every body."""
-    at, turn, found = mp.matrix([0, 0, 0]), mp.eye(3), []
-    for body, angle in zip(bodies, q, strict=True):
+    at, turn, found, first = mp.matrix([0, 0, 0]), mp.eye(3), [], 0
+    for body in bodies:
         at = at + turn * mp.matrix(body["arm"])
         sign = -1 if body["reversed"] else 1  # the edge then points towards the ground
-        if body["kind"] == "revolute":
-            turn = turn * rotation(body["axis"], sign * angle)
-        else:
-            axis = mp.matrix(body["axis"]) / mp.norm(mp.matrix(body["axis"]))
-            at = at + turn * axis * (sign * angle)
+        for i, turns, axis in motions(body):
+            value = sign * q[first + i]
+            if turns:
+                turn = turn * rotation(axis, value)
+            else:
+                at = at + turn * (mp.matrix(axis) / mp.norm(mp.matrix(axis))) * value
+        first += len(motions(body))
         found.append((turn, at + turn * mp.matrix(body["centre"])))
     return found
 
@@ -125,6 +138,8 @@ def scene_of(bodies, gravity):
         (1, ["revolute", "revolute", "revolute"]),
         (2, ["prismatic", "revolute", "prismatic"]),
         (3, ["revolute", "prismatic", "revolute"]),
+        (4, ["revolute", "cylindrical"]),
+        (5, ["cylindrical", "revolute", "cylindrical"]),
     ],
 )
 def test_balances_are_lagranges_equations(seed, kinds, own_axes):
@@ -134,8 +149,8 @@ def test_balances_are_lagranges_equations(seed, kinds, own_axes):
     _, trees = draw_graphs(scene, None)
     first = form_first_graph(scene, joint_tree(scene, trees), own_axes)
     rng = np.random.default_rng(seed)
-    q, v, a = (rng.uniform(-1.0, 1.0, len(kinds)) for _ in range(3))
-    dag, n = first.system.dag, len(kinds)
+    dag, n = first.system.dag, len(first.unknowns)
+    q, v, a = (rng.uniform(-1.0, 1.0, n) for _ in range(3))
     values = {dag.symbol("t", 0): 0.0}
     values |= {dag.symbol("x", i): float(x) for i, x in enumerate([*q, *v])}
     values |= {dag.symbol("w", i): float(a[i]) for i in range(n)}

@@ -31,7 +31,8 @@ def point(eqs, seed):
     """Random values of every symbol, the same for every route."""
     rng = np.random.default_rng(seed)
     values = {eqs.dag.symbol("t", 0): 0.3}
-    for kind, n in (("u", 1), ("x", 8), ("w", 4), ("s", 40)):
+    n_states = len(eqs.states)
+    for kind, n in (("u", 1), ("x", n_states), ("w", n_states // 2), ("s", 4 * n_states)):
         for i, value in enumerate(rng.uniform(-1.0, 1.0, n)):
             values[eqs.dag.symbol(kind, i)] = float(value)
     for i, value in enumerate(eqs.parameter_values):

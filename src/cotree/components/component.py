@@ -73,7 +73,8 @@ class Freedom:
     rotates : bool
         True for a rotation about the axis, false for a translation along it.
     axis : str
-        The field that holds the axis, fixed in the first node's frame.
+        The field that holds the axis. It is fixed in the frame that the freedoms before it in the
+        motion space have moved, which is parallel to the first node's where they are zero.
     """
 
     name: str

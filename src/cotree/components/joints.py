@@ -69,4 +69,15 @@ PRISMATIC = Component(
     law=Law(_prismatic),
 )
 
-COMPONENTS = (REVOLUTE, PRISMATIC)
+CYLINDRICAL = Component(
+    "cylindrical",
+    Role.JOINT,
+    "translation along an axis and rotation about it",
+    fields=(_AXIS,),
+    motion_space=(
+        Freedom("s", "m", rotates=False, axis="axis"),
+        Freedom("theta", "rad", rotates=True, axis="axis"),
+    ),
+)
+
+COMPONENTS = (REVOLUTE, PRISMATIC, CYLINDRICAL)

@@ -241,8 +241,18 @@ class Terminal:
         """Write the orientation across a joint, and its rotation vector along the parameter."""
         if not freedoms:
             return NOTHING
-        angle, axis = self.coordinate(edge.name, freedoms[0]), self.axis(edge).value
-        return Pair(vector(f"Rot({axis}, {angle.value})"), angle.d * axis)
+        angle, axis = self.coordinate(edge.name, freedoms[0]), self.axis(edge)
+        phi = angle.d * axis.value
+        fields = _vector_field(edge, "axis")
+        if any(not self.fields.pair(value).d.is_zero for value in fields):
+            # The axis itself turns in its frame, by what is left of its derivative there.
+            frame = self._fixed(str(axis.value), edge.nodes[0]).d
+            own = axis.d - frame
+            phi += scalar(f"sin({angle.value})") * own
+            phi += scalar(f"(1 - cos({angle.value}))") * cross(axis.value, axis.d)
+            if not frame.is_zero:
+                phi -= scalar(f"(1 - cos({angle.value}))") * cross(axis.value, frame)
+        return Pair(vector(f"Rot({axis.value}, {angle.value})"), phi)
 
 
 def present(symbol: Pair, value: Pair) -> Pair:

@@ -34,6 +34,9 @@ class Point:
 class Branch:
     """A branch with a motion space, from a cluster to the one it carries.
 
+    A joint whose freedoms follow one another is several branches, with clusters between them that
+    carry nothing.
+
     Attributes
     ----------
     edge : str
@@ -129,21 +132,22 @@ def lump(system: System) -> Clusters:
             arm = vector.signed(step.sign, edge.vectors.get("vector", vector.zeros(dag)))
             points[step.child] = Point(start.cluster, vector.add(start.local, arm))
             continue
-        child = len(branches)
-        own = by_edge.get(step.edge, ())
-        branches.append(
-            Branch(
-                step.edge,
-                step.sign,
-                start.cluster,
-                child,
-                start.cluster if step.sign > 0 else child,
-                start.local,
-                own,
-                tuple(edge.vectors[c.freedom.axis] for c in own),
+        for coordinate in by_edge[step.edge][:: step.sign]:
+            child = len(branches)
+            branches.append(
+                Branch(
+                    step.edge,
+                    step.sign,
+                    start.cluster,
+                    child,
+                    start.cluster if step.sign > 0 else child,
+                    start.local,
+                    (coordinate,),
+                    (edge.vectors[coordinate.freedom.axis],),
+                )
             )
-        )
-        points[step.child] = Point(child, vector.zeros(dag))
+            start = Point(child, vector.zeros(dag))
+        points[step.child] = start
     return Clusters(points, tuple(branches), _inertias(system, points, len(branches)))
 
 

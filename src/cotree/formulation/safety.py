@@ -1,10 +1,10 @@
 """Which pivots of the mass matrix are safe for every state.
 
-Give each coordinate the inertia of the rigid cluster that its joint carries, as if all other
-joints were locked. Where that is positive for every coordinate, no motion is without kinetic
-energy: with clusters taken from the ground outwards, the velocities of the coordinates map to
-those of the clusters by a block triangular matrix whose diagonal blocks are injective. The mass
-matrix is then positive definite in every configuration, and so is each of its Schur complements.
+Give each joint the inertia of the rigid cluster that it carries, as if all other joints were
+locked. Where that is positive definite for every joint, no motion is without kinetic energy: with
+clusters taken from the ground outwards, the velocities of the coordinates map to those of the
+clusters by a block triangular matrix whose diagonal blocks are injective. The mass matrix is then
+positive definite in every configuration, and so is each of its Schur complements.
 """
 
 from __future__ import annotations
@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING
 from cotree.dag import vector
 from cotree.equations import Guard
 from cotree.errors import SingularSystemError
-from cotree.formulation.through import unit_wrench
+from cotree.formulation.through import carried_inertia, unit_wrench
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from cotree.dag.nodes import Node
-    from cotree.formulation.clusters import Branch, Clusters
+    from cotree.dag.vector import Matrix
+    from cotree.formulation.clusters import Branch, Clusters, Inertia
     from cotree.formulation.system import System
 
 
@@ -61,26 +62,75 @@ def safe_pivots(
         What must stay positive when parameters change.
     """
     safe: dict[str, bool] = {}
-    guards = []
-    for branch in clusters.branches[1:]:
-        assert branch is not None
-        own = _own_inertia(system, clusters, branch)
-        is_safe = own is not None and value(own) > 0.0
-        if is_safe and own is not None and own.value is None:
-            what = f"the inertia that joint '{branch.edge}' carries itself"
-            guards.append(Guard(own, what, is_strict=True))
-        for coordinate in branch.coordinates:
-            safe[coordinate.name] = is_safe
+    guards: list[Guard] = []
+    for edge, branches in _by_joint(clusters).items():
+        own = _own_inertias(system, clusters, branches)
+        is_safe = bool(own) and all(_is_positive(node, value) for node in own)
+        if is_safe:
+            what = f"the inertia that joint '{edge}' carries itself"
+            guards += [Guard(node, what, is_strict=True) for node in own if node.value is None]
+        for branch in branches:
+            for coordinate in branch.coordinates:
+                safe[coordinate.name] = is_safe
     return tuple(safe[c.name] for c in system.coordinates), guards
 
 
-def _own_inertia(system: System, clusters: Clusters, branch: Branch) -> Node | None:
-    """Form the inertia of a branch's own cluster along its only coordinate, if it has just one."""
-    inertia = clusters.inertias[branch.child]
-    if inertia is None or len(branch.coordinates) != 1:
-        return None
+def _is_positive(node: Node, value: Callable[[Node], float]) -> bool:
+    try:
+        return value(node) > 0.0
+    except (ArithmeticError, ValueError):
+        return False
+
+
+def _by_joint(clusters: Clusters) -> dict[str, list[Branch]]:
+    """Gather the branches of each joint, from the ground outwards."""
+    found: dict[str, list[Branch]] = {}
+    for branch in clusters.branches[1:]:
+        assert branch is not None
+        found.setdefault(branch.edge, []).append(branch)
+    return found
+
+
+def _own_inertias(system: System, clusters: Clusters, branches: Sequence[Branch]) -> list[Node]:
+    """List values that are positive only if the joint's own cluster resists all its motions.
+
+    Nothing is listed where no such values of parameters only are known.
+    """
+    inertia = clusters.inertias[branches[-1].child]
+    if inertia is None or inertia.mass.is_zero:
+        return []
+    with system.dag.labelled("guards"):
+        if len(branches) == 1:
+            return [_along(system, inertia, branches[0])]
+        turning = [branch for branch in branches if branch.coordinates[0].freedom.rotates]
+        sliding = [inertia.mass] if len(turning) < len(branches) else []
+        central = _central(inertia)
+        if len(turning) > 1:
+            return [*sliding, *_minors(central)]
+        if turning and turning[0] is not branches[-1]:
+            return []  # the axis turns in the cluster's frame
+        return [
+            *sliding,
+            *(vector.dot(b.axes[0], vector.times(central, b.axes[0])) for b in turning),
+        ]
+
+
+def _along(system: System, inertia: Inertia, branch: Branch) -> Node:
+    """Form the inertia of a cluster along the only coordinate of its joint."""
     axis, zero = branch.axes[0], vector.zeros(system.dag)
     turning, shifting = (axis, zero) if branch.coordinates[0].freedom.rotates else (zero, axis)
-    with system.dag.labelled("guards"):
-        wrench = unit_wrench(inertia, turning, shifting)
-        return vector.dot(turning, wrench.torque) + vector.dot(shifting, wrench.force)
+    wrench = unit_wrench(inertia, turning, shifting)
+    return vector.dot(turning, wrench.torque) + vector.dot(shifting, wrench.force)
+
+
+def _central(inertia: Inertia) -> Matrix:
+    """Form the inertia tensor about the centre of mass."""
+    offset = vector.scale(1.0 / inertia.mass, inertia.moment)
+    moved = carried_inertia(inertia, vector.neg(offset))
+    return moved.tensor
+
+
+def _minors(m: Matrix) -> list[Node]:
+    """Form the leading principal minors."""
+    plane = m[0][0] * m[1][1] - m[0][1] * m[1][0]
+    return [m[0][0], plane, vector.dot(m[0], vector.cross(m[1], m[2]))]

@@ -208,6 +208,7 @@ def _bind_edge(edge: Edge, dag: Dag, constant: Resolver, signal: Resolver) -> Bo
     scalars: dict[str, Node] = {}
     vectors: dict[str, Vector] = {}
     inertia = None
+    axes = {freedom.axis for freedom in edge.component.motion_space} | {"axis"}
     for name, value in edge.fields.items():
         row = edge.component.field(name)
         assert row is not None  # the scene accepted only fields of its component
@@ -218,8 +219,8 @@ def _bind_edge(edge: Edge, dag: Dag, constant: Resolver, signal: Resolver) -> Bo
             inertia = _inertia(value, dag, resolve)
         else:
             vectors[name] = _lower_vector(value, dag, resolve)
-            if name == "axis":
-                vectors[name] = _unit(vectors[name], f"axis of edge '{edge.name}'")
+            if name in axes:
+                vectors[name] = _unit(vectors[name], f"{name} of edge '{edge.name}'")
     return BoundEdge(edge.name, edge.component, *edge.nodes, scalars, vectors, inertia)
 
 

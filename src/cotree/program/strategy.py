@@ -71,12 +71,11 @@ def choose_first_graph(
 def _choices(scene: SceneDescription, tree: Tree) -> Iterator[tuple[int, ...]]:
     """List sets of clusters: all sets of a few, else none and all."""
     turning = []
-    cluster = 0  # numbered as the walk meets the joints that carry them
+    cluster = 0  # numbered as the walk meets the freedoms that carry them
     for step in tree_walk(tree):
-        freedoms = scene.edges[step.edge].component.motion_space
-        if freedoms:
+        for freedom in scene.edges[step.edge].component.motion_space[:: step.sign]:
             cluster += 1
-            if any(freedom.rotates for freedom in freedoms):
+            if freedom.rotates:
                 turning.append(cluster)
     if len(turning) > _FEW:
         yield ()

@@ -183,11 +183,10 @@ def _branch_tangent(
     branch, frames = first.branch, motion.frames
     zero = vector.zeros(motion.system.dag)
     phi, omega = phi_parent or zero, omega_parent or zero
-    axes_of_carrier = frames.carrier_axes(branch)
-    d_axes = [vector.times(axes_of_carrier, seed.vector(axis)) for axis in branch.axes]
+    # A turn about the axis leaves the axis itself alone: the parent's axes serve both carriers.
+    d_axes = [frames.resolved(branch.parent, seed.vector(axis)) for axis in branch.axes]
     positions = [c.position for c in branch.coordinates]
     d_positions = [seed.of(position) for position in positions]
-    # A turn about the axis leaves the axis itself alone: the parent's phi serves both carriers.
     d_own = [
         vector.add(vector.cross(phi, axis), d_axis)
         for axis, d_axis in zip(first.axes, d_axes, strict=True)
@@ -199,6 +198,7 @@ def _branch_tangent(
         turning.append(vector.signed(branch.sign, d_own[i]) if rotates else zero)
         if rotates:
             phi_child = vector.add(phi_child, vector.scale(d_positions[i], first.turning[i]))
+            phi_child = vector.add(phi_child, _tilt(first, i, d_axes[i]))
     phi_carrier = phi if branch.sign > 0 else phi_child
     slide = _slide_tangent(first, positions, d_positions, d_axes, zero)
     anchor = frames.resolved(branch.parent, seed.vector(branch.anchor))
@@ -229,6 +229,21 @@ def _branch_tangent(
         phi_child,
         vector.add(omega, d_spin),
     )
+
+
+def _tilt(first: Geometry, i: int, d_axis: Vector) -> Vector:
+    """Form what a change of the axis itself adds to phi.
+
+    From the derivative of the rotation vector theta e by its left Jacobian:
+    sin(theta) e_p + (1 - cos(theta)) e x e_p.
+    """
+    if vector.is_zero(d_axis):
+        return d_axis
+    position = first.branch.coordinates[i].position
+    angle = position if first.branch.sign > 0 else -position
+    sine, cosine = (position.dag.function(name, angle) for name in ("sin", "cos"))
+    across = vector.cross(first.axes[i], d_axis)
+    return vector.add(vector.scale(sine, d_axis), vector.scale(1.0 - cosine, across))
 
 
 def _slide_tangent(
