@@ -99,7 +99,7 @@ def test_time_budget(method):
     assert result.status == -2
     assert "time limit of 0.05 s" in result.message
     # One evaluation may overrun; the rest is room for a busy machine.
-    assert time.perf_counter() - begin < 2.0
+    assert time.perf_counter() - begin < 10.0
 
 
 @pytest.mark.parametrize("method", ["cvode", "ida"])

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.errors import SolveError
+from cotree.errors import SingularSystemError, SolveError
 from cotree.solvers.augmented import (
     DENSE_LIMIT,
     assemble_dense,
@@ -105,8 +105,11 @@ class Evaluator:
             return self._checked(t, self._differences(t, z)[:n_states])
         self._check_budgets()
         point = np.ascontiguousarray(z[:n_states], dtype=np.float64)
-        matrix = np.array(self.problem.jacobian(self._inside(t), point), dtype=np.float64)
-        return self._checked(t, matrix)
+        try:
+            matrix = self.problem.jacobian(self._inside(t), point)
+        except SingularSystemError as error:
+            raise IntegrationStopError(FAILED, str(error)) from None
+        return self._checked(t, np.array(matrix, dtype=np.float64))
 
     def first_columns(self, t: float, z: FloatArray) -> FloatArray:
         """Return the derivatives of z' by the states, shape (size, n_states)."""
@@ -137,8 +140,12 @@ class Evaluator:
         self.nfev += 1
         self._check_budgets()
         point = np.ascontiguousarray(z, dtype=np.float64)
+        try:
+            rates = self.problem.rhs(self._inside(t), point)
+        except SingularSystemError as error:  # a configuration on the way, not a wrong scene
+            raise IntegrationStopError(FAILED, str(error)) from None
         # Solvers keep references to what they get, and a compiled kernel may reuse its buffer.
-        dz = np.array(self.problem.rhs(self._inside(t), point), dtype=np.float64)
+        dz = np.array(rates, dtype=np.float64)
         if dz.shape != point.shape:
             raise SolveError(
                 f"The right-hand side returned shape {dz.shape} where {point.shape} is needed."
