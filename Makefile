@@ -2,9 +2,12 @@
 # Each makes its own virtual environment; PYTHON chooses the interpreter (3.11 or newer).
 PYTHON ?= python3
 
+SOURCES := $(shell find src templates -type f -not -name '*.pyc')
+
 .PHONY: run test lint golden clean
 
 run: .venv-run/ready
+	mkdir -p out
 	.venv-run/bin/cotree run slider-pendulum --sensitivity L --plot out/slider-pendulum.png
 	.venv-run/bin/cotree graph slider-pendulum -o out/slider-pendulum-graph.png
 	@echo "pictures: out/slider-pendulum.png (figures 5 and 6), out/slider-pendulum-graph.png"
@@ -22,10 +25,9 @@ lint: .venv-test/ready
 golden: .venv-test/ready
 	.venv-test/bin/python -m pytest --update-golden tests
 
-.venv-run/ready: pyproject.toml
+.venv-run/ready: pyproject.toml $(SOURCES)
 	$(PYTHON) -m venv .venv-run
 	.venv-run/bin/python -m pip install --quiet --disable-pip-version-check .
-	mkdir -p out
 	touch $@
 
 .venv-test/ready: pyproject.toml

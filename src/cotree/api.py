@@ -315,7 +315,7 @@ class Model(CompiledModel):
 
         Raises
         ------
-        SceneError
+        CodegenError
             If the directory cannot be written.
         """
         from cotree.export.c_project import write_c_project

@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 import gc
+import os
 import time
 import warnings
 from contextlib import contextmanager
@@ -142,9 +143,15 @@ def _load(
     """Compile and load the C text, or evaluate the program where there is no compiler."""
     toolchain = find_toolchain()
     if toolchain is None:
+        is_asked = os.environ.get("COTREE_COMPILER") == "none"
+        reason = (
+            "COTREE_COMPILER=none"
+            if is_asked
+            else "no C compiler was found (CC, cc, gcc, clang); install one, or: "
+            "pip install ziglang"
+        )
         warnings.warn(
-            "no C compiler was found (CC, cc, gcc, clang): the model is evaluated in Python, "
-            "which is a hundred times slower. Install one, or: pip install 'cotree[zig]'",
+            f"{reason}: the model is evaluated in Python, which is a hundred times slower",
             RuntimeWarning,
             stacklevel=4,  # whoever asked for the model
         )
@@ -152,7 +159,7 @@ def _load(
     library = build_library(
         files,
         abi_version=ABI_VERSION,
-        n_statements=max(kernel.n_operations for kernel in context.kernels),
+        n_operations=max(kernel.n_operations for kernel in context.kernels),
         options=options,
         toolchain=toolchain,
     )

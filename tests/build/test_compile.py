@@ -27,7 +27,7 @@ def build(files, toolchain, **options) -> BuiltLibrary:
     return build_library(
         files,
         abi_version=1,
-        n_statements=10,
+        n_operations=10,
         options=BuildOptions(**options),
         toolchain=toolchain,
     )

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 @pytest.mark.compiler
 def test_library_is_loaded_once(files, cdef, toolchain):
     built = build_library(
-        files, abi_version=1, n_statements=10, options=BuildOptions(), toolchain=toolchain
+        files, abi_version=1, n_operations=10, options=BuildOptions(), toolchain=toolchain
     )
     library = load_library(built.path, cdef)
     assert load_library(str(built.path), cdef) is library

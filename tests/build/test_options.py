@@ -14,7 +14,7 @@ ZIG = Toolchain(("/usr/bin/zig", "cc"), "clang version 22.1.8", "zig")
 
 
 @pytest.mark.parametrize(
-    ("toolchain", "n_statements", "level"),
+    ("toolchain", "n_operations", "level"),
     [
         (GCC, 4_000, "-O1"),
         (GCC, 4_001, "-O0"),
@@ -23,12 +23,12 @@ ZIG = Toolchain(("/usr/bin/zig", "cc"), "clang version 22.1.8", "zig")
         (ZIG, 20_000, "-O1"),
     ],
 )
-def test_level_follows_the_longest_function(toolchain, n_statements, level):
-    assert level in compiler_flags(toolchain, BuildOptions(), n_statements)
+def test_level_follows_the_longest_function(toolchain, n_operations, level):
+    assert level in compiler_flags(toolchain, BuildOptions(), n_operations)
 
 
 def test_chosen_level_is_kept():
-    flags = compiler_flags(GCC, BuildOptions(optimize="-O2"), n_statements=1_000_000)
+    flags = compiler_flags(GCC, BuildOptions(optimize="-O2"), n_operations=1_000_000)
     assert "-O2" in flags
     assert "-O0" not in flags
 

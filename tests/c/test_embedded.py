@@ -307,3 +307,19 @@ def test_extremes(driver: Path) -> None:
     assert (int(status), float(t)) == (OK, 10.0)
     assert int(blown) == STEP_TOO_SMALL
     assert float(end) == pytest.approx(1.0, abs=1e-5)  # y = 1/(1 - t), to the tolerance of 1e-6
+
+
+def test_a_short_pulse_of_an_input_table_is_not_stepped_over(compiler: str, tmp_path: Path) -> None:
+    """1 kg at rest, 200 N for 5 ms in a triangle of 10 ms: 1 m/s from then on."""
+    scene = SceneDescription("pulse")
+    scene.input("f", [[0.0, 5.0, 5.005, 5.01, 10.0], [0.0, 0.0, 200.0, 0.0, 0.0]])
+    scene.edge("j", "prismatic", "ground", "A", axis=[1, 0, 0], force="f")
+    scene.edge("b", "rigid_body", "ground", "A", mass=1.0)
+    program, _ = generate(formulate(scene, [], None)[0])
+    project = write_c_project(program, tmp_path, t_end=10.0, rtol=1e-8, atol=1e-10)
+    sources = [path.name for path in project.files if path.suffix == ".c"]
+    run([compiler, "-std=c99", "-O1", *STRICT, *SANITIZE, "-o", "pulse", *sources, "-lm"], tmp_path)
+    lines = dict(line.split(" = ") for line in run(["./pulse"], tmp_path).splitlines())
+    # The pulse is piecewise linear between stops, where order 5 is exact but for rounding.
+    assert float(lines["j.s_dot"]) == pytest.approx(1.0, abs=1e-9)
+    assert float(lines["j.s"]) == pytest.approx(10.0 - 5.005, abs=1e-9)

@@ -51,7 +51,7 @@ def load_kernels():
         library = build_library(
             files,
             abi_version=ABI_VERSION,
-            n_statements=context.n_longest,
+            n_operations=max(kernel.n_operations for kernel in context.kernels),
             options=BuildOptions(),
             toolchain=find_toolchain(),
         )

@@ -126,3 +126,17 @@ def test_an_input_whose_sensitivity_is_compiled_in_cannot_be_replaced():
     scene.edge("body", "rigid_body", "ground", "A", mass=MASS)
     with pytest.raises(ModelError, match="input 'F' depends on 'a'"):
         scene.compile(["a"]).simulate((0, 1), inputs={"F": 1.0})
+
+
+def test_an_input_cannot_be_replaced_by_an_expression_of_a_sensitivity_parameter():
+    """The compiled sensitivity would not know of it."""
+    scene = cotree.Scene("driven")
+    scene.parameter("a", 3.0)
+    scene.input("F", 1.0)
+    edge = {"axis": [1, 0, 0], "force": "F", "damping": "a"}
+    scene.edge("guide", "prismatic", "ground", "A", **edge)
+    scene.edge("body", "rigid_body", "ground", "A", mass=MASS)
+    model = scene.compile(["a"])
+    with pytest.raises(ModelError, match="input 'F' is replaced by an expression of 'a'"):
+        model.simulate((0, 1), inputs={"F": "2*a"})
+    assert model.simulate((0, 1), inputs={"F": "2*t"}).success

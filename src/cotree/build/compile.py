@@ -57,7 +57,7 @@ def build_library(
     files: Mapping[str, str],
     *,
     abi_version: int,
-    n_statements: int,
+    n_operations: int,
     options: BuildOptions,
     toolchain: Toolchain,
 ) -> BuiltLibrary:
@@ -70,8 +70,8 @@ def build_library(
         them.
     abi_version : int
         Version of the contract between the library and its caller.
-    n_statements : int
-        Number of statements in the longest C function.
+    n_operations : int
+        Number of operations in the longest C function.
     options : BuildOptions
         The user's choice.
     toolchain : Toolchain
@@ -91,7 +91,7 @@ def build_library(
     """
     start = time.perf_counter()
     sources = _source_names(files)
-    flags = compiler_flags(toolchain, options, n_statements)
+    flags = compiler_flags(toolchain, options, n_operations)
     command = (*toolchain.command, *flags, *sources, "-o", _OUTPUT, "-lm")
     key = cache_key(
         files,

@@ -66,7 +66,7 @@ class BuildOptions:
 
 
 def compiler_flags(
-    toolchain: Toolchain, options: BuildOptions, n_statements: int
+    toolchain: Toolchain, options: BuildOptions, n_operations: int
 ) -> tuple[str, ...]:
     """Choose the flags that stand before the files' names.
 
@@ -76,8 +76,8 @@ def compiler_flags(
         The compiler.
     options : BuildOptions
         The user's choice.
-    n_statements : int
-        Number of statements in the longest C function, which decides what ``'auto'`` means.
+    n_operations : int
+        Number of operations in the longest C function, which decides what ``'auto'`` means.
 
     Returns
     -------
@@ -88,10 +88,10 @@ def compiler_flags(
     --------
     >>> from cotree.build import BuildOptions, Toolchain, compiler_flags
     >>> gcc = Toolchain(("/usr/bin/gcc",), "gcc 12.2.0", "cc")
-    >>> "-O0" in compiler_flags(gcc, BuildOptions(), n_statements=50_000)
+    >>> "-O0" in compiler_flags(gcc, BuildOptions(), n_operations=50_000)
     True
     """
-    flags = ["-std=c99", _level(toolchain, options, n_statements)]
+    flags = ["-std=c99", _level(toolchain, options, n_operations)]
     # Code on Windows is always relocatable, and clang refuses the flag there.
     if sys.platform != "win32":
         flags.append("-fPIC")
@@ -116,11 +116,11 @@ def cpu_features() -> str:
     return platform.processor()
 
 
-def _level(toolchain: Toolchain, options: BuildOptions, n_statements: int) -> str:
+def _level(toolchain: Toolchain, options: BuildOptions, n_operations: int) -> str:
     if options.optimize != "auto":
         return options.optimize
     limit = _STATEMENT_LIMIT_CLANG if toolchain.is_clang else _STATEMENT_LIMIT_GCC
-    return "-O1" if n_statements <= limit else "-O0"
+    return "-O1" if n_operations <= limit else "-O0"
 
 
 def _processor_flags(toolchain: Toolchain, options: BuildOptions) -> list[str]:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cotree.cli.arguments import check_folder, read_numbers, read_pairs, read_tree
+from cotree.cli.arguments import check_folder, check_picture, read_numbers, read_pairs, read_tree
 from cotree.cli.report import run_report
 from cotree.errors import Error
 from cotree.version import VERSION
@@ -167,7 +167,7 @@ def run_scene(
     from cotree.api import load
 
     check_folder(csv)
-    check_folder(plot)
+    check_picture(plot)
     settings: dict[str, Any] = {
         "method": method,
         "rtol": rtol,
@@ -265,7 +265,7 @@ def show_graph(
     """Print the linear graphs of a scene with tree and matrices, or draw them."""
     from cotree.api import load
 
-    check_folder(output)
+    check_picture(output)
     report = load(scene).graph(read_tree(tree))
     if output is None:
         typer.echo(report.summary().rstrip())

@@ -101,3 +101,18 @@ def _names(text: str) -> list[str]:
 def _short(text: str) -> str:
     line = " ".join(text.split())
     return line if len(line) <= 60 else f"{line[:57]}..."
+
+
+def check_picture(path: Path | None) -> None:
+    """Refuse a picture that cannot be written, before any work is done for it.
+
+    Raises
+    ------
+    SceneError
+        If its folder does not exist or its suffix is unknown.
+    """
+    from cotree.plot import check_suffix
+
+    check_folder(path)
+    if path is not None:
+        check_suffix(path)

@@ -50,6 +50,7 @@ class KernelContext:
 
     name: str
     signature: str
+    prototype: str
     doc: str
     n_results: int
     n_operations: int
@@ -89,11 +90,6 @@ class ModelContext:
     n_prepared: int
     n_guards: int
     n_nonzeros: int
-
-    @property
-    def n_longest(self) -> int:
-        """Number of temporaries of the longest kernel."""
-        return max(kernel.n_statements for kernel in self.kernels)
 
 
 def model_context(program: Program) -> ModelContext:
@@ -190,8 +186,9 @@ def _kernel_context(
         lines.append(f"if (!({value} {comparison} 0.0)) return -{i + 1};")
     return KernelContext(
         name=f"{prefix}_{spec.name}",
-        signature=_signature(f"{prefix}_{spec.name}", kernel),
-        doc=spec.doc,
+        signature=_signature("int", f"{prefix}_{spec.name}", kernel),
+        prototype=_signature("COTREE_EXPORT int", f"{prefix}_{spec.name}", kernel),
+        doc=spec.doc[0].upper() + spec.doc[1:],
         n_results=n_results,
         n_operations=operations,
         n_statements=printed.n_statements,
@@ -214,15 +211,15 @@ def _tail_lines(prefix: str, kernel: Kernel, whole: Kernel) -> list[str]:
     ]
 
 
-def _signature(name: str, kernel: Kernel) -> str:
-    """Write a function's declarator, broken between arguments only."""
+def _signature(result: str, name: str, kernel: Kernel) -> str:
+    """Write a function's head, broken between arguments only."""
     arguments = [ARGUMENTS[key][0] for key in kernel.spec.arguments]
     arguments.append(f"double *COTREE_RESTRICT {kernel.spec.result}")
-    indent = " " * (len(name) + 5)  # under the first argument, after "int name("
-    lines = [f"{name}("]
+    lines = [f"{result} {name}("]
+    indent = " " * len(lines[0])
     for argument in arguments:
         separator = ")" if argument is arguments[-1] else ","
-        if len(lines[-1]) + len(argument) > 96 and not lines[-1].endswith("("):
+        if len(lines[-1]) + len(argument) > 98 and not lines[-1].endswith("("):
             lines[-1] = lines[-1].rstrip()
             lines.append(indent)
         lines[-1] += f"{argument}{separator} "

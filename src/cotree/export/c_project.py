@@ -68,6 +68,8 @@ class MainContext:
         C literals.
     guards : list of str
         A C string for each guard of ``prepare``: what it demands.
+    breakpoints : list of str
+        C literals of the times where inputs have kinks, ascending.
     has_sensitivities : bool
         Whether the unknowns are states and sensitivities, or states alone.
     """
@@ -82,6 +84,7 @@ class MainContext:
     rtol: str
     atol: str
     guards: list[str]
+    breakpoints: list[str]
     has_sensitivities: bool
 
 
@@ -161,8 +164,15 @@ def _main_context(
             c_string(f"{guard.what} must {'be positive' if guard.is_strict else 'not be negative'}")
             for guard in program.guards
         ],
+        breakpoints=[literal(t) for t in _breakpoints(program)],
         has_sensitivities=bool(model.sensitivities),
     )
+
+
+def _breakpoints(program: Program) -> list[float]:
+    """List the times where the scene's own inputs have kinks."""
+    nodes = program.kernels["inputs"].order
+    return sorted({t for node in nodes if node.op == "table" for t in node.data.x})
 
 
 def _write_files(directory: Path, texts: Mapping[str, str]) -> None:

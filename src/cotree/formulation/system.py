@@ -262,7 +262,10 @@ def _guards(edge: Edge, bound: BoundEdge) -> list[Guard]:
             found += [
                 Guard(bound.inertia[i][i], f"entry {i + 1} of {what}", is_strict) for i in range(3)
             ]
-    return found
+    for guard in found:
+        if guard.value.value is not None:
+            guard.check(guard.value.value)
+    return [guard for guard in found if guard.value.value is None]
 
 
 def bodies(system: System) -> list[BoundEdge]:

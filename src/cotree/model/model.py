@@ -273,7 +273,7 @@ class CompiledModel:
 def _array(value: Any, shape: Sequence[int], what: str) -> Array:
     """Make a contiguous array of doubles of a given shape."""
     try:
-        array = np.ascontiguousarray(value, dtype=float)
+        array = np.array(value, dtype=float, order="C")  # always a copy: callers change theirs
     except (TypeError, ValueError):
         raise ParameterError(
             f"{what} must be an array of numbers of shape {tuple(shape)}"
@@ -282,4 +282,4 @@ def _array(value: Any, shape: Sequence[int], what: str) -> Array:
         raise ParameterError(
             f"{what} must be an array of shape {tuple(shape)}, not of shape {array.shape}"
         )
-    return array.copy() if array is value else array
+    return array

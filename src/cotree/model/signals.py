@@ -36,11 +36,14 @@ class Signals:
         Times where a table has a kink.
     has_function : bool
         Whether one is a Python function of the user's.
+    parameters : mapping of str to frozenset of str
+        The names that each replaced input's expression uses.
     """
 
     by_position: Mapping[int, Signal]
     breakpoints: tuple[float, ...]
     has_function: bool
+    parameters: Mapping[str, frozenset[str]]
 
     def apply(self, t: float, u: Array) -> Array:
         """Replace entries of u at a time, in place."""
@@ -72,6 +75,7 @@ def read_signals(
     """
     by_position: dict[int, Signal] = {}
     breakpoints: list[float] = []
+    used: dict[str, frozenset[str]] = {}
     for name, value in values.items():
         if name not in names:
             raise ParameterError(f"the model has no input '{name}'{nearest(name, names)}")
@@ -81,9 +85,11 @@ def read_signals(
         parsed = parse_signal(value, f"input '{name}'")
         if isinstance(parsed, Table):
             breakpoints += parsed.x
+        else:
+            used[name] = parsed.names
         by_position[names.index(name)] = _function_of_time(parsed, parameters)
     has_function = any(callable(value) for value in values.values())
-    return Signals(by_position, tuple(breakpoints), has_function)
+    return Signals(by_position, tuple(breakpoints), has_function, used)
 
 
 def _function_of_time(value: Expression | Table, parameters: Mapping[str, float]) -> Signal:

@@ -6,8 +6,15 @@ positions on paper.
 
 from __future__ import annotations
 
-from cotree.plot.files import save_figure
+from cotree.plot.files import check_suffix, save_figure
 from cotree.plot.graph import draw_graph, draw_graphs
 from cotree.plot.result import PlottableResult, plot_result
 
-__all__ = ["PlottableResult", "draw_graph", "draw_graphs", "plot_result", "save_figure"]
+__all__ = [
+    "PlottableResult",
+    "check_suffix",
+    "draw_graph",
+    "draw_graphs",
+    "plot_result",
+    "save_figure",
+]

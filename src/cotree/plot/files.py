@@ -33,12 +33,7 @@ def save_figure(fig: Figure, path: str | os.PathLike[str]) -> None:
     import matplotlib
 
     path = Path(path)
-    suffix = path.suffix.lower().lstrip(".")
-    if suffix not in _FORMATS:
-        known = ", ".join(f".{name}" for name in _FORMATS)
-        raise SceneError(
-            f"cannot draw '{path}': unknown suffix '{path.suffix}'; the known ones are {known}"
-        )
+    suffix = check_suffix(path)
     # Neither date nor random identifiers, so that the same picture is the same file.
     metadata: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(
         suffix, {}
@@ -53,3 +48,20 @@ def save_figure(fig: Figure, path: str | os.PathLike[str]) -> None:
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def check_suffix(path: Path) -> str:
+    """Give the format that a file's suffix asks for.
+
+    Raises
+    ------
+    SceneError
+        If the suffix is unknown.
+    """
+    suffix = path.suffix.lower().lstrip(".")
+    if suffix not in _FORMATS:
+        known = ", ".join(f".{name}" for name in _FORMATS)
+        raise SceneError(
+            f"cannot draw '{path}': unknown suffix '{path.suffix}'; the known ones are {known}"
+        )
+    return suffix

@@ -11,8 +11,6 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Node
 
-_ARITHMETIC = frozenset({"add", "sub", "mul", "div", "neg"})
-
 
 @dataclass(frozen=True)
 class OperationCount:
@@ -34,11 +32,6 @@ class OperationCount:
     def total(self) -> int:
         """All operations, those of ``prepare`` that the kernel uses counted in."""
         return self.kernel + self.prepare
-
-    @property
-    def calls(self) -> int:
-        """Function calls among them."""
-        return sum(n for kind, n in self.by_kind.items() if kind not in _ARITHMETIC)
 
     def with_prepared(self, share: OperationCount) -> OperationCount:
         """Count in what a kernel uses of ``prepare``."""

@@ -61,7 +61,7 @@ class Simulation:
     method: str = "auto"
 
 
-@dataclass
+@dataclass(repr=False)
 class SceneDescription:
     """Edges between named nodes, with parameters, inputs, outputs, gravity and initial values.
 
@@ -83,6 +83,9 @@ class SceneDescription:
         self.gravity = _vector(gravity, "gravity")
         self.parameters, self.inputs, self.edges, self.outputs = {}, {}, {}, {}
         self.defaults = Simulation()
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.summary().splitlines()[0]}>"
 
     @property
     def nodes(self) -> tuple[str, ...]:

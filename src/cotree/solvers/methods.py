@@ -31,26 +31,23 @@ class Method:
         Whether it uses a Jacobian.
     accepts_callable_inputs : bool
         Whether inputs may be Python callables.
-    meaning : str
-        One line for a list of methods.
     """
 
     name: str
     family: str
     implicit: bool
     accepts_callable_inputs: bool
-    meaning: str
 
 
 _ROWS = (
-    Method("RK45", "scipy", False, True, "explicit Runge-Kutta of order 5"),
-    Method("DOP853", "scipy", False, True, "explicit Runge-Kutta of order 8"),
-    Method("RK23", "scipy", False, True, "explicit Runge-Kutta of order 3"),
-    Method("Radau", "scipy", True, True, "implicit Runge-Kutta of order 5, stiff"),
-    Method("BDF", "scipy", True, True, "backward differences of order 1 to 5, stiff"),
-    Method("LSODA", "scipy", True, True, "Adams or backward differences, switching"),
-    Method("cvode", "sundials", True, False, "SUNDIALS' backward differences, stiff"),
-    Method("ida", "sundials", True, False, "SUNDIALS' backward differences in residual form"),
+    Method("RK45", "scipy", False, True),
+    Method("DOP853", "scipy", False, True),
+    Method("RK23", "scipy", False, True),
+    Method("Radau", "scipy", True, True),
+    Method("BDF", "scipy", True, True),
+    Method("LSODA", "scipy", True, True),
+    Method("cvode", "sundials", True, False),
+    Method("ida", "sundials", True, False),
 )
 
 METHODS: Mapping[str, Method] = {row.name: row for row in _ROWS}

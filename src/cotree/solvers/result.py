@@ -30,7 +30,7 @@ class UnknownNameError(ModelError, KeyError):
         return str(self.args[0]) if self.args else ""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Result:
     """The outcome of one simulation.
 
@@ -83,6 +83,9 @@ class Result:
     message: str
     statistics: Statistics
     times: Mapping[str, float] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return f"<Result of {len(self.states)} states at {len(self.t)} times: {self.message}>"
 
     @property
     def success(self) -> bool:
@@ -182,7 +185,7 @@ class Result:
             import pandas as pd
         except ImportError as error:
             raise Error(
-                "to_dataframe() needs pandas: run `pip install cotree[data]`, or use to_csv()."
+                "to_dataframe() needs pandas: run `pip install pandas` (the extra cotree[data]), or use to_csv()."
             ) from error
         return pd.DataFrame(self.columns())
 

@@ -37,7 +37,7 @@ def integrate(problem: Problem, method: str = "auto") -> Trajectory:
     problem : Problem
         What to integrate.
     method : str
-        A name in ``base.METHODS``, or "auto".
+        A name in ``methods.METHODS``, or "auto".
 
     Returns
     -------
@@ -87,10 +87,12 @@ def choose_method(problem: Problem) -> tuple[str, str]:
         return "DOP853", "There are no states to integrate."
     span = abs(problem.t_span[1] - problem.t_span[0])
     count = span * max(_fastest_decay(problem, t, z) for t, z in _probe(problem))
+    length = f"the span is {float(f'{count:.2g}'):.6g} times the shortest decay"
     if count <= _STIFF_TIME_CONSTANTS:
-        return "DOP853", f"DOP853 was chosen: not stiff, {count:.2g} fastest time constants."
+        reason = f"not stiff, {length}" if count >= 1.0 else "not stiff, nothing decays fast"
+        return "DOP853", f"DOP853 was chosen: {reason}."
     method = "cvode" if importlib.util.find_spec("sksundae") is not None else "BDF"
-    return method, f"{method} was chosen: stiff, {count:.2g} fastest time constants in the span."
+    return method, f"{method} was chosen: stiff, {length}."
 
 
 def _probe(problem: Problem) -> list[tuple[float, FloatArray]]:

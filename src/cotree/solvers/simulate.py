@@ -74,7 +74,7 @@ def simulate(
     values = dict(zip(model.parameters, p.tolist(), strict=True))
     signals = read_signals(settings.inputs, model.inputs, values)
     _check_method(settings.method, signals)
-    _check_replaced(model, settings.inputs)
+    _check_replaced(model, settings.inputs, signals)
     u = _input_function(model, p, signals)
     problem = Problem(
         rhs=_rhs(model, p, u),
@@ -132,8 +132,16 @@ def _check_method(method: str, signals: Signals) -> None:
         )
 
 
-def _check_replaced(model: CompiledModel, inputs: Mapping[str, Any]) -> None:
-    """Refuse to replace an input whose own sensitivities are compiled in."""
+def _check_replaced(model: CompiledModel, inputs: Mapping[str, Any], signals: Signals) -> None:
+    """Refuse to replace an input where sensitivities depend on the input's own."""
+    for name, used in signals.parameters.items():
+        for parameter in model.sensitivities:
+            if parameter in used:
+                raise ParameterError(
+                    f"input '{name}' is replaced by an expression of '{parameter}', whose "
+                    "sensitivity would not know of it: write the expression into the scene, or "
+                    "compile without that sensitivity"
+                )
     for name, wanted in zip(model.inputs, model.layout.input_sensitivities, strict=True):
         if name in inputs and wanted:
             raise ParameterError(
