@@ -136,7 +136,7 @@ def test_run_warns_where_there_is_no_compiler(
     printed = capsys.readouterr()
     assert "kernels in Python" in printed.out
     assert len(printed.err.splitlines()) == 1
-    assert printed.err.startswith("cotree: warning: COTREE_COMPILER=none")
+    assert printed.err.startswith("cotree: warning: no C compiler")
 
 
 def test_failed_integration_shows_the_last_good_point(

@@ -185,7 +185,8 @@ class Result:
             import pandas as pd
         except ImportError as error:
             raise Error(
-                "to_dataframe() needs pandas: run `pip install pandas` (the extra cotree[data]), or use to_csv()."
+                "to_dataframe() needs pandas: run `pip install pandas` (the extra cotree[data]), "
+                "or use to_csv()."
             ) from error
         return pd.DataFrame(self.columns())
 
