@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cotree.build import BuildOptions
-from cotree.dag.several import Table
-from cotree.errors import SingularSystemError
+from cotree.errors import ParameterError, SingularSystemError
 from cotree.model.model import CompiledModel
 from cotree.scene.description import SceneDescription
 from cotree.scene.toml_file import load_scene
@@ -87,7 +86,7 @@ class Scene(SceneDescription):
         """
         from cotree.pipeline import compile_scene
 
-        names = [sensitivities] if isinstance(sensitivities, str) else list(sensitivities)
+        names = _names(sensitivities)
         options = BuildOptions(optimize=optimize, native=native)
         model = Model(compile_scene(self, names, tree, options), self)
         model.check_start()
@@ -125,8 +124,21 @@ class Scene(SceneDescription):
         from cotree.export.equations import symbolic_equations
         from cotree.pipeline import formulate
 
-        names = [sensitivities] if isinstance(sensitivities, str) else list(sensitivities)
+        names = _names(sensitivities)
         return symbolic_equations(formulate(self, names, tree)[0])
+
+
+def _names(sensitivities: Sequence[str] | None) -> list[str]:
+    """Accept one name, several, or none."""
+    if isinstance(sensitivities, str):
+        return [sensitivities]
+    names = list(sensitivities or ())
+    for name in names:
+        if not isinstance(name, str):
+            raise ParameterError(
+                f"sensitivities holds {name!r}: give names of parameters or states"
+            )
+    return names
 
 
 def load(source: str | Path) -> Scene:
@@ -284,20 +296,13 @@ class Model(CompiledModel):
             time_limit=time_limit,
             throw=throw,
         )
-        replaced = set(settings.inputs)
-        breakpoints = tuple(
-            at
-            for name, row in self._scene.inputs.items()
-            if isinstance(row.value, Table) and name not in replaced
-            for at in row.value.x
-        )
         units = {
             row.name: row.unit
             for rows in (self.layout.states, self.layout.outputs, self.layout.inputs)
             for row in rows
         }
         units |= {row.name: row.unit for row in self.layout.parameters}
-        result = simulate(self, settings, breakpoints, units)
+        result = simulate(self, settings, units)
         return replace(result, times={**self.times, **result.times})
 
     def write(self, directory: str | Path) -> CProject:

@@ -164,15 +164,11 @@ def _main_context(
             c_string(f"{guard.what} must {'be positive' if guard.is_strict else 'not be negative'}")
             for guard in program.guards
         ],
-        breakpoints=[literal(t) for t in _breakpoints(program)],
+        breakpoints=[
+            literal(t) for t in sorted({t for row in program.layout.breakpoints for t in row})
+        ],
         has_sensitivities=bool(model.sensitivities),
     )
-
-
-def _breakpoints(program: Program) -> list[float]:
-    """List the times where the scene's own inputs have kinks."""
-    nodes = program.kernels["inputs"].order
-    return sorted({t for node in nodes if node.op == "table" for t in node.data.x})
 
 
 def _write_files(directory: Path, texts: Mapping[str, str]) -> None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from cotree.components import Role
 from cotree.dag import vector
+from cotree.errors import ParameterError
 from cotree.formulation.circuits import inwards, outwards
 
 if TYPE_CHECKING:
@@ -135,6 +136,11 @@ def _line(
     dag = motion.system.dag
     if is_central:
         length = dag.function("sqrt", vector.dot(reach, reach))
+        if length.is_zero:
+            raise ParameterError(
+                f"the nodes of edge '{edge.name}' coincide whatever the coordinates, so the line "
+                "between them has no direction: give the edge an axis"
+            )
         direction = vector.scale(1.0 / length, reach)
     else:
         direction = carried(motion, first, edge.vectors["axis"], ancestor)

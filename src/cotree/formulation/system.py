@@ -145,6 +145,7 @@ def bind(scene: SceneDescription, tree: Tree, dag: Dag) -> System:
         with dag.labelled(f"parameters of {edge.name}"):
             edges[edge.name] = _bind_edge(edge, dag, of_parameters, of_everything)
             guards += _guards(edge, edges[edge.name])
+            guards += _axis_guards(edge, dag, of_parameters)
     return System(
         dag=dag,
         time=time,
@@ -208,7 +209,7 @@ def _bind_edge(edge: Edge, dag: Dag, constant: Resolver, signal: Resolver) -> Bo
     scalars: dict[str, Node] = {}
     vectors: dict[str, Vector] = {}
     inertia = None
-    axes = {freedom.axis for freedom in edge.component.motion_space} | {"axis"}
+    axes = _axis_fields(edge)
     for name, value in edge.fields.items():
         row = edge.component.field(name)
         assert row is not None  # the scene accepted only fields of its component
@@ -222,6 +223,11 @@ def _bind_edge(edge: Edge, dag: Dag, constant: Resolver, signal: Resolver) -> Bo
             if name in axes:
                 vectors[name] = _unit(vectors[name], f"{name} of edge '{edge.name}'")
     return BoundEdge(edge.name, edge.component, *edge.nodes, scalars, vectors, inertia)
+
+
+def _axis_fields(edge: Edge) -> set[str]:
+    """Name the fields that are directions."""
+    return {freedom.axis for freedom in edge.component.motion_space} | {"axis"}
 
 
 def _lower_vector(value: FieldValue, dag: Dag, resolve: Resolver) -> Vector:
@@ -250,6 +256,19 @@ def _unit(axis: Vector, where: str) -> Vector:
         return axis
     length = square.dag.function("sqrt", square)
     return (axis[0] / length, axis[1] / length, axis[2] / length)
+
+
+def _axis_guards(edge: Edge, dag: Dag, resolve: Resolver) -> list[Guard]:
+    """Ask for a direction of every axis that parameters may take it from."""
+    found = []
+    for name in _axis_fields(edge):
+        if name in edge.fields:
+            given = _lower_vector(edge.fields[name], dag, resolve)
+            square = vector.dot(given, given)
+            if square.value is None:
+                what = f"the squared length of {name} of edge '{edge.name}'"
+                found.append(Guard(square, what, is_strict=True))
+    return found
 
 
 def _guards(edge: Edge, bound: BoundEdge) -> list[Guard]:

@@ -248,7 +248,7 @@ class CompiledModel:
         along = _NONE
         if s is not None:
             along = _array(s, (n, m), "the sensitivities").T.ravel()
-        return self._call(name, float(t), states, along, inputs)
+        return self._call(name, check_number(t, "t"), states, along, inputs)
 
     def _call(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
         return self._kernels(name, t, x, s, u).copy()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -110,6 +111,9 @@ def _function_of_time(value: Expression | Table, parameters: Mapping[str, float]
     order = reachable([node])
 
     def signal(t: float) -> float:
-        return float(evaluate([node], {time: t}, order=order)[0])
+        try:
+            return float(evaluate([node], {time: t}, order=order)[0])
+        except (ArithmeticError, ValueError):  # compiled inputs go on with nan, and so does this
+            return math.nan
 
     return signal

@@ -112,6 +112,8 @@ def plot_result(
 
 def _plotted_names(result: PlottableResult, names: Sequence[str] | None) -> tuple[str, ...]:
     known = (*result.states, *result.outputs)
+    if not known:
+        raise SceneError("the result has neither states nor outputs to plot")
     if names is None:
         return tuple(name for name in result.states if not name.endswith("_dot")) or known
     for name in names:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from cotree.dag.traverse import substitute
+from cotree.dag.traverse import reachable, substitute
 from cotree.equations import Quantity
 from cotree.formulation.elimination import factorise, substitute_back
 from cotree.program.kernels import KERNELS
@@ -103,9 +103,16 @@ def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
             tuple(row.name for row in equations.sensitivities if symbol in row.seed)
             for symbol in equations.input_symbols
         ),
+        breakpoints=tuple(_kinks(node) for node in equations.input_values),
         uncertain=tuple(
             state.name
             for state, is_safe in zip(equations.states, equations.is_safe, strict=False)
             if not is_safe
         ),
     )
+
+
+def _kinks(node: Node) -> tuple[float, ...]:
+    """List the times where a value of time has kinks."""
+    tables = [item.data for item in reachable([node]) if item.op == "table"]
+    return tuple(sorted({at for table in tables for at in table.x}))

@@ -64,6 +64,8 @@ class Layout:
         The Jacobian's pattern, compressed by columns.
     input_sensitivities : tuple of tuples of str
         For each input, which of ``sensitivities`` it has in the scene.
+    breakpoints : tuple of tuples of float
+        For each input, the times where it has a kink in the scene.
     uncertain : tuple of str
         Coordinates whose pivot is checked at run time.
     """
@@ -78,6 +80,7 @@ class Layout:
     column_starts: tuple[int, ...]
     row_indices: tuple[int, ...]
     input_sensitivities: tuple[tuple[str, ...], ...]
+    breakpoints: tuple[tuple[float, ...], ...]
     uncertain: tuple[str, ...]
 
 

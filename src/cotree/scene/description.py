@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import numbers
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, cast
@@ -171,7 +172,7 @@ class SceneDescription:
             If the name is not allowed or taken, or the value is none of these.
         """
         check_name("input", name)
-        self._check_new("input", name, {**self.parameters, **self.inputs})
+        self._check_new("input", name, {**self.parameters, **self.inputs, **self.outputs})
         signal = parse_signal(value, f"input '{name}'")
         self.inputs[name] = Input(
             name,
@@ -239,7 +240,7 @@ class SceneDescription:
             If the name is not allowed or taken, or the expression is not accepted.
         """
         check_name("output", name)
-        self._check_new("output", name, self.outputs)
+        self._check_new("output", name, {**self.outputs, **self.inputs})
         self.outputs[name] = parse(value, f"output '{name}'")
 
     def simulation(self, **settings: Any) -> None:
@@ -286,14 +287,15 @@ def check_number(value: object, what: str) -> float:
 
 def parse_signal(value: object, where: str) -> Expression | Table:
     """Accept a number, an expression string or a pair (times, values)."""
-    if isinstance(value, (int, float, str)):
+    if isinstance(value, (str, numbers.Real)):
         return parse(value, where)
     try:
         times, values = cast("Any", value)
         table = Table(tuple(float(x) for x in times), tuple(float(y) for y in values))
     except (TypeError, ValueError):
         raise SceneError(
-            f"{where} must be a number, an expression in quotes, or (times, values)"
+            f"{where} must be a number, an expression in quotes, or (times, values) with as many "
+            "numbers each"
         ) from None
     if len(table.x) != len(table.y) or len(table.x) < 2:
         raise SceneError(f"{where} needs as many values as times, at least two")
@@ -304,6 +306,11 @@ def parse_signal(value: object, where: str) -> Expression | Table:
     return table
 
 
+def plain(value: object) -> object:
+    """Turn numpy arrays into lists; leave everything else."""
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
 def _text(value: object, what: str) -> str:
     if not isinstance(value, str) or len(value) > 1000:
         raise SceneError(f"{what} must be a text of at most 1000 characters")
@@ -311,12 +318,14 @@ def _text(value: object, what: str) -> str:
 
 
 def _vector(value: object, where: str) -> tuple[Expression, ...]:
+    value = plain(value)
     if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != 3:
         raise SceneError(f"{where} must be a list of three numbers or expressions")
     return tuple(parse(item, f"component {'xyz'[i]} of {where}") for i, item in enumerate(value))
 
 
 def _inertia(value: object, where: str) -> FieldValue:
+    value = plain(value)
     if isinstance(value, Sequence) and not isinstance(value, str):
         if len(value) == 3 and all(
             isinstance(row, Sequence) and not isinstance(row, str) for row in value

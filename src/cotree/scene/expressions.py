@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import math
+import numbers
 import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -97,7 +98,7 @@ def parse(value: object, where: str) -> Expression:
     ExpressionError
         If it is neither, does not parse, or holds anything but the grammar above.
     """
-    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+    if isinstance(value, bool) or not isinstance(value, (str, numbers.Real)):
         raise ExpressionError(
             f"{where} must be a number or an expression in quotes, not {type(value).__name__}"
         )
@@ -140,7 +141,7 @@ def _shown(value: object) -> str:
 
 def _number(value: object) -> float | None:
     """Give a finite float, or None."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
         return None
     try:
         number = float(value)

@@ -64,6 +64,8 @@ def choose_trees(
                     f"the tree names the unknown domain '{domain}': known are {', '.join(graphs)}"
                 )
         wanted = {domain: choice.get(domain) for domain in graphs}
+    elif choice is not None and not isinstance(choice, Sequence):
+        raise TopologyError("the tree must be a list of edges, or a list for each domain")
     else:
         wanted = dict.fromkeys(graphs, choice)
     trees = {}

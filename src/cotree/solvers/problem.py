@@ -52,8 +52,8 @@ class Problem:
     breakpoints : tuple of float
         Times where the right-hand side jumps or has a kink, [s]; integration restarts there, so
         no pulse between two of them is stepped over. Those outside the span are ignored.
-    names : tuple of str
-        Names of the states, for messages; empty for none.
+    names, parameters : tuple of str
+        Names of the states and of the parameters of sensitivity, for messages; empty for none.
     time_limit : float or None
         Budget of wall-clock time, [s].
     max_steps : int or None
@@ -72,6 +72,7 @@ class Problem:
     error_test_sensitivities: bool = True
     breakpoints: tuple[float, ...] = ()
     names: tuple[str, ...] = ()
+    parameters: tuple[str, ...] = ()
     time_limit: float | None = None
     max_steps: int | None = None
 
@@ -90,7 +91,10 @@ def describe_entry(problem: Problem, index: int) -> str:
     """Name one entry of z in the user's words."""
     block, state = divmod(index, problem.n_states)
     name = f"'{problem.names[state]}'" if problem.names else f"state {state}"
-    return name if block == 0 else f"the sensitivity of {name} to parameter {block - 1}"
+    if block == 0:
+        return name
+    by = f"'{problem.parameters[block - 1]}'" if problem.parameters else f"parameter {block - 1}"
+    return f"the sensitivity of {name} to {by}"
 
 
 def check_problem(problem: Problem) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +19,7 @@ from cotree.solvers.result import Result
 from cotree.solvers.select import integrate
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
     from cotree.model.model import CompiledModel
     from cotree.solvers.problem import FloatArray
@@ -45,7 +46,6 @@ class Settings:
 def simulate(
     model: CompiledModel,
     settings: Settings,
-    breakpoints: tuple[float, ...],
     units: Mapping[str, str],
 ) -> Result:
     """Integrate a model.
@@ -56,8 +56,6 @@ def simulate(
         The model.
     settings : Settings
         How to run.
-    breakpoints : tuple of float
-        Times where the scene's own inputs have kinks.
     units : mapping of str to str
         Unit of each state, output and input.
 
@@ -70,6 +68,7 @@ def simulate(
         integration fails.
     """
     start = time.perf_counter()
+    _check_settings(settings)
     p = model.parameter_array(settings.parameters)
     values = dict(zip(model.parameters, p.tolist(), strict=True))
     signals = read_signals(settings.inputs, model.inputs, values)
@@ -83,12 +82,13 @@ def simulate(
         n_sensitivities=len(model.sensitivities),
         z0=_start(model, p, settings.initial),
         t_span=_span(settings.t_span),
-        t_eval=None if settings.t_eval is None else np.array(settings.t_eval, dtype=float),
-        rtol=settings.rtol,
-        atol=settings.atol,
+        t_eval=_times(settings.t_eval),
+        rtol=check_number(settings.rtol, "rtol"),
+        atol=check_number(settings.atol, "atol"),
         error_test_sensitivities=settings.error_test_sensitivities,
-        breakpoints=(*breakpoints, *signals.breakpoints),
+        breakpoints=(*_own_kinks(model, settings.inputs), *signals.breakpoints),
         names=model.states,
+        parameters=model.sensitivities,
         max_steps=settings.max_steps,
         time_limit=settings.time_limit,
     )
@@ -121,6 +121,33 @@ def simulate(
         statistics=trajectory.statistics,
         times={"integrate": time.perf_counter() - start},
     )
+
+
+def _own_kinks(model: CompiledModel, inputs: Mapping[str, Any]) -> list[float]:
+    """List the times where the scene's own inputs, as far as they stay, have kinks."""
+    kinks = zip(model.inputs, model.layout.breakpoints, strict=True)
+    return [at for name, times in kinks if name not in inputs for at in times]
+
+
+def _check_settings(settings: Settings) -> None:
+    """Refuse settings of the wrong kind, by name."""
+    if not isinstance(settings.method, str):
+        raise SolveError(f"method is {settings.method!r}: give a name in quotes")
+    for name in ("parameters", "initial", "inputs"):
+        if not isinstance(getattr(settings, name), Mapping):
+            raise ParameterError(f"{name} must be a mapping of names to values")
+    for name in ("max_steps", "time_limit"):
+        if getattr(settings, name) is not None:
+            check_number(getattr(settings, name), name)
+
+
+def _times(t_eval: Any) -> FloatArray | None:
+    if t_eval is None:
+        return None
+    try:
+        return np.array(t_eval, dtype=float)
+    except (TypeError, ValueError):
+        raise SolveError("t_eval must be a sequence of numbers") from None
 
 
 def _check_method(method: str, signals: Signals) -> None:

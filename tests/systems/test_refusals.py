@@ -1,0 +1,90 @@
+"""What cannot work is refused by name, before or in place of a wrong number."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import cotree
+from cotree.errors import Error, ParameterError, SceneError
+
+
+def pendulum(**fields):
+    scene = cotree.Scene("pendulum", gravity=[0, -9.81, 0])
+    scene.parameter("c", 1.0)
+    scene.input("tau", 0.0)
+    scene.edge("h", "revolute", "ground", "A", axis=[0, 0, 1], torque="tau", **fields)
+    scene.edge("r", "arm", "A", "B", vector=[1.0, 0, 0])
+    scene.edge("b", "rigid_body", "ground", "B", mass=1.0)
+    return scene
+
+
+def test_a_line_between_coinciding_nodes():
+    scene = pendulum()
+    scene.edge("k", "spring", "ground", "A", stiffness=1.0)
+    with pytest.raises(ParameterError, match="nodes of edge 'k' coincide"):
+        scene.compile()
+
+
+def test_an_axis_that_parameters_take_the_direction_from():
+    scene = cotree.Scene("slide")
+    scene.parameter("c", 0.0)
+    scene.edge("p", "prismatic", "ground", "A", axis=["c", 0, 0])
+    scene.edge("b", "rigid_body", "ground", "A", mass=1.0)
+    with pytest.raises(ParameterError, match="axis of edge 'p' is 0"):
+        scene.compile()
+
+
+def test_an_input_that_is_undefined_fails_as_a_value():
+    model = pendulum().compile()
+    with pytest.warns(RuntimeWarning):
+        result = model.simulate((0, 1), inputs={"tau": "log(t - 1)"}, method="DOP853")
+    assert not result.success
+
+
+@pytest.mark.parametrize("name", ["t", "tau"])
+def test_output_names_that_a_table_needs_for_something_else(name):
+    with pytest.raises(SceneError, match=f"'{name}'"):
+        pendulum().output(name, "h.theta")
+
+
+def test_a_result_without_anything_to_plot():
+    scene = cotree.Scene("weld")
+    scene.edge("w", "weld", "ground", "A")
+    with pytest.raises(SceneError, match="neither states nor outputs"):
+        scene.compile().simulate((0, 1)).plot()
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"t_eval": ["a"]},
+        {"rtol": "x"},
+        {"method": 3},
+        {"max_steps": "a"},
+        {"parameters": [1]},
+        {"inputs": 3},
+    ],
+    ids=str,
+)
+def test_settings_of_the_wrong_kind(settings):
+    model = pendulum().compile()
+    with pytest.raises(Error):
+        model.simulate((0, 1), **settings)
+
+
+@pytest.mark.parametrize("arguments", [{"sensitivities": [3]}, {"tree": 5}], ids=str)
+def test_arguments_of_compile_of_the_wrong_kind(arguments):
+    with pytest.raises(Error):
+        pendulum().compile(**arguments)
+
+
+def test_numpy_values_are_taken_as_numbers_and_lists():
+    scene = cotree.Scene("numpy", gravity=np.array([0, -9.81, 0]))
+    scene.input("tau", np.float32(0.5))
+    scene.edge("h", "revolute", "ground", "A", axis=np.array([0, 0, 1]), torque="tau")
+    scene.edge("r", "arm", "A", "B", vector=np.array([1.0, 0, 0]))
+    scene.edge("b", "rigid_body", "ground", "B", mass=np.int64(1), inertia=np.eye(3))
+    model = scene.compile()
+    # (m L^2 + J) theta'' = tau - m g L cos(theta)
+    assert model.rhs(0.0, model.initial_state)[1] == pytest.approx((0.5 - 9.81) / 2.0, rel=1e-15)
