@@ -88,3 +88,22 @@ def test_numpy_values_are_taken_as_numbers_and_lists():
     model = scene.compile()
     # (m L^2 + J) theta'' = tau - m g L cos(theta)
     assert model.rhs(0.0, model.initial_state)[1] == pytest.approx((0.5 - 9.81) / 2.0, rel=1e-15)
+
+
+def test_an_inertia_that_no_body_has():
+    scene = pendulum()
+    tensor = [[1, 5, 0], [5, 1, 0], [0, 0, 1]]
+    scene.edge("b2", "rigid_body", "ground", "B", mass=1.0, inertia=tensor)
+    with pytest.raises(ParameterError, match="minor of rows 1 and 2 of inertia of edge 'b2'"):
+        scene.compile()
+
+
+def test_the_inertia_of_a_thin_rod_in_oblique_axes():
+    """Its minors are zero but for rounding: accepted."""
+    direction = np.array([0.3, 0.5, 0.81])
+    direction /= np.linalg.norm(direction)
+    scene = pendulum()
+    tensor = np.eye(3) - np.outer(direction, direction)
+    tensor = (tensor + tensor.T) / 2.0
+    scene.edge("b2", "rigid_body", "ground", "B", mass=1.0, inertia=tensor)
+    assert scene.compile().states

@@ -278,13 +278,22 @@ def _guards(edge: Edge, bound: BoundEdge) -> list[Guard]:
         if row.sign and row.name in bound.scalars:
             found.append(Guard(bound.scalars[row.name], what, is_strict))
         elif row.sign and row.name == "inertia" and bound.inertia is not None:
-            found += [
-                Guard(bound.inertia[i][i], f"entry {i + 1} of {what}", is_strict) for i in range(3)
-            ]
+            found += _inertia_guards(bound.inertia, what, is_strict)
     for guard in found:
         if guard.value.value is not None:
             guard.check(guard.value.value)
     return [guard for guard in found if guard.value.value is None]
+
+
+def _inertia_guards(tensor: Matrix, what: str, is_strict: bool) -> list[Guard]:
+    """Ask for what a real body's inertia satisfies: its diagonal, and its minors of two rows."""
+    found = [Guard(tensor[i][i], f"entry {i + 1} of {what}", is_strict) for i in range(3)]
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        if not tensor[i][j].is_zero:
+            # A thin rod makes this zero; the factor leaves room for its rounding.
+            minor = (1.0 + 1e-12) * (tensor[i][i] * tensor[j][j]) - tensor[i][j] * tensor[i][j]
+            found.append(Guard(minor, f"minor of rows {i + 1} and {j + 1} of {what}", False))
+    return found
 
 
 def bodies(system: System) -> list[BoundEdge]:
