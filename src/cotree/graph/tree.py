@@ -92,8 +92,6 @@ def select_tree(graph: LinearGraph, weights: Mapping[str, float]) -> Tree:
         If a weight is given for an unknown edge, or the edges that may be branches do not reach
         every node.
     """
-    import networkx
-
     for name in weights:
         graph.edge(name)
     candidates = [name for name in graph.edge_names if math.isfinite(weights.get(name, math.inf))]
@@ -103,14 +101,14 @@ def select_tree(graph: LinearGraph, weights: Mapping[str, float]) -> Tree:
         "edges that may be branches",
         f"connect {{them}} to '{graph.reference}' by one (in mechanics a joint, an arm or a body)",
     )
-    undirected = networkx.MultiGraph()
-    # The rank in place of the weight: no two are equal, so the tree does not depend on the order in
-    # which networkx visits the edges.
-    for rank, name in enumerate(sorted(candidates, key=lambda name: weights[name])):
-        edge = graph.edge(name)
-        undirected.add_edge(edge.tail, edge.head, key=name, rank=rank)
-    chosen = networkx.minimum_spanning_edges(undirected, weight="rank", keys=True, data=False)
-    return _tree_of(graph, {name for _, _, name in chosen})
+    # Kruskal's way: the lightest edge that joins two parts, first in edge order among equals.
+    parts = _Parts(graph.nodes)
+    chosen = {
+        name
+        for name in sorted(candidates, key=lambda name: weights[name])
+        if parts.join(graph.edge(name).tail, graph.edge(name).head)
+    }
+    return _tree_of(graph, chosen)
 
 
 def named_tree(graph: LinearGraph, names: Iterable[str]) -> Tree:
@@ -134,9 +132,7 @@ def named_tree(graph: LinearGraph, names: Iterable[str]) -> Tree:
         If a name is unknown or occurs twice, the edges contain a circuit, or they do not reach
         every node.
     """
-    from networkx.utils import UnionFind
-
-    groups = UnionFind(graph.nodes)
+    parts = _Parts(graph.nodes)
     branches: set[str] = set()
     for name in names:
         edge = graph.edge(name)
@@ -144,18 +140,36 @@ def named_tree(graph: LinearGraph, names: Iterable[str]) -> Tree:
             raise TopologyError(
                 f"the tree of the {graph.domain} graph names edge '{name}' twice; name it once"
             )
-        if groups[edge.tail] == groups[edge.head]:
+        if not parts.join(edge.tail, edge.head):
             circuit = [*_path(graph, branches, edge.tail, edge.head), name]
             raise TopologyError(
                 f"the tree of the {graph.domain} graph contains a circuit of the edges "
                 f"{listed(circuit)}; leave one of them out"
             )
-        groups.union(edge.tail, edge.head)
         branches.add(name)
     check_spanned(
         graph, branches, "the tree's edges", "add an edge to the tree that reaches {them}"
     )
     return _tree_of(graph, branches)
+
+
+class _Parts:
+    """The connected parts of a growing forest."""
+
+    def __init__(self, nodes: Iterable[str]) -> None:
+        self._above = {node: node for node in nodes}
+
+    def join(self, a: str, b: str) -> bool:
+        """Join the parts of two nodes; False if they are in one part already."""
+        top, other = self._top(a), self._top(b)
+        self._above[other] = top
+        return top != other
+
+    def _top(self, node: str) -> str:
+        above = self._above
+        while above[node] != node:
+            above[node] = node = above[above[node]]  # halves the path for the next search
+        return node
 
 
 def _tree_of(graph: LinearGraph, branches: set[str]) -> Tree:
