@@ -151,7 +151,7 @@ def _load(
             "pip install ziglang"
         )
         warnings.warn(
-            f"{reason}: the model is evaluated in Python, which is a hundred times slower",
+            f"{reason}: the model is evaluated in Python, which is much slower",
             RuntimeWarning,
             stacklevel=4,  # whoever asked for the model
         )
