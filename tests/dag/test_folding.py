@@ -11,21 +11,6 @@ from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag
 
 
-@pytest.fixture
-def dag() -> Dag:
-    return Dag()
-
-
-@pytest.fixture
-def x(dag):
-    return dag.symbol("x", 0)
-
-
-@pytest.fixture
-def y(dag):
-    return dag.symbol("x", 1)
-
-
 def test_neutral_and_absorbing_constants(dag, x):
     assert x * 0.0 is dag.zero
     assert 0.0 * x is dag.zero

@@ -6,24 +6,8 @@ import numpy as np
 import pytest
 
 from cotree.dag.evaluate import evaluate
-from cotree.dag.nodes import Dag
 from cotree.dag.several import Function, Table, call, solve, solve_pivoted, table
 from cotree.dag.traverse import dependent, reachable, substitute, symbols_in
-
-
-@pytest.fixture
-def dag() -> Dag:
-    return Dag()
-
-
-@pytest.fixture
-def x(dag):
-    return dag.symbol("x", 0)
-
-
-@pytest.fixture
-def y(dag):
-    return dag.symbol("x", 1)
 
 
 def test_reachable_lists_arguments_first(dag, x, y):

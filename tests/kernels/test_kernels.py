@@ -12,7 +12,7 @@ from eq8 import HAND_WRITTEN
 from cotree.dag.derivative import tangents
 from cotree.dag.evaluate import evaluate
 from cotree.dag.traverse import symbols_in
-from cotree.model.kernels import CKernels, PythonKernels, result_sizes
+from cotree.model.kernels import CKernels, PythonKernels
 
 pytestmark = pytest.mark.compiler
 
@@ -185,6 +185,22 @@ def test_state_graphs_equal_derivatives_of_the_assembled_program(lowered_of, sce
         dense = np.zeros(len(layout.states))
         dense[list(rows)] = evaluate(column, values)
         close(dense, evaluate(assembled, values))
+
+
+def result_sizes(layout):
+    """Give the number of results of each kernel but ``prepare``."""
+    n, m = len(layout.states), len(layout.sensitivities)
+    return {
+        "initial": n,
+        "initial_sensitivity": n * m,
+        "inputs": len(layout.inputs),
+        "rhs": n,
+        "jacobian": len(layout.row_indices),
+        "sensitivity_rhs": n * m,
+        "augmented_rhs": n * (1 + m) if m else 0,
+        "outputs": len(layout.outputs),
+        "output_sensitivity": len(layout.outputs) * m,
+    }
 
 
 @pytest.mark.parametrize("name", HAND_WRITTEN)

@@ -301,7 +301,7 @@ def list_scenes() -> None:
     from cotree.scene.toml_file import shipped_scenes
 
     for name in shipped_scenes():
-        typer.echo(load(name).summary().splitlines()[0])
+        typer.echo(load(name).headline)
 
 
 if __name__ == "__main__":

@@ -28,9 +28,8 @@ def run_report(scene: Scene, model: Model, result: Result) -> str:
     """
     work = result.statistics
     times = ", ".join(f"{stage} {seconds:.3f} s" for stage, seconds in result.times.items())
-    title = scene.summary().splitlines()[0]
     lines = [
-        f"{title}; {len(model.states)} states, kernels in {model.backend}",
+        f"{scene.headline}; {len(model.states)} states, kernels in {model.backend}",
         f"times: {times}{' (library from the cache)' if model.cached else ''}",
         f"{work.method}: {work.n_steps} steps, {work.nfev} evaluations, {work.njev} Jacobians",
     ]

@@ -149,13 +149,12 @@ def accelerate(motion: Motion, rates: Sequence[Node]) -> Accelerations:
         Accelerations of the coordinates, in their order.
     """
     system, frames = motion.system, motion.frames
-    place = {c.name: i for i, c in enumerate(system.coordinates)}
     alpha = [vector.zeros(system.dag)]
     matrix = [vector.angular_acceleration_matrix(alpha[0], alpha[0])]
     origin = [vector.neg(system.gravity)]
     for geometry in motion.geometry:
         branch = geometry.branch
-        own = [rates[place[c.name]] for c in branch.coordinates]
+        own = [rates[c.index] for c in branch.coordinates]
         speeds = [c.speed for c in branch.coordinates]
         with system.dag.labelled(f"f-circuits, acceleration of {branch.edge}"):
             spin = carrier_spin(motion, branch)

@@ -35,6 +35,8 @@ class Coordinate:
     ----------
     name : str
         ``edge.coordinate``.
+    index : int
+        Its place among the coordinates.
     edge : str
         The joint.
     freedom : Freedom
@@ -46,6 +48,7 @@ class Coordinate:
     """
 
     name: str
+    index: int
     edge: str
     freedom: Freedom
     position: Node
@@ -143,9 +146,8 @@ def bind(scene: SceneDescription, tree: Tree, dag: Dag) -> System:
     guards: list[Guard] = []
     for edge in scene.edges.values():
         with dag.labelled(f"parameters of {edge.name}"):
-            edges[edge.name] = _bind_edge(edge, dag, of_parameters, of_everything)
-            guards += _guards(edge, edges[edge.name])
-            guards += _axis_guards(edge, dag, of_parameters)
+            edges[edge.name], own = _bind_edge(edge, dag, of_parameters, of_everything)
+            guards += own
     return System(
         dag=dag,
         time=time,
@@ -193,6 +195,7 @@ def _coordinates(
     return tuple(
         Coordinate(
             f"{edge.name}.{freedom.name}",
+            i,
             edge.name,
             freedom,
             dag.symbol("x", i),
@@ -205,11 +208,15 @@ def _coordinates(
     )
 
 
-def _bind_edge(edge: Edge, dag: Dag, constant: Resolver, signal: Resolver) -> BoundEdge:
+def _bind_edge(
+    edge: Edge, dag: Dag, constant: Resolver, signal: Resolver
+) -> tuple[BoundEdge, list[Guard]]:
+    """Bind the fields of an edge, and say what their values must satisfy."""
+    guards: list[Guard] = []
     scalars: dict[str, Node] = {}
     vectors: dict[str, Vector] = {}
     inertia = None
-    axes = _axis_fields(edge)
+    axes = {freedom.axis for freedom in edge.component.motion_space} | {"axis"}
     for name, value in edge.fields.items():
         row = edge.component.field(name)
         assert row is not None  # the scene accepted only fields of its component
@@ -221,13 +228,13 @@ def _bind_edge(edge: Edge, dag: Dag, constant: Resolver, signal: Resolver) -> Bo
         else:
             vectors[name] = _lower_vector(value, dag, resolve)
             if name in axes:
-                vectors[name] = _unit(vectors[name], f"{name} of edge '{edge.name}'")
-    return BoundEdge(edge.name, edge.component, *edge.nodes, scalars, vectors, inertia)
-
-
-def _axis_fields(edge: Edge) -> set[str]:
-    """Name the fields that are directions."""
-    return {freedom.axis for freedom in edge.component.motion_space} | {"axis"}
+                where = f"{name} of edge '{edge.name}'"
+                square = vector.dot(vectors[name], vectors[name])
+                if square.value is None:  # parameters may take the direction away
+                    guards.append(Guard(square, f"the squared length of {where}", is_strict=True))
+                vectors[name] = _unit(vectors[name], square, where)
+    bound = BoundEdge(edge.name, edge.component, *edge.nodes, scalars, vectors, inertia)
+    return bound, [*guards, *_guards(edge, bound)]
 
 
 def _lower_vector(value: FieldValue, dag: Dag, resolve: Resolver) -> Vector:
@@ -247,28 +254,14 @@ def _inertia(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
     return (rows[0], rows[1], rows[2])
 
 
-def _unit(axis: Vector, where: str) -> Vector:
-    """Scale an axis to unit length; numbers fold."""
-    square = vector.dot(axis, axis)
+def _unit(axis: Vector, square: Node, where: str) -> Vector:
+    """Scale an axis of known squared length to unit length; numbers fold."""
     if square.is_zero:
         raise ParameterError(f"{where} has no direction: give a vector that is not zero")
     if square.value is not None and math.isclose(square.value, 1.0, rel_tol=1e-15):
         return axis
     length = square.dag.function("sqrt", square)
     return (axis[0] / length, axis[1] / length, axis[2] / length)
-
-
-def _axis_guards(edge: Edge, dag: Dag, resolve: Resolver) -> list[Guard]:
-    """Ask for a direction of every axis that parameters may take it from."""
-    found = []
-    for name in _axis_fields(edge):
-        if name in edge.fields:
-            given = _lower_vector(edge.fields[name], dag, resolve)
-            square = vector.dot(given, given)
-            if square.value is None:
-                what = f"the squared length of {name} of edge '{edge.name}'"
-                found.append(Guard(square, what, is_strict=True))
-    return found
 
 
 def _guards(edge: Edge, bound: BoundEdge) -> list[Guard]:

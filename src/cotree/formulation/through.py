@@ -214,8 +214,7 @@ def mass_matrix(motion: Motion, loads: Loads) -> list[list[Node]]:
         Symmetric, one row for each coordinate.
     """
     system = motion.system
-    place = {c.name: i for i, c in enumerate(system.coordinates)}
-    n = len(place)
+    n = len(system.coordinates)
     matrix = [[system.dag.zero] * n for _ in range(n)]
     composites = list(loads.inertias)
     for geometry in reversed(motion.geometry):
@@ -231,7 +230,7 @@ def mass_matrix(motion: Motion, loads: Loads) -> list[list[Node]]:
         with system.dag.labelled(f"mass matrix, column of {branch.edge}"):
             for i, coordinate in enumerate(branch.coordinates):
                 wrench = unit_wrench(composite, geometry.turning[i], geometry.shifting[i])
-                _project_column(motion, matrix, place, geometry, coordinate.name, wrench)
+                _project_column(motion, matrix, geometry, coordinate.index, wrench)
     return matrix
 
 
@@ -266,17 +265,16 @@ def unit_wrench(inertia: Inertia, turning: Vector, shifting: Vector) -> Wrench:
 def _project_column(
     motion: Motion,
     matrix: list[list[Node]],
-    place: dict[str, int],
     geometry: Geometry,
-    name: str,
+    column: int,
     wrench: Wrench,
 ) -> None:
     """Project a unit wrench on the motion spaces of all branches towards the ground."""
-    frames, column = motion.frames, place[name]
+    frames = motion.frames
     while True:
         branch = geometry.branch
         for i, coordinate in enumerate(branch.coordinates):
-            row = place[coordinate.name]
+            row = coordinate.index
             matrix[row][column] = matrix[column][row] = project(geometry, i, wrench)
         if branch.parent == 0:
             return

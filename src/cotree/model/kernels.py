@@ -17,6 +17,7 @@ from cotree.dag.evaluate import evaluate
 from cotree.dag.several import results
 from cotree.dag.traverse import reachable, symbols_in
 from cotree.errors import BuildError, SingularSystemError, SolveError
+from cotree.program.kernels import KERNELS
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
@@ -70,22 +71,6 @@ class Kernels(Protocol):
         ...
 
 
-def result_sizes(layout: Layout) -> dict[str, int]:
-    """Give the number of results of each kernel but ``prepare``."""
-    n, m = len(layout.states), len(layout.sensitivities)
-    return {
-        "initial": n,
-        "initial_sensitivity": n * m,
-        "inputs": len(layout.inputs),
-        "rhs": n,
-        "jacobian": len(layout.row_indices),
-        "sensitivity_rhs": n * m,
-        "augmented_rhs": n * (1 + m) if m else 0,
-        "outputs": len(layout.outputs),
-        "output_sensitivity": len(layout.outputs) * m,
-    }
-
-
 class CKernels:
     """Kernels of a loaded library, with every buffer and pointer bound once."""
 
@@ -111,10 +96,11 @@ class CKernels:
         self._prepared = (bound["p"], bound["k"])
         fields = {"inputs": "inputs_of_time", "outputs": "outputs_of_state"}
         self._calls: dict[str, tuple[Any, tuple[Any, ...], Array]] = {}
-        for name, size in result_sizes(layout).items():
-            result = np.zeros(size)
-            keys = _POINTERS[name]
-            arguments = (*(bound[key] for key in keys), pointer(result))
+        for name, spec in KERNELS.items():
+            if name == "prepare":
+                continue
+            result = np.zeros(len(program.kernels[name].results))
+            arguments = (*(bound[key] for key in spec.arguments if key != "t"), pointer(result))
             self._calls[name] = (getattr(model, fields.get(name, name)), arguments, result)
 
     def prepare(self, p: Array) -> None:
@@ -130,17 +116,11 @@ class CKernels:
         """Evaluate a kernel; see :class:`Kernels`."""
         function, arguments, result = self._calls[name]
         arrays = self._arrays
-        if name in _TIMED:
-            arrays["x"][:] = x
-            if u.size:
-                arrays["u"][:] = u
-            if s.size:
-                arrays["s"][:] = s
-            status = function(t, *arguments)
-        elif name == "inputs":
-            status = function(t, *arguments)
-        else:
-            status = function(*arguments)
+        for key, given in (("x", x), ("s", s), ("u", u)):
+            if given.size:
+                arrays[key][:] = given
+        is_timed = KERNELS[name].arguments[0] == "t"
+        status = function(t, *arguments) if is_timed else function(*arguments)
         if status:
             raise self._failure(status)
         return result
@@ -149,22 +129,6 @@ class CKernels:
         if status == SINGULAR:
             return _singular(self._layout)
         return SolveError(f"a kernel of the model failed with status {status}")
-
-
-_STATE = ("x", "u", "p", "k")
-_SENSITIVITY = ("x", "s", "u", "p", "k")
-_POINTERS: Mapping[str, tuple[str, ...]] = {
-    "initial": ("p", "k"),
-    "initial_sensitivity": ("p", "k"),
-    "inputs": ("p", "k"),
-    "rhs": _STATE,
-    "jacobian": _STATE,
-    "outputs": _STATE,
-    "sensitivity_rhs": _SENSITIVITY,
-    "augmented_rhs": _SENSITIVITY,
-    "output_sensitivity": _SENSITIVITY,
-}
-_TIMED = frozenset(name for name, keys in _POINTERS.items() if "x" in keys)
 
 
 def check_guards(guards: Sequence[Guard], p: Array) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -43,22 +44,22 @@ class CompiledModel:
         """Names, units and patterns."""
         return self._program.layout
 
-    @property
+    @cached_property
     def states(self) -> tuple[str, ...]:
         """Names of the states."""
         return tuple(row.name for row in self.layout.states)
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[str, ...]:
         """Names of the tunable parameters."""
         return tuple(row.name for row in self.layout.parameters)
 
-    @property
+    @cached_property
     def inputs(self) -> tuple[str, ...]:
         """Names of the inputs."""
         return tuple(row.name for row in self.layout.inputs)
 
-    @property
+    @cached_property
     def outputs(self) -> tuple[str, ...]:
         """Names of the outputs."""
         return tuple(row.name for row in self.layout.outputs)
@@ -105,11 +106,11 @@ class CompiledModel:
         pattern[self._rows, self._columns] = True
         return pattern
 
-    @property
+    @cached_property
     def _rows(self) -> npt.NDArray[np.intp]:
         return np.array(self.layout.row_indices, dtype=np.intp)
 
-    @property
+    @cached_property
     def _columns(self) -> npt.NDArray[np.intp]:
         starts = self.layout.column_starts
         counts = [end - start for start, end in itertools.pairwise(starts)]

@@ -11,7 +11,7 @@ from collections import Counter
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from cotree.dag.traverse import dependent
+from cotree.passes.stage import varying_values
 
 if TYPE_CHECKING:
     from cotree.dag.nodes import Node
@@ -29,9 +29,7 @@ def _rewrite(kernel: Kernel) -> Kernel:
     divisions = [n for n in order if n.op == "div" and n.args[0] is not n.dag.one]
     if not divisions:
         return kernel
-    varying = dependent(
-        order, [node for node in order if node.op == "symbol" and node.data[0] not in ("p", "k")]
-    )
+    varying = varying_values(order)
     times = Counter(node.args[1] for node in divisions)
     shared = {
         node

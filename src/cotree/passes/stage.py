@@ -13,6 +13,8 @@ from cotree.dag.several import SEVERAL
 from cotree.dag.traverse import dependent, reachable
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from cotree.dag.nodes import Node
     from cotree.program import Program
 
@@ -26,12 +28,15 @@ def stage_parameters(program: Program) -> Program:
     return replace(program, kernels=kernels)
 
 
+def varying_values(order: Sequence[Node]) -> set[Node]:
+    """Give what depends on more than parameters, among values in order of evaluation."""
+    return dependent(order, [n for n in order if n.op == "symbol" and n.data[0] != "p"])
+
+
 def _frontier(results: list[Node]) -> list[Node]:
     """List the values of parameters only that values of other things, or results, read."""
     order = reachable(results)
-    varying = dependent(
-        order, [node for node in order if node.op == "symbol" and node.data[0] != "p"]
-    )
+    varying = varying_values(order)
     read = {arg for node in order if node in varying for arg in node.args}
     read.update(results)
     return [

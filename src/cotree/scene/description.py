@@ -86,7 +86,7 @@ class SceneDescription:
         self.defaults = Simulation()
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__} {self.summary().splitlines()[0]}>"
+        return f"<{type(self).__name__} {self.headline}>"
 
     @property
     def nodes(self) -> tuple[str, ...]:
@@ -96,8 +96,9 @@ class SceneDescription:
             seen.update(dict.fromkeys(edge.nodes))
         return tuple(seen)
 
-    def summary(self) -> str:
-        """Describe the scene, one line an edge."""
+    @property
+    def headline(self) -> str:
+        """The scene in one line: its name and how much there is of what."""
         counts = {
             "node": len(self.nodes),
             "edge": len(self.edges),
@@ -106,7 +107,11 @@ class SceneDescription:
             "output": len(self.outputs),
         }
         shown = [f"{n} {noun}{'s' if n != 1 else ''}" for noun, n in counts.items() if n]
-        lines = [f"{self.name}: {', '.join(shown)}"]
+        return f"{self.name}: {', '.join(shown)}"
+
+    def summary(self) -> str:
+        """Describe the scene, one line an edge."""
+        lines = [self.headline]
         for edge in self.edges.values():
             first, second = edge.nodes
             lines.append(f"  {edge.name:12} {edge.component.name:12} {first} -> {second}")

@@ -278,7 +278,6 @@ def accelerate_tangent(
     """
     motion, seed = moved.motion, moved.seed
     system = motion.system
-    place = {c.name: i for i, c in enumerate(system.coordinates)}
     n = len(motion.omega)
     alpha: list[Vector | None] = [None] * n
     matrix: list[Matrix | None] = [None] * n
@@ -294,7 +293,7 @@ def accelerate_tangent(
                 origin[child] = motion.frames.down(child, origin[parent] or moved.zero)
             continue
         with system.dag.labelled(f"f-circuits, derivative of {branch.edge}"):
-            own_rates = [rates[place[c.name]] for c in branch.coordinates]
+            own_rates = [rates[c.index] for c in branch.coordinates]
             d_alpha = _turn_tangent(moved, geometry, own, own_rates, alpha[parent])
             alpha[child] = motion.frames.down(child, d_alpha)
             matrix[child] = vector.angular_acceleration_tangent(

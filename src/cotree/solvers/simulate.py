@@ -189,12 +189,13 @@ def _input_function(
     model: CompiledModel, p: FloatArray, signals: Signals
 ) -> Callable[[float], FloatArray | None]:
     """Give u as a function of time; None leaves it to the model."""
+    nothing = np.zeros(0)
     if not model.inputs:
-        nothing = np.zeros(0)
         return lambda t: nothing
     if not signals.by_position:
         return lambda t: None
-    return lambda t: signals.apply(t, model.input_values(t, p))
+    own = model.bound("inputs", p)
+    return lambda t: signals.apply(t, own(t, nothing, nothing, nothing).copy())
 
 
 def _rhs(
