@@ -68,7 +68,7 @@ def chain_stages(n: int) -> tuple[list[float], int, int]:
     """CPU seconds of formulation, generation and printing; operations; bytes."""
     scene, wanted = rod_chain(n)
     marks = [time.process_time()]
-    equations, _ = formulate(scene, wanted, None)
+    _, equations, _ = formulate(scene, wanted, None)
     marks.append(time.process_time())
     program, _ = generate(equations)
     marks.append(time.process_time())

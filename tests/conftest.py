@@ -94,7 +94,7 @@ def _equations(name: str, sensitivities: tuple[str, ...]) -> Equations:
     import cotree
     from cotree.pipeline import formulate
 
-    return formulate(cotree.load(name), sensitivities, None)[0]
+    return formulate(cotree.load(name), sensitivities, None)[1]
 
 
 @functools.cache

@@ -15,7 +15,7 @@ from cotree.pipeline import formulate, generate
 for name in ("slider-pendulum", "spring-mass-damper"):
     scene = cotree.load(name)
     for wanted in ([], list(scene.parameters), list(scene.parameters)[::-1]):
-        files = render_model(model_context(generate(formulate(scene, wanted, None)[0])[0]))
+        files = render_model(model_context(generate(formulate(scene, wanted, None)[1])[0]))
         for file, text in files.items():
             print(name, file, hashlib.sha256(text.encode()).hexdigest())
 """
@@ -44,7 +44,7 @@ def test_same_bytes_twice_in_one_process(scene_name):
     from cotree.pipeline import formulate, generate
 
     def text():
-        equations, _ = formulate(cotree.load(scene_name), ["k"], None)
+        _, equations, _ = formulate(cotree.load(scene_name), ["k"], None)
         return render_model(model_context(generate(equations)[0]))
 
     assert text() == text()

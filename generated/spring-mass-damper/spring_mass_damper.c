@@ -194,6 +194,7 @@ static const cotree_model model = {
     3,
     3,
     2,
+    0,
     state_quantities,
     parameter_quantities,
     NULL,
@@ -212,7 +213,15 @@ static const cotree_model model = {
     spring_mass_damper_augmented_rhs,
     spring_mass_damper_sensitivity_rhs,
     spring_mass_damper_outputs,
-    spring_mass_damper_output_sensitivity
+    spring_mass_damper_output_sensitivity,
+    NULL,
+    NULL,
+    NULL,
+    NULL,
+    NULL,
+    NULL,
+    NULL,
+    NULL
 };
 
 const cotree_model *spring_mass_damper_abi(void)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from cotree.api import Model, Scene, load
 from cotree.build import cache_directory, clear_cache
+from cotree.components import register_component
 from cotree.errors import (
     BuildError,
     CodegenError,
@@ -39,4 +40,5 @@ __all__ = [
     "cache_directory",
     "clear_cache",
     "load",
+    "register_component",
 ]

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cotree.build import BuildOptions
 from cotree.errors import ParameterError, SingularSystemError
-from cotree.model.model import CompiledModel
-from cotree.scene.description import SceneDescription
+from cotree.model.model import CompiledModel, as_array
+from cotree.scene.description import SceneDescription, check_number
 from cotree.scene.toml_file import load_scene
 from cotree.solvers.simulate import Settings, simulate
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from cotree.export.c_project import CProject
     from cotree.export.equations import SymbolicEquations
     from cotree.export.graph_report import GraphReport
+    from cotree.model.linearize import Linearization, Linearizer
     from cotree.pipeline import Compiled
     from cotree.scene.graphs import TreeChoice
     from cotree.solvers import Result
@@ -55,6 +57,7 @@ class Scene(SceneDescription):
         *,
         optimize: str = "auto",
         native: bool = False,
+        baumgarte: float = 0.0,
     ) -> Model:
         """Form the equations, generate C, compile and load it.
 
@@ -69,6 +72,9 @@ class Scene(SceneDescription):
             Compiler level, ``-O0`` to ``-O3``; ``auto`` goes by the size of the code.
         native : bool
             Use every instruction of this machine; the library then runs on no other.
+        baumgarte : float
+            Rate, [1/s], at which violated constraints decay. Zero, the default, leaves them to
+            projection, which holds them to rounding.
 
         Returns
         -------
@@ -87,8 +93,11 @@ class Scene(SceneDescription):
         from cotree.pipeline import compile_scene
 
         names = _names(sensitivities)
+        rate = check_number(baumgarte, "baumgarte")
+        if rate < 0.0:
+            raise ParameterError(f"baumgarte is {rate}: it must not be negative")
         options = BuildOptions(optimize=optimize, native=native)
-        model = Model(compile_scene(self, names, tree, options), self)
+        model = Model(compile_scene(self, names, tree, options, rate), self)
         model.check_start()
         for name in model.unreached:
             warnings.warn(
@@ -107,9 +116,12 @@ class Scene(SceneDescription):
             If a node is floating or the named edges are not a tree.
         """
         from cotree.export.graph_report import graph_report
-        from cotree.pipeline import draw_graphs
+        from cotree.pipeline import count_trees, draw_graphs
 
-        return graph_report(*draw_graphs(self, tree))
+        costs = count_trees(self)
+        if tree is None and costs:
+            tree = list(costs[0].branches)
+        return graph_report(*draw_graphs(self, tree), costs)
 
     def equations(
         self, sensitivities: Sequence[str] = (), tree: TreeChoice = None
@@ -125,7 +137,7 @@ class Scene(SceneDescription):
         from cotree.pipeline import formulate
 
         names = _names(sensitivities)
-        return symbolic_equations(formulate(self, names, tree)[0])
+        return symbolic_equations(formulate(self, names, tree)[1])
 
 
 def _names(sensitivities: Sequence[str] | None) -> list[str]:
@@ -190,7 +202,7 @@ class Model(CompiledModel):
         lines = [self._program.summary(), "formulations tried, by estimated operations:"]
         for row in self._compiled.alternatives:
             axes = ", ".join(map(str, row.own_axes)) or "none"
-            lines.append(f"  {row.n_operations:8}  clusters in their own axes: {axes}")
+            lines.append(f"  {row.summary()}; clusters in their own axes: {axes}")
         for report in self._compiled.reports:
             lines.append(f"pass {report.name}: operations of each kernel alone, before -> after")
             after = report.after
@@ -235,6 +247,7 @@ class Model(CompiledModel):
         max_steps: int | None = None,
         time_limit: float | None = None,
         throw: bool = False,
+        project: bool = True,
     ) -> Result:
         """Integrate states and sensitivities together.
 
@@ -262,6 +275,9 @@ class Model(CompiledModel):
             Budgets of steps and of seconds.
         throw : bool
             Raise SolveError where the integration fails; else it warns, and the result says so.
+        project : bool
+            Hold states and sensitivities to the constraints by projection; where false, drift
+            is left to the tolerances, or to ``baumgarte``.
 
         Returns
         -------
@@ -295,6 +311,7 @@ class Model(CompiledModel):
             max_steps=max_steps,
             time_limit=time_limit,
             throw=throw,
+            project=project,
         )
         units = {
             row.name: row.unit
@@ -304,6 +321,46 @@ class Model(CompiledModel):
         units |= {row.name: row.unit for row in self.layout.parameters}
         result = simulate(self, settings, units)
         return replace(result, times={**self.times, **result.times})
+
+    @cached_property
+    def _linearizer(self) -> Linearizer:
+        from cotree.model.linearize import Linearizer
+
+        return Linearizer(self._compiled.first)
+
+    def linearize(
+        self, t: float = 0.0, y: Any = None, p: Any = None, u: Any = None
+    ) -> Linearization:
+        """Linearise about a state: x' = A x + B u, y = C x + D u for small deviations.
+
+        Parameters
+        ----------
+        t : float
+            Time, [s].
+        y : array_like, shape (n_states,), optional
+            States; the consistent initial states where absent.
+        p, u : array_like, shapes (n_parameters,) and (n_inputs,), optional
+            Parameters and inputs; the scene's where absent.
+
+        Returns
+        -------
+        Linearization
+            ``A``, ``B``, ``C``, ``D`` with the names of states, inputs and outputs. The states of
+            a scene with constraints are not independent; A keeps deviations that satisfy the
+            constraints satisfying them.
+
+        Raises
+        ------
+        ParameterError
+            If an array has the wrong shape.
+        SingularSystemError
+            If the mass matrix is singular there.
+        """
+        p = self.default_parameters if p is None else as_array(p, (len(self.parameters),), "p")
+        self.check_parameters(p)
+        y = self.start(t, p).y if y is None else as_array(y, (len(self.states),), "the states")
+        u = self.input_values(t, p) if u is None else as_array(u, (len(self.inputs),), "inputs")
+        return self._linearizer.at(float(t), y, p, u)
 
     def write(self, directory: str | Path) -> CProject:
         """Write model, header, integrator and a main program that need no Python.

@@ -18,11 +18,12 @@ from typing import TYPE_CHECKING
 from cotree.build import BuildOptions, build_library, find_toolchain, load_library
 from cotree.codegen.context import model_context
 from cotree.codegen.render import cdef, render_model
+from cotree.errors import Error
 from cotree.model.kernels import CKernels, PythonKernels
 from cotree.passes.recipe import run_passes
 from cotree.program.lower import lower
 from cotree.program.strategy import choose_first_graph
-from cotree.scene.graphs import choose_trees, joint_tree, linear_graphs
+from cotree.scene.graphs import candidate_trees, choose_trees, joint_tree, linear_graphs
 from cotree.sensitivity.graphs import form_equations
 from cotree.version import ABI_VERSION
 
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
     from cotree.codegen.context import ModelContext
     from cotree.equations import Equations
+    from cotree.formulation.first_graph import FirstGraph
     from cotree.graph import LinearGraph, Tree
     from cotree.model.kernels import Kernels
     from cotree.passes.recipe import PassReport
@@ -62,6 +64,8 @@ class Compiled:
         Whether the library was compiled before.
     times : mapping of str to float
         Seconds for each stage: formulate, generate, compile.
+    first : FirstGraph
+        What the equations were made from.
     """
 
     program: Program
@@ -72,6 +76,7 @@ class Compiled:
     kernels: Kernels
     cached: bool
     times: Mapping[str, float]
+    first: FirstGraph
 
 
 def draw_graphs(
@@ -83,13 +88,45 @@ def draw_graphs(
 
 
 def formulate(
-    scene: SceneDescription, sensitivities: Sequence[str], tree: TreeChoice
-) -> tuple[Equations, tuple[Alternative, ...]]:
+    scene: SceneDescription,
+    sensitivities: Sequence[str],
+    tree: TreeChoice,
+    baumgarte: float = 0.0,
+) -> tuple[FirstGraph, Equations, tuple[Alternative, ...]]:
     """Form the governing and sensitivity equations of a scene."""
-    _, trees = draw_graphs(scene, tree)
     with _no_collection():
-        first, alternatives = choose_first_graph(scene, joint_tree(scene, trees), sensitivities)
-        return form_equations(first, sensitivities), alternatives
+        trees = trees_to_try(scene, tree)
+        first, alternatives = choose_first_graph(scene, trees, sensitivities, baumgarte)
+        return first, form_equations(first, sensitivities), alternatives
+
+
+def trees_to_try(scene: SceneDescription, tree: TreeChoice) -> list[Tree]:
+    """List the tree that is named, or those among which operations are counted."""
+    if tree is None:
+        return candidate_trees(scene)
+    return [joint_tree(scene, draw_graphs(scene, tree)[1])]
+
+
+def count_trees(scene: SceneDescription) -> tuple[Alternative, ...]:
+    """Count what the equations of each tree cost, the cheapest first; one line for each tree.
+
+    A scene that has no equations yet has none of it.
+
+    Raises
+    ------
+    TopologyError
+        If the scene has no edges, or a node is floating.
+    """
+    trees = candidate_trees(scene)
+    try:
+        with _no_collection():
+            _, alternatives = choose_first_graph(scene, trees, ())
+    except Error:
+        return ()
+    cheapest: dict[tuple[str, ...], Alternative] = {}
+    for row in alternatives:
+        cheapest.setdefault(row.branches, row)
+    return tuple(cheapest.values())
 
 
 def generate(equations: Equations) -> tuple[Program, tuple[PassReport, ...]]:
@@ -103,6 +140,7 @@ def compile_scene(
     sensitivities: Sequence[str],
     tree: TreeChoice,
     options: BuildOptions,
+    baumgarte: float = 0.0,
 ) -> Compiled:
     """Take a scene all the way to kernels that can be called.
 
@@ -116,6 +154,8 @@ def compile_scene(
         The branches; None chooses them.
     options : BuildOptions
         How to compile.
+    baumgarte : float
+        Rate, [1/s], at which violated constraints decay; zero leaves them to projection.
 
     Raises
     ------
@@ -123,7 +163,7 @@ def compile_scene(
         If a stage cannot do its work; the message says which edge, node or name is at fault.
     """
     marks = [time.perf_counter()]
-    equations, alternatives = formulate(scene, sensitivities, tree)
+    first, equations, alternatives = formulate(scene, sensitivities, tree, baumgarte)
     marks.append(time.perf_counter())
     program, reports = generate(equations)
     with _no_collection():
@@ -134,7 +174,7 @@ def compile_scene(
     marks.append(time.perf_counter())
     stages = ("formulate", "generate", "compile")
     times = {stage: marks[i + 1] - marks[i] for i, stage in enumerate(stages)}
-    return Compiled(program, reports, alternatives, context, files, kernels, cached, times)
+    return Compiled(program, reports, alternatives, context, files, kernels, cached, times, first)
 
 
 def _load(

@@ -75,7 +75,7 @@ def case(driver: Path, *arguments: object) -> list[str]:
 def write(
     folder: Path, scene: str, *sensitivities: str, parameters: dict[str, float] | None = None
 ) -> CProject:
-    equations, _ = formulate(load_scene(scene, SceneDescription), sensitivities, None)
+    _, equations, _ = formulate(load_scene(scene, SceneDescription), sensitivities, None)
     program, _ = generate(equations)
     values = [
         (parameters or {}).get(row.name, value)
@@ -173,7 +173,7 @@ def test_scene_with_input_and_without_parameters_or_outputs(compiler: str, tmp_p
     scene.edge("m", "rigid_body", "ground", "A", mass=2.0)
     scene.edge("F", "force", "ground", "A", force=["F", 0, 0])
     scene.edge("s", "prismatic", "ground", "A", axis=[1, 0, 0])
-    program, _ = generate(formulate(scene, (), None)[0])
+    program, _ = generate(formulate(scene, (), None)[1])
     project = write_c_project(program, tmp_path, t_end=3.0, rtol=1e-8, atol=1e-8)
     values = printed(run([build(project, compiler)], tmp_path))
     # s'' = t: the method is exact for it, up to 12 printed digits.
@@ -315,7 +315,7 @@ def test_a_short_pulse_of_an_input_table_is_not_stepped_over(compiler: str, tmp_
     scene.input("f", [[0.0, 5.0, 5.005, 5.01, 10.0], [0.0, 0.0, 200.0, 0.0, 0.0]])
     scene.edge("j", "prismatic", "ground", "A", axis=[1, 0, 0], force="f")
     scene.edge("b", "rigid_body", "ground", "A", mass=1.0)
-    program, _ = generate(formulate(scene, [], None)[0])
+    program, _ = generate(formulate(scene, [], None)[1])
     project = write_c_project(program, tmp_path, t_end=10.0, rtol=1e-8, atol=1e-10)
     sources = [path.name for path in project.files if path.suffix == ".c"]
     run([compiler, "-std=c99", "-O1", *STRICT, *SANITIZE, "-o", "pulse", *sources, "-lm"], tmp_path)

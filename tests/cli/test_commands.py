@@ -233,13 +233,22 @@ def test_equations_as_text_latex_and_steps(capsys: pytest.CaptureFixture[str]) -
     assert all(f"({number})" in text for number in range(1, 8))
 
 
-def test_steps_of_a_tree_with_a_body_end_with_the_terminal_equations(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_steps_of_a_tree_with_a_body_go_to_the_end(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["equations", "spring-mass-damper", "--steps", "--tree", "m"]) == 0
     text = capsys.readouterr().out
     assert "(4)" not in text  # there is no G2
-    assert "not available yet" in text
+    assert "G1, x: m*x_ddot + c*x_dot + k*(x - l0) - F0*sin(t*w) = 0" in text
+
+
+def test_steps_of_different_trees_end_with_the_terminal_equations(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    trees = ["--tree", "translation=m", "--tree", "rotation=s"]
+    assert main(["equations", "spring-mass-damper", "--steps", *trees]) == 0
+    text = capsys.readouterr().out
+    assert "(3)" in text
+    assert "(5)" not in text
+    assert "different trees" in text
 
 
 @pytest.mark.parametrize("scene", SCENES)

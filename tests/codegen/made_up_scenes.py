@@ -1,4 +1,4 @@
-"""Programs with what the shipped scenes lack: tables, branches, solve, call, hostile texts."""
+"""Programs with what the shipped scenes lack: tables, branches, loops, call, hostile texts."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import cotree
 from cotree.dag.nodes import Dag
-from cotree.dag.several import Function, Table, call, solve, table
+from cotree.dag.several import Function, SolveShape, Table, call, solve, table
 
 if TYPE_CHECKING:
     from cotree import Scene
@@ -60,13 +60,40 @@ def busy_scene() -> Scene:
     return scene
 
 
-def solve_case(n: int) -> tuple[Dag, list[Any]]:
-    """Give n unknowns and the rank of a system whose entries are parameters."""
+def closed_scene() -> Scene:
+    """Give two swings tied by a bar, all in a plane, beside a pendulum on a ball joint.
+
+    Three of the five constraints of the joint that closes the loop say nothing new, and what it
+    starts with is no state. The ball joint has a quaternion.
+    """
+    scene = cotree.Scene("closed", gravity=[0, 0, -9.81])
+    scene.parameter("m", 1.3)
+    scene.parameter("L", 0.7)
+    scene.edge("j1", "revolute", "ground", "A", axis=[0, 1, 0])
+    scene.edge("r1", "arm", "A", "B", vector=[0, 0, "-L"])
+    scene.edge("b1", "rigid_body", "ground", "A", mass="m", inertia=0.2)
+    scene.edge("r0", "arm", "ground", "G", vector=[0.5, 0, 0])
+    scene.edge("j2", "revolute", "G", "D", axis=[0, 1, 0])
+    scene.edge("r2", "arm", "D", "E", vector=[0, 0, "-L"])
+    scene.edge("b2", "rigid_body", "ground", "D", mass="m", inertia=0.1)
+    scene.edge("j3", "revolute", "B", "C", axis=[0, 1, 0])
+    scene.edge("r3", "arm", "C", "F", vector=[0.5, 0, 0])
+    scene.edge("b3", "rigid_body", "ground", "F", mass=0.4, inertia=0.05)
+    scene.edge("j4", "revolute", "E", "F", axis=[0, 1, 0], initial={"theta": 0.3})
+    scene.edge("ball", "spherical", "ground", "S")
+    scene.edge("r5", "arm", "S", "T", vector=[0, 0, "-2*L"])
+    scene.edge("b5", "rigid_body", "ground", "T", mass="m", inertia=[0.1, 0.2, 0.3])
+    scene.output("height", "F.z + T.z")
+    return scene
+
+
+def solve_case(n: int, shape: SolveShape | None = None) -> tuple[Dag, list[Any]]:
+    """Give n unknowns, the rank and whether it is accepted: a system of n^2 + n parameters."""
     dag = Dag()
     p = [dag.symbol("p", i) for i in range(n * n + n)]
     matrix = [p[n * i : n * (i + 1)] for i in range(n)]
     x = dag.symbol("x", 0)
-    return dag, list(solve(dag, matrix, [b * x for b in p[n * n :]]))
+    return dag, list(solve(dag, matrix, [b * x for b in p[n * n :]], shape=shape))
 
 
 def call_case() -> tuple[Dag, list[Any]]:

@@ -7,13 +7,15 @@ import subprocess
 
 import numpy as np
 import pytest
-from made_up_scenes import SWIRL_C, busy_scene, call_case, solve_case
+from made_up_scenes import SWIRL_C, busy_scene, call_case, closed_scene, solve_case
 
 from cotree.codegen.context import model_context
 from cotree.codegen.render import render_model
+from cotree.dag.several import SolveShape
 from cotree.equations import Guard
 from cotree.passes.recipe import run_passes
 from cotree.pipeline import formulate, generate
+from cotree.program import KERNELS
 
 pytestmark = pytest.mark.compiler
 
@@ -24,7 +26,12 @@ def _files(program):
 
 def _busy():
     scene = busy_scene()
-    return generate(formulate(scene, ["m", "a", "j3.theta"], None)[0])[0]
+    return generate(formulate(scene, ["m", "a", "j3.theta"], None)[1])[0]
+
+
+def _closed(sensitivities=("m", "L")):
+    branches = ["j1", "r1", "r0", "j2", "r2", "j3", "r3", "ball", "r5"]
+    return generate(formulate(closed_scene(), list(sensitivities), branches)[1])[0]
 
 
 @pytest.mark.parametrize("sensitivities", [[], ["k"], None])
@@ -38,6 +45,11 @@ def test_a_busy_scene_with_hostile_texts_is_clean(run_compiler):
     for piece in ("cotree_table(", "cotree_factorise(", " ? ", "(double)((", "sqrt(", "pow("):
         assert piece in text
     run_compiler(files, "-c")
+
+
+@pytest.mark.parametrize("sensitivities", [(), ("m", "L")])
+def test_a_scene_with_constraints_is_clean(run_compiler, sensitivities):
+    run_compiler(_files(_closed(sensitivities)), "-c")
 
 
 @pytest.mark.parametrize("is_staged", [False, True])
@@ -116,6 +128,7 @@ int main(void)
     failed |= show("augmented_rhs", m->augmented_rhs(0.7, x, s, u, p, k, dz), dz, ns ? n + ns : 0);
     failed |= show("outputs", m->outputs_of_state(0.7, x, u, p, k, y), y, ny);
     failed |= show("output_sensitivity", m->output_sensitivity(0.7, x, s, u, p, k, dy), dy, nys);
+%(optional)s
     for (i = 0; i < n; ++i) printf("# %%s %%s\n", m->states[i].name, m->states[i].unit);
     for (i = 0; i < m->n_guards; ++i) printf("# %%s\n", m->guards[i]);
     free(x); free(s); free(u); free(p); free(k); free(dx); free(ds); free(dz); free(values);
@@ -125,9 +138,25 @@ int main(void)
 """
 
 
-def _sanitized(files, prefix, run_compiler):
-    program = run_compiler(
-        {**files, "main.c": _MAIN % {"prefix": prefix}},
+def _call_optional(program):
+    """Write the calls of optional kernels: those without results have no pointer."""
+    lines = []
+    for name, kernel in program.kernels.items():
+        n, arguments = len(kernel.results), ", ".join(["0.7", *kernel.spec.arguments[1:], "r"])
+        if not kernel.spec.is_optional:
+            continue
+        lines += [f"    if (m->{name} {'==' if n else '!='} NULL) return 2;"]
+        if n:
+            call = f'failed |= show("{name}", m->{name}({arguments}), r, {n});'
+            lines += [f"    {{ double *r = array({n}); {call} free(r); }}"]
+    lines.append(f"    if (m->n_constraints != {len(program.layout.constraints)}) return 3;")
+    return "\n".join(lines)
+
+
+def _sanitized(program, prefix, run_compiler, extra=None):
+    main = _MAIN % {"prefix": prefix, "optional": _call_optional(program)}
+    path = run_compiler(
+        {**_files(program), **(extra or {}), "main.c": main},
         "-g",
         "-fsanitize=address,undefined",
         "-fno-sanitize-recover=all",
@@ -136,7 +165,7 @@ def _sanitized(files, prefix, run_compiler):
         "a.out",
     )
     done = subprocess.run(
-        [program],
+        [path],
         capture_output=True,
         text=True,
         check=False,
@@ -167,17 +196,37 @@ def _check_against_python(program, found):
 
 def test_shipped_scenes_run_clean_under_sanitizers(program_of, scene_name, run_compiler):
     program = program_of(scene_name)
-    found = _sanitized(_files(program), scene_name.replace("-", "_"), run_compiler)
+    found = _sanitized(program, scene_name.replace("-", "_"), run_compiler)
     _check_against_python(program, found)
 
 
 def test_a_busy_scene_runs_clean_under_sanitizers(run_compiler):
     program = _busy()
-    _check_against_python(program, _sanitized(_files(program), "double_", run_compiler))
+    _check_against_python(program, _sanitized(program, "double_", run_compiler))
 
 
 def test_calls_run_clean_under_sanitizers(made_up, run_compiler):
     dag, results = call_case()
     program = made_up(dag, outputs=results)
-    found = _sanitized({**_files(program), "swirl.c": SWIRL_C}, "made_up", run_compiler)
+    found = _sanitized(program, "made_up", run_compiler, {"swirl.c": SWIRL_C})
+    _check_against_python(program, found)
+
+
+@pytest.mark.parametrize("sensitivities", [(), ("m", "L")])
+def test_a_scene_with_constraints_runs_clean_under_sanitizers(run_compiler, sensitivities):
+    program = _closed(sensitivities)
+    found = _sanitized(program, "closed", run_compiler)
+    optional = {name for name, spec in KERNELS.items() if spec.is_optional}
+    of_sensitivities = {name for name in optional if "s" in KERNELS[name].arguments}
+    assert optional & set(found) == (optional if sensitivities else optional - of_sensitivities)
+    _check_against_python(program, found)
+
+
+@pytest.mark.parametrize("n", [1, 4])
+def test_redundant_systems_run_clean_under_sanitizers(made_up, run_compiler, n):
+    # All parameters of a made-up program are one: so is every entry, and the rank.
+    dag, results = solve_case(n, SolveShape(n, 0))
+    program = made_up(dag, n_parameters=n * n + n, outputs=results)
+    found = _sanitized(program, "made_up", run_compiler)
+    assert found["outputs"][n:].tolist() == [1.0, 1.0]
     _check_against_python(program, found)

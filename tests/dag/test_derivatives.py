@@ -10,7 +10,7 @@ from cotree.dag.derivative import PARTIALS, adjoints, tangent, tangents
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag
 from cotree.dag.operations import OPERATIONS
-from cotree.dag.several import Function, Table, call, solve, table
+from cotree.dag.several import Function, SolveShape, Table, call, solve, table
 
 #: Arguments of each operation, away from its kinks.
 POINTS = {
@@ -198,3 +198,44 @@ def test_reverse_accumulates_roots_that_repeat():
     x = dag.symbol("x", 0)
     (d,) = adjoints([x * x, x * x, x], [dag.one, dag.one, dag.one], [x])
     assert evaluate([d], {x: 3.0})[0] == 13.0
+
+
+def _redundant(dag, a):
+    """Give the determined unknowns of a saddle system whose third constraint repeats the others.
+
+    Its Jacobian keeps its rank for every ``a``, as that of a closed loop in a plane does.
+    """
+    mass = [[2.0 + a * a, 0.3 * a, dag.zero], [0.3 * a, dag.constant(1.5), a], [dag.zero, a, a + 4]]
+    first = [dag.one, a, dag.zero]
+    second = [dag.zero, dag.one, 2.0 * a]
+    third = [x + a * y for x, y in zip(first, second, strict=True)]
+    rows = [first, second, third]
+    zero = [dag.zero] * 3
+    matrix = [m + [row[i] for row in rows] for i, m in enumerate(mass)]
+    matrix += [row + zero for row in rows]
+    right = [dag.function("sin", a), dag.one, a * a, a, 0.5 * a, a + 0.5 * a * a]
+    return solve(dag, matrix, right, shape=SolveShape(6, 3)), matrix, right
+
+
+def test_redundant_systems_are_differentiated_by_both_ways():
+    dag = Dag()
+    a = dag.symbol("x", 0)
+    solution, matrix, right = _redundant(dag, a)
+    values = {a: 0.7}
+    assert evaluate(solution[6:], values) == [5.0, 1.0]
+
+    def by_pseudoinverse(at):
+        entries = evaluate([entry for row in matrix for entry in row], {a: at})
+        b = evaluate(right, {a: at})
+        return (np.linalg.pinv(np.array(entries).reshape(6, 6), rcond=1e-9) @ b)[:3]
+
+    # Central differences of step h, then Richardson's: error h^4, and rounding 1e-15 / h.
+    h = 1e-3
+    coarse, fine = (
+        (by_pseudoinverse(0.7 + step) - by_pseudoinverse(0.7 - step)) / (2.0 * step)
+        for step in (2.0 * h, h)
+    )
+    expected = (4.0 * fine - coarse) / 3.0
+    forward = evaluate(tangents(solution[:3], {a: dag.one}), values)
+    np.testing.assert_allclose(forward, expected, rtol=1e-9)
+    _check_dot_product(dag, list(solution[:3]), values, rel=1e-12)

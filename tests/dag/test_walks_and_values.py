@@ -100,33 +100,36 @@ def test_call(dag, x, y):
 def test_solve_pivoted_well_conditioned():
     rng = np.random.default_rng(3)
     a, x = rng.normal(size=(6, 6)), rng.normal(size=6)
-    solution, rank = solve_pivoted(a, a @ x)
-    assert rank == 6
+    solution, rank, is_determined = solve_pivoted(a, a @ x)
+    assert (rank, is_determined) == (6, True)
     # The condition number is about 20; each of 6 steps rounds.
     np.testing.assert_allclose(solution, x, rtol=1e-12)
 
 
 def test_solve_pivoted_needs_no_diagonal():
     a = np.array([[0.0, 0.0, 2.0], [3.0, 0.0, 0.0], [0.0, 4.0, 0.0]])
-    solution, rank = solve_pivoted(a, np.array([2.0, 6.0, 12.0]))
-    assert rank == 3
+    solution, rank, is_determined = solve_pivoted(a, np.array([2.0, 6.0, 12.0]))
+    assert (rank, is_determined) == (3, True)
     assert solution.tolist() == [2.0, 3.0, 1.0]
 
 
 def test_solve_pivoted_singular_and_consistent():
     a = np.array([[1.0, 2.0, 3.0], [2.0, 4.0, 6.0], [1.0, 0.0, 1.0]])
     b = a @ np.array([1.0, -2.0, 0.5])
-    solution, rank = solve_pivoted(a, b)
-    assert rank == 2
-    # Any solution will do: the residual rounds a few times at size 10.
+    solution, rank, is_determined = solve_pivoted(a, b)
+    assert (rank, is_determined) == (2, False)
+    # The residual rounds a few times at size 10.
     np.testing.assert_allclose(a @ solution, b, atol=1e-14)
+    # Both take the solution of least norm, (1.5, -1.5, 0); the condition number is about 10.
+    least = np.linalg.lstsq(a, b, rcond=1e-10)[0]
+    np.testing.assert_allclose(solution, least, rtol=1e-13, atol=1e-14)
 
 
 def test_solve_pivoted_of_zeros_and_of_complex_numbers():
-    solution, rank = solve_pivoted(np.zeros((2, 2)), np.zeros(2))
-    assert (solution.tolist(), rank) == ([0.0, 0.0], 0)
-    solution, rank = solve_pivoted(np.array([[2.0 + 1e-30j]]), np.array([4.0]))
-    assert rank == 1
+    solution, rank, is_determined = solve_pivoted(np.zeros((2, 2)), np.zeros(2))
+    assert (solution.tolist(), rank, is_determined) == ([0.0, 0.0], 0, False)
+    solution, rank, is_determined = solve_pivoted(np.array([[2.0 + 1e-30j]]), np.array([4.0]))
+    assert (rank, is_determined) == (1, True)
     assert solution[0].imag == pytest.approx(-1e-30, rel=1e-14)
 
 

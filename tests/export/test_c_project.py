@@ -36,7 +36,7 @@ NAMES = [
 
 @pytest.fixture(scope="module")
 def program() -> Program:
-    equations, _ = formulate(load_scene("spring-mass-damper", SceneDescription), ("k",), None)
+    _, equations, _ = formulate(load_scene("spring-mass-damper", SceneDescription), ("k",), None)
     return generate(equations)[0]
 
 

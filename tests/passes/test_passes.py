@@ -128,7 +128,7 @@ def test_constants_and_bare_parameters_are_not_prepared(made_up):
 def test_results_of_a_parameter_only_solve_are_prepared_one_by_one(made_up):
     dag = Dag()
     x, p = dag.symbol("x", 0), dag.symbol("p", 0)
-    unknown, _ = solve(dag, [[p]], [dag.one])
+    unknown, *_ = solve(dag, [[p]], [dag.one])
     program = stage_parameters(made_up(dag, rhs=[unknown * x]))
     assert program.kernels["prepare"].results == (unknown,)
     assert program.kernels["rhs"].operations.by_kind == {"mul": 1}

@@ -15,7 +15,7 @@ from cotree.pipeline import formulate, generate
 
 def to_c_text(n):
     scene, wanted = rod_chain(n)
-    equations, _ = formulate(scene, wanted, None)
+    _, equations, _ = formulate(scene, wanted, None)
     program, _ = generate(equations)
     return program, render_model(model_context(program))
 

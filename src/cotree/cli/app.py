@@ -235,20 +235,18 @@ def show_equations(
 
 def _steps(scene: Scene, sensitivities: Sequence[str], choice: TreeChoice) -> str:
     """Write the steps of the formulation, once for each sensitivity."""
-    from cotree.components import Role
     from cotree.export.steps import formulation_steps
-    from cotree.pipeline import draw_graphs
+    from cotree.pipeline import draw_graphs, trees_to_try
     from cotree.program.strategy import choose_first_graph
-    from cotree.scene.graphs import joint_tree
 
     graphs, trees = draw_graphs(scene, choice)
     branches = [set(tree.branches) for tree in trees.values()]
-    has_bodies = any(
-        scene.edges[name].component.role is Role.BODY for name in set().union(*branches)
-    )
     first = None
-    if not has_bodies and all(names == branches[0] for names in branches):
-        first = choose_first_graph(scene, joint_tree(scene, trees), sensitivities)[0]
+    if choice is None or all(names == branches[0] for names in branches):
+        first = choose_first_graph(scene, trees_to_try(scene, choice), sensitivities)[0]
+        if set(first.system.tree.branches) != branches[0]:
+            # Another tree costs less, and its equations are those that are shown elsewhere.
+            graphs, trees = draw_graphs(scene, list(first.system.tree.branches))
     names: list[str | None] = [*sensitivities] or [None]
     return "\n".join(formulation_steps(scene, graphs, trees, first, name) for name in names)
 

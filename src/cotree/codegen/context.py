@@ -48,7 +48,6 @@ class TableContext:
 class KernelContext:
     """One kernel."""
 
-    name: str
     signature: str
     prototype: str
     doc: str
@@ -77,6 +76,7 @@ class ModelContext:
     tables: list[TableContext]
     functions: list[str]
     kernels: list[KernelContext]
+    kernel_pointers: list[str]
     states: list[QuantityContext]
     parameters: list[QuantityContext]
     inputs: list[QuantityContext]
@@ -90,6 +90,7 @@ class ModelContext:
     n_prepared: int
     n_guards: int
     n_nonzeros: int
+    n_constraints: int
 
 
 def model_context(program: Program) -> ModelContext:
@@ -106,7 +107,8 @@ def model_context(program: Program) -> ModelContext:
     nodes += reachable([guard.value for guard in program.guards])  # prepare checks them
     tables = _name_tables(node.data for node in nodes if node.op == "table")
     functions = sorted({node.data.name for node in nodes if isinstance(node.data, Function)})
-    kernels = [_kernel_context(prefix, k, program, tables) for k in program.kernels.values()]
+    present = [k for k in program.kernels.values() if k.is_present]
+    kernels = [_kernel_context(prefix, k, program, tables) for k in present]
     lines = "\n".join(line for kernel in kernels for line in (kernel.signature, *kernel.lines))
     return ModelContext(
         title=layout.name,
@@ -127,6 +129,9 @@ def model_context(program: Program) -> ModelContext:
         ],
         functions=functions,
         kernels=kernels,
+        kernel_pointers=[
+            f"{prefix}_{k.spec.name}" if k in present else "NULL" for k in program.kernels.values()
+        ],
         states=[_quantity(row) for row in layout.states],
         parameters=[_quantity(row) for row in layout.parameters],
         inputs=[_quantity(row) for row in layout.inputs],
@@ -140,6 +145,7 @@ def model_context(program: Program) -> ModelContext:
         n_prepared=program.n_prepared,
         n_guards=len(program.guards),
         n_nonzeros=len(layout.row_indices),
+        n_constraints=len(layout.constraints),
     )
 
 
@@ -185,7 +191,6 @@ def _kernel_context(
         comparison = ">" if guard.is_strict else ">="
         lines.append(f"if (!({value} {comparison} 0.0)) return -{i + 1};")
     return KernelContext(
-        name=f"{prefix}_{spec.name}",
         signature=_signature("int", f"{prefix}_{spec.name}", kernel),
         prototype=_signature("COTREE_EXPORT int", f"{prefix}_{spec.name}", kernel),
         doc=spec.doc[0].upper() + spec.doc[1:],

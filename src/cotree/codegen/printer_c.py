@@ -7,7 +7,7 @@ evaluation. Comments name the group that a statement belongs to.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cotree.dag.operations import OPERATIONS
 from cotree.dag.several import SEVERAL
@@ -94,7 +94,7 @@ class _Printer:
         self._text: dict[Node, tuple[str, int]] = {}  # expression and its precedence
         self._number: dict[Node, int] = {}  # of the values that have a statement
         self._uses: dict[Node, int] = {}
-        self._factors: dict[tuple[Node, ...], str] = {}  # number of each factorised matrix
+        self._factors: dict[Any, str] = {}  # number of each factorised matrix
         self._section = ""
 
     def count_uses(self, roots: Sequence[Node], order: Sequence[Node]) -> None:
@@ -171,22 +171,26 @@ class _Printer:
 
     def _solve(self, node: Node) -> None:
         """Print a solution; a matrix that several solutions share is factorised once."""
-        n, name = node.data, self._declare(node)
+        n, name = node.data.size, self._declare(node)
         matrix, rhs, reference = node.args[: n * n], node.args[n * n : -1], node.args[-1]
-        if matrix not in self._factors:
-            self._factors[matrix] = number = name[1:]
+        key = (matrix, reference, node.data)
+        if key not in self._factors:
+            self._factors[key] = number = name[1:]
             self.lines += [
                 self._array(f"a{number}", matrix),
                 f"int r{number}[{n}], c{number}[{n}];",
                 f"const int rank{number} = cotree_factorise({n}, {self.operand(reference, 0)}, "
-                f"a{number}, r{number}, c{number});",
+                f"{literal(node.data.tolerance)}, a{number}, r{number}, c{number});",
+                f"const int accepted{number} = cotree_complete({n}, {node.data.n_determined}, "
+                f"rank{number}, a{number}, c{number});",
             ]
-        number = self._factors[matrix]
-        values = ", ".join([*(self.operand(arg, 0) for arg in rhs), f"(double)rank{number}"])
+        number = self._factors[key]
+        values = [self.operand(arg, 0) for arg in rhs]
+        values += [f"(double)rank{number}", f"(double)accepted{number}"]
         self.lines += [
-            f"double {name}[{n + 1}] = {{{values}}};",
+            f"double {name}[{n + 2}] = {{{', '.join(values)}}};",
             f"cotree_substitute({n}, rank{number}, a{number}, r{number}, c{number}, {name});",
-            f"if (rank{number} < {n}) status = COTREE_SINGULAR;",
+            f"if (!accepted{number}) status = COTREE_SINGULAR;",
         ]
         self.uses_status = True
 

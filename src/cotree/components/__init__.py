@@ -2,13 +2,77 @@
 
 from __future__ import annotations
 
-from cotree.components import forces, joints, rigid_body
-from cotree.components.component import Component, Field, Freedom, Role, Shape
+from typing import TYPE_CHECKING, Any
+
+from cotree.components import constraints, forces, joints, rigid_body
+from cotree.components.component import (
+    Acts,
+    Component,
+    Field,
+    Freedom,
+    FreeRotation,
+    MotionStep,
+    Role,
+    Shape,
+)
 from cotree.components.law import Law
+from cotree.components.register import make_component
+from cotree.errors import SceneError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
 
 #: Every component type, by the name that scenes use.
 COMPONENTS: dict[str, Component] = {
-    row.name: row for family in (rigid_body, joints, forces) for row in family.COMPONENTS
+    row.name: row
+    for family in (rigid_body, joints, constraints, forces)
+    for row in family.COMPONENTS
 }
 
-__all__ = ["COMPONENTS", "Component", "Field", "Freedom", "Law", "Role", "Shape"]
+
+def register_component(
+    name: str,
+    law: Callable[..., Any],
+    *,
+    along: str = "line",
+    units: Mapping[str, str] | None = None,
+    doc: str = "",
+) -> Component:
+    """Register a force element with a law of your own, for every scene made afterwards.
+
+    Its sensitivity terminal equations come from the law; parameters as in
+    :func:`cotree.components.register.make_component`.
+
+    Raises
+    ------
+    SceneError
+        If the name is taken by a component that cotree comes with, or the law is not accepted.
+
+    Examples
+    --------
+    >>> drag = register_component("air_drag", lambda speed, c: -c * speed**2, along="velocity")
+    >>> [field.name for field in drag.fields]
+    ['c']
+    """
+    if name in _OWN:
+        raise SceneError(f"the component '{name}' comes with cotree: choose another name")
+    made = make_component(name, law, along=along, units=units, doc=doc)
+    COMPONENTS[name] = made
+    return made
+
+
+_OWN = frozenset(COMPONENTS)
+
+__all__ = [
+    "COMPONENTS",
+    "Acts",
+    "Component",
+    "Field",
+    "FreeRotation",
+    "Freedom",
+    "Law",
+    "MotionStep",
+    "Role",
+    "Shape",
+    "register_component",
+]

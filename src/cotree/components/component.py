@@ -19,6 +19,16 @@ class Role(Enum):
     LINE = "line"  # a force along an axis or along the line of its nodes
     FORCE = "force"  # a given force vector
     TORQUE = "torque"  # a given torque vector
+    BUSHING = "bushing"  # forces and torques along and about three axes
+    LAW = "law"  # a force by a law that a user wrote
+    CONSTRAINT = "constraint"  # an across variable that is held
+
+
+class Acts(Enum):
+    """Along what a user's law acts."""
+
+    LINE = "line"  # the line of the nodes, or an axis that the first carries
+    VELOCITY = "velocity"  # the velocity of the second node against the first
 
 
 class Shape(Enum):
@@ -26,6 +36,8 @@ class Shape(Enum):
 
     SCALAR = "scalar"
     VECTOR = "vector"  # three components
+    EXPRESSION = "expression"  # an expression of across variables, kept as it is written
+    ROTATION = "rotation"  # roll, pitch and yaw about fixed axes, or a matrix of three rows
     INERTIA = "inertia"  # a scalar, three principal values, or a symmetric 3 by 3 tensor
 
 
@@ -46,6 +58,8 @@ class Field:
     constant : bool
         Whether it may depend on parameters only. Otherwise time, inputs and coordinates are
         allowed too.
+    timed : bool
+        Whether it may depend on parameters and time.
     sign : {'', 'nonnegative', 'positive'}
         What its value must be.
     """
@@ -58,6 +72,7 @@ class Field:
     required: bool = False
     constant: bool = True
     sign: str = ""
+    timed: bool = False
 
 
 @dataclass(frozen=True)
@@ -67,20 +82,58 @@ class Freedom:
     Attributes
     ----------
     name : str
-        Name of the coordinate; its rate is called ``<name>_dot``.
+        Name of the coordinate.
     unit : str
         Unit of the coordinate.
     rotates : bool
         True for a rotation about the axis, false for a translation along it.
     axis : str
-        The field that holds the axis. It is fixed in the frame that the freedoms before it in the
-        motion space have moved, which is parallel to the first node's where they are zero.
+        The field that holds the axis, or ``x``, ``y``, ``z``. It is fixed in the frame that the
+        freedoms before it in the motion space have moved, which is parallel to the first node's
+        where they are zero.
+    rate : str
+        Name of the coordinate's rate; ``<name>_dot`` where empty.
+    pitch : str
+        Of a screw: the field that holds how far it moves along the axis for each radian.
     """
 
     name: str
     unit: str
     rotates: bool
     axis: str
+    rate: str = ""
+    pitch: str = ""
+
+    @property
+    def coordinates(self) -> tuple[tuple[str, str], ...]:
+        """Name and unit of the coordinate."""
+        return ((self.name, self.unit),)
+
+    @property
+    def rates(self) -> tuple[tuple[str, str], ...]:
+        """Name and unit of its rate."""
+        return ((self.rate or f"{self.name}_dot", f"{self.unit}/s"),)
+
+
+@dataclass(frozen=True)
+class FreeRotation:
+    """Every rotation: a quaternion, with the angular velocity in the second node's axes."""
+
+    coordinates: tuple[tuple[str, str], ...] = (("q0", ""), ("q1", ""), ("q2", ""), ("q3", ""))
+    rates: tuple[tuple[str, str], ...] = (("w1", "rad/s"), ("w2", "rad/s"), ("w3", "rad/s"))
+    rotates: bool = True
+
+
+#: One step of a motion space: its directions follow one another from the first node out.
+MotionStep = Freedom | FreeRotation
+
+
+@dataclass(frozen=True)
+class Plane:
+    """What keeps an edge within a plane: which fields lie along its normal, and which within."""
+
+    along: tuple[str, ...] = ()
+    within: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -99,10 +152,14 @@ class Component:
         What a scene may say of it.
     domains : tuple of str
         The graphs that it has an edge in.
-    motion_space : tuple of Freedom
+    motion_space : tuple of MotionStep
         Of a joint; empty otherwise.
     law : Law or None
         Of a force element, or of what acts along a joint's coordinate.
+    keeps_plane : Plane or None
+        When the edge keeps its nodes within a plane; None for those that never do.
+    acts : Acts
+        Along what a user's law acts.
     """
 
     name: str
@@ -110,8 +167,15 @@ class Component:
     doc: str
     fields: tuple[Field, ...] = ()
     domains: tuple[str, ...] = ("translation", "rotation")
-    motion_space: tuple[Freedom, ...] = ()
+    motion_space: tuple[MotionStep, ...] = ()
     law: Law | None = None
+    keeps_plane: Plane | None = None
+    acts: Acts = Acts.LINE
+
+    @property
+    def n_freedoms(self) -> int:
+        """Dimension of the motion space."""
+        return sum(len(step.rates) for step in self.motion_space)
 
     @property
     def tree_weight(self) -> float | None:
@@ -119,7 +183,7 @@ class Component:
         if self.role is Role.ARM:
             return 0.0
         if self.role is Role.JOINT:
-            return float(len(self.motion_space))
+            return float(self.n_freedoms)
         if self.role is Role.BODY:
             return 6.0
         return None

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from cotree.components.component import Component, Field, Role, Shape
+from cotree.components.component import Component, Field, Plane, Role, Shape
 from cotree.components.law import Law
 
 _AXIS = Field(
@@ -40,6 +40,7 @@ SPRING = Component(
     ),
     domains=("translation",),
     law=Law(_spring),
+    keeps_plane=Plane(within=("axis",)),
 )
 
 DAMPER = Component(
@@ -49,6 +50,7 @@ DAMPER = Component(
     fields=(_AXIS, _signal("damping", "N s/m", "force per rate of length")),
     domains=("translation",),
     law=Law(_damper),
+    keeps_plane=Plane(within=("axis",)),
 )
 
 FORCE = Component(
@@ -66,6 +68,7 @@ FORCE = Component(
         ),
     ),
     domains=("translation",),
+    keeps_plane=Plane(within=("force",)),
 )
 
 TORQUE = Component(
@@ -83,6 +86,42 @@ TORQUE = Component(
         ),
     ),
     domains=("rotation",),
+    keeps_plane=Plane(along=("torque",)),
 )
 
-COMPONENTS = (SPRING, DAMPER, FORCE, TORQUE)
+LINE_FORCE = Component(
+    "line_force",
+    Role.LAW,
+    "force along the line of its nodes, or an axis, by an expression of length and rate",
+    fields=(
+        _AXIS,
+        Field(
+            "force",
+            "N",
+            "on the second node: an expression of length, rate, t, inputs and coordinates",
+            Shape.EXPRESSION,
+            required=True,
+        ),
+    ),
+    domains=("translation",),
+    keeps_plane=Plane(within=("axis",)),
+)
+
+
+def _three(name: str, unit: str, doc: str) -> Field:
+    return Field(name, unit, doc, Shape.VECTOR, constant=False)
+
+
+BUSHING = Component(
+    "bushing",
+    Role.BUSHING,
+    "springs and dampers along and about the three axes of the first node",
+    fields=(
+        _three("stiffness", "N/m", "along each axis"),
+        _three("damping", "N s/m", "along each axis"),
+        _three("rotation_stiffness", "N m/rad", "about each axis"),
+        _three("rotation_damping", "N m s/rad", "about each axis"),
+    ),
+)
+
+COMPONENTS = (SPRING, DAMPER, FORCE, TORQUE, LINE_FORCE, BUSHING)

@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from cotree.components.component import Component, Field, Freedom, Role, Shape
+from cotree.components.component import (
+    Component,
+    Field,
+    Freedom,
+    FreeRotation,
+    Plane,
+    Role,
+    Shape,
+)
 from cotree.components.law import Law
 
 if TYPE_CHECKING:
@@ -37,21 +45,30 @@ def _effort(name: str, unit: str, doc: str) -> Field:
     return Field(name, unit, doc, default=0.0, constant=False)
 
 
-_AXIS = Field("axis", "1", "direction in the first node's axes", Shape.VECTOR, required=True)
+def _direction(name: str, doc: str) -> Field:
+    return Field(name, "1", doc, Shape.VECTOR, required=True)
+
+
+_AXIS = _direction("axis", "direction in the first node's axes")
+_AXIS2 = _direction("axis2", "second direction, in the axes that the first turn has moved")
+_NORMAL = _direction("normal", "normal of the plane, in the first node's axes")
+_MOTION = Field("motion", "rad or m", "prescribes the coordinate as a function of time", timed=True)
+_TURN_EFFORTS = (
+    _effort("stiffness", "N m/rad", "of a torsional spring in the joint"),
+    _effort("free_angle", "rad", "angle at which that spring is at rest"),
+    _effort("damping", "N m s/rad", "of a torsional damper in the joint"),
+    _effort("torque", "N m", "drives the second node about the axis"),
+)
+_ABOUT_AXIS = Plane(along=("axis",))
 
 REVOLUTE = Component(
     "revolute",
     Role.JOINT,
     "rotation of the second node about an axis through both",
-    fields=(
-        _AXIS,
-        _effort("stiffness", "N m/rad", "of a torsional spring in the joint"),
-        _effort("free_angle", "rad", "angle at which that spring is at rest"),
-        _effort("damping", "N m s/rad", "of a torsional damper in the joint"),
-        _effort("torque", "N m", "drives the second node about the axis"),
-    ),
+    fields=(_AXIS, *_TURN_EFFORTS, _MOTION),
     motion_space=(Freedom("theta", "rad", rotates=True, axis="axis"),),
     law=Law(_revolute),
+    keeps_plane=_ABOUT_AXIS,
 )
 
 PRISMATIC = Component(
@@ -64,9 +81,11 @@ PRISMATIC = Component(
         _effort("free_length", "m", "coordinate at which that spring is at rest"),
         _effort("damping", "N s/m", "of a damper in the joint"),
         _effort("force", "N", "drives the second node along the axis"),
+        _MOTION,
     ),
     motion_space=(Freedom("s", "m", rotates=False, axis="axis"),),
     law=Law(_prismatic),
+    keeps_plane=Plane(within=("axis",)),
 )
 
 CYLINDRICAL = Component(
@@ -80,4 +99,59 @@ CYLINDRICAL = Component(
     ),
 )
 
-COMPONENTS = (REVOLUTE, PRISMATIC, CYLINDRICAL)
+UNIVERSAL = Component(
+    "universal",
+    Role.JOINT,
+    "rotation about an axis of the first node, then about one that it has turned",
+    fields=(_AXIS, _AXIS2),
+    motion_space=(
+        Freedom("theta1", "rad", rotates=True, axis="axis"),
+        Freedom("theta2", "rad", rotates=True, axis="axis2"),
+    ),
+)
+
+SPHERICAL = Component(
+    "spherical",
+    Role.JOINT,
+    "every rotation of the second node about a point that both share",
+    motion_space=(FreeRotation(),),
+)
+
+PLANAR = Component(
+    "planar",
+    Role.JOINT,
+    "translation in a plane and rotation about its normal",
+    fields=(_NORMAL,),
+    motion_space=(
+        Freedom("x", "m", rotates=False, axis="normal_x"),
+        Freedom("y", "m", rotates=False, axis="normal_y"),
+        Freedom("theta", "rad", rotates=True, axis="normal"),
+    ),
+    keeps_plane=Plane(along=("normal",)),
+)
+
+FREE = Component(
+    "free",
+    Role.JOINT,
+    "every motion of the second node: no reaction",
+    motion_space=(
+        *(Freedom(name, "m", rotates=False, axis=name, rate=f"v{name}") for name in "xyz"),
+        FreeRotation(),
+    ),
+)
+
+SCREW = Component(
+    "screw",
+    Role.JOINT,
+    "rotation about an axis with a translation along it in proportion",
+    fields=(
+        _AXIS,
+        Field("pitch", "m/rad", "translation for each radian", required=True),
+        *_TURN_EFFORTS,
+        _MOTION,
+    ),
+    motion_space=(Freedom("theta", "rad", rotates=True, axis="axis", pitch="pitch"),),
+    law=Law(_revolute),
+)
+
+COMPONENTS = (REVOLUTE, PRISMATIC, CYLINDRICAL, UNIVERSAL, SPHERICAL, PLANAR, FREE, SCREW)

@@ -53,6 +53,15 @@ class Law:
             self.function(*(sympy.Symbol(name, real=True) for name in self.arguments))
         )
 
+    def over(self, name: str) -> Law:
+        """Give the law divided by one of its arguments, simplified, so that zero may be no pole."""
+        import sympy
+
+        divided = sympy.simplify(self.expression / sympy.Symbol(name, real=True))
+        made = Law(self.function)
+        made.__dict__["expression"] = divided  # in place of what the function gives
+        return made
+
     @cached_property
     def partials(self) -> dict[str, Any]:
         """The pre-formed partial derivatives, by argument; those that vanish are absent."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cotree.components.component import Component, Field, Role, Shape
+from cotree.components.component import Component, Field, Plane, Role, Shape
 
 RIGID_BODY = Component(
     "rigid_body",
@@ -18,15 +18,33 @@ RIGID_BODY = Component(
             sign="nonnegative",
         ),
     ),
+    keeps_plane=Plane(),
+)
+
+_ROTATION = Field(
+    "rotation",
+    "rad",
+    "of the second node: roll, pitch and yaw about the first node's axes, or a matrix",
+    Shape.ROTATION,
 )
 
 ARM = Component(
     "arm",
     Role.ARM,
     "a vector fixed in a body, from the first node to the second",
-    fields=(Field("vector", "m", "in the first node's axes", Shape.VECTOR, required=True),),
+    fields=(
+        Field("vector", "m", "in the first node's axes", Shape.VECTOR, required=True),
+        _ROTATION,
+    ),
+    keeps_plane=Plane(within=("vector",)),
 )
 
-WELD = Component("weld", Role.ARM, "holds the second node to the first")
+WELD = Component(
+    "weld",
+    Role.ARM,
+    "holds the second node to the first",
+    fields=(_ROTATION,),
+    keeps_plane=Plane(),
+)
 
 COMPONENTS = (RIGID_BODY, ARM, WELD)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.dag import vector
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
     from cotree.dag.nodes import Dag, Node
     from cotree.dag.vector import Matrix, Vector
 
@@ -84,3 +87,134 @@ def about(axis: Vector, angle: Node) -> Rotation:
         (off(z, x, -y), off(z, y, x), diagonal(z)),
     )
     return Rotation(matrix, axis, angle)
+
+
+def of_quaternion(q: Sequence[Node]) -> Matrix:
+    """Form R(q) / (q.q), a rotation for a quaternion of any length.
+
+    With the division every derivative of the matrix is a rotation vector; with the polynomial
+    R(q) alone dR/dq R^T is not skew.
+    """
+    q0, q1, q2, q3 = q
+    dag = q0.dag
+    factor = dag.constant(2.0) / (q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
+    a, b, c = factor * q1, factor * q2, factor * q3
+    xx, yy, zz = a * q1, b * q2, c * q3
+    xy, xz, yz = a * q2, a * q3, b * q3
+    wx, wy, wz = a * q0, b * q0, c * q0
+    return (
+        (1.0 - (yy + zz), xy - wz, xz + wy),
+        (xy + wz, 1.0 - (xx + zz), yz - wx),
+        (xz - wy, yz + wx, 1.0 - (xx + yy)),
+    )
+
+
+def quaternion_rates(q: Sequence[Node], w: Sequence[Node]) -> tuple[Node, ...]:
+    """Form the rates of a quaternion from the angular velocity in the turned frame's axes."""
+    q0, q1, q2, q3 = (0.5 * entry for entry in q)
+    w1, w2, w3 = w
+    return (
+        -(q1 * w1 + q2 * w2 + q3 * w3),
+        q0 * w1 + q2 * w3 - q3 * w2,
+        q0 * w2 + q3 * w1 - q1 * w3,
+        q0 * w3 + q1 * w2 - q2 * w1,
+    )
+
+
+def quaternion_turn(q: Sequence[Node], d: Sequence[Node], is_own: bool) -> Vector:
+    """Form the rotation vector of a change ``d`` of a quaternion.
+
+    It is resolved in the axes of the turned frame (``is_own``) or of the frame it turns against.
+    """
+    q0, q1, q2, q3 = q
+    d0, d1, d2, d3 = d
+    scale = q0.dag.constant(2.0) / (q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
+    imaginary, along = (q1, q2, q3), (d1, d2, d3)
+    straight = vector.sub(vector.scale(q0, along), vector.scale(d0, imaginary))
+    across = vector.cross(imaginary, along)
+    total = vector.sub(straight, across) if is_own else vector.add(straight, across)
+    return vector.scale(scale, total)
+
+
+def quaternion_product(a: Sequence[Node], b: Sequence[Node]) -> tuple[Node, ...]:
+    """Form the quaternion of the turn ``b`` within the frame that ``a`` has turned."""
+    a0, a1, a2, a3 = a
+    b0, b1, b2, b3 = b
+    return (
+        a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3,
+        a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2,
+        a0 * b2 + a2 * b0 + a3 * b1 - a1 * b3,
+        a0 * b3 + a3 * b0 + a1 * b2 - a2 * b1,
+    )
+
+
+def quaternion_about(axis: Vector, angle: Node) -> tuple[Node, ...]:
+    """Form the quaternion of a turn about a unit axis."""
+    half = 0.5 * angle
+    sine = angle.dag.function("sin", half)
+    return (angle.dag.function("cos", half), *vector.scale(sine, axis))
+
+
+def quaternion_of_angles(angles: Vector) -> tuple[Node, ...]:
+    """Form the quaternion of roll, pitch and yaw about fixed x, y and z axes, in this order."""
+    dag = angles[0].dag
+    total: tuple[Node, ...] = (dag.one, dag.zero, dag.zero, dag.zero)
+    for axis, angle in zip(vector.identity(dag), angles, strict=True):
+        total = quaternion_product(quaternion_about(axis, angle), total)
+    return total
+
+
+def quaternion_of_matrix(rows: Sequence[Sequence[float]]) -> list[float] | None:
+    """Find the quaternion of a rotation matrix of numbers; None if it is no rotation.
+
+    By the largest of the four squares (S. W. Shepperd, J. Guidance and Control 1 (1978) 223).
+    """
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rows
+    trace = xx + yy + zz
+    squares = [trace, xx, yy, zz]
+    largest = squares.index(max(squares))
+    products = [
+        [1.0 + trace, zy - yz, xz - zx, yx - xy],
+        [zy - yz, 1.0 + 2.0 * xx - trace, xy + yx, xz + zx],
+        [xz - zx, xy + yx, 1.0 + 2.0 * yy - trace, yz + zy],
+        [yx - xy, xz + zx, yz + zy, 1.0 + 2.0 * zz - trace],
+    ][largest]
+    length = math.hypot(*products)
+    if not length > 0.0:
+        return None
+    q = [entry / length for entry in products]
+    back = _matrix_of(q)
+    # 1e-6: a matrix printed with seven digits is meant to be a rotation.
+    is_close = all(abs(back[i][j] - rows[i][j]) <= 1e-6 for i in range(3) for j in range(3))
+    return q if is_close else None
+
+
+def quaternion_of_nodes(m: Matrix, value: Callable[[Node], float]) -> tuple[Node, ...]:
+    """Form the quaternion of a rotation matrix, by the largest square at the present values."""
+    dag = m[0][0].dag
+    trace = m[0][0] + m[1][1] + m[2][2]
+    squares = [value(node) for node in (trace, m[0][0], m[1][1], m[2][2])]
+    largest = squares.index(max(squares))
+    if largest == 0:
+        double = dag.function("sqrt", trace + 1.0)
+        scale = 0.5 / double
+        sums = (m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1])
+        return (0.5 * double, *vector.scale(scale, sums))
+    i = largest - 1
+    j, k = (i + 1) % 3, (i + 2) % 3
+    double = dag.function("sqrt", 1.0 + m[i][i] - m[j][j] - m[k][k])
+    scale = 0.5 / double
+    q = [scale * (m[k][j] - m[j][k])] + [dag.zero] * 3
+    q[1 + i] = 0.5 * double
+    q[1 + j] = scale * (m[j][i] + m[i][j])
+    q[1 + k] = scale * (m[k][i] + m[i][k])
+    return tuple(q)
+
+
+def _matrix_of(q: Sequence[float]) -> list[list[float]]:
+    a, b, c, d = q
+    return [
+        [1 - 2 * (c * c + d * d), 2 * (b * c - a * d), 2 * (b * d + a * c)],
+        [2 * (b * c + a * d), 1 - 2 * (b * b + d * d), 2 * (c * d - a * b)],
+        [2 * (b * d - a * c), 2 * (c * d + a * b), 1 - 2 * (b * b + c * c)],
+    ]

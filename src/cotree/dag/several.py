@@ -21,6 +21,28 @@ if TYPE_CHECKING:
 #: as zero: a few hundred roundings.
 RANK_TOLERANCE = 1e-13
 
+#: Entries of the null space below this are zero: an unknown that it leaves alone is determined.
+NULL_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class SolveShape:
+    """A linear system: its size, and what is asked of its solution.
+
+    Attributes
+    ----------
+    size : int
+        Number of unknowns.
+    n_determined : int
+        How many leading unknowns must have one solution only.
+    tolerance : float
+        Below which share of the largest entry a pivot counts as zero.
+    """
+
+    size: int
+    n_determined: int
+    tolerance: float = RANK_TOLERANCE
+
 
 @dataclass(frozen=True)
 class Table:
@@ -60,11 +82,13 @@ class Function:
     partials: Function | None = None
 
 
-def solve_pivoted(matrix: Any, rhs: Any, reference: float = 0.0) -> tuple[Any, int]:
+def solve_pivoted(
+    matrix: Any, rhs: Any, reference: float = 0.0, shape: SolveShape | None = None
+) -> tuple[Any, int, bool]:
     """Solve a dense linear system by Gaussian elimination with complete pivoting.
 
-    Unknowns whose pivot falls below :data:`RANK_TOLERANCE` of the largest entry are set to zero,
-    which is a solution where the system is consistent.
+    Where pivots fall below the tolerance times the largest entry, the solution of least norm
+    is taken; a row without a pivot is left out, which is right where the system is consistent.
 
     Parameters
     ----------
@@ -74,6 +98,8 @@ def solve_pivoted(matrix: Any, rhs: Any, reference: float = 0.0) -> tuple[Any, i
         The right-hand side.
     reference : float
         Size of what the entries were made from, where they may be the rest of a cancellation.
+    shape : SolveShape, optional
+        What is asked of the solution; all unknowns must have one only, where absent.
 
     Returns
     -------
@@ -81,12 +107,15 @@ def solve_pivoted(matrix: Any, rhs: Any, reference: float = 0.0) -> tuple[Any, i
         The unknowns.
     rank : int
         Number of pivots accepted.
+    is_determined : bool
+        Whether the leading unknowns have one solution only.
     """
     a = np.array(matrix)
     b = np.array(rhs, dtype=np.result_type(a, rhs))
     n = len(b)
     columns = list(range(n))
-    smallest = RANK_TOLERANCE * np.max(np.abs(a.real), initial=reference)
+    shape = shape or SolveShape(n, n)
+    smallest = shape.tolerance * np.max(np.abs(a.real), initial=reference)
     rank = 0
     for k in range(n):
         place = int(np.argmax(np.abs(a[k:, k:].real)))
@@ -100,18 +129,27 @@ def solve_pivoted(matrix: Any, rhs: Any, reference: float = 0.0) -> tuple[Any, i
         a[k + 1 :, k:] -= np.outer(factors, a[k, k:])
         b[k + 1 :] -= factors * b[k]
         rank += 1
+    upper = np.triu(a[:rank, :rank])
     solution = np.zeros(n, dtype=b.dtype)
-    for k in range(rank - 1, -1, -1):
-        others = columns[k + 1 : rank]
-        solution[columns[k]] = (b[k] - a[k, k + 1 : rank] @ solution[others]) / a[k, k]
-    return solution, rank
+    solution[columns[:rank]] = np.linalg.solve(upper, b[:rank]) if rank else b[:0]
+    if rank == n:
+        return solution, rank, True
+    free = np.zeros((n, n - rank), dtype=a.dtype)
+    free[columns[:rank]] = -np.linalg.solve(upper, a[:rank, rank:]) if rank else a[:0, rank:]
+    free[columns[rank:]] = np.eye(n - rank)
+    basis, _ = np.linalg.qr(free.real)
+    leading = basis[: shape.n_determined]
+    is_determined = bool(np.all(np.abs(leading) <= NULL_TOLERANCE))
+    return solution - basis @ (basis.T @ solution), rank, is_determined
 
 
-def _evaluate_solve(n: int, values: Sequence[Any]) -> Sequence[Any]:
+def _evaluate_solve(data: SolveShape, values: Sequence[Any]) -> Sequence[Any]:
+    n = data.size
     matrix = np.array(values[: n * n]).reshape(n, n)
     reference = complex(values[-1]).real
-    solution, rank = solve_pivoted(matrix, np.array(values[n * n : -1]), reference)
-    return [*solution.tolist(), float(rank)]
+    rhs = np.array(values[n * n : -1])
+    solution, rank, is_determined = solve_pivoted(matrix, rhs, reference, data)
+    return [*solution.tolist(), float(rank), float(is_determined)]
 
 
 def _evaluate_table(table: Table, values: Sequence[Any]) -> Sequence[Any]:
@@ -138,6 +176,7 @@ def solve(
     matrix: Sequence[Sequence[Node]],
     rhs: Sequence[Node],
     reference: Node | None = None,
+    shape: SolveShape | None = None,
 ) -> tuple[Node, ...]:
     """Form the solution of a small dense linear system, and its rank.
 
@@ -151,15 +190,19 @@ def solve(
         Right-hand side.
     reference : Node, optional
         Size of what the entries were made from, for the rank decision.
+    shape : SolveShape, optional
+        How many leading unknowns must have one solution only, or the solution is refused; the
+        others may be redundant. All of them, where absent.
 
     Returns
     -------
     tuple of Node
-        The n unknowns, then the rank found at run time.
+        The n unknowns, then the rank found at run time, and one where the solution is accepted.
     """
     n = len(rhs)
     args = [*(entry for row in matrix for entry in row), *rhs, reference or dag.zero]
-    return dag.several("solve", args, n, n + 1)
+    shape = shape or SolveShape(n, n)
+    return dag.several("solve", args, shape, n + 2)
 
 
 def table(dag: Dag, data: Table, x: Node) -> tuple[Node, Node]:
@@ -175,21 +218,22 @@ def call(dag: Dag, function: Function, args: Sequence[Node]) -> tuple[Node, ...]
 
 def _tangent_solve(node: Node, tangents: Sequence[Node]) -> tuple[Node, ...]:
     """Solve A dx = db - dA x, with the matrix of the node itself."""
-    dag, n = node.dag, node.data
+    dag, n = node.dag, node.data.size
     matrix = [node.args[n * i : n * (i + 1)] for i in range(n)]
     x = results(node, n)
     right = list(tangents[n * n : -1])
     for i in range(n):
         for j in range(n):
             right[i] = right[i] - tangents[n * i + j] * x[j]
-    return (*solve(dag, matrix, right, node.args[-1])[:n], dag.zero)
+    solved = solve(dag, matrix, right, node.args[-1], node.data)
+    return (*solved[:n], dag.zero, dag.zero)
 
 
 def _reverse_solve(node: Node, adjoints: Sequence[Node]) -> tuple[Node, ...]:
     """Transposed solve: b_bar = A^-T x_bar, A_bar = -b_bar x^T."""
-    dag, n = node.dag, node.data
+    dag, n = node.dag, node.data.size
     transposed = [[node.args[n * j + i] for j in range(n)] for i in range(n)]
-    b_bar = solve(dag, transposed, adjoints[:n], node.args[-1])[:n]
+    b_bar = solve(dag, transposed, adjoints[:n], node.args[-1], node.data)[:n]
     x = results(node, n)
     a_bar = [-(b_bar[i] * x[j]) for i in range(n) for j in range(n)]
     return (*a_bar, *b_bar, dag.zero)
@@ -257,7 +301,9 @@ class Several:
 
 
 SEVERAL: dict[str, Several] = {
-    "solve": Several(_evaluate_solve, _tangent_solve, _reverse_solve, lambda n: int(n) + 1),
+    "solve": Several(
+        _evaluate_solve, _tangent_solve, _reverse_solve, lambda shape: int(shape.size) + 2
+    ),
     "table": Several(_evaluate_table, _tangent_table, _reverse_table, lambda _: 2),
     "call": Several(_evaluate_call, _tangent_call, _reverse_call, lambda f: int(f.n_results)),
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from cotree.equations.equations import (
+    ConstraintSet,
     Derivative,
     Equations,
     Guard,
@@ -10,4 +11,4 @@ from cotree.equations.equations import (
     State,
 )
 
-__all__ = ["Derivative", "Equations", "Guard", "Quantity", "State"]
+__all__ = ["ConstraintSet", "Derivative", "Equations", "Guard", "Quantity", "State"]

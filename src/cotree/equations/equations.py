@@ -39,12 +39,15 @@ class State:
         The state as an argument of the program.
     initial : Node
         Its initial value, of parameters only.
+    is_given : bool
+        Whether the scene gives it, or it may change to satisfy constraints.
     """
 
     name: str
     unit: str
     symbol: Node
     initial: Node
+    is_given: bool = True
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,10 @@ class Derivative:
         Derivatives of the outputs.
     initial : tuple of Node
         Derivatives of the initial values.
+    held, held_rates : tuple of Node
+        Derivatives of the constraints and of their rates.
+    start : tuple of Node
+        Derivatives of what the start is to satisfy besides.
     """
 
     name: str
@@ -73,6 +80,49 @@ class Derivative:
     rates: tuple[Node, ...]
     outputs: tuple[Node, ...]
     initial: tuple[Node, ...]
+    held: tuple[Node, ...]
+    held_rates: tuple[Node, ...]
+    start: tuple[Node, ...]
+
+
+@dataclass(frozen=True)
+class ConstraintSet:
+    """What the states must satisfy.
+
+    Attributes
+    ----------
+    rows : tuple of Quantity
+        Name and unit of each constraint.
+    edges : tuple of str
+        The edge that each belongs to.
+    values : tuple of Node or None
+        What must be zero; None for constraints on rates only.
+    rates : tuple of Node
+        Its rate, which must be zero too.
+    gradient : tuple of rows of Node
+        Derivatives of the rates by the speeds.
+    quaternions : tuple of (str, tuple of Node)
+        Edges whose rotation is free, with the four states that are to keep the norm one.
+    start_rows : tuple of Quantity
+        What the start is to satisfy besides: initial values of what is no state.
+    start_is_rate : tuple of bool
+        Whether each is a rate.
+    start_values : tuple of Node
+        Their residuals.
+    start_gradient : tuple of rows of Node
+        Derivatives by the speeds, of rates of coordinates by the speeds too.
+    """
+
+    rows: tuple[Quantity, ...]
+    edges: tuple[str, ...]
+    values: tuple[Node | None, ...]
+    rates: tuple[Node, ...]
+    gradient: tuple[tuple[Node, ...], ...]
+    quaternions: tuple[tuple[str, tuple[Node, ...]], ...]
+    start_rows: tuple[Quantity, ...]
+    start_is_rate: tuple[bool, ...]
+    start_values: tuple[Node, ...]
+    start_gradient: tuple[tuple[Node, ...], ...]
 
 
 @dataclass(frozen=True)
@@ -131,6 +181,8 @@ class Equations:
         x' in terms of x and w.
     balances : tuple of Node
         ``A w - b`` as the formulation wrote it, for people.
+    constraints : ConstraintSet
+        What the states must satisfy; the last unknowns are its multipliers.
     output_values : tuple of Node
         y.
     sensitivities, columns : tuple of Derivative
@@ -156,6 +208,7 @@ class Equations:
     is_safe: tuple[bool, ...]
     rates: tuple[Node, ...]
     balances: tuple[Node, ...]
+    constraints: ConstraintSet
     output_values: tuple[Node, ...]
     sensitivities: tuple[Derivative, ...]
     columns: tuple[Derivative, ...]

@@ -101,12 +101,14 @@ class Balances:
     def projected(self, edge: Edge, freedom: Freedom, across: Across) -> Pair:
         """Write the balance of a branch along one direction of its motion space."""
         scene, terminal = self.terminal.scene, self.terminal
+        # What a joint or arm transmits is unknown but for its own law; a body's inertia is not.
+        unknown = () if edge.component.role is Role.BODY else (edge.name,)
         if freedom.rotates:
             cutset = self.cutsets["rotation"].terms(edge.name)
             total = signed_sum(
                 (sign, terminal.torque(scene.edges[name], across))
                 for sign, name in cutset
-                if name != edge.name
+                if name not in unknown
             )
             for sign, name, path in self.moments(edge.name):
                 force = terminal.force(scene.edges[name], across)
@@ -116,15 +118,14 @@ class Balances:
             total = signed_sum(
                 (sign, terminal.force(scene.edges[name], across))
                 for sign, name in cutset
-                if name != edge.name
+                if name not in unknown
             )
-        return total.dot(terminal.axis(edge)) + terminal.effort(edge, freedom)
+        return total.dot(terminal.direction(edge, freedom)) + terminal.effort(edge, freedom)
 
     def of_branches(self, kind: str, edge: str) -> Pair:
         """Write an across variable with those of the branches; what is zero is left out."""
-        row = self.terminal.scene.edges[edge]
-        if row.component.role in (Role.ARM, Role.JOINT):
-            symbol = self.terminal.symbol(kind, edge)
+        if edge in self.terminal.branches:
+            symbol, row = self.terminal.symbol(kind, edge), self.terminal.scene.edges[edge]
             return present(symbol, self.terminal.across(row)[kind])
         return signed_sum(
             (sign, self.of_branches(kind, name)) for sign, name in self.circuit(kind, edge)

@@ -2,6 +2,7 @@
 
 In: :class:`~cotree.equations.Equations`. Out: :class:`SymbolicEquations`, which reads like the
 paper's Eq. (8) and (9): inertia terms first, with positive sign, then the rest, equal to zero.
+Constraints follow, differentiated until accelerations appear in them.
 """
 
 from __future__ import annotations
@@ -9,10 +10,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from cotree.export.spelling import (
+    acceleration_name,
+    latex_subscript,
+    real_symbol,
+    spell_multipliers,
+    spell_states,
+    subscript,
+)
 from cotree.export.to_sympy import to_sympy
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from cotree.dag.nodes import Node
     from cotree.equations import Derivative, Equations
@@ -24,9 +33,6 @@ Key = str | tuple[str, str]
 # costs more than it shows.
 _LARGEST_TIDIED = 40
 
-#: Endings of a coordinate, its rate and its acceleration, and how LaTeX marks them.
-ACCENTS = {"": "{}", "_dot": r"\dot{{{}}}", "_ddot": r"\ddot{{{}}}"}
-
 
 @dataclass(frozen=True)
 class SymbolicEquations:
@@ -35,25 +41,34 @@ class SymbolicEquations:
     Attributes
     ----------
     governing : tuple of sympy.Eq
-        One for each coordinate, ``... = 0``.
+        One for each speed, ``... = 0``, then one for each constraint: its second derivative, or
+        the first of one on rates.
     sensitivity : mapping of str to tuple of sympy.Eq
         The equations of the sensitivity graph of each requested parameter (or of each state whose
         initial value is meant).
     states : tuple of str
-        Names of the states.
+        Names of the states: coordinates, then speeds.
+    accelerations : tuple of str
+        Names of the rates of the speeds: ``"j1.s_ddot"`` for the rate of ``"j1.s_dot"``, where
+        that is the rate of a coordinate ``"j1.s"``, and ``"b.w1_dot"`` for that of any other
+        speed, such as the angular velocity ``"b.w1"`` or the velocity ``"b.vx"``.
+    multipliers : tuple of str
+        Names of the constraints (``"D4.x"``), which their multipliers go by.
     symbols : mapping of str or (str, str) to sympy.Symbol
-        By name: coordinates (``"j1.s"``), their rates (``"j1.s_dot"``) and accelerations
-        (``"j1.s_ddot"``), parameters, inputs and ``"t"``; the sensitivity of each of the first
-        three by a pair such as ``("j1.s_dot", "L")``.
+        By name: states, accelerations, multipliers (spelt ``lambda_D4_x``), parameters, inputs
+        and ``"t"``; the sensitivity of each of the first three by a pair such as
+        ``("j1.s_dot", "L")``.
     initial : mapping of str or (str, str) to sympy.Expr
         Initial values of the states and of their sensitivities.
     latex_names : mapping of sympy.Symbol to str
-        How LaTeX spells the coordinates and their derivatives.
+        How LaTeX spells states, accelerations, multipliers and their sensitivities.
     """
 
     governing: tuple[Any, ...]
     sensitivity: Mapping[str, tuple[Any, ...]]
     states: tuple[str, ...]
+    accelerations: tuple[str, ...]
+    multipliers: tuple[str, ...]
     symbols: Mapping[Key, Any]
     initial: Mapping[Key, Any]
     latex_names: Mapping[Any, str]
@@ -69,7 +84,7 @@ class SymbolicEquations:
         Returns
         -------
         list of str
-            One line for each coordinate.
+            One line for each speed, then one for each constraint.
         """
         spell = _printer("text", {})
         return [self._line(equation, spell, name) for equation in self._equations(name)]
@@ -93,8 +108,8 @@ class SymbolicEquations:
     def _line(self, equation: Any, spell: Callable[[Any], str], name: str | None) -> str:
         """Write an equation with the terms of the highest derivatives first."""
         order: list[Any] = []
-        for suffix in ("_ddot", "_dot", ""):
-            rows = [f"{c}{suffix}" for c in self.states[: len(self.governing)]]
+        n = len(self.states) - len(self.accelerations)
+        for rows in (self.accelerations, self.multipliers, self.states[n:], self.states[:n]):
             order += [] if name is None else [self.symbols[row, name] for row in rows]
             order += [self.symbols[row] for row in rows]
 
@@ -173,9 +188,8 @@ def symbolic_equations(equations: Equations) -> SymbolicEquations:
     """
     names = _Names.of(equations)
     known = names.known(equations)
-    matrix = [[_tidied(entry) for entry in to_sympy(row, known)] for row in equations.matrix]
-    rest = to_sympy(equations.forcing, known)
-    rates = [names.symbols[f"{c}_ddot"] for c in names.coordinates]
+    matrix = _matrix(equations, known)
+    n_speeds = len(names.accelerations)
     initial: dict[Key, Any] = dict(
         zip(
             names.states,
@@ -187,30 +201,50 @@ def symbolic_equations(equations: Equations) -> SymbolicEquations:
     for direction in equations.sensitivities:
         name = direction.name
         own = names.known_along(equations, direction)
-        tangents = [names.symbols[f"{c}_ddot", name] for c in names.coordinates]
-        sensitivity[name] = _balances(matrix, tangents, to_sympy(direction.forcing, known | own))
+        along = to_sympy(direction.forcing, known | own)
+        sensitivity[name] = _balances(matrix, names.unknowns(name), along, n_speeds)
         values = to_sympy(direction.initial, known)
         initial |= {(s, name): v for s, v in zip(names.states, values, strict=True)}
     return SymbolicEquations(
-        governing=_balances(matrix, rates, rest),
+        governing=_balances(matrix, names.unknowns(), to_sympy(equations.forcing, known), n_speeds),
         sensitivity=sensitivity,
         states=names.states,
+        accelerations=names.accelerations,
+        multipliers=names.multipliers,
         symbols=names.symbols,
         initial=initial,
         latex_names=names.latex,
     )
 
 
-def _balances(matrix: list[list[Any]], rates: list[Any], forcing: list[Any]) -> tuple[Any, ...]:
-    """Write matrix @ rates - forcing = 0, row by row."""
+def _matrix(equations: Equations, known: Mapping[Node, Any]) -> list[list[Any]]:
+    """Write the matrix row by row; those of constraints, which border it, with their own sign."""
+    rows = [to_sympy(row, known) for row in equations.matrix]
+    n_speeds = len(rows) - len(equations.constraints.rows)
+    rows[n_speeds:] = [[-entry for entry in row] for row in rows[n_speeds:]]
+    return [[_tidied(entry) for entry in row] for row in rows]
+
+
+def _balances(
+    matrix: list[list[Any]], unknowns: list[Any], forcing: list[Any], n_speeds: int
+) -> tuple[Any, ...]:
+    """Write matrix @ unknowns = forcing as expressions that are zero, row by row."""
     import sympy
 
-    return tuple(
-        sympy.Eq(
-            sympy.Add(*[a * w for a, w in zip(row, rates, strict=True)], -b), 0, evaluate=False
-        )
-        for row, b in zip(matrix, forcing, strict=True)
-    )
+    totals = []
+    for i, (row, b) in enumerate(zip(matrix, forcing, strict=True)):
+        if i < n_speeds:
+            terms = [a * w for a, w in zip(row, unknowns, strict=True)]
+            totals.append(sympy.Add(*terms, -b))
+        else:
+            terms = [_minus_first(a, w) for a, w in zip(row, unknowns, strict=True)]
+            totals.append(sympy.Add(*terms, b))
+    return tuple(sympy.Eq(total, 0, evaluate=False) for total in totals)
+
+
+def _minus_first(a: Any, w: Any) -> Any:
+    """Multiply, with the sign that a sum has in common in front of it."""
+    return -(-a * w) if a.could_extract_minus_sign() else a * w
 
 
 def _tidied(entry: Any) -> Any:
@@ -231,45 +265,16 @@ def _tidied(entry: Any) -> Any:
     return other if other.count_ops() < size else entry
 
 
-def short_names(coordinates: Sequence[str], taken: Collection[str]) -> dict[str, str]:
-    """Choose a short name for each coordinate: ``s``, or ``s_j1`` where ``s`` says too little.
-
-    Parameters
-    ----------
-    coordinates : sequence of str
-        Names ``edge.coordinate``.
-    taken : collection of str
-        Names of parameters and inputs, which come first.
-
-    Examples
-    --------
-    >>> short_names(["j1.s", "h2.theta", "h3.theta"], {"m", "L"})
-    {'j1.s': 's', 'h2.theta': 'theta_h2', 'h3.theta': 'theta_h3'}
-    """
-    own = [name.partition(".")[2] for name in coordinates]
-    chosen: dict[str, str] = {}
-    used = set(taken) | {"t"}
-    for name in coordinates:
-        edge, _, short = name.partition(".")
-        if own.count(short) > 1 or not used.isdisjoint(_derived(short)):
-            short = f"{short}_{edge}"
-        while not used.isdisjoint(_derived(short)):
-            short += "_"
-        used.update(_derived(short))
-        chosen[name] = short
-    return chosen
-
-
-def _derived(short: str) -> list[str]:
-    return [f"{short}{suffix}" for suffix in ACCENTS]
-
-
 @dataclass(frozen=True)
 class _Names:
-    """Symbols by name, and how LaTeX spells those of the coordinates."""
+    """Symbols by name, and how LaTeX spells those of the unknowns and states.
 
-    coordinates: tuple[str, ...]
+    ``accelerations`` and ``multipliers`` are the unknowns, in their order.
+    """
+
     states: tuple[str, ...]
+    accelerations: tuple[str, ...]
+    multipliers: tuple[str, ...]
     symbols: dict[Key, Any]
     latex: dict[Any, str]
 
@@ -277,31 +282,38 @@ class _Names:
     def of(cls, equations: Equations) -> _Names:
         """Choose the names of every symbol of the equations."""
         states = tuple(state.name for state in equations.states)
-        coordinates = states[: len(equations.unknowns)]
+        multipliers = tuple(row.name for row in equations.constraints.rows)
+        n_speeds = len(equations.unknowns) - len(multipliers)
+        coordinates, speeds = states[: len(states) - n_speeds], states[len(states) - n_speeds :]
+        accelerations = tuple(acceleration_name(speed, coordinates) for speed in speeds)
         given = [row.name for row in (*equations.parameters, *equations.inputs)]
-        short = short_names(coordinates, given)
-        names = cls(coordinates, states, {}, {})
+        of_states = spell_states(coordinates, speeds, given)
+        spelt = of_states | spell_multipliers(multipliers)
+        names = cls(states, accelerations, multipliers, {}, {})
         used = {*given, "t"}
         for name in (*given, "t"):
-            names.symbols[name] = _symbol(name)
+            names.symbols[name] = real_symbol(name)
         for along in (None, *(direction.name for direction in equations.sensitivities)):
-            for coordinate in coordinates:
-                for suffix in ACCENTS:
-                    spelt = f"{short[coordinate]}{suffix}{subscript(along, short)}"
-                    while spelt in used:
-                        spelt += "_"
-                    used.add(spelt)
-                    symbol, row = _symbol(spelt), f"{coordinate}{suffix}"
-                    names.symbols[row if along is None else (row, along)] = symbol
-                    names.latex[symbol] = _latex_name(short[coordinate], suffix, along, short)
+            for row, own in spelt.items():
+                text = f"{own.text}{subscript(along, of_states)}"
+                while text in used:
+                    text += "_"
+                used.add(text)
+                symbol = real_symbol(text)
+                names.symbols[row if along is None else (row, along)] = symbol
+                names.latex[symbol] = own.latex(*latex_subscript(along, of_states))
         return names
+
+    def unknowns(self, along: str | None = None) -> list[Any]:
+        """Give the symbols of the unknowns, or those of their sensitivities."""
+        rows = (*self.accelerations, *self.multipliers)
+        return [self.symbols[row if along is None else (row, along)] for row in rows]
 
     def known(self, equations: Equations) -> dict[Node, Any]:
         """Give the SymPy symbol of each symbol of the first graph."""
-        dag, n = equations.dag, len(self.coordinates)
+        dag = equations.dag
         known = {state.symbol: self.symbols[state.name] for state in equations.states}
-        for i in range(n):
-            known[equations.unknowns[i]] = self.symbols[f"{self.coordinates[i]}_ddot"]
+        known |= zip(equations.unknowns, self.unknowns(), strict=True)
         for kind, rows in (("p", equations.parameters), ("u", equations.inputs)):
             known |= {dag.symbol(kind, i): self.symbols[row.name] for i, row in enumerate(rows)}
         known[dag.symbol("t", 0)] = self.symbols["t"]
@@ -311,37 +323,3 @@ class _Names:
         """Give the SymPy symbols of one sensitivity graph."""
         tangents = {state.name: direction.seed[state.symbol] for state in equations.states}
         return {node: self.symbols[name, direction.name] for name, node in tangents.items()}
-
-
-def _symbol(name: str) -> Any:
-    import sympy
-
-    return sympy.Symbol(name, real=True)
-
-
-def subscript(name: str | None, short: Mapping[str, str]) -> str:
-    """Write what a derivative is taken with respect to: ``_L``, or ``_s(0)`` for a state."""
-    if name is None:
-        return ""
-    coordinate = name.removesuffix("_dot")
-    if coordinate in short:
-        return f"_{short[coordinate]}{name[len(coordinate) :]}(0)"
-    return f"_{name}"
-
-
-def _latex_name(short: str, suffix: str, name: str | None, all_short: Mapping[str, str]) -> str:
-    r"""Spell a coordinate, its rate or acceleration, or its derivative: ``\dot{s}_{j1,L}``."""
-    import sympy
-
-    letter, _, edge = short.partition("_")
-    below = [sympy.latex(_symbol(edge))] if edge else []
-    if name is not None:
-        coordinate = name.removesuffix("_dot")
-        if coordinate in all_short:
-            below.append(
-                _latex_name(all_short[coordinate], name[len(coordinate) :], None, {}) + "(0)"
-            )
-        else:
-            below.append(sympy.latex(_symbol(name)))
-    index = f"_{{{','.join(below)}}}" if below else ""
-    return ACCENTS[suffix].format(sympy.latex(_symbol(letter))) + index

@@ -25,7 +25,7 @@ class FieldWriter:
     name : str or None
         The parameter, or the state whose initial value is meant; None gives no derivatives.
     moving : mapping of str to str
-        How the derivative of each coordinate and rate is written, by name.
+        How the derivative of each coordinate, rate and input that has one is written, by name.
     """
 
     name: str | None

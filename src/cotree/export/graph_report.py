@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from cotree.graph import LinearGraph, TopologyMatrix, Tree
+    from cotree.program.strategy import Alternative
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,8 @@ class GraphReport:
         By domain: ``translation`` and ``rotation``.
     incidence, f_cutset, f_circuit : mapping of str to TopologyMatrix
         Integer matrices with the names of their rows and columns.
+    costs : tuple of Alternative
+        What the right-hand side of each tree that was counted costs, the cheapest first.
     """
 
     graphs: Mapping[str, LinearGraph]
@@ -33,6 +36,7 @@ class GraphReport:
     incidence: Mapping[str, TopologyMatrix]
     f_cutset: Mapping[str, TopologyMatrix]
     f_circuit: Mapping[str, TopologyMatrix]
+    costs: tuple[Alternative, ...] = ()
 
     def draw(self) -> Figure:
         """Draw the graphs side by side, trees in bold."""
@@ -59,6 +63,9 @@ class GraphReport:
             parts += [graph.summary(), self.trees[name].summary()]
             parts += ["f-cutsets", self.f_cutset[name].summary()]
             parts += ["f-circuits", self.f_circuit[name].summary(), ""]
+        if self.costs:
+            parts.append("trees counted, by operations of the right-hand side; the first is taken")
+            parts += [f"  {row.summary()}" for row in self.costs]
         return "\n".join(parts)
 
     def __str__(self) -> str:
@@ -66,7 +73,11 @@ class GraphReport:
         return self.summary()
 
 
-def graph_report(graphs: Mapping[str, LinearGraph], trees: Mapping[str, Tree]) -> GraphReport:
+def graph_report(
+    graphs: Mapping[str, LinearGraph],
+    trees: Mapping[str, Tree],
+    costs: tuple[Alternative, ...] = (),
+) -> GraphReport:
     """Gather graphs, trees and their matrices."""
     return GraphReport(
         graphs,
@@ -74,4 +85,5 @@ def graph_report(graphs: Mapping[str, LinearGraph], trees: Mapping[str, Tree]) -
         {name: incidence(graph) for name, graph in graphs.items()},
         {name: f_cutset(tree) for name, tree in trees.items()},
         {name: f_circuit(tree) for name, tree in trees.items()},
+        costs,
     )

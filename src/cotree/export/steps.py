@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING
 
 from cotree.errors import ParameterError, nearest
 from cotree.export.balances import Balances, signed_sum
-from cotree.export.equations import short_names, subscript, symbolic_equations
+from cotree.export.coverage import chord_beyond, edge_beyond
+from cotree.export.equations import symbolic_equations
 from cotree.export.fields import FieldWriter
+from cotree.export.spelling import spell_states, subscript
 from cotree.export.terminal import Terminal
 from cotree.export.terminal_rows import (
     across_rows,
@@ -23,16 +25,19 @@ from cotree.export.terminal_rows import (
     spaces_text,
     through_rows,
 )
+from cotree.scene.motion_spaces import motion_spaces
 from cotree.sensitivity.graphs import form_equations
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from cotree.components import Freedom
+    from cotree.dag.several import Table
     from cotree.export.blackboard import Formula, Pair
     from cotree.formulation.first_graph import FirstGraph
     from cotree.graph import LinearGraph, Tree
     from cotree.scene.description import Edge, SceneDescription
+    from cotree.scene.expressions import Expression
 
 _WIDTH = 98
 _HELD = "\N{NO-BREAK SPACE}"  # where a line must not be broken
@@ -54,8 +59,8 @@ def formulation_steps(
     graphs, trees : mapping of str to LinearGraph, Tree
         Its translation and rotation graphs, and the tree of each.
     first : FirstGraph or None
-        The first graph, formed from the trees; None where its equations are not available, as
-        for trees that hold bodies: the text then ends after the terminal equations.
+        The first graph, formed from the trees; None where they differ: the text then ends after
+        the terminal equations.
     sensitivity : str, optional
         Parameter of the sensitivity graph, or a state whose initial value is meant; without it
         only the first graph is shown.
@@ -63,7 +68,8 @@ def formulation_steps(
     Returns
     -------
     str
-        The text, ending with a newline.
+        The text, ending with a newline. Where an edge is beyond it, it ends before the first
+        section that would need that edge, with a sentence that names it.
 
     Raises
     ------
@@ -78,17 +84,26 @@ def formulation_steps(
         _table(board),
         _cutsets(board),
         _circuits(board),
-        *(_terminal_equations(board, number) for number in board.numbers),
-        _spaces(board),
     ]
-    if first is None:
-        sections.append(
-            "The steps end here: these trees hold a body or differ, and equations in such\n"
-            "coordinates are not available yet. Leave the tree to cotree, or name joints and arms."
-        )
-    else:
+    limit = edge_beyond(scene, board.terminal.spaces, board.terminal.branches)
+    if limit is None:
+        sections += [_terminal_equations(board, number) for number in board.numbers]
+        sections.append(_spaces(board))
+        limit = chord_beyond(trees, first)
+    if limit is not None:
+        sections.append(_end(limit))
+    elif first is not None:
         sections += [_projections(board), _eliminations(board), _result(board, first)]
     return "\n\n".join(sections) + "\n"
+
+
+def _end(limit: str) -> str:
+    return _wrapped(
+        f"The steps end here: {limit}. scene.equations(), or 'cotree equations' without --steps, "
+        "gives the equations of every scene that has any.",
+        0,
+        0,
+    )
 
 
 @dataclass(frozen=True)
@@ -111,20 +126,21 @@ class _Board:
         name: str | None,
     ) -> _Board:
         """Choose the names of the variables."""
-        coordinates = [
-            f"{edge.name}.{freedom.name}"
-            for edge in scene.edges.values()
-            for freedom in edge.component.motion_space
-        ]
-        states = [*coordinates, *(f"{c}_dot" for c in coordinates)]
+        branches = frozenset().union(*(tree.branches for tree in trees.values()))
+        spaces = motion_spaces(scene).of
+        moving = [(e, step) for e in scene.edges if e in branches for step in spaces[e]]
+        coordinates = [f"{e}.{name}" for e, step in moving for name, _ in step.coordinates]
+        speeds = [f"{e}.{name}" for e, step in moving for name, _ in step.rates]
+        states = [*coordinates, *speeds]
         tunable = [row.name for row in scene.parameters.values() if row.tunable]
         if name is not None and name not in tunable and name not in states:
             hint = nearest(name, [*tunable, *states])
             raise ParameterError(f"'{name}' is neither a tunable parameter nor a state{hint}")
-        short = short_names(coordinates, [*tunable, *scene.inputs])
-        mark = subscript(name, short)
-        fields = FieldWriter(name, {state: f"{state}{mark}" for state in states})
-        terminal = Terminal(scene, trees["rotation"], short, mark, fields)
+        spelt = spell_states(coordinates, speeds, [*tunable, *scene.inputs])
+        mark = subscript(name, spelt)
+        driven = [row.name for row in scene.inputs.values() if _depends_on(row.value, name)]
+        fields = FieldWriter(name, {moving: f"{moving}{mark}" for moving in (*states, *driven)})
+        terminal = Terminal(scene, trees["rotation"], spaces, branches, spelt, mark, fields)
         return cls(scene, graphs, trees, name, terminal, Balances(trees, terminal))
 
     @property
@@ -144,8 +160,14 @@ class _Board:
     def freedoms(self) -> Iterator[tuple[Edge, Freedom]]:
         """Give the directions of the motion spaces of the branches."""
         for name in self.trees["translation"].branches:
-            for freedom in self.scene.edges[name].component.motion_space:
-                yield self.scene.edges[name], freedom
+            edge = self.scene.edges[name]
+            for freedom in (*self.terminal.motion(edge, False), *self.terminal.motion(edge, True)):
+                yield edge, freedom
+
+
+def _depends_on(signal: Expression | Table, name: str | None) -> bool:
+    """Whether an input changes with a parameter; a table does not."""
+    return name is not None and name in getattr(signal, "names", ())
 
 
 def _wrapped(text: str, indent: int, hanging: int) -> str:
@@ -310,7 +332,7 @@ def _balance_lines(board: _Board, in_branches: bool) -> Iterator[str]:
     for number in board.numbers:
         for edge, freedom in board.freedoms():
             pair = board.balances.projected(edge, freedom, across)
-            label = f"G{number}, {board.terminal.short[f'{edge.name}.{freedom.name}']}:"
+            label = f"G{number}, {board.terminal.spelt[f'{edge.name}.{freedom.name}'].text}:"
             yield _equation(f"{label} {board.of_graph(pair, number)} = 0", 2, 8)
 
 
@@ -324,5 +346,6 @@ def _result(board: _Board, first: FirstGraph) -> str:
     coordinates = [c.name for c in first.system.coordinates]
     for number, name in enumerate((None, *names), start=1):
         for coordinate, line in zip(coordinates, equations.lines(name), strict=True):
-            lines.append(_equation(f"G{number}, {board.terminal.short[coordinate]}: {line}", 2, 8))
+            label = board.terminal.spelt[coordinate].text
+            lines.append(_equation(f"G{number}, {label}: {line}", 2, 8))
     return "\n".join(lines)

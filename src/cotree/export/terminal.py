@@ -13,13 +13,15 @@ from typing import TYPE_CHECKING
 
 from cotree.components import Role
 from cotree.export.blackboard import NOTHING, ZERO, Pair, cross, dot, scalar, vector
+from cotree.export.spelling import acceleration_name
 from cotree.graph import tree_walk
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Collection, Mapping, Sequence
 
-    from cotree.components import Freedom
+    from cotree.components import Freedom, MotionStep
     from cotree.export.fields import FieldWriter
+    from cotree.export.spelling import Spelt
     from cotree.graph import Tree
     from cotree.scene.description import Edge, SceneDescription
     from cotree.scene.expressions import Expression
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
 Across = Callable[[str, str], Pair]
 
 _UNIT_VECTORS = ("î", "ĵ", "k̂")
+_PLACES = {"x": 0, "y": 1, "z": 2}
 _TWO = Pair(scalar("2"))
 
 
@@ -41,8 +44,12 @@ class Terminal:
         The scene.
     rotation : Tree
         The tree of its rotation graph, which says which nodes turn.
-    short : mapping of str to str
-        Short names of the coordinates.
+    spaces : mapping of str to sequence of MotionStep
+        The motion space of each edge, as it would be a branch.
+    branches : collection of str
+        The edges in a tree; the across variables of these follow their coordinates.
+    spelt : mapping of str to Spelt
+        Short names of states and accelerations.
     subscript : str
         Marks a derivative: ``_k``.
     fields : FieldWriter
@@ -51,7 +58,9 @@ class Terminal:
 
     scene: SceneDescription
     rotation: Tree
-    short: Mapping[str, str]
+    spaces: Mapping[str, Sequence[MotionStep]]
+    branches: Collection[str]
+    spelt: Mapping[str, Spelt]
     subscript: str
     fields: FieldWriter
 
@@ -60,9 +69,7 @@ class Terminal:
         """Nodes whose axes may turn against those of the ground."""
         found: set[str] = set()
         for step in tree_walk(self.rotation):
-            component = self.scene.edges[step.edge].component
-            turns = component.role is Role.BODY or any(f.rotates for f in component.motion_space)
-            if turns or step.parent in found:
+            if any(f.rotates for f in self.spaces[step.edge]) or step.parent in found:
                 found.add(step.child)
         return frozenset(found)
 
@@ -72,8 +79,16 @@ class Terminal:
 
     def coordinate(self, edge: str, freedom: Freedom, suffix: str = "") -> Pair:
         """Write a coordinate, its rate or its acceleration."""
-        name = f"{self.short[f'{edge}.{freedom.name}']}{suffix}"
-        return Pair(scalar(name), scalar(f"{name}{self.subscript}"))
+        coordinate = f"{edge}.{freedom.name}"
+        (rate, _), *_ = freedom.rates
+        names = {"": coordinate, "_dot": f"{edge}.{rate}"}
+        names["_ddot"] = acceleration_name(names["_dot"], [coordinate])
+        text = self.spelt[names[suffix]].text
+        return Pair(scalar(text), scalar(f"{text}{self.subscript}"))
+
+    def motion(self, edge: Edge, rotates: bool) -> list[Freedom]:
+        """List the rotations or translations of an edge's motion space; all have one axis."""
+        return [step for step in self.spaces[edge.name] if step.rotates is rotates]  # type: ignore[misc]
 
     def of_node(self, letter: str, node: str) -> Pair:
         """Write the angular velocity or acceleration of a node; zero if it does not turn."""
@@ -117,6 +132,12 @@ class Terminal:
             return self.symbol("u", edge.name)
         return self._fixed(f"u^{edge.name}", edge.nodes[0])
 
+    def direction(self, edge: Edge, freedom: Freedom) -> Pair:
+        """Write the unit vector of one direction of an edge's motion space."""
+        if freedom.axis in _PLACES:
+            return self.unit_vector(_PLACES[freedom.axis], edge.nodes[0])
+        return self.axis(edge)
+
     def gravity(self) -> Pair:
         """Write the acceleration of free fall; its derivative only if there is one."""
         value = self.components(self.scene.gravity, "ground")
@@ -145,7 +166,7 @@ class Terminal:
         return symbol if moves else Pair(symbol.value)
 
     def force(self, edge: Edge, across: Across) -> Pair:
-        """Write the force of a chord on its second node."""
+        """Write the force of a chord or a body on its second node, but for reactions."""
         role, name = edge.component.role, edge.name
         if role is Role.BODY:
             mass = self.fields.pair(_scalar_field(edge, "mass"))
@@ -154,10 +175,13 @@ class Terminal:
             return self.components(_vector_field(edge, "force"), edge.nodes[0])
         if role is Role.LINE:
             return self._line(edge, across)
+        if role is Role.JOINT:
+            efforts = [self._chord_effort(edge, f, across) for f in self.motion(edge, False)]
+            return sum((e * self.axis(edge) for e in efforts), NOTHING)
         return NOTHING
 
     def torque(self, edge: Edge, across: Across) -> Pair:
-        """Write the torque of a chord on its second node."""
+        """Write the torque of a chord or a body on its second node, but for reactions."""
         role, name = edge.component.role, edge.name
         if role is Role.BODY and "inertia" in edge.fields:
             tensor, omega = self.tensor(edge), across("ω", name)
@@ -168,33 +192,44 @@ class Terminal:
 
     def _line(self, edge: Edge, across: Across) -> Pair:
         """Write a scalar law of length and rate, along an axis or the line of the nodes."""
-        law, reach = edge.component.law, across("r", edge.name)
-        assert law is not None  # the components give every line one
-        is_damped = not self.fields.pair(_scalar_field(edge, "damping")).value.is_zero
-        closing = across("v", edge.name) if "rate" in law.arguments and is_damped else NOTHING
         if "axis" in edge.fields:
             along = self.axis(edge)
-            length = reach.dot(along)
-            rate = closing.dot(along)
-            if is_damped:
-                rate += reach.dot(
-                    self.of_node("ω", edge.nodes[0]).cross(Pair(along.value, along.d))
-                )
+            length, rate = self._along_axis(edge, across)
         else:
-            along = self.symbol("e", edge.name)
+            reach, along = across("r", edge.name), self.symbol("e", edge.name)
             length = Pair(scalar(f"|{reach.value}|"), dot(reach.d, along.value))
-            rate = closing.dot(along)
+            rate = across("v", edge.name).dot(along) if self._is_damped(edge) else NOTHING
         return self._law(edge, {"length": length, "rate": rate}) * along
 
+    def _is_damped(self, edge: Edge) -> bool:
+        return not self.fields.pair(_scalar_field(edge, "damping")).value.is_zero
+
+    def _along_axis(self, edge: Edge, across: Across) -> tuple[Pair, Pair]:
+        """Write how far apart the nodes are along an edge's axis, and the rate of that."""
+        reach, along = across("r", edge.name), self.axis(edge)
+        if not self._is_damped(edge):
+            return reach.dot(along), NOTHING
+        turning = self.of_node("ω", edge.nodes[0]).cross(along)
+        return reach.dot(along), across("v", edge.name).dot(along) + reach.dot(turning)
+
     def effort(self, edge: Edge, freedom: Freedom) -> Pair:
-        """Write what a joint's own law exerts along a coordinate."""
+        """Write what a joint's own law exerts along a direction of its motion space."""
         if edge.component.law is None:
             return NOTHING
+        if edge.name not in self.branches:
+            return self._chord_effort(edge, freedom, self.symbol)
         arguments = {
             f"{freedom.name}{suffix}": self.coordinate(edge.name, freedom, suffix)
             for suffix in ("", "_dot")
         }
         return self._law(edge, arguments)
+
+    def _chord_effort(self, edge: Edge, freedom: Freedom, across: Across) -> Pair:
+        """Write the same for a chord, which has no coordinate; a turning one has no law here."""
+        if edge.component.law is None or freedom.rotates:
+            return NOTHING
+        length, rate = self._along_axis(edge, across)
+        return self._law(edge, {freedom.name: length, f"{freedom.name}_dot": rate})
 
     def _law(self, edge: Edge, arguments: Mapping[str, Pair]) -> Pair:
         """Write a component's law, made of sums and products, with formulas in its arguments."""
@@ -208,11 +243,10 @@ class Terminal:
         return result
 
     def across(self, edge: Edge) -> dict[str, Pair]:
-        """Write the across variables of an arm or a joint; those of bodies are unknown."""
-        tail, motion = edge.nodes[0], edge.component.motion_space
+        """Write the across variables of an arm, or of a branch by its coordinates."""
+        tail = edge.nodes[0]
         omega, alpha = self.of_node("ω", tail), self.of_node("α", tail)
-        sliding = [freedom for freedom in motion if not freedom.rotates]
-        turning = [freedom for freedom in motion if freedom.rotates]
+        sliding, turning = self.motion(edge, False), self.motion(edge, True)
         reach = self._along(edge, sliding, "")
         if edge.component.role is Role.ARM:
             reach = self.components(_vector_field(edge, "vector"), tail)
@@ -231,17 +265,18 @@ class Terminal:
         }
 
     def _along(self, edge: Edge, freedoms: Sequence[Freedom], suffix: str) -> Pair:
-        """Sum coordinates, rates or accelerations along the axis of the motion space."""
+        """Sum coordinates, rates or accelerations along the axes of the motion space."""
         total = NOTHING
         for freedom in freedoms:
-            total += self.coordinate(edge.name, freedom, suffix) * self.axis(edge)
+            total += self.coordinate(edge.name, freedom, suffix) * self.direction(edge, freedom)
         return total
 
     def _rotation(self, edge: Edge, freedoms: Sequence[Freedom]) -> Pair:
         """Write the orientation across a joint, and its rotation vector along the parameter."""
         if not freedoms:
             return NOTHING
-        angle, axis = self.coordinate(edge.name, freedoms[0]), self.axis(edge)
+        angle = self.coordinate(edge.name, freedoms[0])
+        axis = self.direction(edge, freedoms[0])
         phi = angle.d * axis.value
         fields = _vector_field(edge, "axis")
         if any(not self.fields.pair(value).d.is_zero for value in fields):

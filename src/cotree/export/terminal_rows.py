@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cotree.components import Role
-from cotree.export.blackboard import Formula, Pair, vector
+from cotree.export.blackboard import NOTHING, Formula, Pair, vector
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -35,25 +35,45 @@ def _projections(terminal: Terminal, edge: Edge) -> list[Row]:
     """Write what a joint exerts along the directions of its motion space."""
     return [
         (
-            terminal.symbol("T" if freedom.rotates else "F", edge.name).dot(terminal.axis(edge)),
+            terminal.symbol("T" if rotates else "F", edge.name).dot(terminal.axis(edge)),
             terminal.effort(edge, freedom),
         )
-        for freedom in edge.component.motion_space
+        for rotates in (False, True)
+        for freedom in terminal.motion(edge, rotates)
     ]
 
 
 def across_rows(terminal: Terminal, edge: Edge) -> list[Row]:
     """Write what an edge's terminal equations say of its across variables."""
-    if edge.component.role not in (Role.ARM, Role.JOINT):
-        return []
-    rows = []
-    for letter, value in terminal.across(edge).items():
-        symbol = terminal.symbol(letter, edge.name)
-        if letter == "R":  # the derivative of an orientation is a rotation vector
-            if value.value.is_zero:
-                value = Pair(vector("1"), value.d)
-            symbol = Pair(symbol.value, terminal.symbol("φ", edge.name).d)
-        rows.append((symbol, value))
+    if edge.component.role is Role.ARM or edge.name in terminal.branches:
+        values = terminal.across(edge)
+        return [_across_row(terminal, edge, letter, value) for letter, value in values.items()]
+    return _held_rows(terminal, edge) if edge.component.role is Role.JOINT else []
+
+
+def _across_row(terminal: Terminal, edge: Edge, letter: str, value: Pair) -> Row:
+    symbol = terminal.symbol(letter, edge.name)
+    if letter == "R":  # the derivative of an orientation is a rotation vector
+        if value.value.is_zero:
+            value = Pair(vector("1"), value.d)
+        symbol = Pair(symbol.value, terminal.symbol("φ", edge.name).d)
+    return symbol, value
+
+
+def _held_rows(terminal: Terminal, edge: Edge) -> list[Row]:
+    """Write what a joint that is a chord holds: nothing moves along its reaction space."""
+    rows: list[Row] = []
+    for letters, rotates in (("rva", False), ("Rωα", True)):
+        if not terminal.motion(edge, rotates):
+            rows += [_across_row(terminal, edge, letter, NOTHING) for letter in letters]
+            continue
+        moving = terminal.symbol("ω" if rotates else "r", edge.name)
+        index = terminal.axis_index(edge)
+        if index is None:
+            rows.append((moving.cross(terminal.axis(edge)), NOTHING))
+            continue
+        normals = (terminal.unit_vector(i, edge.nodes[0]) for i in range(3) if i != index)
+        rows += [(moving.dot(normal), NOTHING) for normal in normals]
     return rows
 
 
@@ -78,6 +98,12 @@ def definitions(terminal: Terminal, second: bool) -> list[str]:
             lines += _axis_lines(terminal, edge, second)
         if edge.component.role is Role.LINE and "axis" not in edge.fields:
             lines += _line_lines(terminal, edge, second)
+    moving = terminal.fields.moving
+    lines += [
+        f"{moving[name]}: derivative of the input {name}"
+        for name in terminal.scene.inputs
+        if second and name in moving
+    ]
     if any(edge.nodes[0] in terminal.turning for edge in terminal.scene.edges.values()):
         lines.append(_node_line(terminal, second))
     return lines
@@ -142,15 +168,11 @@ def spaces_text(terminal: Terminal, edge: Edge) -> str:
     """Write the motion and reaction spaces of a branch."""
     parts = []
     for domain, rotates in (("translation", False), ("rotation", True)):
-        if edge.component.role is Role.BODY:
-            motion, reaction = list(_GROUND_AXES), []
-        else:
-            motion = [
-                str(terminal.axis(edge).value)
-                for freedom in edge.component.motion_space
-                if freedom.rotates is rotates
-            ]
-            reaction = _normal_to(terminal, edge) if motion else list(_GROUND_AXES)
+        freedoms = terminal.motion(edge, rotates)
+        motion = [str(terminal.direction(edge, freedom).value) for freedom in freedoms]
+        reaction = [axis for axis in _GROUND_AXES if axis not in motion]
+        if motion and edge.component.role is Role.JOINT:
+            reaction = _normal_to(terminal, edge)
         parts.append(f"{domain}: motion {_set(motion)}, reaction {_set(reaction)}")
     return "; ".join(parts)
 

@@ -104,7 +104,10 @@ def _apply(op: str, args: list[Any]) -> Any:
 
 
 def _solve_name(node: Node, position: int) -> str:
-    return f"x_{position + 1}" if position < node.data else "rank"
+    size = node.data.size
+    if position < size:
+        return f"x_{position + 1}"
+    return "rank" if position == size else "is_determined"
 
 
 def _table_name(_: Node, position: int) -> str:
@@ -126,7 +129,10 @@ _SEVERAL: dict[str, Callable[[Node, int], str]] = {
 def _arguments(node: Node) -> tuple[Node, ...]:
     """List what a result depends on; how a system decides its rank says nothing to a reader."""
     source = node.args[0]
-    return source.args[: source.data * (source.data + 1)] if source.op == "solve" else source.args
+    if source.op != "solve":
+        return source.args
+    size = source.data.size
+    return source.args[: size * (size + 1)]
 
 
 def _result(node: Node, args: list[Any], numbers: dict[Any, int]) -> Any:

@@ -61,8 +61,8 @@ class Motion:
     def _branch_velocity(self, branch: Branch) -> Vector:
         geometry = self.to(branch.child)
         result = vector.cross(self.omega[branch.parent], geometry.offset)
-        for coordinate, shifting in zip(branch.coordinates, geometry.shifting, strict=True):
-            result = vector.add(result, vector.scale(coordinate.speed, shifting))
+        for speed, shifting in zip(branch.speeds, geometry.shifting, strict=True):
+            result = vector.add(result, vector.scale(speed.symbol, shifting))
         return result
 
     def arm(self, point: Point) -> Vector:
@@ -95,11 +95,17 @@ class Accelerations:
         ``[alpha]x + [omega]x[omega]x`` of each cluster: times an arm, the acceleration across it.
     origin : tuple of Vector
         Acceleration of each cluster's origin, less gravity.
+    across : tuple of Vector
+        Of each moving branch, from the parent's origin to the child's, in the parent's basis.
+    rates : tuple of Node
+        The accelerations that they belong to.
     """
 
     alpha: tuple[Vector, ...]
     matrix: tuple[Matrix, ...]
     origin: tuple[Vector, ...]
+    across: tuple[Vector, ...]
+    rates: tuple[Node, ...]
 
 
 def move(system: System, clusters: Clusters, own_axes: Collection[int]) -> Motion:
@@ -120,7 +126,7 @@ def move(system: System, clusters: Clusters, own_axes: Collection[int]) -> Motio
 
 def relative_spin(geometry: Geometry) -> Vector:
     """Form the angular velocity across a branch."""
-    return weighted(geometry.turning, [c.speed for c in geometry.branch.coordinates])
+    return weighted(geometry.turning, [v.symbol for v in geometry.branch.speeds])
 
 
 def weighted(vectors: Sequence[Vector], factors: Sequence[Node]) -> Vector:
@@ -133,7 +139,7 @@ def weighted(vectors: Sequence[Vector], factors: Sequence[Node]) -> Vector:
 
 def carrier_spin(motion: Motion, branch: Branch) -> Vector:
     """Give the angular velocity of a branch's carrier, in the basis of its parent."""
-    if branch.sign > 0:
+    if branch.carrier == branch.parent:
         return motion.omega[branch.parent]
     return motion.frames.up(branch.child, motion.omega[branch.child])
 
@@ -146,16 +152,17 @@ def accelerate(motion: Motion, rates: Sequence[Node]) -> Accelerations:
     motion : Motion
         The first graph's positions and velocities.
     rates : sequence of Node
-        Accelerations of the coordinates, in their order.
+        Rates of the speeds, in their order.
     """
     system, frames = motion.system, motion.frames
     alpha = [vector.zeros(system.dag)]
     matrix = [vector.angular_acceleration_matrix(alpha[0], alpha[0])]
     origin = [vector.neg(system.gravity)]
+    steps = []
     for geometry in motion.geometry:
         branch = geometry.branch
-        own = [rates[c.index] for c in branch.coordinates]
-        speeds = [c.speed for c in branch.coordinates]
+        own = [rates[v.index] for v in branch.speeds]
+        speeds = [v.symbol for v in branch.speeds]
         with system.dag.labelled(f"f-circuits, acceleration of {branch.edge}"):
             spin = carrier_spin(motion, branch)
             turn = vector.add(
@@ -163,7 +170,7 @@ def accelerate(motion: Motion, rates: Sequence[Node]) -> Accelerations:
             )
             alpha.append(frames.down(branch.child, vector.add(alpha[branch.parent], turn)))
             matrix.append(vector.angular_acceleration_matrix(motion.omega[branch.child], alpha[-1]))
-            sliding = sliding_directions(geometry)
+            sliding = geometry.sliding
             across = vector.times(matrix[branch.parent], geometry.from_parent)
             across = vector.add(across, weighted(sliding, own))
             coriolis = vector.cross(spin, weighted(sliding, speeds))
@@ -171,15 +178,7 @@ def accelerate(motion: Motion, rates: Sequence[Node]) -> Accelerations:
             if not vector.is_zero(geometry.from_child):
                 carried = vector.times(matrix[-1], frames.down(branch.child, geometry.from_child))
                 across = vector.add(across, frames.up(branch.child, carried))
+            steps.append(across)
             total = vector.add(origin[branch.parent], across)
             origin.append(frames.down(branch.child, total))
-    return Accelerations(tuple(alpha), tuple(matrix), tuple(origin))
-
-
-def sliding_directions(geometry: Geometry) -> tuple[Vector, ...]:
-    """Give the translational motion space alone; zero for coordinates that rotate."""
-    zero = vector.zeros(geometry.offset[0].dag)
-    return tuple(
-        zero if coordinate.freedom.rotates else shifting
-        for coordinate, shifting in zip(geometry.branch.coordinates, geometry.shifting, strict=True)
-    )
+    return Accelerations(tuple(alpha), tuple(matrix), tuple(origin), tuple(steps), tuple(rates))

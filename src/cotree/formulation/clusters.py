@@ -10,24 +10,39 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.components import Role
+from cotree.components import Freedom, Role
 from cotree.dag import vector
 from cotree.errors import SceneError
-from cotree.formulation.system import bodies
 from cotree.graph import tree_walk
 
 if TYPE_CHECKING:
     from cotree.dag.nodes import Node
     from cotree.dag.vector import Matrix, Vector
-    from cotree.formulation.system import Coordinate, System
+    from cotree.formulation.fields import BoundEdge
+    from cotree.formulation.system import Speed, Step, System
 
 
 @dataclass(frozen=True)
 class Point:
-    """A node as a point of its cluster: position from the cluster's origin, in its axes."""
+    """A node as a point of its cluster.
+
+    Attributes
+    ----------
+    cluster : int
+        The cluster.
+    local : Vector
+        Position from the cluster's origin, in its axes.
+    turn : Matrix or None
+        The node's own axes in the cluster's; None where they are the same.
+    """
 
     cluster: int
     local: Vector
+    turn: Matrix | None = None
+
+    def resolved(self, a: Vector) -> Vector:
+        """Resolve a vector of the node's axes in the cluster's."""
+        return a if self.turn is None else vector.times(self.turn, a)
 
 
 @dataclass(frozen=True)
@@ -46,13 +61,19 @@ class Branch:
     parent, child : int
         The clusters. The child's origin is the branch's outer node.
     carrier : int
-        The cluster of the edge's first node, in whose axes the motion space is constant.
+        The cluster in whose axes the motion space is constant: that of the edge's first node, of
+        the second for angular velocities.
     anchor : Vector
         Position of the branch's inner node in the parent's axes.
-    coordinates : tuple of Coordinate
-        Its coordinates.
+    step : Step
+        Its coordinates and speeds.
     axes : tuple of Vector
-        Their axes, in the carrier's frame.
+        The direction of each speed, in the carrier's frame.
+    slides : tuple of Node
+        How far a unit of each speed moves along its axis: one for a translation, zero for a
+        rotation, the pitch of a screw.
+    mount : Matrix or None
+        Of a free rotation: the axes that it starts from, in the parent's.
     """
 
     edge: str
@@ -61,8 +82,32 @@ class Branch:
     child: int
     carrier: int
     anchor: Vector
-    coordinates: tuple[Coordinate, ...]
+    step: Step
     axes: tuple[Vector, ...]
+    slides: tuple[Node, ...]
+    mount: Matrix | None = None
+
+    @property
+    def speeds(self) -> tuple[Speed, ...]:
+        """The speeds along the motion space."""
+        return self.step.speeds
+
+    @property
+    def turns(self) -> bool:
+        """Whether it rotates its child."""
+        return self.step.kind.rotates
+
+    @property
+    def position(self) -> Node:
+        """The only coordinate of a branch along one axis."""
+        return self.step.coordinates[0].symbol
+
+    @property
+    def quaternion(self) -> tuple[Node, ...] | None:
+        """The coordinates of a free rotation."""
+        if isinstance(self.step.kind, Freedom):
+            return None
+        return tuple(c.symbol for c in self.step.coordinates)
 
 
 @dataclass(frozen=True)
@@ -122,40 +167,82 @@ def lump(system: System) -> Clusters:
     dag = system.dag
     points = {"ground": Point(0, vector.zeros(dag))}
     branches: list[Branch | None] = [None]
-    by_edge: dict[str, tuple[Coordinate, ...]] = {}
-    for coordinate in system.coordinates:
-        by_edge[coordinate.edge] = (*by_edge.get(coordinate.edge, ()), coordinate)
     for step in tree_walk(system.tree):
         edge = system.edges[step.edge]
         start = points[step.parent]
         if edge.component.role is Role.ARM:
-            arm = vector.signed(step.sign, edge.vectors.get("vector", vector.zeros(dag)))
-            points[step.child] = Point(start.cluster, vector.add(start.local, arm))
+            points[step.child] = _fixed_point(edge, step.sign, start)
             continue
-        for coordinate in by_edge[step.edge][:: step.sign]:
-            child = len(branches)
-            branches.append(
-                Branch(
-                    step.edge,
-                    step.sign,
-                    start.cluster,
-                    child,
-                    start.cluster if step.sign > 0 else child,
-                    start.local,
-                    (coordinate,),
-                    (edge.vectors[coordinate.freedom.axis],),
-                )
-            )
-            start = Point(child, vector.zeros(dag))
+        for own in system.steps.get(step.edge, ())[:: step.sign]:
+            branch, start = _moving(edge, own, step.sign, start, len(branches))
+            branches.append(branch)
         points[step.child] = start
     return Clusters(points, tuple(branches), _inertias(system, points, len(branches)))
+
+
+def _fixed_point(edge: BoundEdge, sign: int, start: Point) -> Point:
+    """Place the other node of an arm or a weld."""
+    arm = edge.vectors.get("vector")
+    if sign > 0:
+        local = start.local if arm is None else vector.add(start.local, start.resolved(arm))
+        return Point(start.cluster, local, _product(start.turn, edge.rotation))
+    turned = None if edge.rotation is None else vector.transpose(edge.rotation)
+    first = Point(start.cluster, start.local, _product(start.turn, turned))
+    local = start.local if arm is None else vector.sub(start.local, first.resolved(arm))
+    return Point(start.cluster, local, first.turn)
+
+
+def _product(a: Matrix | None, b: Matrix | None) -> Matrix | None:
+    if a is None or b is None:
+        return a if b is None else b
+    return vector.matmul(a, b)
+
+
+def _moving(
+    edge: BoundEdge, own: Step, sign: int, start: Point, child: int
+) -> tuple[Branch, Point]:
+    """Make one branch of a joint, and its outer node."""
+    dag = own.speeds[0].symbol.dag
+    zero, units = vector.zeros(dag), vector.identity(dag)
+    inner, outer = start.cluster, Point(child, zero, start.turn)
+    if isinstance(own.kind, Freedom):
+        axis = {**dict(zip("xyz", units, strict=True)), **edge.vectors}
+        slide = dag.zero if own.kind.rotates else dag.one
+        branch = Branch(
+            edge.name,
+            sign,
+            inner,
+            child,
+            inner if sign > 0 else child,
+            start.local,
+            own,
+            (start.resolved(axis[own.kind.axis]),),
+            (edge.scalars[own.kind.pitch] if own.kind.pitch else slide,),
+        )
+        return branch, outer
+    # The outer node's axes become the child's.
+    axes = units if sign > 0 else tuple(start.resolved(unit) for unit in units)
+    carrier = child if sign > 0 else inner
+    branch = Branch(
+        edge.name,
+        sign,
+        inner,
+        child,
+        carrier,
+        start.local,
+        own,
+        axes,
+        (dag.zero, dag.zero, dag.zero),
+        start.turn,
+    )
+    return branch, Point(child, zero)
 
 
 def _inertias(
     system: System, points: dict[str, Point], n_clusters: int
 ) -> tuple[Inertia | None, ...]:
     inertias: list[Inertia | None] = [None] * n_clusters
-    for body in bodies(system):
+    for body in system.bodies:
         if body.first != "ground":
             raise SceneError(
                 f"rigid body '{body.name}' begins at node '{body.first}': inertia is measured "
@@ -163,7 +250,10 @@ def _inertias(
             )
         point = points[body.second]
         with system.dag.labelled(f"inertia of {body.name}"):
-            own = shifted(body.scalars["mass"], point.local, body.inertia)
+            tensor = body.inertia
+            if tensor is not None and point.turn is not None:
+                tensor = vector.congruence(point.turn, tensor)
+            own = shifted(body.scalars["mass"], point.local, tensor)
             inertias[point.cluster] = combined(inertias[point.cluster], own)
     return tuple(inertias)
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from cotree.dag.vector import Vector
     from cotree.formulation.across import Motion
     from cotree.formulation.clusters import Point
-    from cotree.formulation.system import BoundEdge
+    from cotree.formulation.fields import BoundEdge
 
 
 @dataclass(frozen=True)
@@ -115,8 +115,8 @@ def _act(motion: Motion, edge: BoundEdge) -> Action:
 
 
 def carried(motion: Motion, point: Point, local: Vector, ancestor: int) -> Vector:
-    """Resolve a vector fixed in a point's cluster in the basis of an ancestor."""
-    own = motion.frames.resolved(point.cluster, local)
+    """Resolve a vector given in a node's axes in the basis of an ancestor."""
+    own = motion.frames.resolved(point.cluster, point.resolved(local))
     return inwards(motion.clusters, motion.frames, own, point.cluster, ancestor)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.dag.several import solve
+from cotree.dag.several import RANK_TOLERANCE, SolveShape, solve
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,10 +32,13 @@ class Factors:
     core : tuple of int
         The unknowns left to a solution at run time.
     core_scales : tuple of Node
-        One over the square root of their diagonal entries before elimination.
+        One over the square root of their diagonal entries: before elimination, but of those that
+        begin at zero (multipliers) after it.
     core_matrix : tuple of rows of Node
         Their Schur complement, scaled from both sides: entries near 1 have lost nothing to
         cancellation, which makes the rank decision free of units.
+    n_determined : int
+        How many unknowns of the core, which come first, must have one solution only.
     """
 
     dag: Dag
@@ -45,9 +48,12 @@ class Factors:
     core: tuple[int, ...]
     core_scales: tuple[Node, ...]
     core_matrix: tuple[tuple[Node, ...], ...]
+    n_determined: int
 
 
-def factorise(dag: Dag, matrix: Sequence[Sequence[Node]], is_safe: Sequence[bool]) -> Factors:
+def factorise(
+    dag: Dag, matrix: Sequence[Sequence[Node]], is_safe: Sequence[bool], n_multipliers: int = 0
+) -> Factors:
     """Eliminate the safe unknowns, at each step the one with the fewest couplings.
 
     Parameters
@@ -58,6 +64,8 @@ def factorise(dag: Dag, matrix: Sequence[Sequence[Node]], is_safe: Sequence[bool
         Symmetric.
     is_safe : sequence of bool
         Whether the pivot of each unknown is known to be nonzero.
+    n_multipliers : int
+        How many of the last unknowns may be redundant.
     """
     n = len(matrix)
     rows = {i: {j: matrix[i][j] for j in range(n) if not matrix[i][j].is_zero} for i in range(n)}
@@ -83,7 +91,8 @@ def factorise(dag: Dag, matrix: Sequence[Sequence[Node]], is_safe: Sequence[bool
         columns.append(multipliers)
         inverses.append(inverse)
     core = tuple(sorted(rows))
-    scales = tuple(1.0 / dag.function("sqrt", matrix[i][i]) for i in core)
+    with dag.labelled("elimination"):
+        scales = _core_scales(dag, matrix, rows)
     return Factors(
         dag,
         tuple(order),
@@ -95,10 +104,41 @@ def factorise(dag: Dag, matrix: Sequence[Sequence[Node]], is_safe: Sequence[bool
             tuple(rows[i].get(j, dag.zero) * (a * b) for j, b in zip(core, scales, strict=True))
             for i, a in zip(core, scales, strict=True)
         ),
+        sum(i < n - n_multipliers for i in core),
     )
 
 
-def substitute_back(factors: Factors, rhs: Sequence[Node]) -> list[Node]:
+def _core_scales(
+    dag: Dag, matrix: Sequence[Sequence[Node]], rows: dict[int, dict[int, Node]]
+) -> tuple[Node, ...]:
+    """Give what makes the core's diagonal one where it can be.
+
+    Multipliers begin with a zero there: elimination has left minus a sum of squares, to which what
+    couples them to the rest of the core is added. The sum may vanish where a constraint loses its
+    gradient: a share of 1e-20 of them all keeps such a row small and the scale finite.
+    """
+    core = sorted(rows)
+    fresh = [i for i in core if matrix[i][i].is_zero]
+    squares = {i: 1.0 / matrix[i][i] for i in core if i not in fresh}
+    sizes = {}
+    for i in fresh:
+        sizes[i] = dag.function("abs", rows[i].get(i, dag.zero))
+        for j, entry in rows[i].items():
+            if j != i and matrix[j][i] is not dag.zero:
+                sizes[i] = sizes[i] + entry * entry * squares.get(j, dag.one)
+    floor = dag.zero
+    if len(fresh) > 1:
+        for size in sizes.values():
+            floor = floor + 1e-20 * size
+    roots = {i: sizes[i] + floor if i in sizes else matrix[i][i] for i in core}
+    return tuple(
+        dag.one if roots[i].is_zero else 1.0 / dag.function("sqrt", roots[i]) for i in core
+    )
+
+
+def substitute_back(
+    factors: Factors, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE
+) -> list[Node]:
     """Solve for one right-hand side.
 
     Parameters
@@ -107,6 +147,8 @@ def substitute_back(factors: Factors, rhs: Sequence[Node]) -> list[Node]:
         From :func:`factorise`.
     rhs : sequence of Node
         Right-hand side.
+    tolerance : float
+        Pivots of the core below this share of its entries are zero.
 
     Returns
     -------
@@ -123,7 +165,8 @@ def substitute_back(factors: Factors, rhs: Sequence[Node]) -> list[Node]:
         if factors.core and any(not right[i].is_zero for i in factors.core):
             scales = factors.core_scales
             scaled = [right[i] * scale for i, scale in zip(factors.core, scales, strict=True)]
-            solution = solve(dag, factors.core_matrix, scaled, dag.one)
+            shape = SolveShape(len(scaled), factors.n_determined, tolerance)
+            solution = solve(dag, factors.core_matrix, scaled, dag.one, shape)
             for i, scale, value in zip(factors.core, scales, solution, strict=False):
                 unknowns[i] = scale * value
         for k, column, inverse in zip(

@@ -7,26 +7,39 @@ motion spaces.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from cotree.components import FreeRotation
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag
+from cotree.dag.rotation import quaternion_rates
 from cotree.equations import State
+from cotree.errors import ExpressionError
 from cotree.formulation.across import accelerate, move
 from cotree.formulation.clusters import lump
+from cotree.formulation.laws import applied_laws
+from cotree.formulation.observed import Observer, observe_motion
 from cotree.formulation.outputs import form_outputs
+from cotree.formulation.pulls import form_constraints, multiplier_loads
 from cotree.formulation.safety import check_inertia, safe_pivots
+from cotree.formulation.start import body_starts, start_conditions
 from cotree.formulation.system import bind
 from cotree.formulation.through import balance, load, mass_matrix
+from cotree.formulation.views import FirstView
+from cotree.scene.motion_spaces import motion_spaces
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Mapping, Sequence
 
     from cotree.dag.nodes import Node
     from cotree.equations import Guard
-    from cotree.formulation.across import Accelerations, Motion
+    from cotree.formulation.across import Motion
+    from cotree.formulation.chords import Row
+    from cotree.formulation.laws import Applied
     from cotree.formulation.outputs import Outputs
+    from cotree.formulation.pulls import Constraints
+    from cotree.formulation.start import Condition
     from cotree.formulation.system import System
     from cotree.formulation.through import Balance, Loads
     from cotree.graph import Tree
@@ -41,12 +54,22 @@ class FirstGraph:
     ----------
     scene : SceneDescription
         What it was made from.
-    motion, loads, across, balance : Motion, Loads, Accelerations, Balance
-        Across and through variables, at the accelerations ``unknowns``.
+    motion, loads, view, balance : Motion, Loads, FirstView, Balance
+        Across and through variables, at the accelerations and multipliers ``unknowns``.
+    applied : tuple of Applied
+        Through variables along measures: laws of chord joints, then multipliers.
+    constraints : Constraints
+        What the chords hold.
+    idle : tuple of Row
+        What chords would hold, were there any motion along it.
+    conditions : tuple of Condition
+        Initial values of what is no state.
+    measured : mapping of Node to Node
+        What the symbols of across variables in fields stand for.
     unknowns : tuple of Node
-        Symbols of the accelerations of the coordinates.
+        Symbols of the accelerations, then of the multipliers.
     matrix : tuple of rows of Node
-        The mass matrix.
+        The mass matrix, bordered by the constraints.
     forcing : tuple of Node
         Right-hand side of ``matrix @ unknowns = forcing``.
     is_safe : tuple of bool
@@ -64,8 +87,13 @@ class FirstGraph:
     scene: SceneDescription
     motion: Motion
     loads: Loads
-    across: Accelerations
+    view: FirstView
     balance: Balance
+    applied: tuple[Applied, ...]
+    constraints: Constraints
+    idle: tuple[Row, ...]
+    conditions: tuple[Condition, ...]
+    measured: Mapping[Node, Node]
     unknowns: tuple[Node, ...]
     matrix: tuple[tuple[Node, ...], ...]
     forcing: tuple[Node, ...]
@@ -82,7 +110,10 @@ class FirstGraph:
 
 
 def form_first_graph(
-    scene: SceneDescription, tree: Tree, own_axes: Collection[int] = ()
+    scene: SceneDescription,
+    tree: Tree,
+    own_axes: Collection[int] = (),
+    baumgarte: float = 0.0,
 ) -> FirstGraph:
     """Form the governing equations of a scene in the coordinates of its tree's joints.
 
@@ -95,6 +126,10 @@ def form_first_graph(
     own_axes : collection of int
         The clusters whose vectors are resolved in their own axes; see
         :mod:`cotree.formulation.frames`.
+    baumgarte : float
+        Rate, [1/s], at which violated constraints decay; zero leaves them to projection. With
+        rate b the accelerations satisfy c'' + 2 b c' + b^2 c = 0 in place of c'' = 0
+        (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1).
 
     Raises
     ------
@@ -104,45 +139,108 @@ def form_first_graph(
         If a coordinate moves nothing that has inertia.
     """
     dag = Dag()
-    system = bind(scene, tree, dag)
+    starts = body_starts(scene, tree, motion_spaces(scene).of, dag)
+    system = bind(scene, tree, dag, starts)
     clusters = lump(system)
     motion = move(system, clusters, own_axes)
-    loads = load(motion)
-    matrix = mass_matrix(motion, loads)
-    check_inertia(system, matrix)
-    at_rest = balance(motion, loads, accelerate(motion, [dag.zero] * len(matrix)))
-    unknowns = tuple(c.acceleration for c in system.coordinates)
-    across = accelerate(motion, unknowns)
+    still = FirstView(motion, accelerate(motion, [dag.zero] * len(system.speeds)))
+    laws = applied_laws(motion, still)
+    loads = load(motion).plus(multiplier_loads(laws))
+    constraints, idle = form_constraints(motion, still, baumgarte)
+    mass = mass_matrix(motion, loads)
+    check_inertia(system, mass, constraints.gradient)
+    at_rest = balance(motion, loads, still.across)
+    accelerations = tuple(v.acceleration for v in system.speeds)
+    view = FirstView(motion, accelerate(motion, accelerations))
+    applied = (*laws, *constraints.applied)
     values = {
         symbol: scene.parameters[name].value
         for name, symbol in system.parameters.items()
         if symbol.op == "symbol"
     }
     is_safe, pivot_guards = safe_pivots(system, clusters, lambda n: float(evaluate([n], values)[0]))
+    loaded = loads.plus(multiplier_loads(constraints.applied))
+    balanced = balance(motion, loaded, view.across)
+    observer = Observer(view, loaded, balanced, applied)
     return FirstGraph(
         scene=scene,
         motion=motion,
-        loads=loads,
-        across=across,
-        balance=balance(motion, loads, across),
-        unknowns=unknowns,
-        matrix=tuple(tuple(row) for row in matrix),
-        forcing=tuple(-row for row in at_rest.residual),
-        is_safe=is_safe,
+        loads=loaded,
+        view=view,
+        balance=balanced,
+        applied=applied,
+        constraints=constraints,
+        idle=tuple(idle),
+        conditions=start_conditions(scene, motion, still),
+        measured=_measured(motion),
+        unknowns=(*accelerations, *constraints.multipliers),
+        matrix=_bordered(mass, constraints, dag),
+        forcing=(*(-row for row in at_rest.residual), *constraints.biases),
+        is_safe=(*is_safe, *(False for _ in constraints.rows)),
         guards=(*system.guards, *pivot_guards),
-        states=_states(system),
-        rates=(*(c.speed for c in system.coordinates), *unknowns),
-        outputs=form_outputs(motion, scene.outputs),
+        states=_states(scene, system),
+        rates=(*_kinematic_rates(system), *accelerations),
+        outputs=form_outputs(observer, scene.outputs),
     )
 
 
-def _states(system: System) -> tuple[State, ...]:
-    """List the coordinates, then their rates."""
-    positions = [
-        State(c.name, c.freedom.unit, c.position, c.initial_position) for c in system.coordinates
-    ]
-    speeds = [
-        State(f"{c.name}_dot", f"{c.freedom.unit}/s", c.speed, c.initial_speed)
-        for c in system.coordinates
-    ]
-    return (*positions, *speeds)
+def _measured(motion: Motion) -> dict[Node, Node]:
+    """Form the across variables that fields use.
+
+    Raises
+    ------
+    ExpressionError
+        If there is none of a name, or it is an acceleration or a force.
+    """
+    found = {}
+    for name, symbol in motion.system.measured.items():
+        value = observe_motion(motion, name)
+        if value is None:
+            raise ExpressionError(
+                f"a field uses '{name}', which is no coordinate, position, velocity or orientation "
+                "of this scene; accelerations and reactions cannot be used in fields"
+            )
+        found[symbol] = value
+    return found
+
+
+def _bordered(
+    mass: Sequence[Sequence[Node]], constraints: Constraints, dag: Dag
+) -> tuple[tuple[Node, ...], ...]:
+    """Border the mass matrix with the constraints: symmetric, [M, -G^T; -G, 0]."""
+    border = [[-entry for entry in row] for row in constraints.gradient]
+    zeros = [dag.zero] * len(border)
+    upper = [(*row, *(b[i] for b in border)) for i, row in enumerate(mass)]
+    return (*upper, *((*row, *zeros) for row in border))
+
+
+def _states(scene: SceneDescription, system: System) -> tuple[State, ...]:
+    """List the coordinates, then the speeds."""
+    coordinates = [State(c.name, c.unit, c.symbol, c.initial) for c in system.coordinates]
+    speeds = [State(v.name, v.unit, v.symbol, v.initial) for v in system.speeds]
+    return tuple(
+        replace(state, is_given=_is_given(scene, state.name)) for state in (*coordinates, *speeds)
+    )
+
+
+def _is_given(scene: SceneDescription, name: str) -> bool:
+    """Whether the scene gives the initial value of a state."""
+    edge, _, short = name.partition(".")
+    initial = scene.edges[edge].initial
+    turn = {"q0", "q1", "q2", "q3"}
+    if short in turn:
+        return not (turn | {"rotation"}).isdisjoint(initial)
+    return short in initial
+
+
+def _kinematic_rates(system: System) -> tuple[Node, ...]:
+    """Form the rates of the coordinates from the speeds."""
+    rates: list[Node] = []
+    for steps in system.steps.values():
+        for step in steps:
+            speeds = [speed.symbol for speed in step.speeds]
+            if isinstance(step.kind, FreeRotation):
+                rates += quaternion_rates([c.symbol for c in step.coordinates], speeds)
+            else:
+                rates += speeds
+    return tuple(rates)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.dag import vector
-from cotree.dag.rotation import Rotation, no_rotation
+from cotree.dag.rotation import Rotation, no_rotation, of_quaternion
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -52,8 +52,8 @@ class Frames:
         return vector.times(self.rotations[cluster].matrix, local)
 
     def carrier_axes(self, branch: Branch) -> Matrix:
-        """Give the axes of a branch's first node, resolved in the parent's basis."""
-        if branch.sign > 0:
+        """Give the axes of a branch's carrier, resolved in the parent's basis."""
+        if branch.carrier == branch.parent:
             return self.rotations[branch.parent].matrix
         step = self.steps[branch.child]
         own = self.rotations[branch.child].matrix
@@ -66,19 +66,28 @@ def choose_frames(system: System, clusters: Clusters, own_axes: Collection[int])
     steps: list[Matrix | None] = [None]
     for branch in clusters.branches[1:]:
         assert branch is not None
-        relative = rotations[branch.parent]
-        turns = False
-        for coordinate, axis in zip(branch.coordinates, branch.axes, strict=True):
-            if coordinate.freedom.rotates:
-                angle = coordinate.position if branch.sign > 0 else -coordinate.position
-                relative, turns = relative.then(axis, angle), True
-        if turns and branch.child in own_axes:
+        relative = _turned(rotations[branch.parent], branch)
+        if branch.turns and branch.child in own_axes:
             rotations.append(no_rotation(system.dag))
             steps.append(relative.matrix)
         else:
             rotations.append(relative)
             steps.append(None)
     return Frames(tuple(rotations), tuple(steps))
+
+
+def _turned(parent: Rotation, branch: Branch) -> Rotation:
+    """Turn the parent's axes by a branch."""
+    if not branch.turns:
+        return parent
+    if branch.quaternion is None:
+        angle = branch.position
+        return parent.then(branch.axes[0], angle if branch.sign > 0 else -angle)
+    own = of_quaternion(branch.quaternion)
+    matrix = own if branch.sign > 0 else vector.transpose(own)
+    if branch.mount is not None:
+        matrix = vector.matmul(branch.mount, matrix)
+    return Rotation(matrix if parent.is_identity else vector.matmul(parent.matrix, matrix))
 
 
 @dataclass(frozen=True)
@@ -96,7 +105,9 @@ class Geometry:
         parent and by the child.
     turning, shifting : tuple of Vector
         The motion space: angular velocity of the child and velocity of its origin, for a unit
-        rate of each coordinate.
+        of each speed.
+    sliding : tuple of Vector
+        What of ``shifting`` is a translation along the axes.
     """
 
     branch: Branch
@@ -105,6 +116,7 @@ class Geometry:
     from_child: Vector
     turning: tuple[Vector, ...]
     shifting: tuple[Vector, ...]
+    sliding: tuple[Vector, ...]
 
     @property
     def offset(self) -> Vector:
@@ -118,20 +130,22 @@ def resolve_branch(system: System, frames: Frames, branch: Branch) -> Geometry:
     carrier = frames.carrier_axes(branch)
     axes = tuple(vector.times(carrier, axis) for axis in branch.axes)
     slide = zero  # in the carrier's axes
-    for coordinate, axis in zip(branch.coordinates, branch.axes, strict=True):
-        if not coordinate.freedom.rotates:
-            slide = vector.add(slide, vector.scale(coordinate.position, axis))
+    for axis, length in zip(branch.axes, branch.slides, strict=True):
+        if not length.is_zero:
+            slide = vector.add(slide, vector.scale(length * branch.position, axis))
     if branch.sign > 0:
         from_parent = frames.resolved(branch.parent, vector.add(branch.anchor, slide))
         from_child = zero
     else:
         from_parent = frames.resolved(branch.parent, branch.anchor)
         from_child = vector.neg(vector.times(carrier, slide))
-    turning, shifting = [], []
-    for coordinate, axis in zip(branch.coordinates, axes, strict=True):
+    turning, shifting, sliding = [], [], []
+    for axis, length in zip(axes, branch.slides, strict=True):
         along = vector.signed(branch.sign, axis)
-        rotates = coordinate.freedom.rotates
-        turning.append(along if rotates else zero)
+        turning.append(along if branch.turns else zero)
+        sliding.append(vector.scale(length, along))
         # A child that turns about its parent's point takes along what it carries itself.
-        shifting.append(vector.cross(along, from_child) if rotates else along)
-    return Geometry(branch, axes, from_parent, from_child, tuple(turning), tuple(shifting))
+        shifting.append(vector.add(vector.cross(turning[-1], from_child), sliding[-1]))
+    return Geometry(
+        branch, axes, from_parent, from_child, tuple(turning), tuple(shifting), tuple(sliding)
+    )

@@ -1,25 +1,17 @@
-"""Outputs: expressions of coordinates, inputs, parameters and across variables of nodes."""
+"""Outputs: expressions of coordinates, inputs, parameters and whatever can be observed."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.errors import ExpressionError, nearest
-
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from cotree.dag.nodes import Node
-    from cotree.formulation.across import Motion
+    from cotree.formulation.observed import Observer
     from cotree.scene.expressions import Expression
     from cotree.sensitivity.across import MotionTangent
-
-#: Across variables of a node by name: derivative order and component in ground axes.
-NODE_VARIABLES = {
-    **{"xyz"[i]: (0, i) for i in range(3)},
-    **{"v" + "xyz"[i]: (1, i) for i in range(3)},
-}
 
 
 @dataclass(frozen=True)
@@ -29,16 +21,16 @@ class Outputs:
     Attributes
     ----------
     values : tuple of Node
-        The outputs.
+        The outputs, in terms of states and unknowns.
     across : mapping of str to Node
-        The across variables of nodes that they use, by ``node.variable``.
+        Positions and velocities of nodes that they use, by ``node.variable``.
     """
 
     values: tuple[Node, ...]
     across: Mapping[str, Node]
 
 
-def form_outputs(motion: Motion, expressions: Mapping[str, Expression]) -> Outputs:
+def form_outputs(observer: Observer, expressions: Mapping[str, Expression]) -> Outputs:
     """Form the outputs.
 
     Raises
@@ -46,44 +38,41 @@ def form_outputs(motion: Motion, expressions: Mapping[str, Expression]) -> Outpu
     ExpressionError
         If an output uses a name that is unknown.
     """
+    motion = observer.motion
     system = motion.system
     known: dict[str, Node] = {**system.parameters, **system.inputs, "t": system.time}
-    for coordinate in system.coordinates:
-        known[coordinate.name] = coordinate.position
-        known[f"{coordinate.name}_dot"] = coordinate.speed
+    known |= system.names
     across: dict[str, Node] = {}
 
     def resolve(name: str) -> Node:
-        if name in known:
-            return known[name]
-        if name not in across:
-            across[name] = _node_variable(motion, name, known)
-        return across[name]
+        if name not in known:
+            known[name] = observer.value(name)
+            if _place(name) is not None and name.partition(".")[0] in motion.clusters.points:
+                across[name] = known[name]
+        return known[name]
 
     with system.dag.labelled("outputs"):
         values = tuple(item.lower(system.dag, resolve) for item in expressions.values())
     return Outputs(values, across)
 
 
-def _node_variable(motion: Motion, name: str, known: Mapping[str, Node]) -> Node:
-    node, _, variable = name.partition(".")
-    point = motion.clusters.points.get(node)
-    if point is None or variable not in NODE_VARIABLES:
-        if point is not None:
-            raise ExpressionError(
-                f"node '{node}' has no variable '{variable}'{nearest(variable, NODE_VARIABLES)}"
-            )
-        raise ExpressionError(f"uses the unknown name '{name}'{nearest(name, known)}")
-    order, i = NODE_VARIABLES[variable]
-    return (motion.position(point) if order == 0 else motion.velocity(point))[i]
+def _place(name: str) -> tuple[int, int] | None:
+    """Give derivative order and component of a node's position or velocity."""
+    variable = name.partition(".")[2]
+    if len(variable) == 1 and variable in "xyz":
+        return 0, "xyz".index(variable)
+    if len(variable) == 2 and variable[0] == "v" and variable[1] in "xyz":
+        return 1, "xyz".index(variable[1])
+    return None
 
 
 def output_seed(moved: MotionTangent, outputs: Outputs) -> dict[Node, Node]:
     """Differentiate the across variables that outputs use, by the sensitivity graph."""
     seed = {}
     for name, value in outputs.across.items():
-        node, _, variable = name.partition(".")
-        order, i = NODE_VARIABLES[variable]
-        point = moved.motion.clusters.points[node]
+        place = _place(name)
+        assert place is not None  # only such are kept
+        point = moved.motion.clusters.points[name.partition(".")[0]]
+        order, i = place
         seed[value] = (moved.position(point) if order == 0 else moved.velocity(point))[i]
     return seed

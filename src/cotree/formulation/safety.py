@@ -25,19 +25,23 @@ if TYPE_CHECKING:
     from cotree.formulation.system import System
 
 
-def check_inertia(system: System, matrix: Sequence[Sequence[Node]]) -> None:
-    """Refuse coordinates that move nothing.
+def check_inertia(
+    system: System, matrix: Sequence[Sequence[Node]], gradient: Sequence[Sequence[Node]]
+) -> None:
+    """Refuse coordinates that move nothing and that no constraint holds.
 
     Raises
     ------
     SingularSystemError
         If a row of the mass matrix is structurally zero.
     """
-    for coordinate, row in zip(system.coordinates, matrix, strict=True):
-        if all(entry.is_zero for entry in row):
+    for speed, row in zip(system.speeds, matrix, strict=True):
+        held = (constraint[speed.index] for constraint in gradient)
+        if all(entry.is_zero for entry in (*row, *held)):
+            direction = speed.name if speed.coordinate is None else speed.coordinate.name
             raise SingularSystemError(
-                f"the mass matrix is singular: nothing beyond joint '{coordinate.edge}' has "
-                f"inertia in the direction of '{coordinate.name}'; give a body beyond it mass or "
+                f"the mass matrix is singular: nothing beyond joint '{speed.edge}' has "
+                f"inertia in the direction of '{direction}'; give a body beyond it mass or "
                 "inertia, or weld the joint"
             )
 
@@ -70,9 +74,9 @@ def safe_pivots(
             what = f"the inertia that joint '{edge}' carries itself"
             guards += [Guard(node, what, is_strict=True) for node in own if node.value is None]
         for branch in branches:
-            for coordinate in branch.coordinates:
-                safe[coordinate.name] = is_safe
-    return tuple(safe[c.name] for c in system.coordinates), guards
+            for speed in branch.speeds:
+                safe[speed.name] = is_safe
+    return tuple(safe[v.name] for v in system.speeds), guards
 
 
 def _is_positive(node: Node, value: Callable[[Node], float]) -> bool:
@@ -100,25 +104,26 @@ def _own_inertias(system: System, clusters: Clusters, branches: Sequence[Branch]
     if inertia is None or inertia.mass.is_zero:
         return []
     with system.dag.labelled("guards"):
-        if len(branches) == 1:
+        if len(branches) == 1 and branches[0].quaternion is None:
             return [_along(system, inertia, branches[0])]
-        turning = [branch for branch in branches if branch.coordinates[0].freedom.rotates]
-        sliding = [inertia.mass] if len(turning) < len(branches) else []
+        turning = [branch for branch in branches if branch.turns]
+        sliding = [inertia.mass] if any(not branch.turns for branch in branches) else []
+        if not turning:
+            return sliding
         central = _central(inertia)
-        if len(turning) > 1:
+        if len(turning) > 1 or turning[0].quaternion is not None:
             return [*sliding, *_minors(central)]
-        if turning and turning[0] is not branches[-1]:
+        if turning[0] is not branches[-1]:
             return []  # the axis turns in the cluster's frame
-        return [
-            *sliding,
-            *(vector.dot(b.axes[0], vector.times(central, b.axes[0])) for b in turning),
-        ]
+        axis = turning[0].axes[0]
+        return [*sliding, vector.dot(axis, vector.times(central, axis))]
 
 
 def _along(system: System, inertia: Inertia, branch: Branch) -> Node:
     """Form the inertia of a cluster along the only coordinate of its joint."""
     axis, zero = branch.axes[0], vector.zeros(system.dag)
-    turning, shifting = (axis, zero) if branch.coordinates[0].freedom.rotates else (zero, axis)
+    turning = axis if branch.turns else zero
+    shifting = vector.scale(branch.slides[0], axis)
     wrench = unit_wrench(inertia, turning, shifting)
     return vector.dot(turning, wrench.torque) + vector.dot(shifting, wrench.force)
 

@@ -6,69 +6,87 @@ In: a scene and the tree of its joints. Out: a :class:`System`, which the walks 
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, cast
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
 
-from cotree.components import Component, Freedom, Role
-from cotree.dag import vector
+from cotree.components import FreeRotation, Role
 from cotree.dag.several import Table, table
-from cotree.equations import Guard
-from cotree.errors import ExpressionError, ParameterError, nearest
-from cotree.scene.expressions import Expression, parse
+from cotree.errors import ExpressionError, nearest
+from cotree.formulation.fields import Resolver, Resolvers, bind_edge, lower_vector
+from cotree.formulation.initial import initial_values
+from cotree.scene.motion_spaces import motion_spaces
 
 if TYPE_CHECKING:
-    from cotree.dag.nodes import Dag, Node
-    from cotree.dag.vector import Matrix, Vector
-    from cotree.graph import Tree
-    from cotree.scene.description import Edge, FieldValue, SceneDescription
+    from collections.abc import Mapping, Sequence
 
-Resolver = Callable[[str], "Node"]
+    from cotree.components import MotionStep
+    from cotree.dag.nodes import Dag, Node
+    from cotree.dag.vector import Vector
+    from cotree.equations import Guard
+    from cotree.formulation.fields import BoundEdge
+    from cotree.graph import Tree
+    from cotree.scene.description import SceneDescription
 
 
 @dataclass(frozen=True)
 class Coordinate:
-    """A generalized coordinate: one direction of a tree joint's motion space.
+    """A generalized coordinate of a branch.
 
     Attributes
     ----------
-    name : str
-        ``edge.coordinate``.
-    index : int
-        Its place among the coordinates.
-    edge : str
-        The joint.
-    freedom : Freedom
-        The direction.
-    position, speed, acceleration : Node
-        Symbols of the coordinate, its rate and the rate of that.
-    initial_position, initial_speed : Node
-        Initial values, of parameters only.
+    name, unit : str
+        ``edge.coordinate`` and its unit.
+    symbol : Node
+        The coordinate as an argument of the program.
+    initial : Node
+        Its initial value, of parameters only.
     """
 
     name: str
-    index: int
-    edge: str
-    freedom: Freedom
-    position: Node
-    speed: Node
-    acceleration: Node
-    initial_position: Node
-    initial_speed: Node
+    unit: str
+    symbol: Node
+    initial: Node
 
 
 @dataclass(frozen=True)
-class BoundEdge:
-    """An edge whose fields are nodes; vectors and tensors are tuples of nodes."""
+class Speed:
+    """A generalized speed: the rate of motion along one direction of a branch's motion space.
+
+    Attributes
+    ----------
+    name, unit : str
+        ``edge.coordinate_dot``, or a name of its own, and its unit.
+    index : int
+        Its place among the speeds.
+    edge : str
+        The branch.
+    coordinate : Coordinate or None
+        What it is the rate of; None for angular velocities, which are rates of no coordinate.
+    symbol, acceleration : Node
+        The speed and its rate as arguments of the program.
+    initial : Node
+        Its initial value, of parameters only.
+    """
 
     name: str
-    component: Component
-    first: str
-    second: str
-    scalars: Mapping[str, Node]
-    vectors: Mapping[str, Vector]
-    inertia: Matrix | None
+    unit: str
+    index: int
+    edge: str
+    coordinate: Coordinate | None
+    symbol: Node
+    acceleration: Node
+    initial: Node
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of a branch's motion space, with its coordinates and speeds."""
+
+    edge: str
+    kind: MotionStep
+    coordinates: tuple[Coordinate, ...]
+    speeds: tuple[Speed, ...]
 
 
 @dataclass(frozen=True)
@@ -83,8 +101,10 @@ class System:
         The symbol of time.
     parameters, inputs : mapping of str to Node
         Symbols (or numbers, for parameters that are not tunable) by name.
-    coordinates : tuple of Coordinate
-        In the order of the scene's edges.
+    steps : mapping of str to tuple of Step
+        The motion space of each branch that has one, in the order of the scene's edges.
+    plane : str
+        The normal of the plane that everything moves in: ``x``, ``y``, ``z`` or nothing.
     edges : mapping of str to BoundEdge
         The bound edges.
     gravity : Vector
@@ -95,21 +115,58 @@ class System:
         What parameter values must satisfy.
     input_values : tuple of Node
         The scene's own value of every input, of time and parameters.
+    of_parameters : callable
+        Gives the node of a parameter's name.
+    of_everything : callable
+        Gives the node of any name that a field may use.
+    measured : mapping of str to Node
+        Symbols of the across variables that fields use, by name; what they stand for follows.
     """
 
     dag: Dag
     time: Node
     parameters: Mapping[str, Node]
     inputs: Mapping[str, Node]
-    coordinates: tuple[Coordinate, ...]
+    steps: Mapping[str, tuple[Step, ...]]
+    plane: str
     edges: Mapping[str, BoundEdge]
     gravity: Vector
     tree: Tree
     guards: tuple[Guard, ...]
     input_values: tuple[Node, ...]
+    of_parameters: Resolver
+    of_everything: Resolver
+    measured: Mapping[str, Node]
+
+    @cached_property
+    def coordinates(self) -> tuple[Coordinate, ...]:
+        """Every coordinate."""
+        return tuple(c for steps in self.steps.values() for step in steps for c in step.coordinates)
+
+    @cached_property
+    def speeds(self) -> tuple[Speed, ...]:
+        """Every speed; their rates are the unknown accelerations."""
+        return tuple(v for steps in self.steps.values() for step in steps for v in step.speeds)
+
+    @cached_property
+    def names(self) -> dict[str, Node]:
+        """Coordinates and speeds by name."""
+        coordinates = {row.name: row.symbol for row in self.coordinates}
+        return coordinates | {row.name: row.symbol for row in self.speeds}
+
+    @property
+    def bodies(self) -> list[BoundEdge]:
+        """The edges that carry inertia."""
+        return [edge for edge in self.edges.values() if edge.component.role is Role.BODY]
 
 
-def bind(scene: SceneDescription, tree: Tree, dag: Dag) -> System:
+def bind(
+    scene: SceneDescription,
+    tree: Tree,
+    dag: Dag,
+    starts: Mapping[str, Mapping[str, Node]] | None = None,
+    is_start: bool = False,
+) -> System:
     """Bind a scene to nodes.
 
     Parameters
@@ -120,6 +177,10 @@ def bind(scene: SceneDescription, tree: Tree, dag: Dag) -> System:
         The tree of its joints.
     dag : Dag
         The arena to make the nodes in.
+    starts : mapping of str to mapping of str to Node, optional
+        Initial values of branches that the scene itself says nothing of.
+    is_start : bool
+        Put initial values in the place of the coordinates and speeds.
 
     Raises
     ------
@@ -137,25 +198,53 @@ def bind(scene: SceneDescription, tree: Tree, dag: Dag) -> System:
     inputs = {name: dag.symbol("u", i) for i, name in enumerate(scene.inputs)}
     of_parameters = _resolver([parameters], "parameters")
     of_time = _resolver([parameters, {"t": time}], "parameters and t")
+    spaces = motion_spaces(scene)
     with dag.labelled("initial values"):
-        coordinates = _coordinates(scene, tree, dag, of_parameters)
-    states = {c.name: c.position for c in coordinates}
-    states |= {f"{c.name}_dot": c.speed for c in coordinates}
-    of_everything = _resolver([parameters, {"t": time}, inputs, states], "")
+        steps = _steps(scene, tree, spaces.of, dag, of_parameters, starts or {})
+    if is_start:
+        steps = {name: tuple(_at_start(step) for step in own) for name, own in steps.items()}
+    kept = [step for own in steps.values() for step in own]
+    states = {c.name: c.symbol for step in kept for c in step.coordinates}
+    states |= {v.name: v.symbol for step in kept for v in step.speeds}
+    measured: dict[str, Node] = {}
+    of_states = _resolver([parameters, {"t": time}, inputs, states], "")
+
+    pending: list[str] = []
+
+    def of_everything(name: str) -> Node:
+        if name in scene.outputs and name not in parameters:
+            if name in pending:
+                raise ExpressionError(f"uses output '{name}', which is made of itself")
+            pending.append(name)
+            found = scene.outputs[name].lower(dag, of_everything)
+            pending.remove(name)
+            return found
+        first = name.partition(".")[0]
+        is_across = (
+            "." in name and name not in states and (first in scene.nodes or first in scene.edges)
+        )
+        if not is_across:
+            return of_states(name)
+        if name not in measured:
+            measured[name] = dag.symbol("measured", len(measured))
+        return measured[name]
+
+    resolvers = Resolvers(of_parameters, of_time, of_everything)
     edges: dict[str, BoundEdge] = {}
     guards: list[Guard] = []
     for edge in scene.edges.values():
         with dag.labelled(f"parameters of {edge.name}"):
-            edges[edge.name], own = _bind_edge(edge, dag, of_parameters, of_everything)
+            edges[edge.name], own = bind_edge(edge, dag, resolvers)
             guards += own
     return System(
         dag=dag,
         time=time,
         parameters=parameters,
         inputs=inputs,
-        coordinates=coordinates,
+        steps=steps,
+        plane=spaces.plane,
         edges=edges,
-        gravity=_lower_vector(scene.gravity, dag, of_parameters),
+        gravity=lower_vector(scene.gravity, dag, of_parameters),
         tree=tree,
         guards=tuple(guards),
         input_values=tuple(
@@ -163,6 +252,22 @@ def bind(scene: SceneDescription, tree: Tree, dag: Dag) -> System:
             if isinstance(row.value, Table)
             else row.value.lower(dag, of_time)
             for row in scene.inputs.values()
+        ),
+        of_parameters=of_parameters,
+        of_everything=of_everything,
+        measured=measured,
+    )
+
+
+def _at_start(step: Step) -> Step:
+    """Put initial values in the place of the symbols."""
+    coordinates = tuple(replace(c, symbol=c.initial) for c in step.coordinates)
+    own = coordinates[0]
+    return replace(
+        step,
+        coordinates=coordinates,
+        speeds=tuple(
+            replace(v, symbol=v.initial, coordinate=v.coordinate and own) for v in step.speeds
         ),
     )
 
@@ -181,114 +286,36 @@ def _resolver(known: Sequence[Mapping[str, Node]], allowed: str) -> Resolver:
     return resolve
 
 
-def _coordinates(
-    scene: SceneDescription, tree: Tree, dag: Dag, resolve: Resolver
-) -> tuple[Coordinate, ...]:
-    branches = set(tree.branches)
-    rows = [
-        (edge, freedom)
-        for edge in scene.edges.values()
-        if edge.name in branches
-        for freedom in edge.component.motion_space
-    ]
-    zero = parse(0.0, "initial value")
-    return tuple(
-        Coordinate(
-            f"{edge.name}.{freedom.name}",
-            i,
-            edge.name,
-            freedom,
-            dag.symbol("x", i),
-            dag.symbol("x", len(rows) + i),
-            dag.symbol("w", i),
-            edge.initial.get(freedom.name, zero).lower(dag, resolve),
-            edge.initial.get(f"{freedom.name}_dot", zero).lower(dag, resolve),
-        )
-        for i, (edge, freedom) in enumerate(rows)
-    )
-
-
-def _bind_edge(
-    edge: Edge, dag: Dag, constant: Resolver, signal: Resolver
-) -> tuple[BoundEdge, list[Guard]]:
-    """Bind the fields of an edge, and say what their values must satisfy."""
-    guards: list[Guard] = []
-    scalars: dict[str, Node] = {}
-    vectors: dict[str, Vector] = {}
-    inertia = None
-    axes = {freedom.axis for freedom in edge.component.motion_space} | {"axis"}
-    for name, value in edge.fields.items():
-        row = edge.component.field(name)
-        assert row is not None  # the scene accepted only fields of its component
-        resolve = constant if row.constant else signal
-        if isinstance(value, Expression):
-            scalars[name] = value.lower(dag, resolve)
-        elif name == "inertia":
-            inertia = _inertia(value, dag, resolve)
-        else:
-            vectors[name] = _lower_vector(value, dag, resolve)
-            if name in axes:
-                where = f"{name} of edge '{edge.name}'"
-                square = vector.dot(vectors[name], vectors[name])
-                if square.value is None:  # parameters may take the direction away
-                    guards.append(Guard(square, f"the squared length of {where}", is_strict=True))
-                vectors[name] = _unit(vectors[name], square, where)
-    bound = BoundEdge(edge.name, edge.component, *edge.nodes, scalars, vectors, inertia)
-    return bound, [*guards, *_guards(edge, bound)]
-
-
-def _lower_vector(value: FieldValue, dag: Dag, resolve: Resolver) -> Vector:
-    x, y, z = (item.lower(dag, resolve) for item in value)  # type: ignore[union-attr]
-    return (x, y, z)
-
-
-def _inertia(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
-    rows: list[Vector] = []
-    for i, row in enumerate(cast("Sequence[Any]", value)):
-        if isinstance(row, Expression):  # three principal values
-            entries = [dag.zero] * 3
-            entries[i] = row.lower(dag, resolve)
-            rows.append((entries[0], entries[1], entries[2]))
-        else:
-            rows.append(_lower_vector(row, dag, resolve))
-    return (rows[0], rows[1], rows[2])
-
-
-def _unit(axis: Vector, square: Node, where: str) -> Vector:
-    """Scale an axis of known squared length to unit length; numbers fold."""
-    if square.is_zero:
-        raise ParameterError(f"{where} has no direction: give a vector that is not zero")
-    if square.value is not None and math.isclose(square.value, 1.0, rel_tol=1e-15):
-        return axis
-    length = square.dag.function("sqrt", square)
-    return (axis[0] / length, axis[1] / length, axis[2] / length)
-
-
-def _guards(edge: Edge, bound: BoundEdge) -> list[Guard]:
-    found = []
-    for row in edge.component.fields:
-        what, is_strict = f"{row.name} of edge '{edge.name}'", row.sign == "positive"
-        if row.sign and row.name in bound.scalars:
-            found.append(Guard(bound.scalars[row.name], what, is_strict))
-        elif row.sign and row.name == "inertia" and bound.inertia is not None:
-            found += _inertia_guards(bound.inertia, what, is_strict)
-    for guard in found:
-        if guard.value.value is not None:
-            guard.check(guard.value.value)
-    return [guard for guard in found if guard.value.value is None]
-
-
-def _inertia_guards(tensor: Matrix, what: str, is_strict: bool) -> list[Guard]:
-    """Ask for what a real body's inertia satisfies: its diagonal, and its minors of two rows."""
-    found = [Guard(tensor[i][i], f"entry {i + 1} of {what}", is_strict) for i in range(3)]
-    for i, j in ((0, 1), (0, 2), (1, 2)):
-        if not tensor[i][j].is_zero:
-            # A thin rod makes this zero; the factor leaves room for its rounding.
-            minor = (1.0 + 1e-12) * (tensor[i][i] * tensor[j][j]) - tensor[i][j] * tensor[i][j]
-            found.append(Guard(minor, f"minor of rows {i + 1} and {j + 1} of {what}", False))
+def _steps(
+    scene: SceneDescription,
+    tree: Tree,
+    spaces: Mapping[str, tuple[MotionStep, ...]],
+    dag: Dag,
+    resolve: Resolver,
+    starts: Mapping[str, Mapping[str, Node]],
+) -> dict[str, tuple[Step, ...]]:
+    """Give every branch its coordinates and speeds, numbered, with their initial values."""
+    moving = [e for e in scene.edges.values() if e.name in set(tree.branches) and spaces[e.name]]
+    n_coordinates = sum(len(kind.coordinates) for e in moving for kind in spaces[e.name])
+    found: dict[str, tuple[Step, ...]] = {}
+    i = j = 0
+    for edge in moving:
+        start = starts.get(edge.name, {})
+        initial = initial_values(edge, spaces[edge.name], dag, resolve, start)
+        own = []
+        for kind in spaces[edge.name]:
+            coordinates = []
+            for name, unit in kind.coordinates:
+                symbol = dag.symbol("x", i)
+                coordinates.append(Coordinate(f"{edge.name}.{name}", unit, symbol, initial[name]))
+                i += 1
+            speeds = []
+            for name, unit in kind.rates:
+                of = None if isinstance(kind, FreeRotation) else coordinates[0]
+                symbol = dag.symbol("x", n_coordinates + j)
+                full, w = f"{edge.name}.{name}", dag.symbol("w", j)
+                speeds.append(Speed(full, unit, j, edge.name, of, symbol, w, initial[name]))
+                j += 1
+            own.append(Step(edge.name, kind, tuple(coordinates), tuple(speeds)))
+        found[edge.name] = tuple(own)
     return found
-
-
-def bodies(system: System) -> list[BoundEdge]:
-    """List the edges that carry inertia."""
-    return [edge for edge in system.edges.values() if edge.component.role is Role.BODY]

@@ -7,20 +7,22 @@ force elements. Projection on the motion space gives one equation for each coord
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from cotree.components import Role
 from cotree.dag import vector
 from cotree.formulation.clusters import Inertia, combined
 from cotree.formulation.elements import Wrench, actions, wrenches
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from cotree.dag.nodes import Node
     from cotree.dag.vector import Matrix, Vector
     from cotree.formulation.across import Accelerations, Motion
     from cotree.formulation.elements import Action
+    from cotree.formulation.ends import Pull
     from cotree.formulation.frames import Geometry
 
 
@@ -44,7 +46,9 @@ class Loads:
     on_cluster : tuple of Wrench or None
         Their sum on each cluster.
     efforts : tuple of Effort
-        Force or torque of each joint's own law along each coordinate.
+        Force or torque of each tree joint's own law along each speed.
+    along : tuple of Node
+        All that acts along each speed itself.
     inertias : tuple of Inertia or None
         Lumped inertia of each cluster, resolved in its basis.
     """
@@ -52,7 +56,19 @@ class Loads:
     actions: tuple[Action, ...]
     on_cluster: tuple[Wrench | None, ...]
     efforts: tuple[Effort, ...]
+    along: tuple[Node, ...]
     inertias: tuple[Inertia | None, ...]
+
+    def plus(self, pulls: Sequence[Pull]) -> Loads:
+        """Add what acts along measures."""
+        on_cluster, along = list(self.on_cluster), list(self.along)
+        for pull in pulls:
+            for cluster, force, torque in pull.wrenches:
+                known, wrench = on_cluster[cluster], Wrench(force, torque)
+                on_cluster[cluster] = wrench if known is None else known.plus(wrench)
+            for index, effort in pull.efforts.items():
+                along[index] = along[index] + effort
+        return replace(self, on_cluster=tuple(on_cluster), along=tuple(along))
 
 
 @dataclass(frozen=True)
@@ -62,7 +78,7 @@ class Balance:
     Attributes
     ----------
     residual : tuple of Node
-        One for each coordinate; zero on a motion.
+        One for each speed; zero on a motion.
     beyond : tuple of Wrench
         Sum of inertia less load beyond each moving branch, at the child's origin, in the parent's
         basis: what the branch transmits.
@@ -88,20 +104,22 @@ def load(motion: Motion) -> Loads:
             None if inertia is None else resolved(inertia, motion.frames.rotations[i].matrix)
             for i, inertia in enumerate(motion.clusters.inertias)
         )
-    return Loads(elements, tuple(on_cluster), efforts, inertias)
+    along = tuple(effort.value for effort in efforts)
+    return Loads(elements, tuple(on_cluster), efforts, along, inertias)
 
 
 def joint_efforts(motion: Motion) -> list[Effort]:
-    """Evaluate the law of each joint along its coordinate."""
+    """Evaluate the law of each tree joint along its coordinate."""
     system = motion.system
     efforts = []
-    for coordinate in system.coordinates:
-        edge, name = system.edges[coordinate.edge], coordinate.freedom.name
+    for speed in system.speeds:
+        edge, coordinate = system.edges[speed.edge], speed.coordinate
         law = edge.component.law
-        if law is None:
+        if law is None or coordinate is None or edge.component.role is not Role.JOINT:
             efforts.append(Effort(system.dag.zero, {}, {}))
             continue
-        arguments = {**edge.scalars, name: coordinate.position, f"{name}_dot": coordinate.speed}
+        name = coordinate.name.partition(".")[2]
+        arguments = {**edge.scalars, name: coordinate.symbol, f"{name}_dot": speed.symbol}
         efforts.append(
             Effort(
                 law.value(system.dag, arguments),
@@ -156,16 +174,16 @@ def balance(motion: Motion, loads: Loads, across: Accelerations) -> Balance:
             carried = Wrench(
                 frames.up(branch.child, total.force), frames.up(branch.child, total.torque)
             )
-            for i, coordinate in enumerate(branch.coordinates):
-                residual[coordinate.name] = project(geometry, i, carried)
+            for i, speed in enumerate(branch.speeds):
+                residual[speed.name] = project(geometry, i, carried)
             at_parent = shifted(carried, geometry.offset)
             known = totals[branch.parent]
             totals[branch.parent] = at_parent if known is None else known.plus(at_parent)
         beyond.append(carried)
     with system.dag.labelled("projection on motion spaces"):
         rows = tuple(
-            residual[coordinate.name] - effort.value
-            for coordinate, effort in zip(system.coordinates, loads.efforts, strict=True)
+            residual[speed.name] - effort
+            for speed, effort in zip(system.speeds, loads.along, strict=True)
         )
     return Balance(rows, tuple(reversed(beyond)))
 
@@ -211,10 +229,10 @@ def mass_matrix(motion: Motion, loads: Loads) -> list[list[Node]]:
     Returns
     -------
     list of rows of Node
-        Symmetric, one row for each coordinate.
+        Symmetric, one row for each speed.
     """
     system = motion.system
-    n = len(system.coordinates)
+    n = len(system.speeds)
     matrix = [[system.dag.zero] * n for _ in range(n)]
     composites = list(loads.inertias)
     for geometry in reversed(motion.geometry):
@@ -228,9 +246,9 @@ def mass_matrix(motion: Motion, loads: Loads) -> list[list[Node]]:
             known = composites[branch.parent]
             composites[branch.parent] = combined(known, at_parent) if branch.parent else None
         with system.dag.labelled(f"mass matrix, column of {branch.edge}"):
-            for i, coordinate in enumerate(branch.coordinates):
+            for i, speed in enumerate(branch.speeds):
                 wrench = unit_wrench(composite, geometry.turning[i], geometry.shifting[i])
-                _project_column(motion, matrix, geometry, coordinate.index, wrench)
+                _project_column(motion, matrix, geometry, speed.index, wrench)
     return matrix
 
 
@@ -273,8 +291,8 @@ def _project_column(
     frames = motion.frames
     while True:
         branch = geometry.branch
-        for i, coordinate in enumerate(branch.coordinates):
-            row = coordinate.index
+        for i, speed in enumerate(branch.speeds):
+            row = speed.index
             matrix[row][column] = matrix[column][row] = project(geometry, i, wrench)
         if branch.parent == 0:
             return

@@ -97,7 +97,7 @@ class CKernels:
         fields = {"inputs": "inputs_of_time", "outputs": "outputs_of_state"}
         self._calls: dict[str, tuple[Any, tuple[Any, ...], Array]] = {}
         for name, spec in KERNELS.items():
-            if name == "prepare":
+            if name == "prepare" or (spec.is_optional and not program.kernels[name].results):
                 continue
             result = np.zeros(len(program.kernels[name].results))
             arguments = (*(bound[key] for key in spec.arguments if key != "t"), pointer(result))
@@ -178,14 +178,13 @@ class PythonKernels:
         for node in plan.symbols:
             kind, position = node.data
             values[node] = float(known[kind][position])
-        roots = [*plan.results, *plan.ranks]
+        roots = [*plan.results, *plan.accepted]
         try:
             found: list[float] = evaluate(roots, values, order=plan.order)
         except (ArithmeticError, ValueError):  # C would go on with nan
             return [math.nan] * len(plan.results)
-        for node, rank in zip(plan.ranks, found[len(plan.results) :], strict=True):
-            if rank < node.args[0].data:
-                raise _singular(self._program.layout)
+        if not all(found[len(plan.results) :]):
+            raise _singular(self._program.layout)
         return found[: len(plan.results)]
 
 
@@ -194,15 +193,15 @@ class _Plan:
     """What evaluating a kernel in Python needs, found once."""
 
     results: tuple[Node, ...]
-    ranks: tuple[Node, ...]
+    accepted: tuple[Node, ...]
     symbols: tuple[Node, ...]
     order: list[Node]
 
     @classmethod
     def of(cls, kernel: Kernel) -> _Plan:
-        ranks = tuple(
-            results(node, node.data + 1)[-1] for node in kernel.order if node.op == "solve"
+        accepted = tuple(
+            results(node, node.data.size + 2)[-1] for node in kernel.order if node.op == "solve"
         )
-        order = reachable([*kernel.results, *ranks], stop=kernel.prepared)
+        order = reachable([*kernel.results, *accepted], stop=kernel.prepared)
         symbols = tuple(node for node in order if node.op == "symbol")
-        return cls(kernel.results, ranks, symbols, order)
+        return cls(kernel.results, accepted, symbols, order)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from cotree.dag.traverse import symbols_in
 from cotree.errors import ParameterError, nearest
+from cotree.model.start import Start, consistent_start
 from cotree.scene.description import check_number
 
 if TYPE_CHECKING:
@@ -95,8 +96,57 @@ class CompiledModel:
 
     @property
     def initial_state(self) -> Array:
-        """The scene's initial states at its parameter values, shape (n_states,)."""
-        return self.initial(self.default_parameters)
+        """The consistent initial states at the scene's parameter values, shape (n_states,)."""
+        return self.start().y
+
+    @property
+    def constraints(self) -> tuple[str, ...]:
+        """Names of what is zero on a motion: constraints, their rates, norms of quaternions."""
+        return tuple(row.name for row in self.layout.constraints)
+
+    def start(
+        self, t: float = 0.0, p: Any = None, initial: Mapping[str, float] | None = None
+    ) -> Start:
+        """Find initial states and sensitivities that satisfy the constraints.
+
+        Parameters
+        ----------
+        t : float
+            Start time, [s].
+        p : array_like, shape (n_parameters,), optional
+            Parameters.
+        initial : mapping of str to float, optional
+            Initial values of states in place of the scene's; they depend on no parameter.
+
+        Returns
+        -------
+        Start
+            ``y``, shape (n_states,), and ``s``, shape (n_states, n_parameters).
+
+        Raises
+        ------
+        ParameterError
+            If a name is unknown, or given values violate a constraint.
+        """
+        size = (len(self.parameters),)
+        p = self.default_parameters if p is None else as_array(p, size, "the parameters")
+        y, s = self.initial(p), self.initial_sensitivity(p)
+        kept = {i for i, is_given in enumerate(self.layout.given) if is_given}
+        for name, value in (initial or {}).items():
+            if name not in self.states:
+                raise ParameterError(f"the model has no state '{name}'{nearest(name, self.states)}")
+            i = self.states.index(name)
+            y[i] = check_number(value, f"initial value of '{name}'")
+            s[i] = [float(wanted == name) for wanted in self.sensitivities]
+            kept.add(i)
+        for wanted in self.sensitivities:
+            if wanted in self.states:  # an initial value that may change is no initial value
+                kept.add(self.states.index(wanted))
+        return consistent_start(self, t, p, y, s, kept)
+
+    def constraint_values(self, t: float, y: Any, p: Any = None) -> Array:
+        """Evaluate what is zero on a motion, shape (n_constraints,); see :attr:`constraints`."""
+        return self._at("constraints", t, y, p, None)
 
     @property
     def jacobian_pattern(self) -> npt.NDArray[np.bool_]:
@@ -238,17 +288,29 @@ class CompiledModel:
 
         return call
 
+    def check_parameters(self, p: Any) -> None:
+        """Refuse parameters that the model's guards refuse.
+
+        Raises
+        ------
+        ParameterError
+            For the first guard that is violated.
+        """
+        self._prepare(p)
+
     def _by_parameter(self, flat: Array) -> Array:
         return flat.reshape(len(self.sensitivities), len(self.states)).T.copy()
 
     def _at(self, name: str, t: float, y: Any, p: Any, u: Any, s: Any = None) -> Array:
         self._prepare(p)
         n, m = len(self.states), len(self.sensitivities)
-        states = _array(y, (n,), "the states")
-        inputs = self.input_values(t, p) if u is None else _array(u, (len(self.inputs),), "inputs")
+        states = as_array(y, (n,), "the states")
+        inputs = (
+            self.input_values(t, p) if u is None else as_array(u, (len(self.inputs),), "inputs")
+        )
         along = _NONE
         if s is not None:
-            along = _array(s, (n, m), "the sensitivities").T.ravel()
+            along = as_array(s, (n, m), "the sensitivities").T.ravel()
         return self._call(name, check_number(t, "t"), states, along, inputs)
 
     def _call(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
@@ -259,7 +321,7 @@ class CompiledModel:
         values = (
             self.default_parameters
             if p is None
-            else _array(p, (len(self.parameters),), "the parameters")
+            else as_array(p, (len(self.parameters),), "the parameters")
         )
         if self._prepared is not None and np.array_equal(values, self._prepared):
             return
@@ -271,7 +333,7 @@ class CompiledModel:
         self._prepared = values
 
 
-def _array(value: Any, shape: Sequence[int], what: str) -> Array:
+def as_array(value: Any, shape: Sequence[int], what: str) -> Array:
     """Make a contiguous array of doubles of a given shape."""
     try:
         array = np.array(value, dtype=float, order="C")  # always a copy: callers change theirs

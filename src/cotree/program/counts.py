@@ -1,4 +1,4 @@
-"""Operation counts: every + - * /, negation and function call counts as one."""
+"""Operation counts: each + - * /, negation and function call counts as one."""
 
 from __future__ import annotations
 
@@ -41,6 +41,19 @@ class OperationCount:
 
 
 def count_operations(nodes: Iterable[Node]) -> OperationCount:
-    """Count the operations among some nodes; reading a result of several is none."""
-    kinds = Counter([node.op for node in nodes if node.args and node.op != "result"])
+    """Count the operations among some nodes; reading a result of several is none.
+
+    A linear system of n unknowns solved at run time counts (2/3) n^3 for each matrix and 2 n^2 for
+    each right-hand side.
+    """
+    kinds: Counter[str] = Counter()
+    factorised = set()
+    for node in nodes:
+        if node.op == "solve":
+            n = node.data.size
+            matrix = node.args[: n * n]
+            kinds["solve"] += 2 * n * n + (0 if matrix in factorised else (2 * n**3) // 3)
+            factorised.add(matrix)
+        elif node.args and node.op != "result":
+            kinds[node.op] += 1
     return OperationCount(dict(sorted(kinds.items())), kinds.total())

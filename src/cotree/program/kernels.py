@@ -32,6 +32,8 @@ class KernelSpec:
     tail_of : str
         The kernel whose last results are this one's, if there is one: C then calls it and keeps
         those, since computing them alone would save next to nothing.
+    is_optional : bool
+        Whether it is left out of C where it has no results.
     """
 
     name: str
@@ -39,6 +41,7 @@ class KernelSpec:
     result: str
     doc: str
     tail_of: str = ""
+    is_optional: bool = False
 
 
 _STATE = ("t", "x", "u", "p", "k")
@@ -65,6 +68,52 @@ _ROWS = (
     ),
     KernelSpec("outputs", _STATE, "y", "outputs"),
     KernelSpec("output_sensitivity", _SENSITIVITY, "dy", "sensitivities of the outputs"),
+    KernelSpec(
+        "constraints",
+        _STATE,
+        "c",
+        "what is to be zero: constraints, their rates, norms of quaternions less one",
+        is_optional=True,
+    ),
+    KernelSpec(
+        "constraint_sensitivity",
+        _SENSITIVITY,
+        "dc",
+        "sensitivities of the constraints",
+        is_optional=True,
+    ),
+    KernelSpec(
+        "gradient",
+        _STATE,
+        "g",
+        "derivatives of the constraints' rates by the speeds, row by row",
+        is_optional=True,
+    ),
+    KernelSpec(
+        "start", _STATE, "c", "initial values of what is no state: residuals", is_optional=True
+    ),
+    KernelSpec(
+        "start_gradient",
+        _STATE,
+        "g",
+        "derivatives of these by the speeds, row by row",
+        is_optional=True,
+    ),
+    KernelSpec("start_sensitivity", _SENSITIVITY, "dc", "sensitivities of these", is_optional=True),
+    KernelSpec(
+        "projection",
+        _STATE,
+        "dx",
+        "a Newton step from the states towards the constraints",
+        is_optional=True,
+    ),
+    KernelSpec(
+        "sensitivity_projection",
+        _SENSITIVITY,
+        "ds",
+        "the step that makes sensitivities satisfy the differentiated constraints",
+        is_optional=True,
+    ),
 )
 
 #: Every kind of kernel, by name.

@@ -9,6 +9,7 @@ from cotree.equations import Quantity
 from cotree.formulation.elimination import factorise, substitute_back
 from cotree.program.kernels import KERNELS
 from cotree.program.program import Kernel, Layout, Program
+from cotree.program.projection import constraint_quantities, projection_kernels
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,10 +29,12 @@ def lower(equations: Equations) -> Program:
     equations : Equations
         Governing and sensitivity equations.
     """
-    factors = factorise(equations.dag, equations.matrix, equations.is_safe)
+    n_multipliers = len(equations.constraints.rows)
+    factors = factorise(equations.dag, equations.matrix, equations.is_safe, n_multipliers)
     solved = dict(zip(equations.unknowns, substitute_back(factors, equations.forcing), strict=True))
     rates = substitute(equations.rates, solved)
-    along, columns = _solve_derivatives(equations, factors, solved)
+    outputs = substitute(equations.output_values, solved)
+    along, columns, output_tangents = _solve_derivatives(equations, factors, solved)
     sensitivity_rates = [node for row in along for node in row]
     starts, rows, values = _compress(columns)
     results: dict[str, list[Node]] = {
@@ -43,8 +46,9 @@ def lower(equations: Equations) -> Program:
         "jacobian": values,
         "augmented_rhs": [*rates, *sensitivity_rates] if along else [],
         "sensitivity_rhs": sensitivity_rates,
-        "outputs": list(equations.output_values),
-        "output_sensitivity": [node for row in equations.sensitivities for node in row.outputs],
+        "outputs": outputs,
+        "output_sensitivity": output_tangents,
+        **projection_kernels(equations, factors),
     }
     return Program(
         equations.dag,
@@ -56,22 +60,31 @@ def lower(equations: Equations) -> Program:
 
 def _solve_derivatives(
     equations: Equations, factors: Factors, solved: dict[Node, Node]
-) -> tuple[list[list[Node]], list[list[Node]]]:
-    """Form the derivatives of the rates along each sensitivity and each state."""
+) -> tuple[list[list[Node]], list[list[Node]], list[Node]]:
+    """Form the derivatives of the rates along each sensitivity and each state, and of outputs."""
     directions = (*equations.sensitivities, *equations.columns)
+    n = len(equations.sensitivities)
     # One substitution for all directions: what they share is visited once.
     known = iter(
-        substitute([node for row in directions for node in (*row.forcing, *row.rates)], solved)
+        substitute(
+            [
+                node
+                for i, row in enumerate(directions)
+                for node in (*row.forcing, *row.rates, *(row.outputs if i < n else ()))
+            ],
+            solved,
+        )
     )
-    rates = []
-    for row in directions:
+    rates, outputs = [], []
+    for i, row in enumerate(directions):
         forcing = [next(known) for _ in row.forcing]
         unsolved = [next(known) for _ in row.rates]
+        observed = [next(known) for _ in row.outputs] if i < n else []
         unknowns = substitute_back(factors, forcing)
         tangents = dict(zip(equations.unknown_tangents, unknowns, strict=True))
         rates.append(substitute(unsolved, tangents))
-    n = len(equations.sensitivities)
-    return rates[:n], rates[n:]
+        outputs += substitute(observed, tangents)
+    return rates[:n], rates[n:], outputs
 
 
 def _compress(columns: Sequence[Sequence[Node]]) -> tuple[list[int], list[int], list[Node]]:
@@ -88,6 +101,8 @@ def _compress(columns: Sequence[Sequence[Node]]) -> tuple[list[int], list[int], 
 
 def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
 
+    n_speeds = len(equations.unknowns) - len(equations.constraints.rows)
+    n_coordinates = len(equations.states) - n_speeds
     states: tuple[Quantity, ...] = tuple(Quantity(s.name, s.unit) for s in equations.states)
     return Layout(
         name=equations.name,
@@ -105,10 +120,22 @@ def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
         ),
         breakpoints=tuple(_kinks(node) for node in equations.input_values),
         uncertain=tuple(
-            state.name
-            for state, is_safe in zip(equations.states, equations.is_safe, strict=False)
+            state.name.removesuffix("_dot")
+            for state, is_safe in zip(
+                equations.states[n_coordinates:], equations.is_safe, strict=False
+            )
             if not is_safe
         ),
+        constraints=constraint_quantities(equations),
+        constraint_edges=equations.constraints.edges,
+        n_coordinates=n_coordinates,
+        quaternions=tuple(
+            next(i for i, state in enumerate(equations.states) if state.symbol is q[0])
+            for _, q in equations.constraints.quaternions
+        ),
+        given=tuple(state.is_given for state in equations.states),
+        start_rows=tuple(row.name for row in equations.constraints.start_rows),
+        start_is_rate=equations.constraints.start_is_rate,
     )
 
 

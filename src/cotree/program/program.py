@@ -35,6 +35,11 @@ class Kernel:
     results: tuple[Node, ...]
     prepared: Mapping[Node, int]
 
+    @property
+    def is_present(self) -> bool:
+        """Whether C has it: an optional kernel without results is left out."""
+        return bool(self.results) or not self.spec.is_optional
+
     @cached_property
     def order(self) -> list[Node]:
         """Every value that the results need, in order of evaluation; prepared ones included."""
@@ -68,6 +73,20 @@ class Layout:
         For each input, the times where it has a kink in the scene.
     uncertain : tuple of str
         Coordinates whose pivot is checked at run time.
+    constraints : tuple of Quantity
+        What is to be zero, in the order of the kernel ``constraints``.
+    constraint_edges : tuple of str
+        The edge of each of its rows that has a multiplier.
+    n_coordinates : int
+        How many of the states, which come first, are coordinates.
+    quaternions : tuple of int
+        The first state of each quaternion.
+    given : tuple of bool
+        Whether the scene gives the initial value of each state.
+    start_rows : tuple of str
+        What the start is to satisfy besides: initial values of what is no state.
+    start_is_rate : tuple of bool
+        Whether each is a rate.
     """
 
     name: str
@@ -82,6 +101,13 @@ class Layout:
     input_sensitivities: tuple[tuple[str, ...], ...]
     breakpoints: tuple[tuple[float, ...], ...]
     uncertain: tuple[str, ...]
+    constraints: tuple[Quantity, ...]
+    constraint_edges: tuple[str, ...]
+    n_coordinates: int
+    quaternions: tuple[int, ...]
+    given: tuple[bool, ...]
+    start_rows: tuple[str, ...]
+    start_is_rate: tuple[bool, ...]
 
 
 @dataclass(frozen=True)
@@ -120,11 +146,14 @@ class Program:
         return counts
 
     def summary(self) -> str:
-        """Describe the kernels by their operation counts."""
-        lines = [f"{self.layout.name}: {len(self.kernels)} kernels"]
-        for name, count in self.operations.items():
+        """Describe the kernels by their operation counts, those that C has."""
+        present = {name: k for name, k in self.kernels.items() if k.is_present}
+        width = max(map(len, present))
+        lines = [f"{self.layout.name}: {len(present)} kernels"]
+        for name, kernel in present.items():
+            count = self.operations[name]
             lines.append(
-                f"  {name:20} {len(self.kernels[name].results):6} results {count.total:8} "
+                f"  {name:{width}} {len(kernel.results):6} results {count.total:8} "
                 f"operations ({count.kernel} in the kernel, {count.prepare} prepared)"
             )
         return "\n".join(lines)

@@ -1,16 +1,19 @@
-"""Which axes to resolve each cluster in: try, count, keep the cheapest."""
+"""Which tree, and which axes to resolve each cluster in: try, count, keep the cheapest."""
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING
 
 from cotree.dag.traverse import reachable, substitute
+from cotree.errors import FormulationError, ModelError
 from cotree.formulation.elimination import factorise, substitute_back
 from cotree.formulation.first_graph import form_first_graph
 from cotree.graph import tree_walk
 from cotree.program.counts import count_operations
+from cotree.scene.motion_spaces import motion_spaces
 from cotree.sensitivity.graphs import form_derivatives
 
 if TYPE_CHECKING:
@@ -25,33 +28,52 @@ _FEW = 3  # turning clusters up to which every choice is tried
 
 @dataclass(frozen=True)
 class Alternative:
-    """One way to resolve the clusters, and what it costs.
+    """One way to form the equations, and what it costs.
 
     Attributes
     ----------
+    branches : tuple of str
+        The tree.
     own_axes : tuple of int
         The clusters resolved in their own axes.
+    n_states, n_multipliers : int
+        Size of the equations.
     n_operations : int
         Estimated operations of the right-hand side with all sensitivities.
     """
 
+    branches: tuple[str, ...]
     own_axes: tuple[int, ...]
+    n_states: int
+    n_multipliers: int
     n_operations: int
+
+    def summary(self) -> str:
+        """Describe it in one line."""
+        return (
+            f"{self.n_operations:8} operations, {self.n_states:3} states, "
+            f"{self.n_multipliers:3} multipliers, tree {{{', '.join(self.branches)}}}"
+        )
 
 
 def choose_first_graph(
-    scene: SceneDescription, tree: Tree, sensitivities: Sequence[str]
+    scene: SceneDescription,
+    trees: Sequence[Tree],
+    sensitivities: Sequence[str],
+    baumgarte: float = 0.0,
 ) -> tuple[FirstGraph, tuple[Alternative, ...]]:
-    """Form the first graph in the axes that cost least.
+    """Form the first graph in the tree and the axes that cost least.
 
     Parameters
     ----------
     scene : SceneDescription
         The scene.
-    tree : Tree
-        The tree of its joints.
+    trees : sequence of Tree
+        The trees to try.
     sensitivities : sequence of str
         What sensitivities are wanted to.
+    baumgarte : float
+        Rate, [1/s], at which violated constraints decay.
 
     Returns
     -------
@@ -59,23 +81,48 @@ def choose_first_graph(
         The cheapest.
     alternatives : tuple of Alternative
         All that were tried, the cheapest first.
+
+    Raises
+    ------
+    ModelError, FormulationError
+        What the first tree raises.
     """
-    found: list[tuple[Alternative, FirstGraph]] = []
-    for own_axes in _choices(scene, tree):
-        first = form_first_graph(scene, tree, own_axes)
-        found.append((Alternative(own_axes, _estimate(first, sensitivities)), first))
+    first, *others = trees
+    found = _tried(scene, first, sensitivities, baumgarte)
+    for tree in others:
+        # What only another tree cannot do is no fault of the scene.
+        with contextlib.suppress(ModelError, FormulationError):
+            found += _tried(scene, tree, sensitivities, baumgarte)
     found.sort(key=lambda item: item[0].n_operations)
     return found[0][1], tuple(item[0] for item in found)
 
 
+def _tried(
+    scene: SceneDescription, tree: Tree, sensitivities: Sequence[str], baumgarte: float
+) -> list[tuple[Alternative, FirstGraph]]:
+    """Form the first graph of one tree in several axes."""
+    found = []
+    for own_axes in _choices(scene, tree):
+        first = form_first_graph(scene, tree, own_axes, baumgarte)
+        alternative = Alternative(
+            tuple(tree.branches),
+            own_axes,
+            len(first.states),
+            len(first.constraints.rows),
+            _estimate(first, sensitivities),
+        )
+        found.append((alternative, first))
+    return found
+
+
 def _choices(scene: SceneDescription, tree: Tree) -> Iterator[tuple[int, ...]]:
     """List sets of clusters: all sets of a few, else none and all."""
-    turning = []
+    turning, spaces = [], motion_spaces(scene).of
     cluster = 0  # numbered as the walk meets the freedoms that carry them
     for step in tree_walk(tree):
-        for freedom in scene.edges[step.edge].component.motion_space[:: step.sign]:
+        for kind in spaces[step.edge][:: step.sign]:
             cluster += 1
-            if freedom.rotates:
+            if kind.rotates:
                 turning.append(cluster)
     if len(turning) > _FEW:
         yield ()
@@ -87,7 +134,8 @@ def _choices(scene: SceneDescription, tree: Tree) -> Iterator[tuple[int, ...]]:
 
 def _estimate(first: FirstGraph, sensitivities: Sequence[str]) -> int:
     """Count the right-hand side, and one sensitivity in place of all."""
-    factors = factorise(first.system.dag, first.matrix, first.is_safe)
+    n_multipliers = len(first.constraints.rows)
+    factors = factorise(first.system.dag, first.matrix, first.is_safe, n_multipliers)
     unknowns = substitute_back(factors, first.forcing)
     alone = count_operations(reachable(unknowns)).total
     if not sensitivities:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 import numbers
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
-from cotree.components import COMPONENTS, Component, Field, Shape
+from cotree.components import COMPONENTS, Component
 from cotree.dag.several import Table
 from cotree.errors import ParameterError, SceneError, nearest
 from cotree.naming import check_name, check_scene_name
 from cotree.scene.expressions import Expression, parse
+from cotree.scene.fields import check_fields, check_initial, check_vector
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
 
 #: Value of a field: one expression, or a tuple of three, or three such rows.
 FieldValue = Expression | tuple[Expression, ...] | tuple[tuple[Expression, ...], ...]
@@ -49,7 +52,7 @@ class Edge:
     component: Component
     nodes: tuple[str, str]
     fields: Mapping[str, FieldValue]
-    initial: Mapping[str, Expression]
+    initial: Mapping[str, FieldValue]
 
 
 @dataclass(frozen=True)
@@ -81,7 +84,7 @@ class SceneDescription:
 
     def __init__(self, name: str, gravity: Sequence[float | str] = (0.0, 0.0, 0.0)) -> None:
         self.name = check_scene_name(name)
-        self.gravity = _vector(gravity, "gravity")
+        self.gravity = check_vector(gravity, "gravity")
         self.parameters, self.inputs, self.edges, self.outputs = {}, {}, {}, {}
         self.defaults = Simulation()
 
@@ -193,7 +196,7 @@ class SceneDescription:
         first: str,
         second: str,
         *,
-        initial: Mapping[str, float | str] | None = None,
+        initial: Mapping[str, Any] | None = None,
         **fields: Any,
     ) -> None:
         """Add an edge: a component from the first node to the second.
@@ -232,8 +235,8 @@ class SceneDescription:
             name,
             component,
             nodes,
-            _check_fields(name, component, fields),
-            _check_initial(name, component, initial or {}),
+            check_fields(name, component, fields),
+            check_initial(name, component, initial or {}),
         )
 
     def output(self, name: str, value: str | float) -> None:
@@ -311,81 +314,7 @@ def parse_signal(value: object, where: str) -> Expression | Table:
     return table
 
 
-def plain(value: object) -> object:
-    """Turn numpy arrays into lists; leave everything else."""
-    return value.tolist() if hasattr(value, "tolist") else value
-
-
 def _text(value: object, what: str) -> str:
     if not isinstance(value, str) or len(value) > 1000:
         raise SceneError(f"{what} must be a text of at most 1000 characters")
     return value
-
-
-def _vector(value: object, where: str) -> tuple[Expression, ...]:
-    value = plain(value)
-    if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != 3:
-        raise SceneError(f"{where} must be a list of three numbers or expressions")
-    return tuple(parse(item, f"component {'xyz'[i]} of {where}") for i, item in enumerate(value))
-
-
-def _inertia(value: object, where: str) -> FieldValue:
-    value = plain(value)
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        if len(value) == 3 and all(
-            isinstance(row, Sequence) and not isinstance(row, str) for row in value
-        ):
-            rows = tuple(_vector(row, f"row {i + 1} of {where}") for i, row in enumerate(value))
-            if any(rows[i][j].text != rows[j][i].text for i in range(3) for j in range(i)):
-                raise SceneError(f"{where} must be symmetric: write both halves alike")
-            return rows
-        return _vector(value, where)
-    scalar = parse(value, where)
-    return (scalar, scalar, scalar)
-
-
-def _check_fields(
-    edge: str, component: Component, given: Mapping[str, Any]
-) -> dict[str, FieldValue]:
-    known = {row.name for row in component.fields}
-    for name in given:
-        if name not in known:
-            raise SceneError(
-                f"edge '{edge}' of type '{component.name}' has no field '{name}'"
-                f"{nearest(name, known)}"
-            )
-    fields: dict[str, FieldValue] = {}
-    for row in component.fields:
-        where = f"{row.name} of edge '{edge}'"
-        if row.name in given:
-            fields[row.name] = _check_field(row, given[row.name], where)
-        elif row.required:
-            raise SceneError(
-                f"edge '{edge}' of type '{component.name}' needs the field '{row.name}'"
-            )
-        elif row.default is not None:
-            fields[row.name] = parse(row.default, where)
-    return fields
-
-
-def _check_field(row: Field, value: Any, where: str) -> FieldValue:
-    if row.shape is Shape.VECTOR:
-        return _vector(value, where)
-    if row.shape is Shape.INERTIA:
-        return _inertia(value, where)
-    return parse(value, where)
-
-
-def _check_initial(
-    edge: str, component: Component, given: Mapping[str, Any]
-) -> dict[str, Expression]:
-    if not isinstance(given, Mapping):
-        raise SceneError(f"initial of edge '{edge}' must be a table of names and values")
-    names = [row.name for row in component.motion_space]
-    known = [*names, *(f"{name}_dot" for name in names)]
-    initial = {}
-    for name, value in given.items():
-        if name not in known:
-            raise SceneError(f"edge '{edge}' has no coordinate '{name}'{nearest(str(name), known)}")
-        initial[name] = parse(value, f"initial {name} of edge '{edge}'")
-    return initial

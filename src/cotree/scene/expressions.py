@@ -60,6 +60,17 @@ class Expression:
     tree: ast.expr
     names: frozenset[str]
 
+    @property
+    def number(self) -> float | None:
+        """The value, where the expression is a plain number."""
+        tree = self.tree
+        if isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.USub):
+            tree = tree.operand
+            sign = -1.0
+        else:
+            sign = 1.0
+        return sign * float(tree.value) if isinstance(tree, ast.Constant) else None  # type: ignore[arg-type]
+
     def lower(self, dag: Dag, resolve: Callable[[str], Node]) -> Node:
         """Turn the expression into a node.
 

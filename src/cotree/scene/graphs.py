@@ -9,9 +9,13 @@ from cotree.components import Role
 from cotree.domains import DOMAINS
 from cotree.errors import FormulationError, TopologyError
 from cotree.graph import GraphEdge, LinearGraph, Tree, named_tree, select_tree
+from cotree.scene.motion_spaces import motion_spaces
 
 if TYPE_CHECKING:
     from cotree.scene.description import SceneDescription
+
+# Bodies up to which a scene is counted in absolute coordinates too.
+_FEW_OPEN, _FEW_CLOSED = 3, 8
 
 #: What a user may say of the tree: nothing, the branches of every graph, or those of each.
 TreeChoice = Sequence[str] | Mapping[str, Sequence[str]] | None
@@ -72,16 +76,55 @@ def choose_trees(
     for domain, graph in graphs.items():
         names = wanted[domain]
         if names is None:
-            weights = {
-                name: weight
-                for name in graph.edge_names
-                if (weight := scene.edges[name].component.tree_weight) is not None
-            }
-            trees[domain] = select_tree(graph, weights)
+            trees[domain] = select_tree(graph, _weights(scene, graph))
         else:
             _check_branches(scene, names)
             trees[domain] = named_tree(graph, names)
     return trees
+
+
+def _weights(
+    scene: SceneDescription, graph: LinearGraph, prefers_bodies: bool = False
+) -> dict[str, float]:
+    """Give what each edge would add to the equations; what cannot be a branch is absent."""
+    spaces = motion_spaces(scene).of
+    weights = {}
+    for name in graph.edge_names:
+        component = scene.edges[name].component
+        if component.tree_weight is not None:
+            weights[name] = float(sum(len(step.rates) for step in spaces[name]))
+            if component.role is Role.BODY and prefers_bodies:
+                weights[name] = 0.5
+            elif component.role is Role.BODY:
+                weights[name] += 0.5  # a joint of the same freedom comes first
+    return weights
+
+
+def candidate_trees(scene: SceneDescription) -> list[Tree]:
+    """List the trees worth counting: that of the joints, and that of the bodies.
+
+    Open chains of many bodies are not counted in absolute coordinates: each joint would add up to
+    six equations that the joints' tree has not.
+
+    Raises
+    ------
+    TopologyError
+        If the scene has no edges, or a node is floating.
+    """
+    joints = joint_branches(scene)
+    n_bodies = sum(edge.component.role is Role.BODY for edge in scene.edges.values())
+    is_open = not any(
+        scene.edges[name].component.role in (Role.JOINT, Role.CONSTRAINT) for name in joints.chords
+    )
+    if n_bodies > (_FEW_OPEN if is_open else _FEW_CLOSED):
+        return [joints]
+    graphs = linear_graphs(scene)
+    trees = {
+        domain: select_tree(graph, _weights(scene, graph, prefers_bodies=True))
+        for domain, graph in graphs.items()
+    }
+    bodies = joint_tree(scene, trees)
+    return [joints] if set(bodies.branches) == set(joints.branches) else [joints, bodies]
 
 
 def _check_branches(scene: SceneDescription, names: Sequence[str]) -> None:
@@ -95,28 +138,22 @@ def _check_branches(scene: SceneDescription, names: Sequence[str]) -> None:
 
 
 def joint_tree(scene: SceneDescription, trees: Mapping[str, Tree]) -> Tree:
-    """Give the one tree of joints and arms that joint coordinates are formed from.
+    """Give the one tree that coordinates are formed from.
 
     Raises
     ------
     FormulationError
-        If the trees differ, hold a body, or leave a joint or an arm out.
+        If the trees differ.
     """
     tree = trees["translation"]
     if set(tree.branches) != set(trees["rotation"].branches):
         raise FormulationError(
             "translation and rotation have different trees: name the same joints and arms for both"
         )
-    for name in tree.branches:
-        if scene.edges[name].component.role is Role.BODY:
-            raise FormulationError(
-                f"the tree holds the body '{name}': equations in absolute coordinates are not "
-                f"available yet; reach node '{scene.edges[name].nodes[1]}' by joints and arms"
-            )
-    for name in tree.chords:
-        if scene.edges[name].component.role in (Role.ARM, Role.JOINT):
-            raise FormulationError(
-                f"edge '{name}' closes a loop with the tree ({', '.join(tree.branches)}): closed "
-                "loops are not available yet; take it out or open the loop"
-            )
     return tree
+
+
+def joint_branches(scene: SceneDescription) -> Tree:
+    """Give the tree that reaches bodies by joints and arms wherever there are any."""
+    graphs = linear_graphs(scene)
+    return joint_tree(scene, choose_trees(scene, graphs, None))

@@ -15,7 +15,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from cotree.dag import vector
-from cotree.formulation.across import carrier_spin, relative_spin, sliding_directions, weighted
+from cotree.dag.rotation import quaternion_turn
+from cotree.formulation.across import carrier_spin, relative_spin, weighted
 from cotree.formulation.circuits import Circuits, inwards
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ class GeometryTangent:
     from_child: Vector
     turning: tuple[Vector, ...]
     shifting: tuple[Vector, ...]
+    sliding: tuple[Vector, ...]
     phi: Vector
     omega: Vector
 
@@ -102,7 +104,7 @@ class MotionTangent:
         if own is None:
             return result
         result = vector.add(result, vector.cross(self.motion.omega[branch.parent], own.offset))
-        speeds = [c.speed for c in branch.coordinates]
+        speeds = [v.symbol for v in branch.speeds]
         result = vector.add(result, weighted(own.shifting, speeds))
         return vector.add(result, weighted(first.shifting, [self.seed.of(v) for v in speeds]))
 
@@ -145,6 +147,7 @@ class AccelerationTangent:
     alpha: tuple[Vector | None, ...]
     matrix: tuple[Matrix | None, ...]
     origin: tuple[Vector | None, ...]
+    across: tuple[Vector | None, ...]
 
 
 def move_tangent(motion: Motion, seed: Seed) -> MotionTangent:
@@ -166,10 +169,11 @@ def move_tangent(motion: Motion, seed: Seed) -> MotionTangent:
 
 def _is_seeded(branch: Branch, seed: Seed) -> bool:
     """Whether anything of the branch itself depends on the seed."""
-    symbols = [s for c in branch.coordinates for s in (c.position, c.speed)]
-    if any(not seed.of(symbol).is_zero for symbol in symbols):
+    symbols = [c.symbol for c in branch.step.coordinates] + [v.symbol for v in branch.speeds]
+    if any(not seed.of(node).is_zero for node in (*symbols, *branch.slides)):
         return True
-    return not all(vector.is_zero(seed.vector(local)) for local in (branch.anchor, *branch.axes))
+    fields = (branch.anchor, *branch.axes, *(branch.mount or ()))
+    return not all(vector.is_zero(seed.vector(local)) for local in fields)
 
 
 def _branch_tangent(
@@ -183,41 +187,38 @@ def _branch_tangent(
     branch, frames = first.branch, motion.frames
     zero = vector.zeros(motion.system.dag)
     phi, omega = phi_parent or zero, omega_parent or zero
-    # A turn about the axis leaves the axis itself alone: the parent's axes serve both carriers.
+    # A turn about the axis leaves the axis itself alone: the parent's axes serve both carriers,
+    # but not for a free rotation, whose axes are constant in the second node's.
+    phi_child = vector.add(phi, _turn(motion, seed, first))
+    is_childs = branch.quaternion is not None and branch.carrier == branch.child
+    phi_axes = phi_child if is_childs else phi
     d_axes = [frames.resolved(branch.parent, seed.vector(axis)) for axis in branch.axes]
-    positions = [c.position for c in branch.coordinates]
-    d_positions = [seed.of(position) for position in positions]
-    d_own = [
-        vector.add(vector.cross(phi, axis), d_axis)
-        for axis, d_axis in zip(first.axes, d_axes, strict=True)
-    ]
-    phi_child = phi
-    turning = []
-    for i, coordinate in enumerate(branch.coordinates):
-        rotates = coordinate.freedom.rotates
-        turning.append(vector.signed(branch.sign, d_own[i]) if rotates else zero)
-        if rotates:
-            phi_child = vector.add(phi_child, vector.scale(d_positions[i], first.turning[i]))
-            phi_child = vector.add(phi_child, _tilt(first, i, d_axes[i]))
-    phi_carrier = phi if branch.sign > 0 else phi_child
-    slide = _slide_tangent(first, positions, d_positions, d_axes, zero)
+    d_slides = [seed.of(length) for length in branch.slides]
+    d_position = seed.of(branch.position)
     anchor = frames.resolved(branch.parent, seed.vector(branch.anchor))
     from_parent = vector.add(vector.cross(phi, first.from_parent), anchor)
-    from_child = zero
+    from_child, slide = zero, zero
+    for axis, d_axis, length, d_length in zip(
+        first.axes, d_axes, branch.slides, d_slides, strict=True
+    ):
+        d_reach = length * d_position + d_length * branch.position
+        slide = vector.add(slide, vector.scale(d_reach, axis))
+        slide = vector.add(slide, vector.scale(length * branch.position, d_axis))
     if branch.sign > 0:
         from_parent = vector.add(from_parent, slide)
     else:
-        from_child = vector.sub(vector.cross(phi_carrier, first.from_child), slide)
-    shifting = []
-    for i, coordinate in enumerate(branch.coordinates):
-        if coordinate.freedom.rotates:
-            moved = vector.cross(turning[i], first.from_child)
-            moved = vector.add(moved, vector.cross(first.turning[i], from_child))
-        else:
-            d_axis = vector.add(vector.cross(phi_carrier, first.axes[i]), d_axes[i])
-            moved = vector.signed(branch.sign, d_axis)
-        shifting.append(moved)
-    speeds = [c.speed for c in branch.coordinates]
+        from_child = vector.sub(vector.cross(phi, first.from_child), slide)
+    turning, shifting, sliding = [], [], []
+    for i, length in enumerate(branch.slides):
+        d_own = vector.add(vector.cross(phi_axes, first.axes[i]), d_axes[i])
+        d_along = vector.signed(branch.sign, d_own)
+        along = vector.signed(branch.sign, first.axes[i])
+        turning.append(d_along if branch.turns else zero)
+        sliding.append(vector.add(vector.scale(length, d_along), vector.scale(d_slides[i], along)))
+        moved = vector.cross(turning[-1], first.from_child)
+        moved = vector.add(moved, vector.cross(first.turning[i], from_child))
+        shifting.append(vector.add(moved, sliding[-1]))
+    speeds = [v.symbol for v in branch.speeds]
     d_spin = vector.add(
         weighted(turning, speeds), weighted(first.turning, [seed.of(v) for v in speeds])
     )
@@ -226,12 +227,39 @@ def _branch_tangent(
         from_child,
         tuple(turning),
         tuple(shifting),
+        tuple(sliding),
         phi_child,
         vector.add(omega, d_spin),
     )
 
 
-def _tilt(first: Geometry, i: int, d_axis: Vector) -> Vector:
+def _turn(motion: Motion, seed: Seed, first: Geometry) -> Vector:
+    """Form what a branch itself adds to phi, in the basis of its parent."""
+    branch, frames = first.branch, motion.frames
+    zero = vector.zeros(motion.system.dag)
+    if not branch.turns:
+        return zero
+    if branch.quaternion is None:
+        d_axis = frames.resolved(branch.parent, seed.vector(branch.axes[0]))
+        own = vector.scale(seed.of(branch.position), first.turning[0])
+        return vector.add(own, _tilt(first, d_axis))
+    d = [seed.of(entry) for entry in branch.quaternion]
+    own = zero
+    if any(not entry.is_zero for entry in d):
+        own = quaternion_turn(branch.quaternion, d, is_own=branch.sign < 0)
+        own = vector.signed(branch.sign, own)
+    if branch.mount is not None:
+        own = vector.add(vector.times(branch.mount, own), _mounting(branch.mount, seed))
+    return frames.resolved(branch.parent, own)
+
+
+def _mounting(mount: Matrix, seed: Seed) -> Vector:
+    """Form the rotation vector of a change of constant axes: [phi]x = dT T^T."""
+    spin = vector.matmul(seed.matrix(mount), vector.transpose(mount))
+    return (spin[2][1], spin[0][2], spin[1][0])
+
+
+def _tilt(first: Geometry, d_axis: Vector) -> Vector:
     """Form what a change of the axis itself adds to phi.
 
     From the derivative of the rotation vector theta e by its left Jacobian:
@@ -239,27 +267,11 @@ def _tilt(first: Geometry, i: int, d_axis: Vector) -> Vector:
     """
     if vector.is_zero(d_axis):
         return d_axis
-    position = first.branch.coordinates[i].position
+    position = first.branch.position
     angle = position if first.branch.sign > 0 else -position
     sine, cosine = (position.dag.function(name, angle) for name in ("sin", "cos"))
-    across = vector.cross(first.axes[i], d_axis)
+    across = vector.cross(first.axes[0], d_axis)
     return vector.add(vector.scale(sine, d_axis), vector.scale(1.0 - cosine, across))
-
-
-def _slide_tangent(
-    first: Geometry,
-    positions: Sequence[Node],
-    d_positions: Sequence[Node],
-    d_axes: Sequence[Vector],
-    zero: Vector,
-) -> Vector:
-    """Differentiate the translation along the branch's axes, as its carrier sees it."""
-    total = zero
-    for i, coordinate in enumerate(first.branch.coordinates):
-        if not coordinate.freedom.rotates:
-            total = vector.add(total, vector.scale(d_positions[i], first.axes[i]))
-            total = vector.add(total, vector.scale(positions[i], d_axes[i]))
-    return total
 
 
 def accelerate_tangent(
@@ -282,6 +294,7 @@ def accelerate_tangent(
     alpha: list[Vector | None] = [None] * n
     matrix: list[Matrix | None] = [None] * n
     origin: list[Vector | None] = [None] * n
+    steps: list[Vector | None] = [None] * len(motion.geometry)
     gravity = seed.vector(system.gravity)
     if not vector.is_zero(gravity):
         origin[0] = vector.neg(gravity)
@@ -293,21 +306,22 @@ def accelerate_tangent(
                 origin[child] = motion.frames.down(child, origin[parent] or moved.zero)
             continue
         with system.dag.labelled(f"f-circuits, derivative of {branch.edge}"):
-            own_rates = [rates[c.index] for c in branch.coordinates]
+            own_rates = [rates[v.index] for v in branch.speeds]
             d_alpha = _turn_tangent(moved, geometry, own, own_rates, alpha[parent])
             alpha[child] = motion.frames.down(child, d_alpha)
             matrix[child] = vector.angular_acceleration_tangent(
                 motion.omega[child], moved.omega_of(child), alpha[child] or moved.zero
             )
             d_across = _shift_tangent(moved, first, geometry, own, own_rates, matrix)
+            steps[child - 1] = d_across
             total = vector.add(origin[parent] or moved.zero, d_across)
             origin[child] = motion.frames.down(child, total)
-    return AccelerationTangent(tuple(alpha), tuple(matrix), tuple(origin))
+    return AccelerationTangent(tuple(alpha), tuple(matrix), tuple(origin), tuple(steps))
 
 
 def _carrier_tangent(moved: MotionTangent, branch: Branch) -> Vector:
     """Differentiate the angular velocity of a branch's carrier."""
-    if branch.sign > 0:
+    if branch.carrier == branch.parent:
         return moved.omega_of(branch.parent)
     return moved.motion.frames.up(branch.child, moved.omega_of(branch.child))
 
@@ -321,7 +335,7 @@ def _turn_tangent(
 ) -> Vector:
     """Differentiate the angular acceleration of a branch's child."""
     motion, branch = moved.motion, geometry.branch
-    speeds = [c.speed for c in branch.coordinates]
+    speeds = [v.symbol for v in branch.speeds]
     d_speeds = [moved.seed.of(v) for v in speeds]
     d_relative = vector.add(weighted(own.turning, speeds), weighted(geometry.turning, d_speeds))
     total = vector.add(alpha_parent or moved.zero, weighted(own.turning, rates))
@@ -346,13 +360,9 @@ def _shift_tangent(
     d_parent = d_matrix[parent]
     if d_parent is not None:
         total = vector.add(total, vector.times(d_parent, geometry.from_parent))
-    sliding = sliding_directions(geometry)
-    d_sliding = tuple(
-        moved.zero if coordinate.freedom.rotates else shifting
-        for coordinate, shifting in zip(branch.coordinates, own.shifting, strict=True)
-    )
+    sliding, d_sliding = geometry.sliding, own.sliding
     total = vector.add(total, weighted(d_sliding, rates))
-    speeds = [c.speed for c in branch.coordinates]
+    speeds = [v.symbol for v in branch.speeds]
     slip = weighted(sliding, speeds)
     d_slip = vector.add(
         weighted(d_sliding, speeds), weighted(sliding, [moved.seed.of(v) for v in speeds])

@@ -84,9 +84,9 @@ def _through_tangent(
 
 
 def _carried(moved: MotionTangent, point: Point, local: Vector, ancestor: int) -> Vector:
-    """Differentiate a vector fixed in a point's cluster, in the basis of an ancestor."""
+    """Differentiate a vector given in a node's axes, in the basis of an ancestor."""
     motion = moved.motion
-    own = moved.carried(point.cluster, local)
+    own = moved.carried(point.cluster, point.resolved(local))
     return inwards(motion.clusters, motion.frames, own, point.cluster, ancestor)
 
 

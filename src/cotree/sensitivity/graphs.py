@@ -11,19 +11,25 @@ from collections import Counter
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from cotree.components import FreeRotation
 from cotree.dag.derivative import tangents
-from cotree.equations import Derivative, Equations, Quantity
+from cotree.dag.traverse import substitute
+from cotree.equations import ConstraintSet, Derivative, Equations, Quantity
 from cotree.errors import ParameterError, nearest
+from cotree.formulation.observed import observed_unit
 from cotree.formulation.outputs import output_seed
-from cotree.sensitivity.across import move_tangent
+from cotree.formulation.pulls import stabilised
+from cotree.sensitivity.across import accelerate_tangent, move_tangent
 from cotree.sensitivity.seed import Seed, Support
 from cotree.sensitivity.through import balance_tangent
+from cotree.sensitivity.views import TangentView
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cotree.dag.nodes import Node
     from cotree.formulation.first_graph import FirstGraph
+    from cotree.formulation.measures import Measure
 
 
 def differentiate(
@@ -43,22 +49,55 @@ def differentiate(
         Shared by all directions.
     """
     dag = first.system.dag
+    symbols = {**symbols, **_measured_tangents(first, symbols)}
     seed = Seed(dag, symbols, support)
     moved = move_tangent(first.motion, seed)
-    residual = balance_tangent(moved, first.loads, first.across, first.balance, first.unknowns)
+    across = accelerate_tangent(moved, first.view.across, first.view.across.rates)
+    view = TangentView(first.view, moved, across)
+    residual = balance_tangent(
+        moved, first.loads, first.view.across, first.balance, view, first.applied
+    )
+    rate = first.constraints.baumgarte
+    held = [_held_tangents(view, row.measure, rate) for row in first.constraints.rows]
     with dag.labelled("derivatives of rates and outputs"):
         of_unknowns = dict(zip(first.unknowns, unknown_tangents(first), strict=True))
         rates = tangents(first.rates, {**symbols, **of_unknowns})
-        across = output_seed(moved, first.outputs)
-        outputs = tangents(first.outputs.values, {**symbols, **across})
+        of_nodes = output_seed(moved, first.outputs)
+        outputs = tangents(first.outputs.values, {**symbols, **of_unknowns, **of_nodes})
         initial = tangents([state.initial for state in first.states], symbols)
     return Derivative(
         name,
         dict(symbols),
-        tuple(-row for row in residual),
+        (*(-row for row in residual), *(acceleration for _, _, acceleration in held)),
         tuple(rates),
         tuple(outputs),
         tuple(initial),
+        tuple(value for value, _, _ in held),
+        tuple(rate for _, rate, _ in held),
+        tuple(
+            (row.measure.rate(view) if row.is_rate else row.measure.value(view)).d
+            - seed.of(row.given)
+            for row in first.conditions
+        ),
+    )
+
+
+def _measured_tangents(first: FirstGraph, symbols: Mapping[Node, Node]) -> dict[Node, Node]:
+    """Differentiate the across variables that fields use."""
+    along = tangents(list(first.measured.values()), symbols)
+    return {key: d for key, d in zip(first.measured, along, strict=True) if not d.is_zero}
+
+
+def _held_tangents(
+    view: TangentView, measure: Measure, baumgarte: float
+) -> tuple[Node, Node, Node]:
+    """Differentiate a constraint at the levels of position, velocity and acceleration."""
+    value = measure.value(view)
+    zero = view.moved.seed.dag.zero
+    return (
+        zero if value is None else value.d,
+        measure.rate(view).d,
+        stabilised(measure, view, baumgarte).d,
     )
 
 
@@ -68,6 +107,16 @@ def state_columns(first: FirstGraph, support: Support) -> tuple[Derivative, ...]
     return tuple(
         differentiate(first, state.name, {state.symbol: one}, support) for state in first.states
     )
+
+
+def input_columns(first: FirstGraph) -> tuple[Derivative, ...]:
+    """Differentiate along each input."""
+    support, one = Support(), first.system.dag.one
+    columns = [
+        differentiate(first, name, {symbol: one}, support)
+        for name, symbol in first.system.inputs.items()
+    ]
+    return tuple(_closed_row(column, first.measured) for column in columns)
 
 
 def form_derivatives(
@@ -150,7 +199,7 @@ def form_equations(first: FirstGraph, sensitivities: Sequence[str]) -> Equations
     tunable = {n: symbol for n, symbol in system.parameters.items() if symbol.op == "symbol"}
     support = Support()
     parameters = [scene.parameters[name] for name in tunable]
-    return Equations(
+    equations = Equations(
         name=scene.name,
         dag=system.dag,
         states=first.states,
@@ -167,10 +216,62 @@ def form_equations(first: FirstGraph, sensitivities: Sequence[str]) -> Equations
         is_safe=first.is_safe,
         rates=first.rates,
         balances=first.balance.residual,
+        constraints=_constraints(first),
         output_values=first.outputs.values,
         sensitivities=form_derivatives(first, sensitivities, support),
         columns=state_columns(first, support),
         guards=first.guards,
+    )
+    return _closed(equations, first.measured) if first.measured else equations
+
+
+def _closed(equations: Equations, measured: Mapping[Node, Node]) -> Equations:
+    """Put across variables in the place of their symbols in fields."""
+
+    def closed(nodes: Sequence[Node]) -> tuple[Node, ...]:
+        return tuple(substitute(nodes, measured))
+
+    return replace(
+        equations,
+        forcing=closed(equations.forcing),
+        balances=closed(equations.balances),
+        output_values=closed(equations.output_values),
+        sensitivities=tuple(_closed_row(row, measured) for row in equations.sensitivities),
+        columns=tuple(_closed_row(row, measured) for row in equations.columns),
+    )
+
+
+def _closed_row(row: Derivative, measured: Mapping[Node, Node]) -> Derivative:
+    return replace(
+        row,
+        forcing=tuple(substitute(row.forcing, measured)),
+        outputs=tuple(substitute(row.outputs, measured)),
+    )
+
+
+def _constraints(first: FirstGraph) -> ConstraintSet:
+    """Gather what projection and reports need of the constraints."""
+    rows = first.constraints
+    steps = [step for own in first.system.steps.values() for step in own]
+    return ConstraintSet(
+        rows=tuple(Quantity(row.name, row.unit) for row in rows.rows),
+        edges=tuple(row.edge for row in rows.rows),
+        values=rows.values,
+        rates=rows.rates,
+        gradient=rows.gradient,
+        quaternions=tuple(
+            (step.edge, tuple(c.symbol for c in step.coordinates))
+            for step in steps
+            if isinstance(step.kind, FreeRotation)
+        ),
+        start_rows=tuple(Quantity(row.name) for row in first.conditions),
+        start_is_rate=tuple(row.is_rate for row in first.conditions),
+        start_values=tuple(
+            (row.measure.rate(first.view) if row.is_rate else row.measure.value(first.view))
+            - row.given
+            for row in first.conditions
+        ),
+        start_gradient=tuple(row.gradient for row in first.conditions),
     )
 
 
@@ -180,8 +281,7 @@ def output_unit(first: FirstGraph, name: str) -> str:
     for state in first.states:
         if state.name == text:
             return state.unit
-    variable = text.partition(".")[2]
-    return {"x": "m", "y": "m", "z": "m", "vx": "m/s", "vy": "m/s", "vz": "m/s"}.get(variable, "")
+    return observed_unit(text)
 
 
 def _check_wanted(first: FirstGraph, wanted: Sequence[str]) -> None:

@@ -8,8 +8,8 @@ from cotree.components.law import chain
 from cotree.dag import vector
 from cotree.formulation.elements import Wrench
 from cotree.formulation.through import spin_torque
-from cotree.sensitivity.across import accelerate_tangent
 from cotree.sensitivity.elements import wrench_tangents
+from cotree.sensitivity.pulls import pull_tangent
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,9 +18,12 @@ if TYPE_CHECKING:
     from cotree.dag.vector import Matrix, Vector
     from cotree.formulation.across import Accelerations
     from cotree.formulation.clusters import Inertia
+    from cotree.formulation.ends import Pull
     from cotree.formulation.frames import Geometry
+    from cotree.formulation.laws import Applied
     from cotree.formulation.through import Balance, Loads
     from cotree.sensitivity.across import AccelerationTangent, GeometryTangent, MotionTangent
+    from cotree.sensitivity.views import TangentView
 
 
 def balance_tangent(
@@ -28,7 +31,8 @@ def balance_tangent(
     loads: Loads,
     across: Accelerations,
     balance: Balance,
-    rates: Sequence[Node],
+    view: TangentView,
+    applied: Sequence[Applied],
 ) -> list[Node]:
     """Form the projected f-cutset equations of a sensitivity graph.
 
@@ -38,8 +42,10 @@ def balance_tangent(
         Its positions and velocities.
     loads, across, balance : Loads, Accelerations, Balance
         The first graph's through and across variables, at the actual accelerations.
-    rates : sequence of Node
-        Accelerations of the coordinates.
+    view : TangentView
+        Its across variables.
+    applied : sequence of Applied
+        What acts along measures.
 
     Returns
     -------
@@ -48,8 +54,11 @@ def balance_tangent(
     """
     motion, frames = moved.motion, moved.motion.frames
     system = motion.system
-    d_across = accelerate_tangent(moved, across, rates)
-    totals = _cluster_tangents(moved, loads, across, d_across)
+    totals = _cluster_tangents(moved, loads, across, view.across)
+    d_along = _effort_tangents(moved, loads)
+    for row in applied:
+        with system.dag.labelled(f"through variable of {row.edge}, derivative"):
+            _add_pull(pull_tangent(view, row), totals, d_along)
     residual: dict[str, Node] = {}
     for geometry in reversed(motion.geometry):
         branch = geometry.branch
@@ -63,18 +72,29 @@ def balance_tangent(
                 d_wrench = Wrench(
                     frames.up(branch.child, total.force), frames.up(branch.child, total.torque)
                 )
-            for i, coordinate in enumerate(branch.coordinates):
-                residual[coordinate.name] = _project_tangent(geometry, own, i, wrench, d_wrench)
+            for i, speed in enumerate(branch.speeds):
+                residual[speed.name] = _project_tangent(geometry, own, i, wrench, d_wrench)
             if branch.parent:
                 d_parent = _shift_tangent(geometry, own, wrench, d_wrench)
                 known = totals[branch.parent]
                 totals[branch.parent] = d_parent if known is None else known.plus(d_parent)
     with system.dag.labelled("projection on motion spaces, derivative"):
-        d_efforts = _effort_tangents(moved, loads)
         return [
-            residual.get(coordinate.name, system.dag.zero) - d_effort
-            for coordinate, d_effort in zip(system.coordinates, d_efforts, strict=True)
+            residual.get(speed.name, system.dag.zero) - d_effort
+            for speed, d_effort in zip(system.speeds, d_along, strict=True)
         ]
+
+
+def _add_pull(pull: Pull, totals: list[Wrench | None], along: list[Node]) -> None:
+    """Take a pull from the sums on clusters, which count reactions, and add it along speeds."""
+    for cluster, force, torque in pull.wrenches:
+        if vector.is_zero(force) and vector.is_zero(torque):
+            continue
+        reaction = Wrench(vector.neg(force), vector.neg(torque))
+        known = totals[cluster]
+        totals[cluster] = reaction if known is None else known.plus(reaction)
+    for index, effort in pull.efforts.items():
+        along[index] = along[index] + effort
 
 
 def _project_tangent(

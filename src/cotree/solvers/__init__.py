@@ -6,16 +6,19 @@ with names, units and outputs.
 
 from __future__ import annotations
 
-from cotree.solvers.base import Solver, Statistics, Trajectory
+from cotree.solvers.base import Drift, Solver, Statistics, Trajectory
 from cotree.solvers.methods import METHODS, Method, solver_for
 from cotree.solvers.problem import Problem, check_problem
+from cotree.solvers.project import Projection
 from cotree.solvers.result import Result, UnknownNameError
 from cotree.solvers.select import choose_method, integrate
 
 __all__ = [
     "METHODS",
+    "Drift",
     "Method",
     "Problem",
+    "Projection",
     "Result",
     "Solver",
     "Statistics",

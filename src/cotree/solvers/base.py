@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
+import numpy as np
+
 if TYPE_CHECKING:
     from cotree.solvers.problem import FloatArray, Problem
 
@@ -36,6 +38,32 @@ class Statistics:
 
 
 @dataclass(frozen=True, eq=False)
+class Drift:
+    """How well a constrained motion is held to its constraints.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Constraints, their rates, and norms of quaternions less one.
+    residual : ndarray, shape (n_rows, n_t)
+        What is left of them at the stored points, in their own units. A point that could not be
+        projected, the last one of a failed integration, shows what it has.
+    correction : float
+        The largest change that a projection made to a state, divided by that state or by 1 where
+        it is less. A step's own error is part of it, so it grows with the tolerances.
+    """
+
+    names: tuple[str, ...]
+    residual: FloatArray
+    correction: float
+
+    @property
+    def worst(self) -> float:
+        """Return the largest residual of all rows and points."""
+        return float(np.max(np.abs(self.residual), initial=0.0))
+
+
+@dataclass(frozen=True, eq=False)
 class Trajectory:
     """The outcome of an integration, complete or not.
 
@@ -52,6 +80,8 @@ class Trajectory:
         One or two sentences.
     statistics : Statistics
         Work done.
+    drift : Drift or None
+        How well the constraints are held; None where there are none.
     """
 
     t: FloatArray
@@ -59,6 +89,7 @@ class Trajectory:
     status: int
     message: str
     statistics: Statistics
+    drift: Drift | None = None
 
 
 class Solver(Protocol):

@@ -1,7 +1,7 @@
 """Guarded calls of the user's right-hand side and Jacobian during one integration.
 
 In: a ``Problem``. Out: callables for the solvers that count, copy where the solvers keep
-references, remember the first derivative that is not finite, and enforce the time budget.
+references, remember the first derivative that is not finite, project, and enforce the time budget.
 """
 
 from __future__ import annotations
@@ -47,6 +47,8 @@ class Evaluator:
         Calls of the right-hand side, those for differences included, and state Jacobians.
     not_finite : str
         What was first not finite since ``progressed()``, as a phrase for a message; or empty.
+    correction : float
+        The largest relative change of a state by a projection; see ``Drift``.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -54,6 +56,7 @@ class Evaluator:
         self.nfev = 0
         self.njev = 0
         self.not_finite = ""
+        self.correction = 0.0
         self._last_jacobian: FloatArray | None = None
         self._bounds = sorted(problem.t_span)
         self._deadline = math.inf
@@ -84,12 +87,56 @@ class Evaluator:
 
     def rhs(self, t: float, z: FloatArray) -> FloatArray:
         """Return a fresh array with the derivative of z."""
+        if self.problem.singular is not None:
+            z = self._held(t, z)
         dz = self._call(t, z)
         # A dot product finds nan and infinity in one pass; squares may also overflow, which the
         # slower test then sorts out.
         if not math.isfinite(dz.dot(dz)) and not self.not_finite:
             self._remember(t, dz)
         return dz
+
+    def project(self, t: float, z: FloatArray) -> FloatArray:
+        """Return z on the constraints, as a fresh array; z itself where there are none.
+
+        Raises
+        ------
+        IntegrationStopError
+            If it cannot be brought there.
+        """
+        if self.problem.project is None:
+            return z
+        point = np.ascontiguousarray(z, dtype=np.float64)
+        try:
+            projected = np.array(self.problem.project(self._inside(t), point), dtype=np.float64)
+        except (SolveError, SingularSystemError) as error:
+            raise IntegrationStopError(FAILED, str(error).rstrip(".")) from None
+        if projected.shape != point.shape:
+            raise SolveError(
+                f"The projection returned shape {projected.shape} where {point.shape} is needed."
+            )
+        if not np.all(np.isfinite(projected)):
+            raise IntegrationStopError(FAILED, "the projection onto the constraints is not finite")
+        state = point[: self.problem.n_states]
+        change = np.abs(projected[: self.problem.n_states] - state)
+        largest = float(np.max(change / np.maximum(1.0, np.abs(state)), initial=0.0))
+        self.correction = max(self.correction, largest)
+        return projected
+
+    def _held(self, t: float, z: FloatArray) -> FloatArray:
+        """Project a trial point; one far from the constraints is taken as it is."""
+        assert self.problem.project is not None
+        try:
+            point = np.ascontiguousarray(z, dtype=np.float64)
+            return np.array(self.problem.project(self._inside(t), point), dtype=np.float64)
+        except (SolveError, SingularSystemError):
+            return z
+
+    def residual(self, t: float, z: FloatArray) -> FloatArray:
+        """Return what is left of the constraints, empty where there are none."""
+        if self.problem.residual is None:
+            return np.zeros(0)
+        return np.array(self.problem.residual(self._inside(t), z), dtype=np.float64)
 
     def state_jacobian(self, t: float, z: FloatArray) -> FloatArray:
         """Return the Jacobian of the states, dense, shape (n_states, n_states).

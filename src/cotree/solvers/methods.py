@@ -2,6 +2,12 @@
 
 In: a method's name. Out: a ``Solver`` that turns a ``Problem`` into a ``Trajectory``. A new method
 of a known family is one row of ``METHODS``.
+
+Constrained problems are projected between steps. A one-step method goes on from the projected
+state after every step. A multistep method remembers states before, which a projection leaves
+inconsistent with the new one: it starts anew from a projected state at breakpoints, and every
+hundred steps if the correction has become larger than the tolerance. Whatever the method, every
+value in the trajectory is projected.
 """
 
 from __future__ import annotations
@@ -29,6 +35,8 @@ class Method:
         "scipy" or "sundials".
     implicit : bool
         Whether it uses a Jacobian.
+    multistep : bool
+        Whether a step builds on those before.
     accepts_callable_inputs : bool
         Whether inputs may be Python callables.
     """
@@ -36,18 +44,19 @@ class Method:
     name: str
     family: str
     implicit: bool
+    multistep: bool
     accepts_callable_inputs: bool
 
 
 _ROWS = (
-    Method("RK45", "scipy", False, True),
-    Method("DOP853", "scipy", False, True),
-    Method("RK23", "scipy", False, True),
-    Method("Radau", "scipy", True, True),
-    Method("BDF", "scipy", True, True),
-    Method("LSODA", "scipy", True, True),
-    Method("cvode", "sundials", True, False),
-    Method("ida", "sundials", True, False),
+    Method("RK45", "scipy", False, False, True),
+    Method("DOP853", "scipy", False, False, True),
+    Method("RK23", "scipy", False, False, True),
+    Method("Radau", "scipy", True, False, True),
+    Method("BDF", "scipy", True, True, True),
+    Method("LSODA", "scipy", True, True, True),
+    Method("cvode", "sundials", True, True, False),
+    Method("ida", "sundials", True, True, False),
 )
 
 METHODS: Mapping[str, Method] = {row.name: row for row in _ROWS}

@@ -58,6 +58,17 @@ class Problem:
         Budget of wall-clock time, [s].
     max_steps : int or None
         Budget of steps.
+    project : callable or None
+        ``project(t, z)`` returns z on the constraints, states and sensitivities both, and raises
+        SolveError or SingularSystemError where it cannot. None where nothing constrains z.
+    residual : callable or None
+        ``residual(t, z)``, what is left of the constraints, shape (n_constraints,). It comes
+        with ``project``.
+    constraints : tuple of str
+        Names of the constraints' residuals.
+    singular : callable or None
+        ``singular(t, z)`` names the edges whose constraints are nearly dependent at a point. With
+        it the right-hand side is evaluated at projected points; see :mod:`cotree.solvers.passage`.
     """
 
     rhs: Callable[[float, FloatArray], FloatArray]
@@ -75,6 +86,10 @@ class Problem:
     parameters: tuple[str, ...] = ()
     time_limit: float | None = None
     max_steps: int | None = None
+    project: Callable[[float, FloatArray], FloatArray] | None = None
+    residual: Callable[[float, FloatArray], FloatArray] | None = None
+    constraints: tuple[str, ...] = ()
+    singular: Callable[[float, FloatArray], tuple[str, ...]] | None = None
 
     @property
     def size(self) -> int:
@@ -129,6 +144,9 @@ def _check_sizes(problem: Problem) -> None:
         )
     if problem.names and len(problem.names) != problem.n_states:
         raise SolveError(f"{len(problem.names)} names are given for {problem.n_states} states.")
+    if (problem.project is None) != (problem.residual is None):
+        missing = "residual" if problem.residual is None else "project"
+        raise SolveError(f"A constrained problem needs project and residual; {missing} is missing.")
 
 
 def _check_times(problem: Problem) -> None:

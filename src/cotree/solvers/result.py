@@ -18,7 +18,7 @@ from cotree.errors import Error, ModelError, nearest
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from cotree.solvers.base import Statistics
+    from cotree.solvers.base import Drift, Statistics
     from cotree.solvers.problem import FloatArray
 
 
@@ -66,6 +66,8 @@ class Result:
         Work done by the solver.
     times : mapping of str to float
         Seconds spent in each stage: formulate, generate, compile, integrate.
+    drift : Drift or None
+        How well the constraints are held; None where the model has none.
     """
 
     t: FloatArray
@@ -83,6 +85,7 @@ class Result:
     message: str
     statistics: Statistics
     times: Mapping[str, float] = field(default_factory=dict)
+    drift: Drift | None = None
 
     def __repr__(self) -> str:
         return f"<Result of {len(self.states)} states at {len(self.t)} times: {self.message}>"
@@ -238,6 +241,11 @@ class Result:
         lines.append(
             f"{work.method}: {work.n_steps} steps, {work.nfev} evaluations, {work.njev} Jacobians."
         )
+        if self.drift is not None:
+            lines.append(
+                f"Constraints held to {self.drift.worst:.1g}, "
+                f"largest correction {self.drift.correction:.1g}."
+            )
         if self.times:
             stages = ", ".join(f"{stage} {seconds:.3g} s" for stage, seconds in self.times.items())
             lines.append(f"Time: {stages}.")

@@ -13,6 +13,7 @@ import numpy as np
 
 from cotree.solvers.augmented import augmented_tolerances
 from cotree.solvers.drive import drive
+from cotree.solvers.methods import METHODS
 from cotree.solvers.problem import check_problem
 
 if TYPE_CHECKING:
@@ -61,24 +62,20 @@ class ScipyStepper:
     def __init__(
         self, method: str, evaluator: Evaluator, t: float, z: FloatArray, t_end: float
     ) -> None:
-        import scipy.integrate
-
-        rtol, atol = augmented_tolerances(evaluator.problem)
-        options: dict[str, Any] = {}
-        if method in ("Radau", "BDF"):
-            options["jac"] = evaluator.sized_jacobian
-        elif method == "LSODA":
-            options["jac"] = evaluator.dense_jacobian
-        solver_class = getattr(scipy.integrate, method)
         self.lands = method in _LANDING
+        self.has_memory = METHODS[method].multistep
         self.t = t
         self.z = z
-        self._solver = solver_class(evaluator.rhs, t, z, t_end, rtol=rtol, atol=atol, **options)
+        self._method = method
+        self._evaluator = evaluator
+        self._t_end = t_end
+        self._nlu_before = 0
+        self._solver = self._make()
 
     @property
     def nlu(self) -> int:
         """Return the number of factorisations so far."""
-        return int(self._solver.nlu)
+        return self._nlu_before + int(self._solver.nlu)
 
     def step(self, t_bound: float) -> str:
         """Take one step, not past ``t_bound``."""
@@ -106,3 +103,27 @@ class ScipyStepper:
     def interpolate(self, t: float) -> FloatArray:
         """Return the values at a time inside the last step."""
         return np.asarray(self._solver.dense_output()(t), dtype=np.float64)
+
+    def replace(self, z: FloatArray, dz: FloatArray) -> None:
+        """Go on from other values; a method with a memory starts anew."""
+        self.z = z
+        if self.has_memory:
+            self._nlu_before = self.nlu
+            self._solver = self._make()
+        else:
+            # The derivative at the end of a step is the first stage of the next one.
+            self._solver.y, self._solver.f = z, dz
+
+    def _make(self) -> Any:
+        import scipy.integrate
+
+        evaluator = self._evaluator
+        rtol, atol = augmented_tolerances(evaluator.problem)
+        options: dict[str, Any] = {}
+        if self._method in ("Radau", "BDF"):
+            options["jac"] = evaluator.sized_jacobian
+        elif self._method == "LSODA":
+            options["jac"] = evaluator.dense_jacobian
+        return getattr(scipy.integrate, self._method)(
+            evaluator.rhs, self.t, self.z, self._t_end, rtol=rtol, atol=atol, **options
+        )

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.errors import ParameterError, SolveError, nearest
+from cotree.errors import ParameterError, SolveError
 from cotree.model.signals import Signals, read_signals
 from cotree.scene.description import check_number
 from cotree.solvers.methods import METHODS
 from cotree.solvers.problem import Problem
+from cotree.solvers.project import Projection
 from cotree.solvers.result import Result
 from cotree.solvers.select import integrate
 
@@ -41,6 +42,7 @@ class Settings:
     max_steps: int | None = None
     time_limit: float | None = None
     throw: bool = False
+    project: bool = True
 
 
 def simulate(
@@ -75,12 +77,14 @@ def simulate(
     _check_method(settings.method, signals)
     _check_replaced(model, settings.inputs, signals)
     u = _input_function(model, p, signals)
+    is_held = settings.project and bool(model.layout.constraints)
+    projection = Projection(model, p, u) if is_held else None
     problem = Problem(
         rhs=_rhs(model, p, u),
         jacobian=lambda t, y: model.jacobian(t, y, p, u(t)),
         n_states=len(model.states),
         n_sensitivities=len(model.sensitivities),
-        z0=_start(model, p, settings.initial),
+        z0=_start(model, _span(settings.t_span)[0], p, settings.initial),
         t_span=_span(settings.t_span),
         t_eval=_times(settings.t_eval),
         rtol=check_number(settings.rtol, "rtol"),
@@ -91,6 +95,10 @@ def simulate(
         parameters=model.sensitivities,
         max_steps=settings.max_steps,
         time_limit=settings.time_limit,
+        project=projection,
+        residual=projection.residual if projection else None,
+        constraints=projection.names if projection else (),
+        singular=projection.singular if projection and projection.has_rows else None,
     )
     method = settings.method
     if method == "auto" and signals.has_function:
@@ -120,6 +128,7 @@ def simulate(
         message=trajectory.message,
         statistics=trajectory.statistics,
         times={"integrate": time.perf_counter() - start},
+        drift=trajectory.drift,
     )
 
 
@@ -209,16 +218,12 @@ def _rhs(
     return lambda t, z: kernel(t, z[:n], z[n:], u(t))
 
 
-def _start(model: CompiledModel, p: FloatArray, initial: Mapping[str, float]) -> FloatArray:
-    """Give the initial states and sensitivities; a state set by the run depends on nothing."""
-    y, s = model.initial(p), model.initial_sensitivity(p)
-    for name, value in initial.items():
-        if name not in model.states:
-            raise ParameterError(f"the model has no state '{name}'{nearest(name, model.states)}")
-        i = model.states.index(name)
-        y[i] = check_number(value, f"initial value of '{name}'")
-        s[i] = [float(wanted == name) for wanted in model.sensitivities]
-    return np.concatenate([y, s.T.ravel()])
+def _start(
+    model: CompiledModel, t: float, p: FloatArray, initial: Mapping[str, float]
+) -> FloatArray:
+    """Give the initial states and sensitivities, consistent with the constraints."""
+    start = model.start(t, p, initial)
+    return np.concatenate([start.y, start.s.T.ravel()])
 
 
 def _outputs(

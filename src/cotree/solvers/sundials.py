@@ -19,6 +19,7 @@ from cotree.solvers.drive import drive
 from cotree.solvers.problem import check_problem
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from types import ModuleType
 
     from cotree.solvers.base import Trajectory
@@ -54,19 +55,21 @@ class SundialsSolver:
         self, evaluator: Evaluator, t: float, z: FloatArray, t_end: float
     ) -> SundialsStepper:
         make = _make_cvode if self.method == "cvode" else _make_ida
-        return SundialsStepper(make(evaluator, t, z), t, z)
+        return SundialsStepper(lambda t, z: make(evaluator, t, z), t, z)
 
 
 class SundialsStepper:
     """A CVODE or IDA object between two breakpoints."""
 
     lands = False
+    has_memory = True
     nlu = 0
 
-    def __init__(self, solver: Any, t: float, z: FloatArray) -> None:
+    def __init__(self, make: Callable[[float, FloatArray], Any], t: float, z: FloatArray) -> None:
         self.t = t
         self.z = z
-        self._solver = solver
+        self._make = make
+        self._solver = make(t, z)
         self._has_interpolated = False
 
     def step(self, t_bound: float) -> str:
@@ -85,6 +88,12 @@ class SundialsStepper:
         """Return the values at a time inside the last step."""
         self._has_interpolated = True
         return np.asarray(self._solver.step(t, "normal", None).y, dtype=np.float64)
+
+    def replace(self, z: FloatArray, dz: FloatArray) -> None:
+        """Start anew from other values."""
+        self.z = z
+        self._solver = self._make(self.t, z)
+        self._has_interpolated = False
 
     def _advance(self, t_bound: float) -> Any:
         # scikit-sundae prints what SUNDIALS says of an error; the message has it already.

@@ -1,0 +1,88 @@
+"""Components that users register, with a law in SymPy."""
+
+from __future__ import annotations
+
+import inspect
+from typing import TYPE_CHECKING, Any
+
+from cotree.components.component import Acts, Component, Field, Plane, Role, Shape
+from cotree.components.law import Law
+from cotree.errors import SceneError
+from cotree.naming import check_name
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+#: What a law may be a function of besides the fields, by what it acts along.
+_GIVEN = {Acts.LINE: ("length", "rate", "t"), Acts.VELOCITY: ("speed", "t")}
+
+
+def make_component(
+    name: str,
+    law: Callable[..., Any],
+    *,
+    along: str = "line",
+    units: Mapping[str, str] | None = None,
+    doc: str = "",
+) -> Component:
+    """Make a force element from a law.
+
+    Parameters
+    ----------
+    name : str
+        Its ``type`` in scenes.
+    law : callable
+        Takes SymPy symbols and gives the force on the second node, [N]. Its arguments are
+        ``length`` and ``rate`` (``along="line"``: of the line from the first node to the second,
+        or along the field ``axis``) or ``speed`` (``along="velocity"``: of the second node
+        against the first; the force acts along the velocity), the time ``t``, and any others:
+        these become fields.
+    along : {'line', 'velocity'}
+        What the force acts along.
+    units : mapping of str to str, optional
+        Units of the fields.
+    doc : str
+        One line on what it models.
+
+    Raises
+    ------
+    SceneError
+        If the name or an argument is not allowed, or the law gives no expression.
+    """
+    check_name("component", name)
+    try:
+        acts = Acts(along)
+    except ValueError:
+        raise SceneError(
+            f"component '{name}' acts along {along!r}: give 'line' or 'velocity'"
+        ) from None
+    made = Law(law)
+    try:
+        arguments = tuple(inspect.signature(law).parameters)
+        expression = made.expression
+        free = {str(symbol) for symbol in expression.free_symbols}
+    except Exception as error:
+        raise SceneError(f"the law of component '{name}' gives no expression: {error}") from None
+    if not free <= set(arguments):
+        odd = ", ".join(sorted(free - set(arguments)))
+        raise SceneError(f"the law of component '{name}' uses {odd}, which is no argument of it")
+    fields = [argument for argument in arguments if argument not in _GIVEN[acts]]
+    for argument in fields:
+        check_name("field", argument)
+    rows = [
+        Field(argument, (units or {}).get(argument, ""), "", required=True, constant=False)
+        for argument in fields
+    ]
+    if acts is Acts.LINE:
+        text = "acts along it, fixed in the first node's axes; else along the line"
+        rows.insert(0, Field("axis", "1", text, Shape.VECTOR))
+    return Component(
+        name,
+        Role.LAW,
+        doc or "a user's law",
+        fields=tuple(rows),
+        domains=("translation",),
+        law=made,
+        keeps_plane=Plane(within=("axis",)),
+        acts=acts,
+    )

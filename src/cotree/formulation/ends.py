@@ -1,0 +1,164 @@
+"""The two nodes of a chord: what lies between them, what they carry, and what pulls on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from cotree.dag import vector
+from cotree.dag.derivative import tangents
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from cotree.dag.nodes import Node
+    from cotree.dag.vector import Vector
+    from cotree.formulation.clusters import Clusters, Point
+    from cotree.formulation.views import View
+
+
+@dataclass(frozen=True)
+class Pull:
+    """What a unit of a through variable does.
+
+    Attributes
+    ----------
+    wrenches : tuple of (int, force, torque)
+        On clusters, at their origins and in their bases; the ground is left out.
+    efforts : mapping of int to scalar
+        Along speeds, by their index.
+    """
+
+    wrenches: tuple[tuple[int, Any, Any], ...] = ()
+    efforts: Mapping[int, Any] = field(default_factory=dict)
+
+    def scaled(self, factor: Any) -> Pull:
+        """Multiply by a factor."""
+        return Pull(
+            tuple(
+                (cluster, vector.scale(factor, force), vector.scale(factor, torque))
+                for cluster, force, torque in self.wrenches
+            ),
+            {index: factor * effort for index, effort in self.efforts.items()},
+        )
+
+    def plus(self, other: Pull) -> Pull:
+        """Add what another does."""
+        efforts = dict(self.efforts)
+        for index, effort in other.efforts.items():
+            efforts[index] = efforts[index] + effort if index in efforts else effort
+        return Pull((*self.wrenches, *other.wrenches), efforts)
+
+
+@dataclass(frozen=True)
+class Ends:
+    """The nodes of a chord, and the outermost cluster that both hang from."""
+
+    first: Point
+    second: Point
+    ancestor: int
+
+    @classmethod
+    def of(cls, clusters: Clusters, first: Point, second: Point) -> Ends:
+        """Find the common ancestor."""
+        return cls(first, second, clusters.common_ancestor(first.cluster, second.cluster))
+
+    def _between(self, see: Any) -> Any:
+        return vector.sub(see(self.second, self.ancestor), see(self.first, self.ancestor))
+
+    def reach(self, view: View) -> Any:
+        """Give the vector from the first node to the second."""
+        return self._between(view.position)
+
+    def closing(self, view: View) -> Any:
+        """Give its rate in space."""
+        return self._between(view.velocity)
+
+    def opening(self, view: View) -> Any:
+        """Give the rate of that."""
+        return self._between(view.acceleration)
+
+    def arm(self, view: View, end: int) -> Any:
+        """Give a node's position from its cluster's origin, in the ancestor's basis."""
+        point = (self.first, self.second)[end]
+        return view.fixed(point.cluster, point.local, self.ancestor)
+
+    def spin(self, view: View) -> Any:
+        """Give the relative angular velocity."""
+        a, b = self.first.cluster, self.second.cluster
+        return vector.sub(view.omega(b, self.ancestor), view.omega(a, self.ancestor))
+
+    def turn(self, view: View) -> Any:
+        """Give the rate of that in space."""
+        a, b = self.first.cluster, self.second.cluster
+        return vector.sub(view.alpha(b, self.ancestor), view.alpha(a, self.ancestor))
+
+
+@dataclass(frozen=True)
+class Carried:
+    """A vector given in a node's axes, which may depend on time, with its rates in space."""
+
+    point: Point
+    local: Vector
+    ancestor: int
+    time: Node
+
+    @cached_property
+    def _locals(self) -> tuple[Vector, Vector, Vector]:
+        """Give the vector and its explicit rates, in the cluster's axes."""
+        seed = {self.time: self.time.dag.one}
+        own = self.point.resolved(self.local)
+        first = tangents(own, seed)
+        second = tangents(first, seed)
+        return own, (first[0], first[1], first[2]), (second[0], second[1], second[2])
+
+    def _explicit(self, view: View, order: int) -> Any:
+        return view.fixed(self.point.cluster, self._locals[order], self.ancestor)
+
+    def value(self, view: View) -> Any:
+        """Give the vector."""
+        return self._explicit(view, 0)
+
+    def rate(self, view: View) -> Any:
+        """Give its rate."""
+        omega = view.omega(self.point.cluster, self.ancestor)
+        carried = vector.cross(omega, self.value(view))
+        return vector.add(carried, self._explicit(view, 1))
+
+    def acceleration(self, view: View) -> Any:
+        """Give the rate of its rate."""
+        omega = view.omega(self.point.cluster, self.ancestor)
+        alpha = view.alpha(self.point.cluster, self.ancestor)
+        inner = vector.cross(omega, self.value(view))
+        explicit = self._explicit(view, 1)
+        total = vector.add(vector.cross(alpha, self.value(view)), vector.cross(omega, inner))
+        relative = vector.cross(omega, explicit)
+        total = vector.add(total, vector.add(relative, relative))
+        return vector.add(total, self._explicit(view, 2))
+
+
+def pair_pull(
+    view: View, ends: Ends, force: Any, torque: Any, arms: tuple[Any, Any] | None = None
+) -> Pull:
+    """Put a force and a torque on the second node and their opposites on the first.
+
+    ``arms`` are the points of action from the clusters' origins; the nodes, where absent.
+    """
+    found = []
+    arms = arms or (ends.arm(view, 0), ends.arm(view, 1))
+    for point, arm, sign in ((ends.second, arms[1], 1), (ends.first, arms[0], -1)):
+        if point.cluster == 0:
+            continue
+        whole = torque if force is None else vector.cross(arm, force)
+        if force is not None and torque is not None:
+            whole = vector.add(whole, torque)
+        pushed = vector.sub(whole, whole) if force is None else force
+        found.append(
+            (
+                point.cluster,
+                view.settled(vector.signed(sign, pushed), ends.ancestor, point.cluster),
+                view.settled(vector.signed(sign, whole), ends.ancestor, point.cluster),
+            )
+        )
+    return Pull(tuple(found))

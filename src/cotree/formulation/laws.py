@@ -1,0 +1,207 @@
+"""Through variables along measures: laws of chord joints, bushings, and laws that users write.
+
+A law is a formula over the values and rates of measures, with the edge's fields in it; what it
+gives acts along a measure.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from cotree.components import Acts, Freedom, Role
+from cotree.dag import vector
+from cotree.dag.derivative import tangents
+from cotree.formulation.chords import carried_by, chord_ends, chord_measure, whole_angle
+from cotree.formulation.measures import Angle, AxisLength, Coincidence, Composite, Cosine, Distance
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from cotree.dag.nodes import Node
+    from cotree.formulation.across import Motion
+    from cotree.formulation.ends import Pull
+    from cotree.formulation.fields import BoundEdge
+    from cotree.formulation.measures import Measure
+    from cotree.formulation.views import FirstView, View
+
+
+@dataclass(frozen=True)
+class Applied:
+    """A through variable along a measure.
+
+    Attributes
+    ----------
+    edge, name : str
+        What it belongs to, and its own name.
+    measure : Measure
+        What it is dual to.
+    pull : Pull
+        What a unit of it does.
+    magnitude : Node
+        How much there is.
+    formula : Node or None
+        Its law over the symbols of ``arguments``; None for a multiplier.
+    arguments : mapping of Node to (Measure, bool)
+        What the symbols stand for: the value of a measure, or its rate where true.
+    potential : Node or None
+        The energy that it stores, where it is a linear spring.
+    """
+
+    edge: str
+    name: str
+    measure: Measure
+    pull: Pull
+    magnitude: Node
+    formula: Node | None = None
+    arguments: Mapping[Node, tuple[Measure, bool]] = field(default_factory=dict)
+    potential: Node | None = None
+
+    def amount(self, view: View) -> Any:
+        """Evaluate the law in a view."""
+        assert self.formula is not None  # a multiplier has no law
+        return view.formula(self.formula, _seen(self.arguments, view))
+
+
+def _seen(arguments: Mapping[Node, tuple[Measure, bool]], view: View) -> dict[Node, Any]:
+    return {
+        symbol: measure.rate(view) if is_rate else measure.value(view)
+        for symbol, (measure, is_rate) in arguments.items()
+    }
+
+
+def applied_laws(motion: Motion, view: FirstView) -> list[Applied]:
+    """Evaluate the laws that act along measures."""
+    branches = set(motion.system.tree.branches)
+    found: list[Applied] = []
+    for edge in motion.system.edges.values():
+        role = edge.component.role
+        with motion.system.dag.labelled(f"terminal equation of {edge.name}"):
+            if role is Role.JOINT and edge.name not in branches:
+                found += _chord_joint(motion, edge, view)
+            elif role is Role.BUSHING:
+                found += _bushing(motion, edge, view)
+            elif role is Role.LAW:
+                found += _user_law(motion, edge, view)
+    return found
+
+
+def _act(
+    edge: BoundEdge,
+    name: str,
+    measure: Measure,
+    formula: Node,
+    arguments: Mapping[Node, tuple[Measure, bool]],
+    view: FirstView,
+    potential: Node | None = None,
+) -> Applied:
+    seen = _seen(arguments, view)
+    stored = None if potential is None else view.formula(potential, seen)
+    magnitude = view.formula(formula, seen)
+    return Applied(
+        edge.name, name, measure, measure.pull(view), magnitude, formula, arguments, stored
+    )
+
+
+def _symbols(motion: Motion) -> tuple[Node, Node]:
+    """Give the symbols of a measure and its rate."""
+    dag = motion.system.dag
+    return dag.symbol("measure", 0), dag.symbol("measure rate", 0)
+
+
+def _chord_joint(motion: Motion, edge: BoundEdge, view: FirstView) -> Iterator[Applied]:
+    """Evaluate the law of a chord joint along its coordinate."""
+    law = edge.component.law
+    if law is None:
+        return
+    step = edge.component.motion_space[0]
+    assert isinstance(step, Freedom)
+    measure = chord_measure(motion, edge, step.name)
+    value, rate = _symbols(motion)
+    if measure is None:
+        return
+    scalars = edge.scalars
+    formula = law.value(motion.system.dag, {**scalars, step.name: value, f"{step.name}_dot": rate})
+    if formula.is_zero:
+        return
+    if isinstance(measure, Angle) and not tangents([formula], {value: value.dag.one})[0].is_zero:
+        measure = whole_angle(motion, edge)
+    rest = scalars.get("free_angle", scalars.get("free_length"))
+    stretch = value if rest is None else value - rest
+    stored = None
+    if "stiffness" in scalars:
+        stored = 0.5 * scalars["stiffness"] * (stretch * stretch)
+    arguments = {value: (measure, False), rate: (measure, True)}
+    yield _act(edge, f"{edge.name}.law", measure, formula, arguments, view, stored)
+
+
+def _bushing(motion: Motion, edge: BoundEdge, view: FirstView) -> Iterator[Applied]:
+    """Evaluate a bushing along and about the axes of its first node."""
+    ends, units = chord_ends(motion, edge), vector.identity(motion.system.dag)
+    a = [carried_by(motion, ends, 0, unit) for unit in units]
+    b = [carried_by(motion, ends, 1, unit) for unit in units]
+    value, rate = _symbols(motion)
+    dag = motion.system.dag
+    twist = 0.5 * (dag.symbol("measure", 0) - dag.symbol("measure", 1))
+    for i, letter in enumerate("xyz"):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        # Half the skew part of the relative orientation: where it is small, the angle.
+        turn = Composite(
+            (Cosine(ends, a[k], b[j]), Cosine(ends, a[j], b[k])), twist, motion.system.time
+        )
+        measures = (("", AxisLength(ends, a[i])), ("rotation_", turn))
+        for prefix, measure in measures:
+            stiffness = edge.vectors.get(f"{prefix}stiffness", vector.zeros(dag))[i]
+            damping = edge.vectors.get(f"{prefix}damping", vector.zeros(dag))[i]
+            formula = -(stiffness * value + damping * rate)
+            if not formula.is_zero:
+                arguments = {value: (measure, False), rate: (measure, True)}
+                stored = 0.5 * stiffness * (value * value)
+                name = f"{edge.name}.{prefix}{letter}"
+                yield _act(edge, name, measure, formula, arguments, view, stored)
+
+
+def _user_law(motion: Motion, edge: BoundEdge, view: FirstView) -> Iterator[Applied]:
+    """Evaluate a law that a user wrote, in Python or as an expression of the scene."""
+    ends = chord_ends(motion, edge)
+    if edge.component.acts is Acts.VELOCITY:
+        yield from _against_motion(motion, edge, view)
+        return
+    measure: Measure = Distance(ends)
+    if "axis" in edge.vectors:
+        measure = AxisLength(ends, carried_by(motion, ends, 0, edge.vectors["axis"]))
+    value, rate = _symbols(motion)
+    law = edge.component.law
+    if law is None:
+        formula = edge.expressions["force"].lower(
+            motion.system.dag, _with_names(motion, {"length": value, "rate": rate})
+        )
+    else:
+        known = {**edge.scalars, "length": value, "rate": rate, "t": motion.system.time}
+        formula = law.value(motion.system.dag, known)
+    arguments = {value: (measure, False), rate: (measure, True)}
+    yield _act(edge, f"{edge.name}.law", measure, formula, arguments, view)
+
+
+def _with_names(motion: Motion, own: Mapping[str, Node]) -> Any:
+    """Resolve an edge's own names before those of the scene."""
+
+    def resolve(name: str) -> Node:
+        return own[name] if name in own else motion.system.of_everything(name)
+
+    return resolve
+
+
+def _against_motion(motion: Motion, edge: BoundEdge, view: FirstView) -> Iterator[Applied]:
+    """Evaluate a law of speed along the relative velocity: law(speed) / speed times velocity."""
+    dag, ends = motion.system.dag, chord_ends(motion, edge)
+    law = edge.component.law
+    assert law is not None
+    parts = [Coincidence(ends, unit) for unit in vector.identity(dag)]
+    rates = [dag.symbol("measure rate", i) for i in range(3)]
+    arguments = {rate: (part, True) for rate, part in zip(rates, parts, strict=True)}
+    square = rates[0] * rates[0] + rates[1] * rates[1] + rates[2] * rates[2]
+    known = {**edge.scalars, "speed": dag.function("sqrt", square), "t": motion.system.time}
+    factor = law.over("speed").value(dag, known)
+    for letter, part, rate in zip("xyz", parts, rates, strict=True):
+        yield _act(edge, f"{edge.name}.{letter}", part, factor * rate, arguments, view)

@@ -1,0 +1,312 @@
+"""Measures: scalar across variables with their rates, and the through variables dual to them.
+
+A measure gives its value, its rate and its acceleration, and its pull: the forces and torques that
+a unit of the dual through variable puts on clusters and coordinates, such that their power is the
+measure's rate. Constraints hold a measure at zero and pull with their multiplier; laws of chord
+joints, couplings, prescribed motions and outputs use measures too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Protocol
+
+from cotree.dag import vector
+from cotree.dag.derivative import tangents
+from cotree.dag.dual import function
+from cotree.formulation.ends import Carried, Ends, Pull, pair_pull
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cotree.dag.nodes import Node
+    from cotree.dag.vector import Vector
+    from cotree.formulation.system import Speed
+    from cotree.formulation.views import View
+
+
+class Measure(Protocol):
+    """A scalar across variable; nonholonomic ones have a rate but no value."""
+
+    def value(self, view: View) -> Any:
+        """Form the value; None where there is only a rate."""
+        ...
+
+    def rate(self, view: View) -> Any:
+        """Form the rate."""
+        ...
+
+    def acceleration(self, view: View) -> Any:
+        """Form the rate of the rate."""
+        ...
+
+    def pull(self, view: View) -> Pull:
+        """Form the dual through variable's unit."""
+        ...
+
+
+@dataclass(frozen=True)
+class CoordinateMeasure:
+    """A coordinate of a tree joint."""
+
+    speed: Speed
+
+    def value(self, view: View) -> Any:
+        """Give the coordinate."""
+        return None if self.speed.coordinate is None else view.scalar(self.speed.coordinate.symbol)
+
+    def rate(self, view: View) -> Any:
+        """Give the speed."""
+        return view.scalar(self.speed.symbol)
+
+    def acceleration(self, view: View) -> Any:
+        """Give the acceleration."""
+        return view.scalar(self.speed.acceleration)
+
+    def pull(self, view: View) -> Pull:
+        """Act along the coordinate."""
+        return Pull(efforts={self.speed.index: view.scalar(self.speed.symbol.dag.one)})
+
+
+@dataclass(frozen=True)
+class Coincidence:
+    """One component of the vector between nodes that a constraint holds together.
+
+    The direction is an axis of the ancestor's basis: on the constraint the vector is zero, and so
+    are its rates, whatever axes they are resolved in.
+    """
+
+    ends: Ends
+    direction: Vector
+
+    def value(self, view: View) -> Any:
+        """Give the component."""
+        return vector.dot(view.constant(self.direction), self.ends.reach(view))
+
+    def rate(self, view: View) -> Any:
+        """Give the component of the velocity."""
+        return vector.dot(view.constant(self.direction), self.ends.closing(view))
+
+    def acceleration(self, view: View) -> Any:
+        """Give the component of the acceleration."""
+        return vector.dot(view.constant(self.direction), self.ends.opening(view))
+
+    def pull(self, view: View) -> Pull:
+        """Act with a force along the direction."""
+        return pair_pull(view, self.ends, view.constant(self.direction), None)
+
+
+@dataclass(frozen=True)
+class AxisLength:
+    """The component of the vector between two nodes along an axis that a node carries."""
+
+    ends: Ends
+    axis: Carried
+
+    def value(self, view: View) -> Any:
+        """Give e.r."""
+        return vector.dot(self.axis.value(view), self.ends.reach(view))
+
+    def rate(self, view: View) -> Any:
+        """Give e.r' + e'.r."""
+        return vector.dot(self.axis.value(view), self.ends.closing(view)) + vector.dot(
+            self.axis.rate(view), self.ends.reach(view)
+        )
+
+    def acceleration(self, view: View) -> Any:
+        """Give e.r'' + 2 e'.r' + e''.r."""
+        reach, closing, opening = (
+            form(view) for form in (self.ends.reach, self.ends.closing, self.ends.opening)
+        )
+        crossed = vector.dot(self.axis.rate(view), closing)
+        return (
+            vector.dot(self.axis.value(view), opening)
+            + (crossed + crossed)
+            + vector.dot(self.axis.acceleration(view), reach)
+        )
+
+    def pull(self, view: View) -> Pull:
+        """Act with a force along the axis at the second node, and its reaction there too."""
+        arm = vector.add(self.ends.arm(view, 0), self.ends.reach(view))
+        arms = (arm, self.ends.arm(view, 1))
+        return pair_pull(view, self.ends, self.axis.value(view), None, arms)
+
+
+@dataclass(frozen=True)
+class Distance:
+    """The distance between two nodes."""
+
+    ends: Ends
+
+    def value(self, view: View) -> Any:
+        """Give |r|."""
+        reach = self.ends.reach(view)
+        return function("sqrt", vector.dot(reach, reach))
+
+    def _direction(self, view: View) -> Any:
+        return vector.scale(1.0 / self.value(view), self.ends.reach(view))
+
+    def rate(self, view: View) -> Any:
+        """Give e.r', e being the direction."""
+        return vector.dot(self._direction(view), self.ends.closing(view))
+
+    def acceleration(self, view: View) -> Any:
+        """Give e.r'' + (r'.r' - (e.r')^2) / |r|."""
+        closing, rate = self.ends.closing(view), self.rate(view)
+        across = (vector.dot(closing, closing) - rate * rate) / self.value(view)
+        return vector.dot(self._direction(view), self.ends.opening(view)) + across
+
+    def pull(self, view: View) -> Pull:
+        """Push the nodes apart."""
+        return pair_pull(view, self.ends, self._direction(view), None)
+
+
+@dataclass(frozen=True)
+class Cosine:
+    """The scalar product of two directions, one carried by each node."""
+
+    ends: Ends
+    a: Carried
+    b: Carried
+
+    def value(self, view: View) -> Any:
+        """Give a.b."""
+        return vector.dot(self.a.value(view), self.b.value(view))
+
+    def _moment(self, view: View) -> Any:
+        return vector.cross(self.b.value(view), self.a.value(view))
+
+    def rate(self, view: View) -> Any:
+        """Give (b x a).spin."""
+        return vector.dot(self._moment(view), self.ends.spin(view))
+
+    def acceleration(self, view: View) -> Any:
+        """Give (b x a).turn + (b x a)'.spin."""
+        moving = vector.add(
+            vector.cross(self.b.rate(view), self.a.value(view)),
+            vector.cross(self.b.value(view), self.a.rate(view)),
+        )
+        return vector.dot(self._moment(view), self.ends.turn(view)) + vector.dot(
+            moving, self.ends.spin(view)
+        )
+
+    def pull(self, view: View) -> Pull:
+        """Act with the torque b x a."""
+        return pair_pull(view, self.ends, None, self._moment(view))
+
+
+@dataclass(frozen=True)
+class Angle:
+    """The angle of the second node about an axis of the first that is an axis of both.
+
+    Attributes
+    ----------
+    ends : Ends
+        The nodes.
+    axis : Carried
+        Unit axis of the first node.
+    reference, mark : Carried
+        Directions perpendicular to the axis, of the first node and of the second, which agree at
+        angle zero.
+    sum : Node or None
+        The angle itself where everything turns about one axis; else it is found between -pi and
+        pi.
+    """
+
+    ends: Ends
+    axis: Carried
+    reference: Carried
+    mark: Carried
+    sum: Node | None = None
+
+    def value(self, view: View) -> Any:
+        """Give the angle."""
+        if self.sum is not None:
+            return view.scalar(self.sum)
+        reference, mark = self.reference.value(view), self.mark.value(view)
+        sine = vector.dot(self.axis.value(view), vector.cross(reference, mark))
+        return function("atan2", sine, vector.dot(reference, mark))
+
+    def rate(self, view: View) -> Any:
+        """Give the relative spin about the axis."""
+        return vector.dot(self.axis.value(view), self.ends.spin(view))
+
+    def acceleration(self, view: View) -> Any:
+        """Give its rate."""
+        return vector.dot(self.axis.value(view), self.ends.turn(view)) + vector.dot(
+            self.axis.rate(view), self.ends.spin(view)
+        )
+
+    def pull(self, view: View) -> Pull:
+        """Act with a torque about the axis."""
+        return pair_pull(view, self.ends, None, self.axis.value(view))
+
+
+@dataclass(frozen=True)
+class Composite:
+    """A function of other measures, time and parameters.
+
+    Attributes
+    ----------
+    parts : sequence of Measure
+        The measures, in the order of their symbols.
+    expression : Node
+        The function; measure i is the symbol ``("measure", i)``.
+    time : Node
+        The symbol of time.
+    """
+
+    parts: Sequence[Measure]
+    expression: Node
+    time: Node
+
+    @cached_property
+    def _symbols(self) -> tuple[tuple[Node, ...], ...]:
+        """Give the symbols of the measures, their rates and accelerations."""
+        kinds = ("measure", "measure rate", "measure acceleration")
+        n, dag = len(self.parts), self.time.dag
+        return tuple(tuple(dag.symbol(kind, i) for i in range(n)) for kind in kinds)
+
+    @cached_property
+    def _rate(self) -> Node:
+        values, rates, _ = self._symbols
+        seed = dict(zip(values, rates, strict=True)) | {self.time: self.time.dag.one}
+        return tangents([self.expression], seed)[0]
+
+    @cached_property
+    def _acceleration(self) -> Node:
+        values, rates, second = self._symbols
+        seed = dict(zip(values, rates, strict=True)) | {self.time: self.time.dag.one}
+        return tangents([self._rate], seed | dict(zip(rates, second, strict=True)))[0]
+
+    def _arguments(self, view: View, order: int) -> dict[Node, Any]:
+        forms = ("value", "rate", "acceleration")[: order + 1]
+        return {
+            symbol: getattr(part, form)(view)
+            for form, symbols in zip(forms, self._symbols, strict=False)
+            for part, symbol in zip(self.parts, symbols, strict=True)
+        }
+
+    def value(self, view: View) -> Any:
+        """Put the measures in."""
+        return view.formula(self.expression, self._arguments(view, 0))
+
+    def rate(self, view: View) -> Any:
+        """Put the measures and their rates in."""
+        return view.formula(self._rate, self._arguments(view, 1))
+
+    def acceleration(self, view: View) -> Any:
+        """Put the measures, their rates and accelerations in."""
+        return view.formula(self._acceleration, self._arguments(view, 2))
+
+    def pull(self, view: View) -> Pull:
+        """Sum what the measures pull, each by its partial derivative."""
+        total = Pull()
+        values = self._symbols[0]
+        for part, symbol in zip(self.parts, values, strict=True):
+            partial = tangents([self.expression], {symbol: symbol.dag.one})[0]
+            if not partial.is_zero:
+                factor = view.formula(partial, self._arguments(view, 0))
+                total = total.plus(part.pull(view).scaled(factor))
+        return total

@@ -1,0 +1,316 @@
+"""What may be observed by name: across variables of nodes, coordinates, reactions, energies.
+
+Values are formed only for the names that an output or a field uses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.components import Role
+from cotree.dag import vector
+from cotree.errors import ExpressionError, nearest
+from cotree.formulation.chords import chord_measure
+from cotree.formulation.circuits import inwards
+from cotree.formulation.elements import Wrench
+from cotree.formulation.through import shifted
+from cotree.formulation.views import FirstView
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cotree.dag.nodes import Node
+    from cotree.dag.vector import Matrix, Vector
+    from cotree.formulation.across import Motion
+    from cotree.formulation.clusters import Point
+    from cotree.formulation.fields import BoundEdge
+    from cotree.formulation.laws import Applied
+    from cotree.formulation.through import Balance, Loads
+
+_XYZ = "xyz"
+
+#: Variables of a node, with their units; components in ground axes.
+NODE_VARIABLES: dict[str, str] = {
+    **dict.fromkeys(_XYZ, "m"),
+    **{f"v{i}": "m/s" for i in _XYZ},
+    **{f"a{i}": "m/s^2" for i in _XYZ},
+    **{f"w{i}": "rad/s" for i in _XYZ},
+    **{f"alpha{i}": "rad/s^2" for i in _XYZ},
+    **{f"r{i}{j}": "" for i in "123" for j in "123"},
+    **dict.fromkeys(("roll", "pitch", "yaw"), "rad"),
+}
+
+#: Variables of a joint, a constraint or a force element: on its second node, in ground axes.
+EDGE_VARIABLES: dict[str, str] = {
+    **{f"f{i}": "N" for i in _XYZ},
+    **{f"t{i}": "N m" for i in _XYZ},
+}
+
+#: What drives a joint along a prescribed motion.
+DRIVE = "drive"
+
+ENERGIES: dict[str, str] = {"energy.kinetic": "J", "energy.potential": "J"}
+
+
+def observed_unit(name: str) -> str:
+    """Give the unit of a name that may be observed; nothing where it has none."""
+    variable = name.partition(".")[2]
+    return ENERGIES.get(name) or NODE_VARIABLES.get(variable) or EDGE_VARIABLES.get(variable, "")
+
+
+def observe_motion(motion: Motion, name: str) -> Node | None:
+    """Give a position or a velocity by name; None where there is none such."""
+    first, _, last = name.partition(".")
+    edge, point = motion.system.edges.get(first), motion.clusters.points.get(first)
+    if edge is not None and edge.component.role is Role.JOINT:
+        found = _chord_coordinate(motion, edge, last)
+        if found is not None:
+            return found
+    if point is None:
+        return None
+    if last in ("x", "y", "z"):
+        return motion.position(point)[_XYZ.index(last)]
+    if last in ("vx", "vy", "vz"):
+        return motion.velocity(point)[_XYZ.index(last[1])]
+    if last in ("wx", "wy", "wz"):
+        return _in_ground(motion, motion.omega[point.cluster], point.cluster)[_XYZ.index(last[1])]
+    if last in NODE_VARIABLES and last[0] in "rpy":
+        return _orientation(_axes(motion, point), last)
+    return None
+
+
+def _chord_coordinate(motion: Motion, edge: BoundEdge, name: str) -> Node | None:
+    """Give a coordinate of a chord joint, or its rate."""
+    measure = chord_measure(motion, edge, name)
+    if measure is None:
+        return None
+    view = FirstView(motion)
+    names = [n for step in edge.component.motion_space for n, _ in step.coordinates]
+    found: Node = measure.value(view) if name in names else measure.rate(view)
+    return found
+
+
+def _in_ground(motion: Motion, a: Vector, cluster: int) -> Vector:
+    return inwards(motion.clusters, motion.frames, a, cluster, 0)
+
+
+def _axes(motion: Motion, point: Point) -> Matrix:
+    """Give the axes of a node, resolved in ground axes."""
+    units = vector.identity(motion.system.dag)
+    columns = [
+        _in_ground(motion, motion.frames.resolved(point.cluster, point.resolved(e)), point.cluster)
+        for e in units
+    ]
+    return vector.transpose((columns[0], columns[1], columns[2]))
+
+
+def _orientation(axes: Matrix, name: str) -> Node:
+    """Give an entry of the rotation matrix, or an angle of roll, pitch and yaw."""
+    dag = axes[0][0].dag
+    if name == "roll":
+        return dag.function("atan2", axes[2][1], axes[2][2])
+    if name == "yaw":
+        return dag.function("atan2", axes[1][0], axes[0][0])
+    if name == "pitch":
+        flat = dag.function("sqrt", axes[2][1] * axes[2][1] + axes[2][2] * axes[2][2])
+        return dag.function("atan2", -axes[2][0], flat)
+    return axes[int(name[1]) - 1][int(name[2]) - 1]
+
+
+@dataclass(frozen=True)
+class Observer:
+    """Gives what an output names, at the accelerations and multipliers of the first graph.
+
+    Attributes
+    ----------
+    view : FirstView
+        Across variables.
+    loads, balance : Loads, Balance
+        Through variables.
+    applied : sequence of Applied
+        Through variables along measures.
+    """
+
+    view: FirstView
+    loads: Loads
+    balance: Balance
+    applied: Sequence[Applied]
+
+    @property
+    def motion(self) -> Motion:
+        """Positions and velocities."""
+        return self.view.motion
+
+    def value(self, name: str) -> Node:
+        """Form what a name stands for.
+
+        Raises
+        ------
+        ExpressionError
+            If there is nothing of this name.
+        """
+        if name == "energy.kinetic":
+            return self._kinetic()
+        if name == "energy.potential":
+            return self._potential()
+        found = observe_motion(self.motion, name)
+        if found is None:
+            found = self._of_node(name)
+        if found is None:
+            found = self._of_edge(name)
+        if found is None:
+            raise ExpressionError(self._unknown(name))
+        return found
+
+    def _unknown(self, name: str) -> str:
+        """Say what is wrong with a name."""
+        first, _, last = name.partition(".")
+        system = self.motion.system
+        if first in self.motion.clusters.points:
+            return f"node '{first}' has no variable '{last}'{nearest(last, NODE_VARIABLES)}"
+        if first in system.edges:
+            known = [n.partition(".")[2] for n in system.names if n.partition(".")[0] == first]
+            known += [DRIVE, *EDGE_VARIABLES]
+            return f"edge '{first}' has no variable '{last}'{nearest(last, known)}"
+        known = [*system.names, *system.parameters, *system.inputs, *ENERGIES]
+        return f"uses the unknown name '{name}'{nearest(name, known)}"
+
+    def _of_node(self, name: str) -> Node | None:
+        """Give an acceleration of a node, in ground axes."""
+        first, _, last = name.partition(".")
+        point = self.motion.clusters.points.get(first)
+        if point is None or last not in NODE_VARIABLES:
+            return None
+        i = _XYZ.index(last[-1])
+        if last.startswith("alpha"):
+            alpha = self.view.across.alpha[point.cluster]
+            return _in_ground(self.motion, alpha, point.cluster)[i]
+        return self.view.acceleration(point, 0)[i]
+
+    def _of_edge(self, name: str) -> Node | None:
+        """Give what an edge does to its second node, or what drives it."""
+        first, _, last = name.partition(".")
+        edge = self.motion.system.edges.get(first)
+        if edge is None:
+            return None
+        if last == DRIVE:
+            own = [row for row in self.applied if row.name == f"{first}.motion"]
+            return own[0].magnitude if own else None
+        if last not in EDGE_VARIABLES:
+            return None
+        wrench = self._on_second(edge)
+        i = _XYZ.index(last[1])
+        return wrench.force[i] if last[0] == "f" else wrench.torque[i]
+
+    def _on_second(self, edge: BoundEdge) -> Wrench:
+        """Form force and torque of an edge on its second node, about it, in ground axes."""
+        branches = [g.branch for g in self.motion.geometry if g.branch.edge == edge.name]
+        if edge.component.role is Role.ARM and edge.name in self.motion.system.tree.branches:
+            raise ExpressionError(
+                f"asks what '{edge.name}' transmits, but what it holds is lumped to one body: "
+                "let a joint hold it where the reaction is wanted"
+            )
+        if edge.component.role in (Role.JOINT, Role.BODY) and branches:
+            return self._transmitted(edge)
+        second = self.motion.clusters.points[edge.second]
+        total = self._pulled(edge, second)
+        for action in self.loads.actions:
+            if action.edge.name == edge.name:
+                inward = (action.force, action.torque)
+                force, torque = (
+                    inwards(self.motion.clusters, self.motion.frames, a, action.ancestor, 0)
+                    for a in inward
+                )
+                total = total.plus(Wrench(force, torque))
+        return total
+
+    def _pulled(self, edge: BoundEdge, second: Point) -> Wrench:
+        """Sum the through variables along measures of an edge, on its second node's cluster."""
+        zero = vector.zeros(self.motion.system.dag)
+        total = Wrench(zero, zero)
+        for row in self.applied:
+            if row.edge != edge.name:
+                continue
+            # The pair acts on both clusters; the ground is left out, so take either side.
+            for cluster, force, torque in row.pull.scaled(row.magnitude).wrenches:
+                sign = 1 if cluster == second.cluster else -1
+                if sign < 0 and second.cluster != 0:
+                    continue
+                total = total.plus(self._about(cluster, sign, force, torque, second))
+        return total
+
+    def _about(
+        self, cluster: int, sign: int, force: Vector, torque: Vector, second: Point
+    ) -> Wrench:
+        """Move a wrench from a cluster's origin to the second node, in ground axes."""
+        zero = vector.zeros(self.motion.system.dag)
+        origin = self.motion.positions.between(0, cluster, zero)
+        force = vector.signed(sign, _in_ground(self.motion, force, cluster))
+        torque = vector.signed(sign, _in_ground(self.motion, torque, cluster))
+        arm = vector.sub(origin, self.motion.position(second))
+        return Wrench(force, vector.add(torque, vector.cross(arm, force)))
+
+    def _transmitted(self, edge: BoundEdge) -> Wrench:
+        """Give what a tree joint transmits to its second node."""
+        own = [g for g in self.motion.geometry if g.branch.edge == edge.name]
+        geometry = own[-1] if own[0].branch.sign > 0 else own[0]
+        branch = geometry.branch
+        wrench = self.balance.beyond[branch.child - 1]
+        if branch.sign < 0:  # the second node is the inner one: it feels the reaction
+            anchor = self.motion.frames.resolved(branch.parent, branch.anchor)
+            to_inner = vector.sub(geometry.offset, anchor)
+            wrench = shifted(wrench, to_inner)
+        return Wrench(
+            vector.signed(branch.sign, _in_ground(self.motion, wrench.force, branch.parent)),
+            vector.signed(branch.sign, _in_ground(self.motion, wrench.torque, branch.parent)),
+        )
+
+    def _kinetic(self) -> Node:
+        """Sum (m v.v)/2 + v.(omega x h) + (omega.J omega)/2 over the clusters."""
+        motion = self.motion
+        zero = vector.zeros(motion.system.dag)
+        total = motion.system.dag.zero
+        for cluster, inertia in enumerate(self.loads.inertias):
+            if inertia is None or cluster == 0:
+                continue
+            omega = motion.omega[cluster]
+            v = motion.velocities.between(0, cluster, zero)
+            carried = _in_ground(motion, vector.cross(omega, inertia.moment), cluster)
+            spin = vector.dot(omega, vector.times(inertia.tensor, omega))
+            total = total + 0.5 * (inertia.mass * vector.dot(v, v) + spin) + vector.dot(v, carried)
+        return total
+
+    def _potential(self) -> Node:
+        """Sum the potentials of gravity and of linear springs."""
+        motion, system = self.motion, self.motion.system
+        zero = vector.zeros(system.dag)
+        total = system.dag.zero
+        for cluster, inertia in enumerate(self.loads.inertias):
+            if inertia is None or cluster == 0:
+                continue
+            place = vector.scale(inertia.mass, motion.positions.between(0, cluster, zero))
+            first = vector.add(place, _in_ground(motion, inertia.moment, cluster))
+            total = total - vector.dot(system.gravity, first)
+        for action in self.loads.actions:
+            if "stiffness" in action.arguments and "length" in action.arguments:
+                total = total + _stored(action.arguments, "length", "free_length")
+        for row in self.applied:
+            total = total + (row.potential or system.dag.zero)
+        for arguments in (effort.arguments for effort in self.loads.efforts):
+            if "stiffness" in arguments:
+                is_turn = "theta" in arguments
+                total = total + _stored(
+                    arguments,
+                    "theta" if is_turn else "s",
+                    "free_angle" if is_turn else "free_length",
+                )
+        return total
+
+
+def _stored(arguments: object, place: str, rest: str) -> Node:
+    """Form the energy of a linear spring."""
+    known: dict[str, Node] = dict(arguments)  # type: ignore[call-overload]
+    stretch = known[place] - known[rest] if rest in known else known[place]
+    energy: Node = 0.5 * known["stiffness"] * (stretch * stretch)
+    return energy

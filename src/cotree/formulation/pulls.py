@@ -1,0 +1,142 @@
+"""Constraints: rows of measures that stay zero, with multipliers as their through variables."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from cotree.formulation.chords import constraint_rows
+from cotree.formulation.elements import Wrench
+from cotree.formulation.laws import Applied
+from cotree.formulation.through import project, shifted
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cotree.dag.nodes import Node
+    from cotree.formulation.across import Motion
+    from cotree.formulation.chords import Row
+    from cotree.formulation.ends import Pull
+    from cotree.formulation.measures import Measure
+    from cotree.formulation.views import FirstView, View
+
+
+@dataclass(frozen=True)
+class Constraints:
+    """The constraints of a scene.
+
+    Attributes
+    ----------
+    rows : tuple of Row
+        Those that something can move along.
+    multipliers : tuple of Node
+        Symbols of their through variables.
+    applied : tuple of Applied
+        The through variables.
+    gradient : tuple of rows of Node
+        Derivative of each rate by each speed, shape (n_rows, n_speeds).
+    values : tuple of Node or None
+        The measures; None for those that have a rate only.
+    rates : tuple of Node
+        Their rates.
+    biases : tuple of Node
+        Their accelerations where those of the coordinates are zero, and what stabilises them.
+    baumgarte : float
+        Rate at which violated constraints decay.
+    """
+
+    rows: tuple[Row, ...]
+    multipliers: tuple[Node, ...]
+    applied: tuple[Applied, ...]
+    gradient: tuple[tuple[Node, ...], ...]
+    values: tuple[Node | None, ...]
+    rates: tuple[Node, ...]
+    biases: tuple[Node, ...]
+    baumgarte: float
+
+
+def form_constraints(
+    motion: Motion, view: FirstView, baumgarte: float
+) -> tuple[Constraints, list[Row]]:
+    """Form the constraints of a scene.
+
+    Parameters
+    ----------
+    motion : Motion
+        The first graph.
+    view : FirstView
+        Its across variables at accelerations zero.
+    baumgarte : float
+        Rate at which violated constraints decay.
+
+    Returns
+    -------
+    constraints : Constraints
+        The constraints.
+    idle : list of Row
+        Rows that no motion changes, such as those out of the plane of a planar scene.
+    """
+    dag, speeds = motion.system.dag, motion.system.speeds
+    kept, idle = [], []
+    for row in constraint_rows(motion):
+        with dag.labelled(f"constraint of {row.edge}"):
+            pull = row.measure.pull(view)
+            gradient = tuple(along_speeds(motion, pull))
+        if all(entry.is_zero for entry in gradient):
+            idle.append(row)
+        else:
+            kept.append((row, pull, gradient))
+    symbols = [dag.symbol("w", len(speeds) + i) for i in range(len(kept))]
+    values, rates, biases = [], [], []
+    for row, _, _ in kept:
+        with dag.labelled(f"constraint of {row.edge}"):
+            values.append(row.measure.value(view))
+            rates.append(row.measure.rate(view))
+            biases.append(stabilised(row.measure, view, baumgarte))
+    constraints = Constraints(
+        tuple(row for row, _, _ in kept),
+        tuple(symbols),
+        tuple(
+            Applied(row.edge, row.name, row.measure, pull, symbol)
+            for (row, pull, _), symbol in zip(kept, symbols, strict=True)
+        ),
+        tuple(gradient for _, _, gradient in kept),
+        tuple(values),
+        tuple(rates),
+        tuple(biases),
+        baumgarte,
+    )
+    return constraints, idle
+
+
+def stabilised(measure: Measure, view: View, rate: float) -> Any:
+    """Form c'' + 2 b c' + b^2 c of a measure; the last only where it has a value."""
+    total = measure.acceleration(view)
+    if rate:
+        total = total + (2.0 * rate) * measure.rate(view)
+        value = measure.value(view)
+        total = total if value is None else total + (rate * rate) * value
+    return total
+
+
+def along_speeds(motion: Motion, pull: Pull) -> list[Node]:
+    """Project a pull on the motion spaces of the branches: its power for a unit of each speed."""
+    dag, frames = motion.system.dag, motion.frames
+    totals = [dag.zero] * len(motion.system.speeds)
+    for index, effort in pull.efforts.items():
+        totals[index] = totals[index] + effort
+    for cluster, force, torque in pull.wrenches:
+        wrench = Wrench(force, torque)
+        while cluster:
+            geometry = motion.to(cluster)
+            wrench = Wrench(frames.up(cluster, wrench.force), frames.up(cluster, wrench.torque))
+            for i, speed in enumerate(geometry.branch.speeds):
+                totals[speed.index] = totals[speed.index] + project(geometry, i, wrench)
+            wrench = shifted(wrench, geometry.offset)
+            cluster = geometry.branch.parent
+    return totals
+
+
+def multiplier_loads(applied: Sequence[Applied]) -> list[Pull]:
+    """Scale the pulls by what there is of them."""
+    return [row.pull.scaled(row.magnitude) for row in applied]

@@ -1,0 +1,153 @@
+"""Where a motion starts: absolute coordinates by forward kinematics, conditions on chords.
+
+Bodies in the tree start where the joints put them: the across variables of the joints' tree at
+its initial coordinates. What a scene gives for a coordinate that is no state is a condition that
+the consistent start satisfies.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.components import Freedom, Role
+from cotree.dag import vector
+from cotree.dag.evaluate import evaluate
+from cotree.dag.rotation import quaternion_of_nodes
+from cotree.errors import SceneError
+from cotree.formulation.across import move
+from cotree.formulation.chords import chord_measure, node_angle
+from cotree.formulation.clusters import lump
+from cotree.formulation.pulls import along_speeds
+from cotree.formulation.system import bind
+from cotree.scene.expressions import Expression
+from cotree.scene.graphs import joint_branches
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cotree.components import MotionStep
+    from cotree.dag.nodes import Dag, Node
+    from cotree.formulation.across import Motion
+    from cotree.formulation.measures import Measure
+    from cotree.formulation.views import FirstView
+    from cotree.graph import Tree
+    from cotree.scene.description import SceneDescription
+
+
+def body_starts(
+    scene: SceneDescription, tree: Tree, spaces: Mapping[str, Sequence[MotionStep]], dag: Dag
+) -> dict[str, dict[str, Node]]:
+    """Find where bodies in the tree start, by short names of coordinates and rates.
+
+    Bodies that no joints reach are left out: they start where the scene says.
+    """
+    reference = joint_branches(scene)
+    placed = [name for name in tree.branches if _is_body(scene, name)]
+    placed = [name for name in placed if name not in reference.branches]
+    if not placed:
+        return {}
+    system = bind(scene, reference, dag, is_start=True)
+    motion = move(system, lump(system), ())
+    values = _parameter_values(scene, motion)
+    return {name: _start(motion, name, spaces[name], values) for name in placed}
+
+
+def _is_body(scene: SceneDescription, name: str) -> bool:
+    return scene.edges[name].component.role is Role.BODY
+
+
+def _parameter_values(scene: SceneDescription, motion: Motion) -> dict[Node, float]:
+    return {
+        symbol: scene.parameters[name].value
+        for name, symbol in motion.system.parameters.items()
+        if symbol.op == "symbol"
+    }
+
+
+def _start(
+    motion: Motion, body: str, space: Sequence[MotionStep], values: Mapping[Node, float]
+) -> dict[str, Node]:
+    """Resolve the state of a body's node along its motion space."""
+    frames = motion.frames
+    point = motion.clusters.points[motion.system.edges[body].second]
+    position, velocity = motion.position(point), motion.velocity(point)
+    omega = motion.omega[point.cluster]
+    found: dict[str, Node] = {}
+    for step in space:
+        (name, _), (rate, _) = step.coordinates[0], step.rates[0]
+        if isinstance(step, Freedom):
+            i = "xyz".index(step.axis)
+            if step.rotates:
+                found[name], found[rate] = node_angle(motion, point, step.axis), omega[i]
+            else:
+                found[name], found[rate] = position[i], velocity[i]
+            continue
+        axes = frames.rotations[point.cluster].matrix
+        if point.turn is not None:
+            axes = vector.matmul(axes, point.turn)
+        quaternion = quaternion_of_nodes(axes, lambda n: float(evaluate([n], values)[0]))
+        found |= {name: node for (name, _), node in zip(step.coordinates, quaternion, strict=True)}
+        own = vector.transposed_times(axes, omega)
+        found |= {name: node for (name, _), node in zip(step.rates, own, strict=True)}
+    return found
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What a scene gives for a coordinate, or a rate, that is no state.
+
+    Attributes
+    ----------
+    name : str
+        ``edge.coordinate`` or its rate.
+    measure : Measure
+        Of the coordinate.
+    is_rate : bool
+        Whether its rate is given.
+    given : Node
+        The value, of parameters only.
+    gradient : tuple of Node
+        Derivatives of the measure's rate by the speeds.
+    """
+
+    name: str
+    measure: Measure
+    is_rate: bool
+    given: Node
+    gradient: tuple[Node, ...]
+
+
+def start_conditions(
+    scene: SceneDescription, motion: Motion, view: FirstView
+) -> tuple[Condition, ...]:
+    """List what the scene gives for coordinates of joints that are chords.
+
+    Raises
+    ------
+    SceneError
+        If it gives a coordinate that a chord has not.
+    """
+    system = motion.system
+    placing = joint_branches(scene).branches
+    found = []
+    for edge in scene.edges.values():
+        if not edge.initial or edge.name in system.tree.branches:
+            continue
+        coordinates = [n for step in edge.component.motion_space for n, _ in step.coordinates]
+        for name, given in edge.initial.items():
+            is_turn = name in ("rotation", "q0", "q1", "q2", "q3")
+            if is_turn and edge.name in placing:
+                continue  # the bodies start there
+            measure = chord_measure(motion, system.edges[edge.name], name)
+            if measure is None or is_turn or not isinstance(given, Expression):
+                raise SceneError(
+                    f"initial {name} of edge '{edge.name}' cannot be used: the edge is a chord in "
+                    f"the tree ({', '.join(system.tree.branches)}); give initial values of "
+                    "branches, or name a tree that holds it"
+                )
+            gradient = tuple(along_speeds(motion, measure.pull(view)))
+            node = given.lower(system.dag, system.of_parameters)
+            is_rate = name not in coordinates
+            found.append(Condition(f"{edge.name}.{name}", measure, is_rate, node, gradient))
+    return tuple(found)

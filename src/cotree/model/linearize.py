@@ -1,0 +1,121 @@
+"""Linearisation of a model about a state, by the sensitivity graphs of its states and inputs.
+
+In: a scene's first graph and numbers. Out: x' = A x + B u, y = C x + D u for small deviations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.dag.evaluate import evaluate
+from cotree.dag.several import results
+from cotree.dag.traverse import reachable, substitute
+from cotree.errors import SingularSystemError
+from cotree.formulation.elimination import factorise, substitute_back
+from cotree.sensitivity.graphs import form_equations, input_columns
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cotree.dag.nodes import Node
+    from cotree.equations import Derivative, Equations
+    from cotree.formulation.first_graph import FirstGraph
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Linearization:
+    """A linear system about a state: x' = A x + B u, y = C x + D u.
+
+    Attributes
+    ----------
+    A, B, C, D : ndarray
+        Shapes (n_states, n_states), (n_states, n_inputs), (n_outputs, n_states) and
+        (n_outputs, n_inputs); units follow from those of states, inputs and outputs.
+    states, inputs, outputs : tuple of str
+        Names along the axes.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+
+class Linearizer:
+    """The derivatives of a scene's equations along its states and inputs, formed once."""
+
+    def __init__(self, first: FirstGraph) -> None:
+        equations = form_equations(first, ())
+        columns = (*equations.columns, *input_columns(first))
+        self._equations = equations
+        self._nodes = _solved(equations, columns)
+        solves = [node for node in reachable(self._nodes) if node.op == "solve"]
+        self._accepted = [results(node, node.data.size + 2)[-1] for node in solves]
+
+    def at(self, t: float, y: Sequence[float] | Array, p: Array, u: Array) -> Linearization:
+        """Evaluate them.
+
+        Parameters
+        ----------
+        t : float
+            Time, [s].
+        y, p, u : ndarray, shapes (n_states,), (n_parameters,), (n_inputs,)
+            States, parameters and inputs.
+
+        Raises
+        ------
+        SingularSystemError
+            If the mass matrix is singular there.
+        """
+        equations = self._equations
+        values = self._values(t, y, p, u)
+        found = evaluate([*self._nodes, *self._accepted], values)
+        numbers = np.array([float(np.real(v)) for v in found[: len(self._nodes)]])
+        if not all(found[len(self._nodes) :]):
+            raise SingularSystemError("the mass matrix is singular at this state")
+        n, m, k = len(equations.states), len(equations.inputs), len(equations.outputs)
+        whole = numbers.reshape(n + m, n + k).T
+        return Linearization(
+            A=whole[:n, :n].copy(),
+            B=whole[:n, n:].copy(),
+            C=whole[n:, :n].copy(),
+            D=whole[n:, n:].copy(),
+            states=tuple(state.name for state in equations.states),
+            inputs=tuple(row.name for row in equations.inputs),
+            outputs=tuple(row.name for row in equations.outputs),
+        )
+
+    def _values(
+        self, t: float, y: Sequence[float] | Array, p: Array, u: Array
+    ) -> Mapping[Node, float]:
+        dag = self._equations.dag
+        values = {dag.symbol("t", 0): t}
+        states = zip(self._equations.states, y, strict=True)
+        values |= {state.symbol: float(value) for state, value in states}
+        for kind, array in (("p", p), ("u", u)):
+            values |= {dag.symbol(kind, i): float(value) for i, value in enumerate(array)}
+        return values
+
+
+def _solved(equations: Equations, columns: Sequence[Derivative]) -> list[Node]:
+    """Form the derivatives of the rates and of the outputs along each column."""
+    n_multipliers = len(equations.constraints.rows)
+    factors = factorise(equations.dag, equations.matrix, equations.is_safe, n_multipliers)
+    solved = dict(zip(equations.unknowns, substitute_back(factors, equations.forcing), strict=True))
+    found: list[Node] = []
+    for column in columns:
+        forcing = substitute(column.forcing, solved)
+        tangents = dict(
+            zip(equations.unknown_tangents, substitute_back(factors, forcing), strict=True)
+        )
+        found += substitute([*column.rates, *column.outputs], {**solved, **tangents})
+    return found

@@ -1,0 +1,287 @@
+"""The consistent start: initial states and sensitivities that satisfy every constraint.
+
+What the user gave is kept, and the rest follows by Gauss-Newton steps of least length. Where that
+cannot be but the given values are nearly consistent (a few digits of them), everything moves a
+little; else the start is refused with the residual of each joint.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.errors import ParameterError
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from cotree.model.model import CompiledModel
+
+Array = npt.NDArray[np.float64]
+
+_LARGEST_ITERATIONS = 50
+
+#: Residuals below this share of the states' size are met: a hundred roundings.
+_MET = 1e-13
+
+#: Given values whose residual is below this are meant to be consistent: six digits of them.
+_NEARLY = 1e-4
+
+#: Singular values below this share of the largest are redundant constraints.
+_RANK = 1e-10
+
+
+@dataclass(frozen=True)
+class Start:
+    """Initial states, shape (n_states,), and sensitivities, shape (n_states, n_parameters)."""
+
+    y: Array
+    s: Array
+
+
+def consistent_start(
+    model: CompiledModel, t: float, p: Array, y: Array, s: Array, kept: Collection[int]
+) -> Start:
+    """Move initial states and sensitivities onto the constraints.
+
+    Parameters
+    ----------
+    model : CompiledModel
+        The model.
+    t : float
+        Start time, [s].
+    p : ndarray, shape (n_parameters,)
+        Parameters.
+    y, s : ndarray, shapes (n_states,) and (n_states, n_parameters)
+        Initial states and sensitivities as given.
+    kept : collection of int
+        The states that the user gave.
+
+    Raises
+    ------
+    ParameterError
+        If the given values violate a constraint that nothing else can mend.
+    """
+    if not model.layout.constraints and not model.layout.start_rows:
+        return Start(y, s)
+    finder = _Finder(model, t, p, frozenset(kept))
+    y = finder.normalised(y)
+    y = finder.settle(y, 0)
+    y = finder.settle(y, 1)
+    if model.sensitivities:
+        s = finder.sensitivities(y, s)
+    return Start(y, s)
+
+
+class _Finder:
+    """The residuals of one start, at the levels of position (0) and velocity (1)."""
+
+    def __init__(self, model: CompiledModel, t: float, p: Array, kept: frozenset[int]) -> None:
+        layout = model.layout
+        self.model, self.t, self.p, self.kept = model, t, p, kept
+        self.n_coordinates = layout.n_coordinates
+        self.n_speeds = len(model.states) - layout.n_coordinates
+        self.n_rows = len(layout.constraint_edges)
+        self.n_norms = len(layout.quaternions)
+        names = [row.name for row in layout.constraints]
+        self.n_values = len(names) - self.n_rows - self.n_norms
+        rates = names[self.n_values : self.n_values + self.n_rows]
+        held = set(names[: self.n_values])
+        self.with_value = [i for i, name in enumerate(rates) if name.removesuffix("_dot") in held]
+        is_rate = layout.start_is_rate
+        self.conditions = [
+            [i for i, rate in enumerate(is_rate) if rate == bool(level)] for level in (0, 1)
+        ]
+        self.names = [
+            [*names[: self.n_values], *(layout.start_rows[i] for i in self.conditions[0])],
+            [*rates, *(layout.start_rows[i] for i in self.conditions[1])],
+        ]
+        self.columns = [self._free(level) for level in (0, 1)]
+
+    def _free(self, level: int) -> list[int]:
+        """List the directions of motion that nothing given fixes."""
+        if level == 1:
+            states = range(self.n_coordinates, self.n_coordinates + self.n_speeds)
+            return [i for i, state in enumerate(states) if state not in self.kept]
+        return [i for i, group in enumerate(self.groups()) if not self.kept.intersection(group)]
+
+    def groups(self) -> list[tuple[int, ...]]:
+        """List the coordinates that each speed moves."""
+        found: list[tuple[int, ...]] = []
+        state = 0
+        while state < self.n_coordinates:
+            if state in self.model.layout.quaternions:
+                found += [tuple(range(state, state + 4))] * 3
+                state += 4
+            else:
+                found.append((state,))
+                state += 1
+        return found
+
+    def _call(self, name: str, y: Array, s: Array | None = None) -> Array:
+        kernel = self.model.bound(name, self.p)
+        along = np.zeros(0) if s is None else np.ascontiguousarray(s.T).ravel()
+        return kernel(self.t, y, along, None).copy()
+
+    def residual(self, y: Array, level: int) -> Array:
+        """Evaluate what is to be zero at a level."""
+        held = self._call("constraints", y) if self.model.layout.constraints else np.zeros(0)
+        own = held[: self.n_values]
+        if level == 1:
+            own = held[self.n_values : self.n_values + self.n_rows]
+        start = self._call("start", y) if self.model.layout.start_rows else np.zeros(0)
+        return np.concatenate([own, start[self.conditions[level]]])
+
+    def gradient(self, y: Array, level: int) -> Array:
+        """Evaluate its derivatives by the directions of motion."""
+        rows = np.zeros((0, self.n_speeds))
+        if self.n_rows:
+            rows = self._call("gradient", y).reshape(self.n_rows, self.n_speeds)
+            rows = rows[self.with_value] if level == 0 else rows
+        start = np.zeros((0, self.n_speeds))
+        if self.model.layout.start_rows:
+            start = self._call("start_gradient", y).reshape(-1, self.n_speeds)
+        return np.vstack([rows, start[self.conditions[level]]])
+
+    def normalised(self, y: Array) -> Array:
+        """Give quaternions the norm one.
+
+        Raises
+        ------
+        ParameterError
+            If one is zero.
+        """
+        y = y.copy()
+        for first in self.model.layout.quaternions:
+            length = float(np.linalg.norm(y[first : first + 4]))
+            if not length > 0.0:
+                raise ParameterError(
+                    f"the initial quaternion from '{self.model.states[first]}' on is zero: give "
+                    "it a length, or angles"
+                )
+            y[first : first + 4] /= length
+        return y
+
+    def moved(self, y: Array, step: Array, level: int) -> Array:
+        """Move coordinates or speeds along directions of motion."""
+        y = y.copy()
+        if level == 1:
+            y[self.n_coordinates :] += step
+            return y
+        y[: self.n_coordinates] += self.shift(y, step)
+        return self.normalised(y)
+
+    def shift(self, y: Array, step: Array) -> Array:
+        """Give the change of the coordinates for a step along the directions of motion."""
+        change = np.zeros(self.n_coordinates)
+        i = 0
+        for group in dict.fromkeys(self.groups()):
+            if len(group) == 1:
+                change[group[0]] = step[i]
+                i += 1
+                continue
+            q0, q1, q2, q3 = y[list(group)]
+            turn = np.array([[-q1, -q2, -q3], [q0, -q3, q2], [q3, q0, -q1], [-q2, q1, q0]])
+            change[list(group)] = 0.5 * turn @ step[i : i + 3]
+            i += 3
+        return change
+
+    def settle(self, y: Array, level: int) -> Array:
+        """Solve one level, keeping what was given; mend nearly consistent values."""
+        found, residual = self._iterate(y, level, self.columns[level], self.n_all(level))
+        size = 1.0 + float(np.max(np.abs(y), initial=0.0))
+        if residual <= _MET * size * 1e2:
+            return found
+        everything = list(range(self.n_speeds))
+        given = float(np.max(np.abs(self.residual(found, level)), initial=0.0))
+        if given <= _NEARLY * size:
+            found, residual = self._iterate(found, level, everything, self.n_constraints(level))
+            if residual <= _MET * size * 1e2:
+                return found
+        self._refuse(found, level)
+        raise AssertionError  # unreachable
+
+    def n_all(self, level: int) -> int:
+        """Count the rows of a level."""
+        return len(self.names[level])
+
+    def n_constraints(self, level: int) -> int:
+        """Count the rows of a level that are constraints."""
+        return self.n_all(level) - len(self.conditions[level])
+
+    def _iterate(
+        self, y: Array, level: int, columns: list[int], n_rows: int
+    ) -> tuple[Array, float]:
+        """Take Gauss-Newton steps of least length until the residual no longer shrinks."""
+        best, smallest = y, float(np.max(np.abs(self.residual(y, level)[:n_rows]), initial=0.0))
+        longest = 0.5
+        for _ in range(_LARGEST_ITERATIONS):
+            if not columns or not n_rows or smallest == 0.0:
+                break
+            rows = self.gradient(y, level)[:n_rows, columns]
+            step = np.zeros(self.n_speeds)
+            target = self.residual(y, level)[:n_rows]
+            if not np.all(np.isfinite(rows)) or not np.all(np.isfinite(target)):
+                break
+            step[columns] = -np.linalg.lstsq(rows, target, rcond=_RANK)[0]
+            length = float(np.max(np.abs(step)))
+            if level == 0 and length > longest:  # angles: a long step may leave the branch
+                step *= longest / length
+            y = self.moved(y, step, level)
+            size = float(np.max(np.abs(self.residual(y, level)[:n_rows]), initial=0.0))
+            if size < smallest:
+                best, smallest = y, size
+            elif smallest < 1e-9:
+                break
+        return best, smallest
+
+    def _refuse(self, y: Array, level: int) -> None:
+        residual = self.residual(y, level)
+        worst = np.argsort(-np.abs(residual))[:6]
+        listed = ", ".join(
+            f"{self.names[level][i]} = {residual[i]:.3g}" for i in worst if abs(residual[i]) > 1e-10
+        )
+        what = "positions" if level == 0 else "velocities"
+        raise ParameterError(
+            f"the initial {what} violate the constraints and what was given leaves no way to mend "
+            f"that; residuals: {listed}. Change the initial values of these joints, or leave some "
+            "of them out"
+        )
+
+    def sensitivities(self, y: Array, s: Array) -> Array:
+        """Let the sensitivities of what was not given follow from the constraints."""
+        s = s.copy()
+        for first in self.model.layout.quaternions:
+            q = y[first : first + 4]
+            s[first : first + 4] -= np.outer(q, q @ s[first : first + 4])
+        m = s.shape[1]
+        for level in (0, 1):
+            d = self._residual_sensitivity(y, s, level)
+            columns = self.columns[level]
+            rows = self.gradient(y, level)[:, columns]
+            step = np.zeros((self.n_speeds, m))
+            if columns and len(rows):
+                step[columns] = -np.linalg.lstsq(rows, d, rcond=_RANK)[0]
+            if level == 1:
+                s[self.n_coordinates :] += step
+            else:
+                for j in range(m):
+                    s[: self.n_coordinates, j] += self.shift(y, step[:, j])
+        return s
+
+    def _residual_sensitivity(self, y: Array, s: Array, level: int) -> Array:
+        """Evaluate the sensitivities of the residuals, shape (n_rows, n_parameters)."""
+        m = s.shape[1]
+        own = np.zeros((0, m))
+        if self.model.layout.constraints:
+            whole = self._call("constraint_sensitivity", y, s).reshape(m, -1).T
+            own = whole[: self.n_values]
+            if level == 1:
+                own = whole[self.n_values : self.n_values + self.n_rows]
+        start = np.zeros((0, m))
+        if self.model.layout.start_rows:
+            start = self._call("start_sensitivity", y, s).reshape(m, -1).T
+        return np.vstack([own, start[self.conditions[level]]])

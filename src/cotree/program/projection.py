@@ -1,0 +1,112 @@
+"""Kernels that hold the states to the constraints.
+
+The step is the one of least kinetic energy: its left-hand side is the matrix of the governing
+equations, with the constraints' residuals in place of the forces.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cotree.dag.derivative import tangents
+from cotree.dag.traverse import substitute
+from cotree.equations import Quantity
+from cotree.formulation.elimination import substitute_back
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cotree.dag.nodes import Node
+    from cotree.equations import Equations
+    from cotree.formulation.elimination import Factors
+
+
+#: Near a singular configuration, at a distance whose square is this, constraints are about to
+#: become redundant: what they would correct there is rounding, enlarged by its inverse.
+_RANK = 1e-8
+
+
+def constraint_quantities(equations: Equations) -> tuple[Quantity, ...]:
+    """Name the results of the kernel ``constraints``."""
+    rows = equations.constraints
+    held = zip(rows.rows, rows.values, strict=True)
+    values = [row for row, value in held if value is not None]
+    rates = [
+        row
+        if value is None
+        else Quantity(f"{row.name}_dot", f"{row.unit}/s" if row.unit else "1/s")
+        for row, value in zip(rows.rows, rows.values, strict=True)
+    ]
+    norms = [Quantity(f"{edge}.norm") for edge, _ in rows.quaternions]
+    return (*values, *rates, *norms)
+
+
+def projection_kernels(equations: Equations, factors: Factors) -> dict[str, list[Node]]:
+    """Form the results of the kernels of constraints; empty where there are none."""
+    rows = equations.constraints
+    results: dict[str, list[Node]] = {
+        "constraints": [],
+        "constraint_sensitivity": [],
+        "gradient": [],
+        "projection": [],
+        "sensitivity_projection": [],
+        "start": list(rows.start_values),
+        "start_gradient": [entry for row in rows.start_gradient for entry in row],
+        "start_sensitivity": [node for row in equations.sensitivities for node in row.start],
+    }
+    if not rows.rows and not rows.quaternions:
+        return results
+    norms = [_square(q) - 1.0 for _, q in rows.quaternions]
+    with equations.dag.labelled("constraints"):
+        results["constraints"] = [*(v for v in rows.values if v is not None), *rows.rates, *norms]
+        results["gradient"] = [entry for row in rows.gradient for entry in row]
+    with equations.dag.labelled("projection"):
+        zero = equations.dag.zero
+        values = [zero if v is None else v for v in rows.values]
+        shrink: dict[Node, Node] = {}
+        for (_, q), norm in zip(rows.quaternions, norms, strict=True):
+            factor = norm / (2.0 * _square(q))
+            shrink |= {entry: -(factor * entry) for entry in q}
+        results["projection"] = _step(equations, factors, values, rows.rates, shrink)
+        for row in equations.sensitivities:
+            d_norms = tangents(norms, row.seed)
+            held = [d for d, v in zip(row.held, rows.values, strict=True) if v is not None]
+            results["constraint_sensitivity"] += [*held, *row.held_rates, *d_norms]
+            shrink = {}
+            for (_, q), d_norm in zip(rows.quaternions, d_norms, strict=True):
+                factor = d_norm / (2.0 * _square(q))
+                shrink |= {entry: -(factor * entry) for entry in q}
+            results["sensitivity_projection"] += _step(
+                equations, factors, row.held, row.held_rates, shrink
+            )
+    return results
+
+
+def _square(q: Sequence[Node]) -> Node:
+    total = q[0].dag.zero
+    for entry in q:
+        total = total + entry * entry
+    return total
+
+
+def _step(
+    equations: Equations,
+    factors: Factors,
+    values: Sequence[Node],
+    rates: Sequence[Node],
+    shrink: dict[Node, Node],
+) -> list[Node]:
+    """Form the change of the states that takes given residuals away."""
+    n = len(equations.unknowns) - len(values)
+    n_coordinates = len(equations.states) - n
+    zeros = [equations.dag.zero] * n
+    shift = substitute_back(factors, [*zeros, *values], _RANK)[:n]
+    speed = substitute_back(factors, [*zeros, *rates], _RANK)[:n]
+    speeds = [state.symbol for state in equations.states[n_coordinates:]]
+    known = dict(zip(speeds, shift, strict=True))
+    moved = substitute(equations.rates[:n_coordinates], known)
+    coordinates = [state.symbol for state in equations.states[:n_coordinates]]
+    return [
+        *(d + shrink.get(q, equations.dag.zero) for q, d in zip(coordinates, moved, strict=True)),
+        *speed,
+    ]

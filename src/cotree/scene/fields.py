@@ -1,0 +1,176 @@
+"""Fields and initial values of an edge: what a user said, checked against the component's rows.
+
+In: values as given. Out: parsed expressions, alone, in threes, or in three rows of three.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from cotree.components import FreeRotation, Role, Shape
+from cotree.components.spaces import body_space
+from cotree.dag.rotation import quaternion_of_matrix
+from cotree.errors import SceneError, nearest
+from cotree.scene.expressions import parse
+
+if TYPE_CHECKING:
+    from cotree.components import Component, Field
+    from cotree.scene.description import FieldValue
+    from cotree.scene.expressions import Expression
+
+
+def check_fields(
+    edge: str, component: Component, given: Mapping[str, Any]
+) -> dict[str, FieldValue]:
+    """Check the fields of an edge, and add the defaults of those not given.
+
+    Parameters
+    ----------
+    edge : str
+        Its name, for messages.
+    component : Component
+        Whose fields they are.
+    given : mapping
+        What the user said, by name of the field.
+
+    Raises
+    ------
+    SceneError, ExpressionError
+        If a field is unknown, missing, or has no value of its shape.
+    """
+    known = {row.name for row in component.fields}
+    for name in given:
+        if name not in known:
+            raise SceneError(
+                f"edge '{edge}' of type '{component.name}' has no field '{name}'"
+                f"{nearest(name, known)}"
+            )
+    fields: dict[str, FieldValue] = {}
+    for row in component.fields:
+        where = f"{row.name} of edge '{edge}'"
+        if row.name in given:
+            fields[row.name] = _check_field(row, given[row.name], where)
+        elif row.required:
+            raise SceneError(
+                f"edge '{edge}' of type '{component.name}' needs the field '{row.name}'"
+            )
+        elif row.default is not None:
+            fields[row.name] = parse(row.default, where)
+    return fields
+
+
+def check_initial(
+    edge: str, component: Component, given: Mapping[str, Any]
+) -> dict[str, FieldValue]:
+    """Check the initial values of an edge.
+
+    Parameters
+    ----------
+    edge : str
+        Its name, for messages.
+    component : Component
+        Whose coordinates they are of.
+    given : mapping
+        What the user said, by name of the coordinate or rate, or ``rotation``.
+
+    Raises
+    ------
+    SceneError, ExpressionError
+        If it is no table, or a name or value is not accepted.
+    """
+    if not isinstance(given, Mapping):
+        raise SceneError(f"initial of edge '{edge}' must be a table of names and values")
+    known = initial_names(component)
+    initial: dict[str, FieldValue] = {}
+    for name, value in given.items():
+        if name not in known:
+            raise SceneError(f"edge '{edge}' has no coordinate '{name}'{nearest(str(name), known)}")
+        where = f"initial {name} of edge '{edge}'"
+        initial[name] = _rotation(value, where) if name == "rotation" else parse(value, where)
+    return initial
+
+
+def initial_names(component: Component) -> list[str]:
+    """List what a scene may give initial values of.
+
+    What a body in the tree moves along follows from the whole scene, so all of it is listed.
+    """
+    spaces = [component.motion_space]
+    if component.role is Role.BODY:
+        spaces = [body_space(plane, is_particle=False) for plane in ("", "z")]
+    steps = [step for space in spaces for step in space]
+    names = [name for step in steps for name, _ in (*step.coordinates, *step.rates)]
+    if any(isinstance(step, FreeRotation) for step in steps):
+        names.append("rotation")
+    return list(dict.fromkeys(names))
+
+
+def check_vector(value: object, where: str) -> tuple[Expression, ...]:
+    """Accept a list of three numbers or expressions.
+
+    Raises
+    ------
+    SceneError, ExpressionError
+        If it is none.
+    """
+    value = _plain(value)
+    if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != 3:
+        raise SceneError(f"{where} must be a list of three numbers or expressions")
+    return tuple(parse(item, f"component {'xyz'[i]} of {where}") for i, item in enumerate(value))
+
+
+def _check_field(row: Field, value: Any, where: str) -> FieldValue:
+    if row.shape is Shape.VECTOR:
+        return check_vector(value, where)
+    if row.shape is Shape.INERTIA:
+        return _inertia(value, where)
+    if row.shape is Shape.ROTATION:
+        return _rotation(value, where)
+    return parse(value, where)
+
+
+def _inertia(value: object, where: str) -> FieldValue:
+    value = _plain(value)
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        if len(value) == 3 and all(
+            isinstance(row, Sequence) and not isinstance(row, str) for row in value
+        ):
+            rows = tuple(
+                check_vector(row, f"row {i + 1} of {where}") for i, row in enumerate(value)
+            )
+            if any(rows[i][j].text != rows[j][i].text for i in range(3) for j in range(i)):
+                raise SceneError(f"{where} must be symmetric: write both halves alike")
+            return rows
+        return check_vector(value, where)
+    scalar = parse(value, where)
+    return (scalar, scalar, scalar)
+
+
+def _rotation(value: object, where: str) -> FieldValue:
+    """Accept roll, pitch and yaw, or three rows; numbers must be a rotation."""
+    value = _plain(value)
+    if isinstance(value, Sequence) and not isinstance(value, str) and len(value) == 3:
+        if all(isinstance(row, Sequence) and not isinstance(row, str) for row in value):
+            rows = tuple(
+                check_vector(row, f"row {i + 1} of {where}") for i, row in enumerate(value)
+            )
+            numbers = [[entry.number for entry in row] for row in rows]
+            if any(entry is None for row in numbers for entry in row):
+                raise SceneError(
+                    f"{where} is a matrix: give it as numbers, or as roll, pitch and yaw, which "
+                    "may depend on parameters"
+                )
+            if quaternion_of_matrix(numbers) is None:  # type: ignore[arg-type]
+                raise SceneError(
+                    f"{where} is no rotation: its rows must be perpendicular unit vectors with "
+                    "determinant +1"
+                )
+            return rows
+        return check_vector(value, where)
+    raise SceneError(f"{where} must be three angles (roll, pitch, yaw) or three rows of three")
+
+
+def _plain(value: object) -> object:
+    """Turn numpy arrays into lists; leave everything else."""
+    return value.tolist() if hasattr(value, "tolist") else value

@@ -1,0 +1,158 @@
+"""Bring states and sensitivities of a constrained model back onto its constraints.
+
+In: a compiled model whose layout names constraints. Out: a ``Projection``, which the integration
+calls between steps. The model's kernels give single Newton steps of least kinetic energy; here
+they are repeated, and what does not come to rest on the constraints is refused.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cotree.errors import SolveError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from cotree.model.model import CompiledModel
+    from cotree.solvers.problem import FloatArray
+
+_MOST_STEPS = 10
+
+# A correction of a few units in the last place is rounding; the step after it would be too.
+_ROUNDING = 4 * float(np.finfo(np.float64).eps)
+
+# Rounding in the kernels may be more than that where lengths or speeds are large. Newton's method
+# squares its errors, so a correction below this that no longer halves can only be rounding.
+_SMALL = 1e-8
+
+# Residuals, in the constraints' own units, above this share of the largest state (or of 1) are not
+# met. Near a singular configuration, along what the constraints hardly see, those of trial steps
+# at a tolerance of 1e-8 still lie below it.
+_FLOOR = 1e-6
+
+# Constraints whose gradients, each of length one, shrink below this along some direction are
+# nearly dependent.
+_NEAR = 0.1
+
+# Edges with more than this share in a direction that the constraints no longer see are named.
+_INVOLVED = 0.1
+
+
+class Projection:
+    """Project a model's states and sensitivities, as one vector z, onto its constraints.
+
+    The states move the least that they can, weighted with their inertia. The sensitivities then
+    obey the constraints differentiated by the parameters.
+
+    Parameters
+    ----------
+    model : CompiledModel
+        A model with constraints.
+    p : ndarray, shape (n_parameters,)
+        Its parameters.
+    u : callable
+        ``u(t)`` gives the inputs, shape (n_inputs,), or None for the model's own.
+    """
+
+    def __init__(
+        self, model: CompiledModel, p: FloatArray, u: Callable[[float], FloatArray | None]
+    ) -> None:
+        self.names = tuple(row.name for row in model.layout.constraints)
+        self._units = tuple(row.unit for row in model.layout.constraints)
+        self._n_states = len(model.states)
+        self._u = u
+        self._edges = model.layout.constraint_edges
+        self._gradient = model.bound("gradient", p) if self._edges else None
+        self._residual = model.bound("constraints", p)
+        self._step = model.bound("projection", p)
+        self._sensitivity_step = (
+            model.bound("sensitivity_projection", p) if model.sensitivities else None
+        )
+
+    def __call__(self, t: float, z: FloatArray) -> FloatArray:
+        """Return the projected vector, a fresh array.
+
+        Parameters
+        ----------
+        t : float
+            Time, [s].
+        z : ndarray, shape (n_states * (1 + n_sensitivities),)
+            States, then sensitivities parameter by parameter.
+
+        Raises
+        ------
+        SolveError
+            If residuals stay; the message names them.
+        SingularSystemError
+            If the model's linear system is singular on the way.
+        """
+        u = self._u(t)
+        result = np.array(z, dtype=np.float64)
+        x, s = result[: self._n_states], result[self._n_states :]
+        self._project_states(t, x, s, u)
+        self._check_residual(t, x, self._residual(t, x, s, u))
+        if self._sensitivity_step is not None:
+            # The speeds' sensitivities only see the coordinates' new ones in the second call.
+            for _ in range(2):
+                s += self._sensitivity_step(t, x, s, u)
+        return result
+
+    def _rows(self, t: float, z: FloatArray) -> FloatArray:
+        """Give the gradients of the constraints by the speeds, each of length one."""
+        assert self._gradient is not None
+        x, s = z[: self._n_states], z[self._n_states :]
+        rows = np.array(self._gradient(t, x, s, self._u(t))).reshape(len(self._edges), -1)
+        lengths = np.linalg.norm(rows, axis=1)
+        return rows / np.where(lengths > 0.0, lengths, 1.0)[:, None]
+
+    @property
+    def has_rows(self) -> bool:
+        """Whether there are constraints, and not only norms of quaternions."""
+        return bool(self._edges)
+
+    def singular(self, t: float, z: FloatArray) -> tuple[str, ...]:
+        """Name the edges whose constraints are dependent, or nearly so, at a point."""
+        rows = self._rows(t, z)
+        squares, directions = np.linalg.eigh(rows @ rows.T)
+        weak = directions[:, squares <= _NEAR**2]
+        involved = np.flatnonzero(np.max(np.abs(weak), axis=1, initial=0.0) > _INVOLVED)
+        return tuple(dict.fromkeys(self._edges[i] for i in involved))
+
+    def residual(self, t: float, z: FloatArray) -> FloatArray:
+        """Return the residuals of the constraints, a fresh array of the shape of ``names``."""
+        x, s = z[: self._n_states], z[self._n_states :]
+        return np.array(self._residual(t, x, s, self._u(t)))
+
+    def _project_states(self, t: float, x: FloatArray, s: FloatArray, u: FloatArray | None) -> None:
+        """Repeat Newton steps on the states, in place, until only rounding is left.
+
+        Residuals would not do to stop by: near a singular configuration they are squares of the
+        distance that is left.
+        """
+        previous = np.inf
+        for _ in range(_MOST_STEPS):
+            dx = self._step(t, x, s, u)
+            size = float(np.max(np.abs(dx) / np.maximum(1.0, np.abs(x)), initial=0.0))
+            x += dx
+            if size <= _ROUNDING or (size < _SMALL and size > previous / 2):
+                return
+            previous = size
+
+    def _check_residual(self, t: float, x: FloatArray, residual: FloatArray) -> None:
+        """Refuse residuals above a share of the largest state."""
+        floor = _FLOOR * float(np.max(np.abs(x), initial=1.0))
+        # Written so that nan stays, too; an infinite state would make everything acceptable.
+        stays = np.flatnonzero(~((np.abs(residual) <= floor) & np.isfinite(floor)))
+        if stays.size:
+            rows = ", ".join(
+                f"'{self.names[i]}' stays {residual[i]:.3g} {self._units[i]}".rstrip()
+                for i in stays
+            )
+            raise SolveError(
+                f"the constraints cannot be satisfied near the states at t = {t:.10g}: {rows}. "
+                "Check that the parts can be joined there, and that no joint is at a dead point; "
+                "smaller rtol and atol keep the states closer to the constraints"
+            )
