@@ -7,8 +7,9 @@ from cotree.equations.equations import (
     Derivative,
     Equations,
     Guard,
+    Link,
     Quantity,
     State,
 )
 
-__all__ = ["ConstraintSet", "Derivative", "Equations", "Guard", "Quantity", "State"]
+__all__ = ["ConstraintSet", "Derivative", "Equations", "Guard", "Link", "Quantity", "State"]

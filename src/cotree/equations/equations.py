@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from cotree.dag.nodes import Dag, Node
+    from cotree.dag.vector import Matrix, Vector
 
 
 @dataclass(frozen=True)
@@ -126,6 +127,37 @@ class ConstraintSet:
 
 
 @dataclass(frozen=True)
+class Link:
+    """A moving branch of a tree, for elimination along it; vectors in the parent's basis.
+
+    Attributes
+    ----------
+    parent : int
+        Number of the link that carries it, from one on; zero for the ground.
+    speeds : tuple of int
+        The accelerations among its unknowns.
+    turning, shifting : tuple of Vector
+        Angular acceleration, and acceleration of the link's origin, for a unit of each.
+    offset : Vector
+        From the parent's origin to the link's.
+    step : Matrix or None
+        From the link's basis to the parent's; None where they are the same.
+    mass, moment, tensor : Node, Vector and Matrix, or None
+        Inertia about the link's origin, in its own basis.
+    """
+
+    parent: int
+    speeds: tuple[int, ...]
+    turning: tuple[Vector, ...]
+    shifting: tuple[Vector, ...]
+    offset: Vector
+    step: Matrix | None
+    mass: Node | None
+    moment: Vector | None
+    tensor: Matrix | None
+
+
+@dataclass(frozen=True)
 class Guard:
     """What a value of parameters must be for the equations to hold.
 
@@ -177,6 +209,8 @@ class Equations:
         b.
     is_safe : tuple of bool
         Whether each unknown's pivot is positive for every state.
+    links : tuple of Link
+        The tree, where elimination along it costs less than that of the matrix; else empty.
     rates : tuple of Node
         x' in terms of x and w.
     balances : tuple of Node
@@ -206,6 +240,7 @@ class Equations:
     matrix: tuple[tuple[Node, ...], ...]
     forcing: tuple[Node, ...]
     is_safe: tuple[bool, ...]
+    links: tuple[Link, ...]
     rates: tuple[Node, ...]
     balances: tuple[Node, ...]
     constraints: ConstraintSet

@@ -1,7 +1,8 @@
 """A program to a folder of C files that a C99 compiler turns into an executable.
 
 The folder holds the model, an integrator without dependencies, and a main program that integrates
-the model to its end time and prints the end state.
+the model to its end time and prints the end state. The main program holds a model with constraints
+to them as ``solvers/project.py`` does, from a consistent start that is found here and written down.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import math
 import os
 import tempfile
+import textwrap
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -16,6 +18,8 @@ from cotree.codegen.context import model_context
 from cotree.codegen.printer_c import literal
 from cotree.codegen.render import render, render_model
 from cotree.errors import CodegenError, SceneError
+from cotree.model.kernels import PythonKernels
+from cotree.model.model import CompiledModel
 from cotree.naming import c_string
 
 if TYPE_CHECKING:
@@ -72,6 +76,13 @@ class MainContext:
         C literals of the times where inputs have kinks, ascending.
     has_sensitivities : bool
         Whether the unknowns are states and sensitivities, or states alone.
+    start : list of str
+        Lines of C literals: the initial states and sensitivities of a model whose start has to
+        satisfy more than its kernels of the initial state; empty for others.
+    n_constraints : int
+        How many constraints there are, with their rates and the norms of quaternions.
+    has_rows : bool
+        Whether there are constraints, and not only norms of quaternions.
     """
 
     title: str
@@ -86,6 +97,9 @@ class MainContext:
     guards: list[str]
     breakpoints: list[str]
     has_sensitivities: bool
+    start: list[str]
+    n_constraints: int
+    has_rows: bool
 
 
 def write_c_project(
@@ -115,6 +129,10 @@ def write_c_project(
     ------
     SceneError
         If the end time or a tolerance is not acceptable.
+    ParameterError
+        If there are constraints, and the initial values violate one or a guard refuses parameters.
+    SingularSystemError
+        If there are constraints, and a linear system is singular at the start.
     CodegenError
         If the folder or a file cannot be written.
     """
@@ -168,7 +186,22 @@ def _main_context(
             literal(t) for t in sorted({t for row in program.layout.breakpoints for t in row})
         ],
         has_sensitivities=bool(model.sensitivities),
+        start=_start_lines(program),
+        n_constraints=model.n_constraints,
+        has_rows=bool(program.layout.constraint_edges),
     )
+
+
+def _start_lines(program: Program) -> list[str]:
+    """Write the consistent start at the program's parameter values, where it has to be found."""
+    layout = program.layout
+    if not layout.states or not (layout.constraints or layout.start_rows):
+        return []
+    # A few evaluations need no compiler, which a machine that only writes C may not have.
+    start = CompiledModel(program, PythonKernels(program)).start()
+    values = [*start.y.tolist(), *start.s.T.ravel().tolist()]
+    text = " ".join(f"{literal(value)}," for value in values)
+    return textwrap.wrap(text, 96, break_long_words=False, break_on_hyphens=False)
 
 
 def _write_files(directory: Path, texts: Mapping[str, str]) -> None:

@@ -7,14 +7,16 @@ for any number of right-hand sides by substitution.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from cotree.dag.several import RANK_TOLERANCE, SolveShape, solve
+from cotree.formulation.articulated import factorise_tree
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cotree.dag.nodes import Dag, Node
+    from cotree.equations import Link
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,10 @@ class Factors:
     core_scales: tuple[Node, ...]
     core_matrix: tuple[tuple[Node, ...], ...]
     n_determined: int
+
+    def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
+        """Solve for one right-hand side; see :func:`substitute_back`."""
+        return substitute_back(self, rhs, tolerance)
 
 
 def factorise(
@@ -134,6 +140,28 @@ def _core_scales(
     return tuple(
         dag.one if roots[i].is_zero else 1.0 / dag.function("sqrt", roots[i]) for i in core
     )
+
+
+class Solver(Protocol):
+    """A factorised matrix, whichever way."""
+
+    def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
+        """Solve for one right-hand side; see :func:`substitute_back`."""
+        ...
+
+
+def eliminate(
+    dag: Dag,
+    matrix: Sequence[Sequence[Node]],
+    is_safe: Sequence[bool],
+    n_multipliers: int,
+    links: Sequence[Link],
+) -> Solver:
+    """Factorise a bordered mass matrix, along its tree where ``links`` describe one."""
+    if not links:
+        return factorise(dag, matrix, is_safe, n_multipliers)
+    n = len(matrix) - n_multipliers
+    return factorise_tree(dag, links, n, [row[:n] for row in matrix[n:]])
 
 
 def substitute_back(

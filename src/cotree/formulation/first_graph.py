@@ -14,7 +14,7 @@ from cotree.components import FreeRotation
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag
 from cotree.dag.rotation import quaternion_rates
-from cotree.equations import State
+from cotree.equations import Link, State
 from cotree.errors import ExpressionError
 from cotree.formulation.across import accelerate, move
 from cotree.formulation.clusters import lump
@@ -82,6 +82,8 @@ class FirstGraph:
         Rates of the states.
     outputs : Outputs
         The outputs.
+    links : tuple of Link
+        The tree, where the unknowns are to be eliminated along it; see :func:`tree_links`.
     """
 
     scene: SceneDescription
@@ -102,6 +104,7 @@ class FirstGraph:
     states: tuple[State, ...]
     rates: tuple[Node, ...]
     outputs: Outputs
+    links: tuple[Link, ...] = ()
 
     @property
     def system(self) -> System:
@@ -202,6 +205,31 @@ def _measured(motion: Motion) -> dict[Node, Node]:
             )
         found[symbol] = value
     return found
+
+
+def tree_links(first: FirstGraph) -> tuple[Link, ...]:
+    """Describe the tree for elimination along it; nothing where a pivot may vanish."""
+    n = len(first.system.speeds)
+    if not all(first.is_safe[:n]):
+        return ()
+    links = []
+    for geometry in first.motion.geometry:
+        branch = geometry.branch
+        inertia = first.loads.inertias[branch.child]
+        links.append(
+            Link(
+                branch.parent,
+                tuple(speed.index for speed in branch.speeds),
+                geometry.turning,
+                geometry.shifting,
+                geometry.offset,
+                first.motion.frames.steps[branch.child],
+                None if inertia is None else inertia.mass,
+                None if inertia is None else inertia.moment,
+                None if inertia is None else inertia.tensor,
+            )
+        )
+    return tuple(links)
 
 
 def _bordered(

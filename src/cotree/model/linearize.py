@@ -15,7 +15,7 @@ from cotree.dag.evaluate import evaluate
 from cotree.dag.several import results
 from cotree.dag.traverse import reachable, substitute
 from cotree.errors import SingularSystemError
-from cotree.formulation.elimination import factorise, substitute_back
+from cotree.formulation.elimination import eliminate
 from cotree.sensitivity.graphs import form_equations, input_columns
 
 if TYPE_CHECKING:
@@ -108,14 +108,17 @@ class Linearizer:
 
 def _solved(equations: Equations, columns: Sequence[Derivative]) -> list[Node]:
     """Form the derivatives of the rates and of the outputs along each column."""
-    n_multipliers = len(equations.constraints.rows)
-    factors = factorise(equations.dag, equations.matrix, equations.is_safe, n_multipliers)
-    solved = dict(zip(equations.unknowns, substitute_back(factors, equations.forcing), strict=True))
+    factors = eliminate(
+        equations.dag,
+        equations.matrix,
+        equations.is_safe,
+        len(equations.constraints.rows),
+        equations.links,
+    )
+    solved = dict(zip(equations.unknowns, factors.solve(equations.forcing), strict=True))
     found: list[Node] = []
     for column in columns:
         forcing = substitute(column.forcing, solved)
-        tangents = dict(
-            zip(equations.unknown_tangents, substitute_back(factors, forcing), strict=True)
-        )
+        tangents = dict(zip(equations.unknown_tangents, factors.solve(forcing), strict=True))
         found += substitute([*column.rates, *column.outputs], {**solved, **tangents})
     return found

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.traverse import reachable, substitute
 from cotree.equations import Quantity
-from cotree.formulation.elimination import factorise, substitute_back
+from cotree.formulation.elimination import eliminate
 from cotree.program.kernels import KERNELS
 from cotree.program.program import Kernel, Layout, Program
 from cotree.program.projection import constraint_quantities, projection_kernels
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Node
     from cotree.equations import Equations
-    from cotree.formulation.elimination import Factors
+    from cotree.formulation.elimination import Solver
 
 
 def lower(equations: Equations) -> Program:
@@ -29,9 +29,14 @@ def lower(equations: Equations) -> Program:
     equations : Equations
         Governing and sensitivity equations.
     """
-    n_multipliers = len(equations.constraints.rows)
-    factors = factorise(equations.dag, equations.matrix, equations.is_safe, n_multipliers)
-    solved = dict(zip(equations.unknowns, substitute_back(factors, equations.forcing), strict=True))
+    factors = eliminate(
+        equations.dag,
+        equations.matrix,
+        equations.is_safe,
+        len(equations.constraints.rows),
+        equations.links,
+    )
+    solved = dict(zip(equations.unknowns, factors.solve(equations.forcing), strict=True))
     rates = substitute(equations.rates, solved)
     outputs = substitute(equations.output_values, solved)
     along, columns, output_tangents = _solve_derivatives(equations, factors, solved)
@@ -59,7 +64,7 @@ def lower(equations: Equations) -> Program:
 
 
 def _solve_derivatives(
-    equations: Equations, factors: Factors, solved: dict[Node, Node]
+    equations: Equations, factors: Solver, solved: dict[Node, Node]
 ) -> tuple[list[list[Node]], list[list[Node]], list[Node]]:
     """Form the derivatives of the rates along each sensitivity and each state, and of outputs."""
     directions = (*equations.sensitivities, *equations.columns)
@@ -80,7 +85,7 @@ def _solve_derivatives(
         forcing = [next(known) for _ in row.forcing]
         unsolved = [next(known) for _ in row.rates]
         observed = [next(known) for _ in row.outputs] if i < n else []
-        unknowns = substitute_back(factors, forcing)
+        unknowns = factors.solve(forcing)
         tangents = dict(zip(equations.unknown_tangents, unknowns, strict=True))
         rates.append(substitute(unsolved, tangents))
         outputs += substitute(observed, tangents)

@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING
 from cotree.dag.derivative import tangents
 from cotree.dag.traverse import substitute
 from cotree.equations import Quantity
-from cotree.formulation.elimination import substitute_back
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cotree.dag.nodes import Node
     from cotree.equations import Equations
-    from cotree.formulation.elimination import Factors
+    from cotree.formulation.elimination import Solver
 
 
 #: Near a singular configuration, at a distance whose square is this, constraints are about to
@@ -41,7 +40,7 @@ def constraint_quantities(equations: Equations) -> tuple[Quantity, ...]:
     return (*values, *rates, *norms)
 
 
-def projection_kernels(equations: Equations, factors: Factors) -> dict[str, list[Node]]:
+def projection_kernels(equations: Equations, factors: Solver) -> dict[str, list[Node]]:
     """Form the results of the kernels of constraints; empty where there are none."""
     rows = equations.constraints
     results: dict[str, list[Node]] = {
@@ -91,7 +90,7 @@ def _square(q: Sequence[Node]) -> Node:
 
 def _step(
     equations: Equations,
-    factors: Factors,
+    factors: Solver,
     values: Sequence[Node],
     rates: Sequence[Node],
     shrink: dict[Node, Node],
@@ -100,8 +99,8 @@ def _step(
     n = len(equations.unknowns) - len(values)
     n_coordinates = len(equations.states) - n
     zeros = [equations.dag.zero] * n
-    shift = substitute_back(factors, [*zeros, *values], _RANK)[:n]
-    speed = substitute_back(factors, [*zeros, *rates], _RANK)[:n]
+    shift = factors.solve([*zeros, *values], _RANK)[:n]
+    speed = factors.solve([*zeros, *rates], _RANK)[:n]
     speeds = [state.symbol for state in equations.states[n_coordinates:]]
     known = dict(zip(speeds, shift, strict=True))
     moved = substitute(equations.rates[:n_coordinates], known)

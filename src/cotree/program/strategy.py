@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import TYPE_CHECKING
 
 from cotree.dag.traverse import reachable, substitute
 from cotree.errors import FormulationError, ModelError
-from cotree.formulation.elimination import factorise, substitute_back
-from cotree.formulation.first_graph import form_first_graph
+from cotree.formulation.elimination import eliminate
+from cotree.formulation.first_graph import form_first_graph, tree_links
 from cotree.graph import tree_walk
 from cotree.program.counts import count_operations
 from cotree.scene.motion_spaces import motion_spaces
@@ -19,10 +19,12 @@ from cotree.sensitivity.graphs import form_derivatives
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from cotree.equations import Link
     from cotree.formulation.first_graph import FirstGraph
     from cotree.graph import Tree
     from cotree.scene.description import SceneDescription
 
+_LONG = 5  # moving branches from which elimination along the tree is counted too
 _FEW = 3  # turning clusters up to which every choice is tried
 
 
@@ -36,6 +38,8 @@ class Alternative:
         The tree.
     own_axes : tuple of int
         The clusters resolved in their own axes.
+    is_along_tree : bool
+        Whether unknowns are eliminated along the tree.
     n_states, n_multipliers : int
         Size of the equations.
     n_operations : int
@@ -44,15 +48,18 @@ class Alternative:
 
     branches: tuple[str, ...]
     own_axes: tuple[int, ...]
+    is_along_tree: bool
     n_states: int
     n_multipliers: int
     n_operations: int
 
     def summary(self) -> str:
         """Describe it in one line."""
+        way = "along the tree" if self.is_along_tree else "by the matrix"
         return (
             f"{self.n_operations:8} operations, {self.n_states:3} states, "
-            f"{self.n_multipliers:3} multipliers, tree {{{', '.join(self.branches)}}}"
+            f"{self.n_multipliers:3} multipliers, {way},"
+            f" tree {{{', '.join(self.branches)}}}"
         )
 
 
@@ -103,16 +110,26 @@ def _tried(
     """Form the first graph of one tree in several axes."""
     found = []
     for own_axes in _choices(scene, tree):
-        first = form_first_graph(scene, tree, own_axes, baumgarte)
-        alternative = Alternative(
-            tuple(tree.branches),
-            own_axes,
-            len(first.states),
-            len(first.constraints.rows),
-            _estimate(first, sensitivities),
-        )
-        found.append((alternative, first))
+        formed = form_first_graph(scene, tree, own_axes, baumgarte)
+        for links in _eliminations(formed):
+            first = replace(formed, links=links)
+            alternative = Alternative(
+                tuple(tree.branches),
+                own_axes,
+                bool(links),
+                len(first.states),
+                len(first.constraints.rows),
+                _estimate(first, sensitivities),
+            )
+            found.append((alternative, first))
     return found
+
+
+def _eliminations(first: FirstGraph) -> list[tuple[Link, ...]]:
+    """List the ways to eliminate: by the matrix, and along the tree where it branches often."""
+    if len(first.motion.geometry) < _LONG:
+        return [()]
+    return [(), tree_links(first)] if tree_links(first) else [()]
 
 
 def _choices(scene: SceneDescription, tree: Tree) -> Iterator[tuple[int, ...]]:
@@ -134,14 +151,15 @@ def _choices(scene: SceneDescription, tree: Tree) -> Iterator[tuple[int, ...]]:
 
 def _estimate(first: FirstGraph, sensitivities: Sequence[str]) -> int:
     """Count the right-hand side, and one sensitivity in place of all."""
-    n_multipliers = len(first.constraints.rows)
-    factors = factorise(first.system.dag, first.matrix, first.is_safe, n_multipliers)
-    unknowns = substitute_back(factors, first.forcing)
+    factors = eliminate(
+        first.system.dag, first.matrix, first.is_safe, len(first.constraints.rows), first.links
+    )
+    unknowns = factors.solve(first.forcing)
     alone = count_operations(reachable(unknowns)).total
     if not sensitivities:
         return alone
     row = form_derivatives(first, sensitivities[len(sensitivities) // 2 :][:1])[0]
     solved = dict(zip(first.unknowns, unknowns, strict=True))
-    tangents = substitute_back(factors, substitute(row.forcing, solved))
+    tangents = factors.solve(substitute(row.forcing, solved))
     both = count_operations(reachable([*unknowns, *tangents])).total
     return alone + len(sensitivities) * (both - alone)

@@ -214,6 +214,7 @@ def form_equations(first: FirstGraph, sensitivities: Sequence[str]) -> Equations
         matrix=first.matrix,
         forcing=first.forcing,
         is_safe=first.is_safe,
+        links=first.links,
         rates=first.rates,
         balances=first.balance.residual,
         constraints=_constraints(first),
