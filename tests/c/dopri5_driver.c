@@ -50,6 +50,31 @@ static int decay(double t, const double *y, double *dy, void *context)
     return 0;
 }
 
+/* A point on the unit circle, held there. */
+struct circle {
+    int result;        /* of the projection beyond t = 0.25; 0 for no number, -1 for no failure */
+    int n_projections; /* so far */
+};
+
+static int turn(double t, const double *y, double *dy, void *context)
+{
+    (void)context;
+    dy[0] = -(1.0 + t) * y[1];
+    dy[1] = (1.0 + t) * y[0];
+    return 0;
+}
+
+static int hold(double t, double *y, void *context)
+{
+    struct circle *const circle = (struct circle *)context;
+    const double length = hypot(y[0], y[1]);
+    ++circle->n_projections;
+    y[0] /= length;
+    y[1] /= length;
+    if (t > 0.25 && circle->result == 0) y[0] = strtod("nan", NULL);
+    return t > 0.25 && circle->result > 0;
+}
+
 static double distance(double t, const double *y)
 {
     return hypot(y[0] - cos(t), y[1] + sin(t));
@@ -162,6 +187,52 @@ static void limits(void)
     printf("%.17g\n", distance(d.t, d.y));
 }
 
+/* A projected solution: drift, error and work; how far what is interpolated is from both ends. */
+static void project(int is_held)
+{
+    static const double y0[2] = {1.1, 0.0};
+    double workspace[COTREE_DOPRI5_WORKSPACE(2)], y[2], dy[2], drift = 0.0, gap = 0.0, slope = 0.0;
+    struct circle circle;
+    cotree_dopri5 d;
+    cotree_status status;
+    circle.result = -1;
+    circle.n_projections = 0;
+    status = cotree_dopri5_init(&d, 2, turn, &circle, 0.0, y0, 1e-5, 1e-5, workspace);
+    if (is_held) d.project = hold;
+    while (status == COTREE_OK && d.t < 3.0) {
+        status = cotree_dopri5_step(&d, 3.0);
+        drift = fmax(drift, fabs(hypot(d.y[0], d.y[1]) - 1.0));
+        cotree_dopri5_interpolate(&d, d.t, y);
+        gap = fmax(gap, hypot(y[0] - d.y[0], y[1] - d.y[1]));
+        /* The first rate of the next step. */
+        turn(d.t, d.y, dy, NULL);
+        slope = fmax(slope, hypot(dy[0] - d.stages[COTREE_DOPRI5_STAGES - 1][0],
+                                  dy[1] - d.stages[COTREE_DOPRI5_STAGES - 1][1]));
+    }
+    printf("%d\n%.17g\n%.17g\n%.17g\n", (int)status, drift, gap, slope);
+    /* The angle at t is t + t^2 / 2. */
+    printf("%.17g\n", hypot(d.y[0] - cos(7.5), d.y[1] - sin(7.5)));
+    printf("%ld\n%ld\n%d\n", d.n_steps, d.n_rejected, circle.n_projections);
+    printf("%ld\n", d.n_evaluations);
+}
+
+static void fail_to_project(double t, int result)
+{
+    static const double y0[2] = {1.0, 0.0};
+    double workspace[COTREE_DOPRI5_WORKSPACE(2)];
+    struct circle circle;
+    cotree_dopri5 d;
+    cotree_status status;
+    circle.result = result;
+    circle.n_projections = 0;
+    cotree_dopri5_init(&d, 2, turn, &circle, t, y0, 1e-6, 1e-6, workspace);
+    d.project = hold;
+    status = cotree_dopri5_integrate(&d, 1.0);
+    printf("%d\n%.17g\n%.17g\n", (int)status, d.t, hypot(d.y[0], d.y[1]));
+    printf("%d\n", (int)cotree_dopri5_integrate(&d, 1.0));
+    puts(cotree_dopri5_message(status));
+}
+
 /* No equations at all, and one whose solution ends at t = 1. */
 static void extremes(void)
 {
@@ -183,6 +254,8 @@ int main(int argc, char **argv)
     if (strcmp(name, "control") == 0) control(atof(argv[2]));
     if (strcmp(name, "goals") == 0) goals();
     if (strcmp(name, "limits") == 0) limits();
+    if (strcmp(name, "project") == 0) project(atoi(argv[2]));
+    if (strcmp(name, "fail_to_project") == 0) fail_to_project(atof(argv[2]), atoi(argv[3]));
     if (strcmp(name, "extremes") == 0) extremes();
     if (strcmp(name, "fail") == 0) fail(atof(argv[2]), atoi(argv[3]), atof(argv[4]), atof(argv[5]));
     return 0;

@@ -3,15 +3,13 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from c_programs import SANITIZE, STRICT, build, execute, need, printed, run
 
-from cotree.codegen.render import render
-from cotree.export.c_project import CProject, IntegratorContext, write_c_project
+from cotree.export.c_project import CProject, write_c_project
 from cotree.pipeline import formulate, generate
 from cotree.scene.description import SceneDescription
 from cotree.scene.toml_file import load_scene
@@ -21,51 +19,9 @@ pytestmark = [
     pytest.mark.skipif(sys.platform == "win32", reason="needs a POSIX compiler"),
 ]
 
-STRICT = ["-Wall", "-Wextra", "-pedantic", "-Wconversion", "-Wshadow", "-Werror"]
-SANITIZE = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 REFERENCES = Path(__file__).parents[1] / "references"
 
 OK, BAD_ARGUMENT, TOO_MANY_STEPS, STEP_TOO_SMALL, FAILED, NOT_FINITE, STOPPED = range(7)
-
-
-def execute(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
-
-
-def run(command: list[str], folder: Path) -> str:
-    done = execute(command, folder)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
-
-
-def need(program: str) -> str:
-    if shutil.which(program) is None:
-        pytest.skip(f"{program} is not installed")
-    return program
-
-
-@pytest.fixture(scope="module", params=["gcc", "clang"])
-def compiler(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> str:
-    """Give a compiler that has its sanitizers."""
-    name = need(request.param)
-    folder = tmp_path_factory.mktemp("probe")
-    (folder / "probe.c").write_text("int main(void) { return 0; }\n")
-    if execute([name, *SANITIZE, "-o", "probe", "probe.c"], folder).returncode:
-        pytest.skip(f"{name} has no sanitizers")
-    return name
-
-
-@pytest.fixture(scope="module")
-def driver(compiler: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Build the cases of the integrator."""
-    folder = tmp_path_factory.mktemp("driver")
-    for name in ("cotree_dopri5.h", "cotree_dopri5.c"):
-        text = render(f"c/integrators/{name}.jinja", integrator=IntegratorContext("0"))
-        (folder / name).write_text(text)
-    shutil.copy(Path(__file__).with_name("dopri5_driver.c"), folder)
-    sources = ["dopri5_driver.c", "cotree_dopri5.c", "-lm"]
-    run([compiler, "-std=c99", "-O1", *STRICT, *SANITIZE, "-o", "driver", *sources], folder)
-    return folder
 
 
 def case(driver: Path, *arguments: object) -> list[str]:
@@ -86,18 +42,6 @@ def write(
     layout = dataclasses.replace(program.layout, parameter_values=tuple(values))
     program = dataclasses.replace(program, layout=layout)
     return write_c_project(program, folder, t_end=10.0, rtol=1e-10, atol=1e-10)
-
-
-def build(project: CProject, compiler: str) -> str:
-    """Run the project's own command, made stricter; give the executable."""
-    command = project.command.split()
-    run([compiler, *STRICT, *SANITIZE, *command[1:]], project.directory)
-    return "./" + command[command.index("-o") + 1]
-
-
-def printed(text: str) -> dict[str, float]:
-    rows = [line.split(" = ") for line in text.splitlines()]
-    return {name: float(value) for name, value in rows}
 
 
 def reference(name: str, states: dict[str, str], t: float, *parameters: str) -> dict[str, float]:

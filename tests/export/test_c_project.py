@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from cotree.codegen.render import template_folder
-from cotree.errors import CodegenError, SceneError
+from cotree.errors import CodegenError, ParameterError, SceneError
 from cotree.export.c_project import (
     CProject,
     IntegratorContext,
@@ -40,6 +40,18 @@ def program() -> Program:
     return generate(equations)[0]
 
 
+@pytest.fixture(scope="module")
+def constrained() -> Program:
+    """A free body on a rod to the ground: a loop and a quaternion."""
+    scene = SceneDescription("swing", gravity=[0, 0, -9.81])
+    scene.parameter("L", 1.25)
+    start = {"x": 0.75, "y": 0, "z": "-sqrt(L**2 - 0.75**2)", "vx": 0.4, "vy": 0.5}
+    scene.edge("f", "free", "ground", "A", initial=start)
+    scene.edge("rod", "distance", "ground", "A", length="L")
+    scene.edge("m", "rigid_body", "ground", "A", mass=1.0, inertia=0.1)
+    return generate(formulate(scene, ("L",), ["f"])[1])[0]
+
+
 def renamed(program: Program, name: str) -> Program:
     return dataclasses.replace(program, layout=dataclasses.replace(program.layout, name=name))
 
@@ -63,14 +75,52 @@ def test_files_and_command(program: Program, tmp_path: Path) -> None:
     assert "\n#define T_END 10.0\n#define RTOL 1e-08\n#define ATOL 1e-10\n" in main
 
 
+def test_constraints_add_a_start_and_a_projection(
+    program: Program, constrained: Program, tmp_path: Path
+) -> None:
+    """No compiler is needed to find the start; a model without constraints has none of it."""
+    free, held = (
+        (write(p, tmp_path / p.layout.name).directory / "main.c").read_text()
+        for p in (program, constrained)
+    )
+    for word in ("project", "N_CONSTRAINTS", "start[", "held"):
+        assert word not in free
+        assert word in held
+    assert "spring_mass_damper_initial(" in free
+    assert "swing_initial(" not in held
+    numbers = re.search(r"start\[N_UNKNOWNS\] = \{(.*?)\};", held, re.DOTALL)
+    assert numbers is not None
+    values = [float(text) for text in numbers[1].split(",") if text.strip()]
+    assert len(values) == 2 * len(constrained.layout.states)
+    start = dict(zip([row.name for row in constrained.layout.states], values, strict=False))
+    # The rod allows x vx + z vz = 0; z is -1. Differentiated by L: x sx + z sz = L.
+    assert start["f.vz"] == pytest.approx(0.3, rel=1e-12)
+    assert (start["f.x"], start["f.vy"]) == (0.75, 0.5)
+    assert values[len(start) + 2] == pytest.approx(-1.25, rel=1e-12)
+
+
+def test_start_that_violates_the_constraints_is_refused(tmp_path: Path) -> None:
+    scene = SceneDescription("swing")
+    scene.edge("f", "planar", "ground", "A", normal=[0, 0, 1], initial={"x": 3, "y": 0})
+    scene.edge("rod", "distance", "ground", "A", length=2.0)
+    scene.edge("m", "rigid_body", "ground", "A", mass=1.0, inertia=0.1)
+    program = generate(formulate(scene, (), ["f"])[1])[0]
+    with pytest.raises(ParameterError, match="rod"):
+        write(program, tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+
+
 def test_same_program_gives_same_bytes(program: Program, tmp_path: Path) -> None:
     first, second = (write(program, tmp_path / name) for name in "ab")
     for one, other in zip(first.files, second.files, strict=True):
         assert one.read_bytes() == other.read_bytes()
 
 
-def test_files_are_ascii_with_short_lines(program: Program, tmp_path: Path) -> None:
-    for path in write(program, tmp_path).files:
+@pytest.mark.parametrize("which", ["program", "constrained"])
+def test_files_are_ascii_with_short_lines(
+    request: pytest.FixtureRequest, tmp_path: Path, which: str
+) -> None:
+    for path in write(request.getfixturevalue(which), tmp_path).files:
         lines = path.read_text(encoding="ascii").splitlines()
         if path.name in ("main.c", "cotree_dopri5.h", "cotree_dopri5.c"):
             long = [line for line in lines if len(line) > 100 and " cc " not in line]

@@ -1,0 +1,275 @@
+"""Multibody benchmarks: drift of energy, a spatial arm, growth with length, closed loops.
+
+Run it with ``python benchmarks/multibody.py [energy] [arm] [chain] [loop] [--full]``; it prints
+Markdown, all tables where none is named. ``--full`` follows the energy over 10 000 periods of the
+fastest mode, which takes some minutes for each scene, in place of 100. Times are of this machine
+and this run; counts are exact.
+"""
+
+from __future__ import annotations
+
+import platform
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import cotree
+from cotree import Scene
+from cotree.dag.traverse import reachable
+from cotree.formulation.elimination import eliminate
+from cotree.formulation.first_graph import form_first_graph, tree_links
+from cotree.pipeline import count_trees, formulate, generate
+from cotree.program.counts import count_operations
+from cotree.scene.graphs import joint_branches
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "example_scenes"))
+from reference_scenes import absolute_tree, read_reference, scene_of
+from rod_chain import rod_chain
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from cotree import Model
+
+TOLERANCES = (1e-6, 1e-8, 1e-10, 1e-13)
+#: Times at which the energy is looked at: few, since every one of them ends a step.
+SAMPLES = 101
+BODY = ("m", "cx", "cy", "cz", "ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+
+#: Joint axes, offset to the next joint, mass, centre of mass and principal inertia of six links.
+UR5 = (
+    ("z", (0, 0.13585, 0), 3.7, (0, 0, 0), (0.015, 0.015, 0.0104)),
+    ("y", (0, -0.1197, 0.425), 8.393, (0, 0, 0.28), (0.2269, 0.2269, 0.0151)),
+    ("y", (0, 0, 0.39225), 2.275, (0, 0, 0.25), (0.0494, 0.0494, 0.0041)),
+    ("y", (0, 0.093, 0), 1.219, (0, 0, 0), (0.1112, 0.1112, 0.2194)),
+    ("z", (0, 0, 0.09465), 1.219, (0, 0, 0), (0.1112, 0.1112, 0.2194)),
+    ("y", (0, 0.0823, 0), 0.1879, (0, 0, 0), (0.0171, 0.0171, 0.0338)),
+)
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
+
+
+# ---- energy
+
+
+def double_pendulum() -> Scene:
+    scene = Scene("double-pendulum", gravity=[0, -9.81, 0])
+    end = "ground"
+    for i, angle in enumerate((0.2, 0.1)):
+        scene.edge(f"h{i}", "revolute", end, f"B{i}", axis=[0, 0, 1], initial={"theta": angle})
+        scene.edge(f"c{i}", "arm", f"B{i}", f"C{i}", vector=[0, -0.5, 0])
+        scene.edge(f"e{i}", "arm", f"B{i}", f"E{i}", vector=[0, -1.0, 0])
+        scene.edge(f"b{i}", "rigid_body", "ground", f"C{i}", mass=1.0, inertia=1.0 / 12.0)
+        end = f"E{i}"
+    return scene
+
+
+def heavy_top() -> Scene:
+    """A top on a ball joint, its spin a few times that at which it would fall over."""
+    scene = Scene("heavy-top", gravity=[0, 0, -9.81])
+    start = {"rotation": [0.3, 0, 0], "w3": 30.0}
+    scene.edge("ball", "spherical", "ground", "P", initial=start)
+    scene.edge("axle", "arm", "P", "C", vector=[0, 0, 0.3])
+    scene.edge("top", "rigid_body", "ground", "C", mass=1.0, inertia=[0.04, 0.04, 0.06])
+    return scene
+
+
+def four_bar() -> Scene:
+    """A four-bar linkage hanging from the ground, with a spring across it; it swings."""
+    scene = Scene("four-bar", gravity=[0, -9.81, 0])
+    links = (("A", 0.5, 1.0), ("B", 0.8, 1.5), ("C", 0.6, 1.2))
+    end = "ground"
+    for name, length, mass in links:
+        # The crank is given, the others follow.
+        start = {"theta": -1.2} if name == "A" else {}
+        scene.edge(name, "revolute", end, f"{name}1", axis=[0, 0, 1], initial=start)
+        scene.edge(f"c{name}", "arm", f"{name}1", f"{name}c", vector=[length / 2, 0, 0])
+        scene.edge(f"e{name}", "arm", f"{name}1", f"{name}2", vector=[length, 0, 0])
+        inertia = mass * length**2 / 12.0
+        scene.edge(f"b{name}", "rigid_body", "ground", f"{name}c", mass=mass, inertia=inertia)
+        end = f"{name}2"
+    scene.edge("base", "arm", "ground", "D1", vector=[0.7, 0, 0])
+    scene.edge("D", "revolute", "D1", end, axis=[0, 0, 1])
+    scene.edge("spring", "spring", "ground", "B2", stiffness=20.0, free_length=0.9)
+    return scene
+
+
+def with_energy(scene: Scene) -> Scene:
+    scene.output("kinetic", "energy.kinetic")
+    scene.output("energy", "energy.kinetic + energy.potential")
+    return scene
+
+
+def bodies(scene: Scene) -> list[str]:
+    kinds = ("rigid_body", "arm")
+    return [name for name, edge in scene.edges.items() if edge.component.name in kinds]
+
+
+ENERGY: dict[str, tuple[Callable[[], Scene], bool]] = {
+    "double pendulum, joint coordinates": (double_pendulum, False),
+    "double pendulum, absolute coordinates": (double_pendulum, True),
+    "heavy top, quaternion": (heavy_top, False),
+    "four-bar, one loop": (four_bar, False),
+}
+
+
+def fastest_period(model: Model) -> float:
+    """The shortest period of the model linearised about its start."""
+    return float(2.0 * np.pi / np.abs(np.linalg.eigvals(model.linearize().A).imag).max())
+
+
+def energy_drift(periods: int) -> str:
+    rows = []
+    for name, (make, is_absolute) in ENERGY.items():
+        scene = with_energy(make())
+        model = scene.compile(tree=bodies(scene) if is_absolute else None)
+        period = fastest_period(model)
+        times = np.linspace(0.0, periods * period, SAMPLES)
+        for tolerance in TOLERANCES:
+            settings = {"method": "DOP853", "rtol": tolerance, "atol": tolerance}
+            result = model.simulate((0.0, times[-1]), times, throw=True, **settings)
+            energy = result["energy"]
+            error = np.abs(energy - energy[0]).max() / result["kinetic"].max()
+            drift = result.drift
+            held = [f"{drift.worst:.0e}", f"{drift.correction:.0e}"] if drift else ["–", "–"]
+            cells = [name, f"{period:.2f}", f"{tolerance:.0e}", f"{error:.1e}", *held]
+            rows.append([*cells, result.statistics.n_steps, f"{result.times['integrate']:.0f}"])
+            print(*rows[-1], file=sys.stderr, flush=True)
+    errors = ["energy error", "constraints", "correction"]
+    head = ["scene", "period s", "rtol, atol", *errors, "steps", "run s"]
+    return (
+        f"Energy over {periods} periods of the fastest mode, by DOP853. Error: the largest "
+        "change, as a share of the largest kinetic energy. Constraints: what is left of them, "
+        "norms of quaternions among them, and the largest correction of a step.\n\n"
+        + table(head, rows)
+    )
+
+
+# ---- the arm
+
+
+def spatial_arm(n: int = 7) -> tuple[Scene, list[str]]:
+    """Revolutes about alternating axes; every link with ten inertial parameters."""
+    scene, names, end = Scene(f"arm-{n}", gravity=[0, 0, -9.81]), [], "ground"
+    values = (0.01, 0.02, 0.1, 0.1, 0.1, 0.05, 0.001, 0.002, 0.001)
+    for i in range(n):
+        for name, value in zip(BODY, (5.0 - 0.5 * i, *values), strict=True):
+            scene.parameter(f"{name}{i}", value)
+            names.append(f"{name}{i}")
+        axis, start = ([0, 0, 1], [0, 1, 0])[i % 2], {"theta": 0.1 * i}
+        scene.edge(f"j{i}", "revolute", end, f"L{i}", axis=axis, initial=start)
+        com = [f"c{k}{i}" for k in "xyz"]
+        scene.edge(f"c{i}", "arm", f"L{i}", f"C{i}", vector=com)
+        tensor = [[f"i{min(a, b)}{max(a, b)}{i}" for b in "xyz"] for a in "xyz"]
+        scene.edge(f"b{i}", "rigid_body", "ground", f"C{i}", mass=f"m{i}", inertia=tensor)
+        scene.edge(f"a{i}", "arm", f"L{i}", f"E{i}", vector=[0.05 * (i % 2), 0, 0.3])
+        end = f"E{i}"
+    return scene, names
+
+
+def ur5_like() -> Scene:
+    """Six revolutes with the lengths and masses of a UR5, all of them numbers."""
+    scene = Scene("ur5-like", gravity=[0, 0, -9.81])
+    scene.edge("base", "arm", "ground", "S", vector=[0, 0, 0.089159])
+    end = "S"
+    for i, (axis, step, mass, com, inertia) in enumerate(UR5):
+        direction = [float(k == axis) for k in "xyz"]
+        scene.edge(f"j{i}", "revolute", end, f"L{i}", axis=direction, initial={"theta": 0.1})
+        scene.edge(f"c{i}", "arm", f"L{i}", f"C{i}", vector=com)
+        scene.edge(f"b{i}", "rigid_body", "ground", f"C{i}", mass=mass, inertia=inertia)
+        scene.edge(f"a{i}", "arm", f"L{i}", f"E{i}", vector=step)
+        end = f"E{i}"
+    return scene
+
+
+def arm_row(name: str, scene: Scene, wanted: Sequence[str]) -> list[object]:
+    marks = [time.process_time()]
+    _, equations, alternatives = formulate(scene, wanted, None)
+    marks.append(time.process_time())
+    program, _ = generate(equations)
+    marks.append(time.process_time())
+    counts = program.operations
+    cells: list[object] = [name, len(wanted)]
+    for kernel in ("rhs", "jacobian", "sensitivity_rhs", "augmented_rhs"):
+        count = counts[kernel]
+        cells.append(f"{count.kernel} ({count.prepare})" if count.total else "–")
+    way = "along the tree" if alternatives[0].is_along_tree else "by the matrix"
+    return [*cells, way, f"{marks[1] - marks[0]:.1f}", f"{marks[2] - marks[1]:.1f}"]
+
+
+def arms() -> str:
+    scene, wanted = spatial_arm()
+    rows = [
+        arm_row("6 joints, numbers", ur5_like(), ()),
+        arm_row("7 joints, 70 parameters", scene, ()),
+        arm_row("7 joints, 70 parameters", scene, wanted),
+    ]
+    kernels = ["`rhs`", "`jacobian`", "`sensitivity_rhs`", "`augmented_rhs`"]
+    head = ["arm", "sensitivities", *kernels, "elimination", "formulate s", "generate s"]
+    return "Operations per call, those prepared in brackets.\n\n" + table(head, rows)
+
+
+# ---- growth
+
+
+def chain_row(n: int) -> list[object]:
+    """Operations of the right-hand side, parameters included, by each way of eliminating."""
+    scene, _ = rod_chain(n)
+    start = time.process_time()
+    first = form_first_graph(scene, joint_branches(scene))
+    row: list[object] = [n, f"{time.process_time() - start:.2f}"]
+    for links in ((), tree_links(first)):
+        start = time.process_time()
+        factors = eliminate(first.system.dag, first.matrix, first.is_safe, 0, links)
+        count = count_operations(reachable(factors.solve(first.forcing))).total
+        row += [count, f"{time.process_time() - start:.2f}"]
+    return row
+
+
+def chains(sizes: Sequence[int] = (10, 20, 50, 100)) -> str:
+    head = ["rods", "form s", "by the matrix", "s", "along the tree", "s"]
+    return (
+        "Operations of the right-hand side of a chain of planar rods, parameters counted in.\n\n"
+        + table(head, [chain_row(n) for n in sizes])
+    )
+
+
+# ---- closed loops
+
+
+def loops() -> str:
+    scene = scene_of(read_reference("ivp_andrews"))
+    for name in list(scene.outputs):
+        del scene.outputs[name]
+    trees = {"chosen": None, "absolute": absolute_tree(scene)}
+    rows = []
+    for name, tree in trees.items():
+        start = time.process_time()
+        found = count_trees(scene) if tree is None else formulate(scene, (), tree)[2]
+        best = found[0]
+        seconds = time.process_time() - start
+        cells = [name, best.n_states, best.n_multipliers, best.n_operations]
+        rows.append([*cells, f"{seconds:.1f}"])
+    head = ["tree", "states", "multipliers", "operations of `rhs`", "formulate s"]
+    return "Andrews' squeezer, 7 bodies in a plane.\n\n" + table(head, rows)
+
+
+TABLES: dict[str, Callable[[], str]] = {"arm": arms, "chain": chains, "loop": loops}
+
+if __name__ == "__main__":
+    given = [arg for arg in sys.argv[1:] if arg != "--full"]
+    is_full = "--full" in sys.argv
+    print(
+        f"cotree {cotree.__version__}, Python {platform.python_version()}, {platform.machine()}\n"
+    )
+    if not given or "energy" in given:
+        print(energy_drift(10_000 if is_full else 100), "\n")
+    for key, make_table in TABLES.items():
+        if not given or key in given:
+            print(make_table(), "\n")

@@ -1,0 +1,34 @@
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from c_programs import SANITIZE, STRICT, execute, need, run
+
+from cotree.codegen.render import render
+from cotree.export.c_project import IntegratorContext
+
+
+@pytest.fixture(scope="module", params=["gcc", "clang"])
+def compiler(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Give a compiler that has its sanitizers."""
+    name = need(request.param)
+    folder = tmp_path_factory.mktemp("probe")
+    (folder / "probe.c").write_text("int main(void) { return 0; }\n")
+    if execute([name, *SANITIZE, "-o", "probe", "probe.c"], folder).returncode:
+        pytest.skip(f"{name} has no sanitizers")
+    return name
+
+
+@pytest.fixture(scope="module")
+def driver(compiler: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Build the cases of the integrator."""
+    folder = tmp_path_factory.mktemp("driver")
+    for name in ("cotree_dopri5.h", "cotree_dopri5.c"):
+        text = render(f"c/integrators/{name}.jinja", integrator=IntegratorContext("0"))
+        (folder / name).write_text(text)
+    shutil.copy(Path(__file__).with_name("dopri5_driver.c"), folder)
+    sources = ["dopri5_driver.c", "cotree_dopri5.c", "-lm"]
+    run([compiler, "-std=c99", "-O1", *STRICT, *SANITIZE, "-o", "driver", *sources], folder)
+    return folder
