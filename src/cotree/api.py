@@ -224,7 +224,13 @@ class Model(CompiledModel):
         SingularSystemError
             If the mass matrix is singular there.
         """
-        rates = self.rhs(0.0, self.initial_state)
+        try:
+            start = self.initial_state
+        except ParameterError:
+            if self.is_rheonomic:
+                return  # it may start at another time
+            raise
+        rates = self.rhs(0.0, start)
         for name, rate in zip(self.states, rates, strict=True):
             if not math.isfinite(rate):
                 raise SingularSystemError(

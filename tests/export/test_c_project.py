@@ -96,7 +96,8 @@ def test_constraints_add_a_start_and_a_projection(
     # The rod allows x vx + z vz = 0; z is -1. Differentiated by L: x sx + z sz = L.
     assert start["f.vz"] == pytest.approx(0.3, rel=1e-12)
     assert (start["f.x"], start["f.vy"]) == (0.75, 0.5)
-    assert values[len(start) + 2] == pytest.approx(-1.25, rel=1e-12)
+    # The start is the least of several moves, whose sensitivities are differences of ten digits.
+    assert values[len(start) + 2] == pytest.approx(-1.25, rel=1e-10)
 
 
 def test_start_that_violates_the_constraints_is_refused(tmp_path: Path) -> None:

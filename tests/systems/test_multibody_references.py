@@ -257,9 +257,15 @@ def test_the_four_bar_through_singular_positions(coordinates):
     """The published task asks for an error of energy below 0.1 J over 10 s."""
     name = "iftomm_a02_fourbar_N2"
     reference = read_reference(name)
-    # Some 300 steps lead through; a run that is caught in a position takes them without end.
+    # Some 300 steps lead through; a run that is caught in a position takes them without end. At
+    # 1e-13 rounding, which the positions enlarge, decides whether it is.
     result = simulated(
-        compiled(name, coordinates), reference["reference"], **TIGHT, max_steps=6_000
+        compiled(name, coordinates),
+        reference["reference"],
+        rtol=1e-12,
+        atol=1e-12,
+        method="DOP853",
+        max_steps=6_000,
     )
     # As for the regular problems; there are 44 J at the start.
     assert np.ptp(result["energy"]) < 1e-9 * np.max(np.abs(result["energy"]))

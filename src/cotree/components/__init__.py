@@ -54,17 +54,19 @@ def register_component(
     >>> [field.name for field in drag.fields]
     ['c']
     """
-    if name in _OWN:
+    if name in OWN:
         raise SceneError(f"the component '{name}' comes with cotree: choose another name")
     made = make_component(name, law, along=along, units=units, doc=doc)
     COMPONENTS[name] = made
     return made
 
 
-_OWN = frozenset(COMPONENTS)
+#: The types that cotree comes with; users may register more.
+OWN = frozenset(COMPONENTS)
 
 __all__ = [
     "COMPONENTS",
+    "OWN",
     "Acts",
     "Component",
     "Field",

@@ -102,6 +102,8 @@ class ConstraintSet:
         Its rate, which must be zero too.
     gradient : tuple of rows of Node
         Derivatives of the rates by the speeds.
+    sizes : tuple of rows of Node
+        Squares of what the gradient is made of, before anything cancels.
     quaternions : tuple of (str, tuple of Node)
         Edges whose rotation is free, with the four states that are to keep the norm one.
     start_rows : tuple of Quantity
@@ -119,6 +121,7 @@ class ConstraintSet:
     values: tuple[Node | None, ...]
     rates: tuple[Node, ...]
     gradient: tuple[tuple[Node, ...], ...]
+    sizes: tuple[tuple[Node, ...], ...]
     quaternions: tuple[tuple[str, tuple[Node, ...]], ...]
     start_rows: tuple[Quantity, ...]
     start_is_rate: tuple[bool, ...]

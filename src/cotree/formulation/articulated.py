@@ -21,6 +21,11 @@ if TYPE_CHECKING:
     from cotree.equations import Link
 
 
+#: Squared gradients of constraints below this share of what they are made of are scaled as if they
+#: were that large: those of rounding, 1e-31 or so, then fall below the rank tolerance.
+SMALLEST_SHARE = 1e-17
+
+
 @dataclass(frozen=True)
 class _Spatial:
     """Force F a + E alpha and torque E^T a + J alpha of a linear and an angular acceleration."""
@@ -131,7 +136,11 @@ class ArticulatedFactors:
 
 
 def factorise_tree(
-    dag: Dag, links: Sequence[Link], n_speeds: int, border: Sequence[Sequence[Node]]
+    dag: Dag,
+    links: Sequence[Link],
+    border: Sequence[Sequence[Node]],
+    sizes: Sequence[Sequence[Node]],
+    n_speeds: int,
 ) -> ArticulatedFactors:
     """Carry articulated inertias inwards, and eliminate the accelerations from the border.
 
@@ -141,10 +150,11 @@ def factorise_tree(
         The arena.
     links : sequence of Link
         The moving branches, parents first; every pivot is known to be positive.
+    border, sizes : sequence of rows of Node
+        The rows of the multipliers, over the accelerations, and squares of what they are made of
+        before anything cancels.
     n_speeds : int
         Number of accelerations.
-    border : sequence of rows of Node
-        The rows of the multipliers, over the accelerations.
     """
     carried: list[_Spatial | None] = [None] * (len(links) + 1)
     gates: list[tuple[_Gate, ...]] = [()] * len(links)
@@ -172,7 +182,12 @@ def factorise_tree(
         for i in range(n):
             for j in range(i + 1):
                 core[i][j] = core[j][i] = -_dot(border[i], responses[j])
-        scales = _scales(dag, [core[i][i] for i in range(n)])
+        inverses = [dag.zero] * n_speeds
+        for link, opened in zip(links, gates, strict=True):
+            for speed, gate in zip(_outwards(link), opened, strict=True):
+                inverses[link.speeds[speed]] = gate.inverse
+        natural = [_dot(row, inverses) for row in sizes]
+        scales = _scales(dag, [core[i][i] for i in range(n)], natural)
         scaled = tuple(
             tuple(entry * (a * b) for entry, b in zip(row, scales, strict=True))
             for row, a in zip(core, scales, strict=True)
@@ -183,14 +198,12 @@ def factorise_tree(
     )
 
 
-def _scales(dag: Dag, diagonal: Sequence[Node]) -> tuple[Node, ...]:
-    """Give what makes the diagonal one; a row that vanishes stays small beside the others."""
-    sizes = [dag.function("abs", entry) for entry in diagonal]
-    floor = dag.zero
-    if len(sizes) > 1:
-        for size in sizes:
-            floor = floor + 1e-20 * size
-    return tuple(1.0 / dag.function("sqrt", size + floor) for size in sizes)
+def _scales(dag: Dag, diagonal: Sequence[Node], natural: Sequence[Node]) -> tuple[Node, ...]:
+    """Give what makes the diagonal one; a row of rounding stays small."""
+    return tuple(
+        1.0 / dag.function("sqrt", dag.function("abs", entry) + SMALLEST_SHARE * size)
+        for entry, size in zip(diagonal, natural, strict=True)
+    )
 
 
 def _outwards(link: Link) -> range:

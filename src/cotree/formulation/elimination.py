@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from cotree.dag.several import RANK_TOLERANCE, SolveShape, solve
-from cotree.formulation.articulated import factorise_tree
+from cotree.formulation.articulated import SMALLEST_SHARE, factorise_tree
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -58,7 +58,10 @@ class Factors:
 
 
 def factorise(
-    dag: Dag, matrix: Sequence[Sequence[Node]], is_safe: Sequence[bool], n_multipliers: int = 0
+    dag: Dag,
+    matrix: Sequence[Sequence[Node]],
+    is_safe: Sequence[bool],
+    sizes: Sequence[Sequence[Node]] = (),
 ) -> Factors:
     """Eliminate the safe unknowns, at each step the one with the fewest couplings.
 
@@ -70,8 +73,9 @@ def factorise(
         Symmetric.
     is_safe : sequence of bool
         Whether the pivot of each unknown is known to be nonzero.
-    n_multipliers : int
-        How many of the last unknowns may be redundant.
+    sizes : sequence of rows of Node
+        For each of the last unknowns, which are multipliers and may be redundant: squares of what
+        its row is made of, before anything cancels.
     """
     n = len(matrix)
     rows = {i: {j: matrix[i][j] for j in range(n) if not matrix[i][j].is_zero} for i in range(n)}
@@ -98,7 +102,7 @@ def factorise(
         inverses.append(inverse)
     core = tuple(sorted(rows))
     with dag.labelled("elimination"):
-        scales = _core_scales(dag, matrix, rows)
+        scales = _core_scales(dag, matrix, rows, sizes)
     return Factors(
         dag,
         tuple(order),
@@ -110,18 +114,22 @@ def factorise(
             tuple(rows[i].get(j, dag.zero) * (a * b) for j, b in zip(core, scales, strict=True))
             for i, a in zip(core, scales, strict=True)
         ),
-        sum(i < n - n_multipliers for i in core),
+        sum(i < n - len(sizes) for i in core),
     )
 
 
 def _core_scales(
-    dag: Dag, matrix: Sequence[Sequence[Node]], rows: dict[int, dict[int, Node]]
+    dag: Dag,
+    matrix: Sequence[Sequence[Node]],
+    rows: dict[int, dict[int, Node]],
+    natural: Sequence[Sequence[Node]],
 ) -> tuple[Node, ...]:
     """Give what makes the core's diagonal one where it can be.
 
     Multipliers begin with a zero there: elimination has left minus a sum of squares, to which what
     couples them to the rest of the core is added. The sum may vanish where a constraint loses its
-    gradient: a share of 1e-20 of them all keeps such a row small and the scale finite.
+    gradient, or be what rounding leaves of it where constraints are redundant: a share of what it
+    would be if nothing cancelled keeps such a row small.
     """
     core = sorted(rows)
     fresh = [i for i in core if matrix[i][i].is_zero]
@@ -132,11 +140,13 @@ def _core_scales(
         for j, entry in rows[i].items():
             if j != i and matrix[j][i] is not dag.zero:
                 sizes[i] = sizes[i] + entry * entry * squares.get(j, dag.one)
-    floor = dag.zero
-    if len(fresh) > 1:
-        for size in sizes.values():
-            floor = floor + 1e-20 * size
-    roots = {i: sizes[i] + floor if i in sizes else matrix[i][i] for i in core}
+    n = len(matrix) - len(natural)
+    for i in fresh:
+        if i >= n:
+            for j, size in enumerate(natural[i - n]):
+                if not size.is_zero and not matrix[j][j].is_zero:
+                    sizes[i] = sizes[i] + SMALLEST_SHARE * (size / matrix[j][j])
+    roots = {i: sizes.get(i, matrix[i][i]) for i in core}
     return tuple(
         dag.one if roots[i].is_zero else 1.0 / dag.function("sqrt", roots[i]) for i in core
     )
@@ -154,14 +164,14 @@ def eliminate(
     dag: Dag,
     matrix: Sequence[Sequence[Node]],
     is_safe: Sequence[bool],
-    n_multipliers: int,
+    sizes: Sequence[Sequence[Node]],
     links: Sequence[Link],
 ) -> Solver:
     """Factorise a bordered mass matrix, along its tree where ``links`` describe one."""
     if not links:
-        return factorise(dag, matrix, is_safe, n_multipliers)
-    n = len(matrix) - n_multipliers
-    return factorise_tree(dag, links, n, [row[:n] for row in matrix[n:]])
+        return factorise(dag, matrix, is_safe, sizes)
+    n = len(matrix) - len(sizes)
+    return factorise_tree(dag, links, [row[:n] for row in matrix[n:]], sizes, n)
 
 
 def substitute_back(

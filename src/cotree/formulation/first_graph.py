@@ -197,7 +197,7 @@ def _measured(motion: Motion) -> dict[Node, Node]:
     """
     found = {}
     for name, symbol in motion.system.measured.items():
-        value = observe_motion(motion, name)
+        value = observe_motion(motion, name, is_acting=True)
         if value is None:
             raise ExpressionError(
                 f"a field uses '{name}', which is no coordinate, position, velocity or orientation "

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 from cotree.components import Role
 from cotree.dag import vector
 from cotree.errors import ExpressionError, nearest
-from cotree.formulation.chords import chord_measure
+from cotree.formulation.chords import chord_measure, whole_angle
 from cotree.formulation.circuits import inwards
 from cotree.formulation.elements import Wrench
+from cotree.formulation.measures import Angle
 from cotree.formulation.through import shifted
 from cotree.formulation.views import FirstView
 
@@ -59,12 +60,18 @@ def observed_unit(name: str) -> str:
     return ENERGIES.get(name) or NODE_VARIABLES.get(variable) or EDGE_VARIABLES.get(variable, "")
 
 
-def observe_motion(motion: Motion, name: str) -> Node | None:
-    """Give a position or a velocity by name; None where there is none such."""
+def observe_motion(motion: Motion, name: str, is_acting: bool = False) -> Node | None:
+    """Give a position or a velocity by name; None where there is none such.
+
+    Raises
+    ------
+    FormulationError
+        If it is to act on the motion and is an angle that is only known within half a turn.
+    """
     first, _, last = name.partition(".")
     edge, point = motion.system.edges.get(first), motion.clusters.points.get(first)
     if edge is not None and edge.component.role is Role.JOINT:
-        found = _chord_coordinate(motion, edge, last)
+        found = _chord_coordinate(motion, edge, last, is_acting)
         if found is not None:
             return found
     if point is None:
@@ -80,11 +87,14 @@ def observe_motion(motion: Motion, name: str) -> Node | None:
     return None
 
 
-def _chord_coordinate(motion: Motion, edge: BoundEdge, name: str) -> Node | None:
+def _chord_coordinate(motion: Motion, edge: BoundEdge, name: str, is_acting: bool) -> Node | None:
     """Give a coordinate of a chord joint, or its rate."""
     measure = chord_measure(motion, edge, name)
     if measure is None:
         return None
+    is_value = any(name == n for step in edge.component.motion_space for n, _ in step.coordinates)
+    if is_acting and is_value and isinstance(measure, Angle):
+        measure = whole_angle(motion, edge)
     view = FirstView(motion)
     names = [n for step in edge.component.motion_space for n, _ in step.coordinates]
     found: Node = measure.value(view) if name in names else measure.rate(view)

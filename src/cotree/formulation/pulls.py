@@ -5,18 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from cotree.dag import vector
 from cotree.formulation.chords import constraint_rows
 from cotree.formulation.elements import Wrench
 from cotree.formulation.laws import Applied
 from cotree.formulation.through import project, shifted
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from cotree.dag.nodes import Node
     from cotree.formulation.across import Motion
     from cotree.formulation.chords import Row
     from cotree.formulation.ends import Pull
+    from cotree.formulation.frames import Geometry
     from cotree.formulation.measures import Measure
     from cotree.formulation.views import FirstView, View
 
@@ -35,6 +37,8 @@ class Constraints:
         The through variables.
     gradient : tuple of rows of Node
         Derivative of each rate by each speed, shape (n_rows, n_speeds).
+    sizes : tuple of rows of Node
+        Squares of what the gradient is made of, before anything cancels.
     values : tuple of Node or None
         The measures; None for those that have a rate only.
     rates : tuple of Node
@@ -49,6 +53,7 @@ class Constraints:
     multipliers: tuple[Node, ...]
     applied: tuple[Applied, ...]
     gradient: tuple[tuple[Node, ...], ...]
+    sizes: tuple[tuple[Node, ...], ...]
     values: tuple[Node | None, ...]
     rates: tuple[Node, ...]
     biases: tuple[Node, ...]
@@ -101,12 +106,22 @@ def form_constraints(
             for (row, pull, _), symbol in zip(kept, symbols, strict=True)
         ),
         tuple(gradient for _, _, gradient in kept),
+        tuple(_sizes(motion, pull, gradient) for _, pull, gradient in kept),
         tuple(values),
         tuple(rates),
         tuple(biases),
         baumgarte,
     )
     return constraints, idle
+
+
+def _sizes(motion: Motion, pull: Pull, gradient: Sequence[Node]) -> tuple[Node, ...]:
+    """Give the sizes of the entries that are there at all."""
+    with motion.system.dag.labelled("sizes of constraints"):
+        sizes = sizes_along_speeds(motion, pull)
+    return tuple(
+        entry if entry.is_zero else size for entry, size in zip(gradient, sizes, strict=True)
+    )
 
 
 def stabilised(measure: Measure, view: View, rate: float) -> Any:
@@ -121,17 +136,38 @@ def stabilised(measure: Measure, view: View, rate: float) -> Any:
 
 def along_speeds(motion: Motion, pull: Pull) -> list[Node]:
     """Project a pull on the motion spaces of the branches: its power for a unit of each speed."""
+    return _along_speeds(motion, pull, project, lambda effort: effort)
+
+
+def sizes_along_speeds(motion: Motion, pull: Pull) -> list[Node]:
+    """Sum the squares of what :func:`along_speeds` sums: its size before anything cancels."""
+    return _along_speeds(motion, pull, _projected_size, lambda effort: effort * effort)
+
+
+def _projected_size(geometry: Geometry, i: int, wrench: Wrench) -> Node:
+    turning, shifting = geometry.turning[i], geometry.shifting[i]
+    turned = vector.dot(turning, turning) * vector.dot(wrench.torque, wrench.torque)
+    return turned + vector.dot(shifting, shifting) * vector.dot(wrench.force, wrench.force)
+
+
+def _along_speeds(
+    motion: Motion,
+    pull: Pull,
+    projected: Callable[[Geometry, int, Wrench], Node],
+    of_effort: Callable[[Node], Node],
+) -> list[Node]:
+    """Walk inwards from each cluster that is pulled on."""
     dag, frames = motion.system.dag, motion.frames
     totals = [dag.zero] * len(motion.system.speeds)
     for index, effort in pull.efforts.items():
-        totals[index] = totals[index] + effort
+        totals[index] = totals[index] + of_effort(effort)
     for cluster, force, torque in pull.wrenches:
         wrench = Wrench(force, torque)
         while cluster:
             geometry = motion.to(cluster)
             wrench = Wrench(frames.up(cluster, wrench.force), frames.up(cluster, wrench.torque))
             for i, speed in enumerate(geometry.branch.speeds):
-                totals[speed.index] = totals[speed.index] + project(geometry, i, wrench)
+                totals[speed.index] = totals[speed.index] + projected(geometry, i, wrench)
             wrench = shifted(wrench, geometry.offset)
             cluster = geometry.branch.parent
     return totals

@@ -112,7 +112,7 @@ def _solved(equations: Equations, columns: Sequence[Derivative]) -> list[Node]:
         equations.dag,
         equations.matrix,
         equations.is_safe,
-        len(equations.constraints.rows),
+        equations.constraints.sizes,
         equations.links,
     )
     solved = dict(zip(equations.unknowns, factors.solve(equations.forcing), strict=True))

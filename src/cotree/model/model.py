@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -74,10 +75,17 @@ class CompiledModel:
     def unreached(self) -> tuple[str, ...]:
         """Parameters among :attr:`sensitivities` that no state depends on."""
         kernels = self._program.kernels
-        names = ("rhs", "initial", "inputs")
+        names = ("rhs", "initial", "inputs", "constraints", "start")
         read = symbols_in([node for name in names for node in kernels[name].results])
         reached = {self.parameters[node.data[1]] for node in read if node.data[0] == "p"}
         return tuple(n for n in self.sensitivities if n in self.parameters and n not in reached)
+
+    @property
+    def is_rheonomic(self) -> bool:
+        """Whether constraints depend on time."""
+        kernels = self._program.kernels
+        read = symbols_in(kernels["constraints"].results)
+        return any(node.data[0] == "t" for node in read)
 
     @property
     def backend(self) -> str:
@@ -105,7 +113,12 @@ class CompiledModel:
         return tuple(row.name for row in self.layout.constraints)
 
     def start(
-        self, t: float = 0.0, p: Any = None, initial: Mapping[str, float] | None = None
+        self,
+        t: float = 0.0,
+        p: Any = None,
+        initial: Mapping[str, float] | None = None,
+        *,
+        _is_probe: bool = False,
     ) -> Start:
         """Find initial states and sensitivities that satisfy the constraints.
 
@@ -142,7 +155,36 @@ class CompiledModel:
         for wanted in self.sensitivities:
             if wanted in self.states:  # an initial value that may change is no initial value
                 kept.add(self.states.index(wanted))
-        return consistent_start(self, t, p, y, s, kept)
+        start = consistent_start(self, t, p, y, s, kept)
+        if start.is_chosen and self.sensitivities and not _is_probe:
+            return replace(start, s=self._start_by_differences(t, p, initial or {}, start))
+        return start
+
+    def _start_by_differences(
+        self, t: float, p: Array, initial: Mapping[str, float], start: Start
+    ) -> Array:
+        """Differentiate a start that was chosen as the least move.
+
+        The choice depends on the parameters through the constraints' gradients, whose derivatives
+        no kernel has: five points give it to ten digits.
+        """
+        s = start.s.copy()
+        for j, name in enumerate(self.sensitivities):
+            if name in self.states:
+                size = max(1.0, abs(start.y[self.states.index(name)]))
+            else:
+                size = max(abs(p[self.parameters.index(name)]), 1e-3)
+            step, total = 1e-3 * size, np.zeros(len(self.states))
+            for place, weight in ((-2, 1.0), (-1, -8.0), (1, 8.0), (2, -1.0)):
+                moved, given = p.copy(), dict(initial)
+                if name in self.states:
+                    own = start.y[self.states.index(name)]
+                    given[name] = float(own + place * step)
+                else:
+                    moved[self.parameters.index(name)] += place * step
+                total += weight * self.start(t, moved, given, _is_probe=True).y
+            s[:, j] = total / (12.0 * step)
+        return s
 
     def constraint_values(self, t: float, y: Any, p: Any = None) -> Array:
         """Evaluate what is zero on a motion, shape (n_constraints,); see :attr:`constraints`."""

@@ -7,6 +7,7 @@ little; else the start is refused with the residual of each joint.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -24,11 +25,20 @@ Array = npt.NDArray[np.float64]
 
 _LARGEST_ITERATIONS = 50
 
-#: Residuals below this share of the states' size are met: a hundred roundings.
+#: Residuals below this share of the states' size are met: a few hundred roundings.
 _MET = 1e-13
 
-#: Given values whose residual is below this are meant to be consistent: six digits of them.
-_NEARLY = 1e-4
+#: Those below this are nothing but rounding.
+_ROUNDING = 1e-15
+
+#: Given values whose residual is below this share of their size are meant to be nearly consistent.
+_NEARLY = 0.05
+
+#: Given values that change by more than this are worth a word.
+_NOTICED = 1e-4
+
+#: How far, and how often, to look aside where constraints have no gradient.
+_ASIDE, _TRIES = 0.1, 4
 
 #: Singular values below this share of the largest are redundant constraints.
 _RANK = 1e-10
@@ -36,10 +46,20 @@ _RANK = 1e-10
 
 @dataclass(frozen=True)
 class Start:
-    """Initial states, shape (n_states,), and sensitivities, shape (n_states, n_parameters)."""
+    """A consistent start.
+
+    Attributes
+    ----------
+    y, s : ndarray, shapes (n_states,) and (n_states, n_parameters)
+        Initial states and their sensitivities.
+    is_chosen : bool
+        Whether something moved that neither the constraints nor what was given fix: the least move
+        was chosen, and ``s`` does not know how that choice depends on the parameters.
+    """
 
     y: Array
     s: Array
+    is_chosen: bool = False
 
 
 def consistent_start(
@@ -68,12 +88,13 @@ def consistent_start(
     if not model.layout.constraints and not model.layout.start_rows:
         return Start(y, s)
     finder = _Finder(model, t, p, frozenset(kept))
+    given = y
     y = finder.normalised(y)
     y = finder.settle(y, 0)
     y = finder.settle(y, 1)
     if model.sensitivities:
         s = finder.sensitivities(y, s)
-    return Start(y, s)
+    return Start(y, s, finder.is_chosen(given, y))
 
 
 class _Finder:
@@ -191,8 +212,18 @@ class _Finder:
 
     def settle(self, y: Array, level: int) -> Array:
         """Solve one level, keeping what was given; mend nearly consistent values."""
-        found, residual = self._iterate(y, level, self.columns[level], self.n_all(level))
         size = 1.0 + float(np.max(np.abs(y), initial=0.0))
+        found, residual = self._iterate(y, level, self.columns[level], self.n_all(level))
+        rng = np.random.default_rng(0)
+        for _ in range(_TRIES if level == 0 and self.columns[0] else 0):
+            if residual <= _MET * size * 1e2:
+                break
+            # Where a gradient vanishes, as that of a length does across it, a step aside shows it.
+            aside = np.zeros(self.n_speeds)
+            aside[self.columns[0]] = _ASIDE * rng.standard_normal(len(self.columns[0]))
+            other = self._iterate(self.moved(y, aside, 0), 0, self.columns[0], self.n_all(0))
+            if other[1] < residual:
+                found, residual = other
         if residual <= _MET * size * 1e2:
             return found
         everything = list(range(self.n_speeds))
@@ -200,9 +231,25 @@ class _Finder:
         if given <= _NEARLY * size:
             found, residual = self._iterate(found, level, everything, self.n_constraints(level))
             if residual <= _MET * size * 1e2:
+                self._tell(y, found, level)
                 return found
         self._refuse(found, level)
         raise AssertionError  # unreachable
+
+    def _tell(self, y: Array, found: Array, level: int) -> None:
+        """Say what was given and had to change."""
+        cut = self.n_coordinates
+        places = range(cut) if level == 0 else range(cut, len(y))
+        moved = [i for i in places if i in self.kept and abs(found[i] - y[i]) > _NOTICED]
+        if moved:
+            names = ", ".join(
+                f"'{self.model.states[i]}' from {y[i]:.6g} to {found[i]:.6g}" for i in moved[:6]
+            )
+            warnings.warn(
+                f"initial values were changed to satisfy the constraints: {names}",
+                RuntimeWarning,
+                stacklevel=6,
+            )
 
     def n_all(self, level: int) -> int:
         """Count the rows of a level."""
@@ -218,13 +265,16 @@ class _Finder:
         """Take Gauss-Newton steps of least length until the residual no longer shrinks."""
         best, smallest = y, float(np.max(np.abs(self.residual(y, level)[:n_rows]), initial=0.0))
         longest = 0.5
+        scale = 1.0 + float(np.max(np.abs(y), initial=0.0))
         for _ in range(_LARGEST_ITERATIONS):
-            if not columns or not n_rows or smallest == 0.0:
+            if not columns or not n_rows or smallest <= _ROUNDING * scale:
                 break
             rows = self.gradient(y, level)[:n_rows, columns]
             step = np.zeros(self.n_speeds)
             target = self.residual(y, level)[:n_rows]
             if not np.all(np.isfinite(rows)) or not np.all(np.isfinite(target)):
+                break
+            if np.max(np.abs(rows)) < _RANK:  # nothing moves what is left
                 break
             step[columns] = -np.linalg.lstsq(rows, target, rcond=_RANK)[0]
             length = float(np.max(np.abs(step)))
@@ -240,16 +290,29 @@ class _Finder:
 
     def _refuse(self, y: Array, level: int) -> None:
         residual = self.residual(y, level)
-        worst = np.argsort(-np.abs(residual))[:6]
-        listed = ", ".join(
-            f"{self.names[level][i]} = {residual[i]:.3g}" for i in worst if abs(residual[i]) > 1e-10
-        )
+        order = np.argsort(-np.nan_to_num(np.abs(residual), nan=np.inf))[:6]
+        worst = [i for i in order if not abs(residual[i]) <= 1e-10]
+        listed = ", ".join(f"{self.names[level][i]} = {residual[i]:.3g}" for i in worst)
         what = "positions" if level == 0 else "velocities"
         raise ParameterError(
             f"the initial {what} violate the constraints and what was given leaves no way to mend "
-            f"that; residuals: {listed}. Change the initial values of these joints, or leave some "
-            "of them out"
+            f"that; residuals: {listed}. Change initial values or lengths of these joints, or give "
+            "fewer initial values"
         )
+
+    def is_chosen(self, given: Array, y: Array) -> bool:
+        """Whether the least of several moves was taken."""
+        cut = self.n_coordinates
+        for level, places in ((0, slice(0, cut)), (1, slice(cut, None))):
+            if np.max(np.abs(y[places] - given[places]), initial=0.0) <= _MET * 1e2:
+                continue
+            columns = self.columns[level]
+            if not columns:  # all that was given moved a little
+                return True
+            rows = self.gradient(y, level)[:, columns]
+            if len(columns) > np.linalg.matrix_rank(rows, tol=_RANK * max(1.0, np.abs(rows).max())):
+                return True
+        return False
 
     def sensitivities(self, y: Array, s: Array) -> Array:
         """Let the sensitivities of what was not given follow from the constraints."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from cotree.dag.traverse import reachable, substitute
+from cotree.dag.traverse import reachable, substitute, symbols_in
 from cotree.equations import Quantity
 from cotree.formulation.elimination import eliminate
 from cotree.program.kernels import KERNELS
@@ -33,7 +33,7 @@ def lower(equations: Equations) -> Program:
         equations.dag,
         equations.matrix,
         equations.is_safe,
-        len(equations.constraints.rows),
+        equations.constraints.sizes,
         equations.links,
     )
     solved = dict(zip(equations.unknowns, factors.solve(equations.forcing), strict=True))
@@ -108,6 +108,7 @@ def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
 
     n_speeds = len(equations.unknowns) - len(equations.constraints.rows)
     n_coordinates = len(equations.states) - n_speeds
+    multipliers = set(equations.unknowns[n_speeds:])
     states: tuple[Quantity, ...] = tuple(Quantity(s.name, s.unit) for s in equations.states)
     return Layout(
         name=equations.name,
@@ -141,6 +142,9 @@ def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
         given=tuple(state.is_given for state in equations.states),
         start_rows=tuple(row.name for row in equations.constraints.start_rows),
         start_is_rate=equations.constraints.start_is_rate,
+        uses_multipliers=tuple(
+            not multipliers.isdisjoint(symbols_in([node])) for node in equations.output_values
+        ),
     )
 
 

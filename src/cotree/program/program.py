@@ -87,6 +87,8 @@ class Layout:
         What the start is to satisfy besides: initial values of what is no state.
     start_is_rate : tuple of bool
         Whether each is a rate.
+    uses_multipliers : tuple of bool
+        Whether each output depends on multipliers themselves: a reaction.
     """
 
     name: str
@@ -108,6 +110,7 @@ class Layout:
     given: tuple[bool, ...]
     start_rows: tuple[str, ...]
     start_is_rate: tuple[bool, ...]
+    uses_multipliers: tuple[bool, ...]
 
 
 @dataclass(frozen=True)

@@ -152,7 +152,7 @@ def _choices(scene: SceneDescription, tree: Tree) -> Iterator[tuple[int, ...]]:
 def _estimate(first: FirstGraph, sensitivities: Sequence[str]) -> int:
     """Count the right-hand side, and one sensitivity in place of all."""
     factors = eliminate(
-        first.system.dag, first.matrix, first.is_safe, len(first.constraints.rows), first.links
+        first.system.dag, first.matrix, first.is_safe, first.constraints.sizes, first.links
     )
     unknowns = factors.solve(first.forcing)
     alone = count_operations(reachable(unknowns)).total

@@ -260,6 +260,7 @@ def _constraints(first: FirstGraph) -> ConstraintSet:
         values=rows.values,
         rates=rows.rates,
         gradient=rows.gradient,
+        sizes=rows.sizes,
         quaternions=tuple(
             (step.edge, tuple(c.symbol for c in step.coordinates))
             for step in steps

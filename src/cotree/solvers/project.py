@@ -33,9 +33,15 @@ _SMALL = 1e-8
 # at a tolerance of 1e-8 still lie below it.
 _FLOOR = 1e-6
 
+# Gradients below this share of the largest are rounding.
+_ROUNDING_ROW = 1e-12
+
 # Constraints whose gradients, each of length one, shrink below this along some direction are
 # nearly dependent.
 _NEAR = 0.1
+
+# Singular values of the constraints' gradients below this, in metres, are none.
+_REDUNDANT = 1e-10
 
 # Edges with more than this share in a direction that the constraints no longer see are named.
 _INVOLVED = 0.1
@@ -106,7 +112,8 @@ class Projection:
         x, s = z[: self._n_states], z[self._n_states :]
         rows = np.array(self._gradient(t, x, s, self._u(t))).reshape(len(self._edges), -1)
         lengths = np.linalg.norm(rows, axis=1)
-        return rows / np.where(lengths > 0.0, lengths, 1.0)[:, None]
+        seen = lengths > _ROUNDING_ROW * np.max(lengths, initial=0.0)
+        return np.where(seen[:, None], rows / np.where(seen, lengths, 1.0)[:, None], 0.0)
 
     @property
     def has_rows(self) -> bool:
@@ -120,6 +127,16 @@ class Projection:
         weak = directions[:, squares <= _NEAR**2]
         involved = np.flatnonzero(np.max(np.abs(weak), axis=1, initial=0.0) > _INVOLVED)
         return tuple(dict.fromkeys(self._edges[i] for i in involved))
+
+    def redundant(self, t: float, z: FloatArray) -> int:
+        """Count the constraints that follow from the others at a point."""
+        if not self._edges:
+            return 0
+        assert self._gradient is not None
+        x, s = z[: self._n_states], z[self._n_states :]
+        rows = np.array(self._gradient(t, x, s, self._u(t))).reshape(len(self._edges), -1)
+        size = float(np.max(np.abs(rows), initial=1.0))
+        return len(rows) - int(np.linalg.matrix_rank(rows, tol=_REDUNDANT * size))
 
     def residual(self, t: float, z: FloatArray) -> FloatArray:
         """Return the residuals of the constraints, a fresh array of the shape of ``names``."""

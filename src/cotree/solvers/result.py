@@ -68,6 +68,8 @@ class Result:
         Seconds spent in each stage: formulate, generate, compile, integrate.
     drift : Drift or None
         How well the constraints are held; None where the model has none.
+    redundant : int
+        How many constraints follow from the others, at the most.
     """
 
     t: FloatArray
@@ -86,6 +88,7 @@ class Result:
     statistics: Statistics
     times: Mapping[str, float] = field(default_factory=dict)
     drift: Drift | None = None
+    redundant: int = 0
 
     def __repr__(self) -> str:
         return f"<Result of {len(self.states)} states at {len(self.t)} times: {self.message}>"
@@ -94,6 +97,10 @@ class Result:
     def success(self) -> bool:
         """Tell whether the integration reached its end."""
         return self.status == 0
+
+    def __contains__(self, name: object) -> bool:
+        """Tell whether there is a state, output or input of a name, or "t"."""
+        return name == "t" or any(name in names for names, _ in self._groups())
 
     def __getitem__(self, name: str) -> FloatArray:
         """Return a state, output or input over time.
@@ -246,6 +253,8 @@ class Result:
                 f"Constraints held to {self.drift.worst:.1g}, "
                 f"largest correction {self.drift.correction:.1g}."
             )
+        if self.redundant:
+            lines.append(f"Redundant constraints: {self.redundant}; reactions are not unique.")
         if self.times:
             stages = ", ".join(f"{stage} {seconds:.3g} s" for stage, seconds in self.times.items())
             lines.append(f"Time: {stages}.")

@@ -23,7 +23,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from cotree.model.model import CompiledModel
+    from cotree.solvers.base import Drift, Trajectory
     from cotree.solvers.problem import FloatArray
+
+
+# Corrections beyond this many times the tolerance are none of integration.
+_LARGEST_CORRECTION = 1e5
 
 
 @dataclass(frozen=True)
@@ -108,10 +113,15 @@ def simulate(
         if settings.throw:
             raise SolveError(trajectory.message)
         warnings.warn(trajectory.message, RuntimeWarning, stacklevel=3)
+    if trajectory.drift is not None:
+        _check_corrections(trajectory.drift, settings)
     n, m = len(model.states), len(model.sensitivities)
     y = trajectory.z[:n]
     s = trajectory.z[n:].reshape(m, n, len(trajectory.t)).transpose(1, 0, 2)
+    redundant = _redundant(model, projection, trajectory)
     outputs, output_s, inputs = _outputs(model, p, u, trajectory.t, y, s)
+    if redundant and model.sensitivities:
+        _leave_out(model, output_s)
     return Result(
         t=trajectory.t,
         y=y,
@@ -129,6 +139,7 @@ def simulate(
         statistics=trajectory.statistics,
         times={"integrate": time.perf_counter() - start},
         drift=trajectory.drift,
+        redundant=redundant,
     )
 
 
@@ -224,6 +235,43 @@ def _start(
     """Give the initial states and sensitivities, consistent with the constraints."""
     start = model.start(t, p, initial)
     return np.concatenate([start.y, start.s.T.ravel()])
+
+
+def _check_corrections(drift: Drift, settings: Settings) -> None:
+    """Warn where projection moved the states by far more than the tolerance."""
+    allowed = _LARGEST_CORRECTION * max(settings.rtol, settings.atol, 1e-12)
+    if drift.correction > allowed:
+        warnings.warn(
+            f"projection onto the constraints moved the states by up to {drift.correction:.2g}, "
+            "far more than the tolerance: near a singular configuration the motion may have gone on "
+            "along another branch; compare with another tolerance or method",
+            RuntimeWarning,
+            stacklevel=4,
+        )
+
+
+def _redundant(model: CompiledModel, projection: Projection | None, trajectory: Trajectory) -> int:
+    """Count redundant constraints, the most of a few points along the trajectory."""
+    n = len(trajectory.t)
+    if projection is None or not model.layout.constraint_edges or n == 0:
+        return 0
+    places = sorted({0, n // 3, 2 * n // 3, n - 1})
+    return max(projection.redundant(trajectory.t[j], trajectory.z[:, j]) for j in places)
+
+
+def _leave_out(model: CompiledModel, sensitivities: FloatArray) -> None:
+    """Take out the sensitivities of reactions, which are not unique with redundant constraints."""
+    taken = [i for i, uses in enumerate(model.layout.uses_multipliers) if uses]
+    if not taken:
+        return
+    sensitivities[taken] = np.nan
+    names = ", ".join(f"'{model.outputs[i]}'" for i in taken[:6])
+    warnings.warn(
+        f"constraints are redundant, so reactions are not unique: of those that share a load the "
+        f"least are given, and the sensitivities of {names} are left out (nan)",
+        RuntimeWarning,
+        stacklevel=4,
+    )
 
 
 def _outputs(
