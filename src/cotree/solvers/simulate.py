@@ -243,8 +243,8 @@ def _check_corrections(drift: Drift, settings: Settings) -> None:
     if drift.correction > allowed:
         warnings.warn(
             f"projection onto the constraints moved the states by up to {drift.correction:.2g}, "
-            "far more than the tolerance: near a singular configuration the motion may have gone on "
-            "along another branch; compare with another tolerance or method",
+            "far more than the tolerance: near a singular configuration the motion may have gone "
+            "on along another branch; compare with another tolerance or method",
             RuntimeWarning,
             stacklevel=4,
         )
