@@ -46,6 +46,7 @@ NODE_VARIABLES: dict[str, str] = {
 EDGE_VARIABLES: dict[str, str] = {
     **{f"f{i}": "N" for i in _XYZ},
     **{f"t{i}": "N m" for i in _XYZ},
+    "power": "W",
 }
 
 #: What drives a joint along a prescribed motion.
@@ -210,8 +211,21 @@ class Observer:
         if last not in EDGE_VARIABLES:
             return None
         wrench = self._on_second(edge)
+        if last == "power":
+            return self._power(edge, wrench)
         i = _XYZ.index(last[1])
         return wrench.force[i] if last[0] == "f" else wrench.torque[i]
+
+    def _power(self, edge: BoundEdge, wrench: Wrench) -> Node:
+        """Give F.(v2 - v1 - w1 x r) + T.(w2 - w1), to which a reaction adds nothing."""
+        motion, points = self.motion, self.motion.clusters.points
+        first, second = points[edge.first], points[edge.second]
+        spins = [_in_ground(motion, motion.omega[p.cluster], p.cluster) for p in (first, second)]
+        reach = vector.sub(motion.position(second), motion.position(first))
+        closing = vector.sub(motion.velocity(second), motion.velocity(first))
+        against = vector.sub(closing, vector.cross(spins[0], reach))
+        turning = vector.dot(wrench.torque, vector.sub(spins[1], spins[0]))
+        return vector.dot(wrench.force, against) + turning
 
     def _on_second(self, edge: BoundEdge) -> Wrench:
         """Form force and torque of an edge on its second node, about it, in ground axes."""
