@@ -101,7 +101,7 @@ def _weights(
 
 
 def candidate_trees(scene: SceneDescription) -> list[Tree]:
-    """List the trees worth counting: that of the joints, and that of the bodies.
+    """List the trees worth counting: of the joints, cut here or there, and of the bodies.
 
     Open chains of many bodies are not counted in absolute coordinates: each joint would add up to
     six equations that the joints' tree has not.
@@ -123,8 +123,34 @@ def candidate_trees(scene: SceneDescription) -> list[Tree]:
         domain: select_tree(graph, _weights(scene, graph, prefers_bodies=True))
         for domain, graph in graphs.items()
     }
-    bodies = joint_tree(scene, trees)
-    return [joints] if set(bodies.branches) == set(joints.branches) else [joints, bodies]
+    found = [joints] if is_open else [joints, _shallow_tree(scene, graphs)]
+    found.append(joint_tree(scene, trees))
+    return list({frozenset(tree.branches): tree for tree in reversed(found)}.values())[::-1]
+
+
+def _shallow_tree(scene: SceneDescription, graphs: Mapping[str, LinearGraph]) -> Tree:
+    """Give the tree of joints that cuts loops far from the ground: what is short costs less."""
+    trees = {}
+    for domain, graph in graphs.items():
+        weights = _weights(scene, graph)
+        depth = {"ground": 0}
+        rest = [
+            graph.edge(name)
+            for name in weights
+            if scene.edges[name].component.role is not Role.BODY
+        ]
+        while reached := [e for e in rest if (e.tail in depth) != (e.head in depth)]:
+            level = max(depth.values()) + 1
+            depth |= {
+                node: level for e in reached for node in (e.tail, e.head) if node not in depth
+            }
+        far = {e.name: min(depth.get(e.tail, 0), depth.get(e.head, 0)) for e in rest}
+        # A share that never outweighs a direction of motion.
+        share = 0.4 / (1 + max(far.values(), default=0))
+        trees[domain] = select_tree(
+            graph, {name: weight + share * far.get(name, 0) for name, weight in weights.items()}
+        )
+    return joint_tree(scene, trees)
 
 
 def _check_branches(scene: SceneDescription, names: Sequence[str]) -> None:
