@@ -12,6 +12,7 @@ from scene_kinematics import COORDINATES, turn
 import cotree
 from cotree import Scene
 from cotree.components import COMPONENTS
+from cotree.scene.graphs import joint_branches
 
 every_joint = pytest.mark.skipif("spherical" not in COMPONENTS, reason="needs spherical joints")
 every_constraint = pytest.mark.skipif(
