@@ -82,7 +82,7 @@ WRONG: dict[str, tuple[str, str, list[str]]] = {
         NEW,
         f'[edges.x]\ntype = "revolute"\nnodes = ["ground", "C"]\naxis = [0, 0, 1]\n{NEW}',
         [
-            "x.x_dot",
+            "x_dot = ",
             "violate",
         ],  # a dead point, but the block is told to move
     ),
