@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cotree.dag.nodes import Dag, Node
-    from cotree.equations import Link
+    from cotree.equations import Equations, Link
 
 
 @dataclass(frozen=True)
@@ -172,6 +172,19 @@ def eliminate(
         return factorise(dag, matrix, is_safe, sizes)
     n = len(matrix) - len(sizes)
     return factorise_tree(dag, links, [row[:n] for row in matrix[n:]], sizes, n)
+
+
+def solve_unknowns(equations: Equations) -> tuple[Solver, dict[Node, Node]]:
+    """Factorise the matrix of some equations, and solve them for their unknowns."""
+    factors = eliminate(
+        equations.dag,
+        equations.matrix,
+        equations.is_safe,
+        equations.constraints.sizes,
+        equations.links,
+    )
+    unknowns = factors.solve(equations.forcing)
+    return factors, dict(zip(equations.unknowns, unknowns, strict=True))
 
 
 def substitute_back(

@@ -126,13 +126,16 @@ def _chord_joint(motion: Motion, edge: BoundEdge, view: FirstView) -> Iterator[A
         return
     if isinstance(measure, Angle) and not tangents([formula], {value: value.dag.one})[0].is_zero:
         measure = whole_angle(motion, edge)
-    rest = scalars.get("free_angle", scalars.get("free_length"))
-    stretch = value if rest is None else value - rest
-    stored = None
-    if "stiffness" in scalars:
-        stored = 0.5 * scalars["stiffness"] * (stretch * stretch)
+    stored = stored_energy(scalars, value) if "stiffness" in scalars else None
     arguments = {value: (measure, False), rate: (measure, True)}
     yield _act(edge, f"{edge.name}.law", measure, formula, arguments, view, stored)
+
+
+def stored_energy(scalars: Mapping[str, Node], at: Node) -> Node:
+    """Form the energy of a linear spring at a length or an angle."""
+    rest = scalars.get("free_angle", scalars.get("free_length"))
+    stretch = at if rest is None else at - rest
+    return 0.5 * scalars["stiffness"] * (stretch * stretch)
 
 
 def _bushing(motion: Motion, edge: BoundEdge, view: FirstView) -> Iterator[Applied]:
@@ -156,7 +159,7 @@ def _bushing(motion: Motion, edge: BoundEdge, view: FirstView) -> Iterator[Appli
             formula = -(stiffness * value + damping * rate)
             if not formula.is_zero:
                 arguments = {value: (measure, False), rate: (measure, True)}
-                stored = 0.5 * stiffness * (value * value)
+                stored = stored_energy({"stiffness": stiffness}, value)
                 name = f"{edge.name}.{prefix}{letter}"
                 yield _act(edge, name, measure, formula, arguments, view, stored)
 

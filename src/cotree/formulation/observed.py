@@ -14,6 +14,7 @@ from cotree.errors import ExpressionError, nearest
 from cotree.formulation.chords import chord_measure, whole_angle
 from cotree.formulation.circuits import inwards
 from cotree.formulation.elements import Wrench
+from cotree.formulation.laws import stored_energy
 from cotree.formulation.measures import Angle
 from cotree.formulation.through import shifted
 from cotree.formulation.views import FirstView
@@ -97,8 +98,7 @@ def _chord_coordinate(motion: Motion, edge: BoundEdge, name: str, is_acting: boo
     if is_acting and is_value and isinstance(measure, Angle):
         measure = whole_angle(motion, edge)
     view = FirstView(motion)
-    names = [n for step in edge.component.motion_space for n, _ in step.coordinates]
-    found: Node = measure.value(view) if name in names else measure.rate(view)
+    found: Node = measure.value(view) if is_value else measure.rate(view)
     return found
 
 
@@ -318,23 +318,11 @@ class Observer:
             total = total - vector.dot(system.gravity, first)
         for action in self.loads.actions:
             if "stiffness" in action.arguments and "length" in action.arguments:
-                total = total + _stored(action.arguments, "length", "free_length")
+                total = total + stored_energy(action.arguments, action.arguments["length"])
         for row in self.applied:
             total = total + (row.potential or system.dag.zero)
         for arguments in (effort.arguments for effort in self.loads.efforts):
             if "stiffness" in arguments:
-                is_turn = "theta" in arguments
-                total = total + _stored(
-                    arguments,
-                    "theta" if is_turn else "s",
-                    "free_angle" if is_turn else "free_length",
-                )
+                at = arguments["theta"] if "theta" in arguments else arguments["s"]
+                total = total + stored_energy(arguments, at)
         return total
-
-
-def _stored(arguments: object, place: str, rest: str) -> Node:
-    """Form the energy of a linear spring."""
-    known: dict[str, Node] = dict(arguments)  # type: ignore[call-overload]
-    stretch = known[place] - known[rest] if rest in known else known[place]
-    energy: Node = 0.5 * known["stiffness"] * (stretch * stretch)
-    return energy

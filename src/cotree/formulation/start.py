@@ -42,8 +42,10 @@ def body_starts(
 
     Bodies that no joints reach are left out: they start where the scene says.
     """
-    reference = joint_branches(scene)
     placed = [name for name in tree.branches if _is_body(scene, name)]
+    if not placed:
+        return {}
+    reference = joint_branches(scene)
     placed = [name for name in placed if name not in reference.branches]
     if not placed:
         return {}
@@ -129,11 +131,12 @@ def start_conditions(
         If it gives a coordinate that a chord has not.
     """
     system = motion.system
+    chords = [e for e in scene.edges.values() if e.initial and not system.tree.is_branch(e.name)]
+    if not chords:
+        return ()
     placing = joint_branches(scene).branches
     found = []
-    for edge in scene.edges.values():
-        if not edge.initial or edge.name in system.tree.branches:
-            continue
+    for edge in chords:
         coordinates = [n for step in edge.component.motion_space for n, _ in step.coordinates]
         for name, given in edge.initial.items():
             is_turn = name in ("rotation", "q0", "q1", "q2", "q3")

@@ -97,7 +97,7 @@ class CKernels:
         fields = {"inputs": "inputs_of_time", "outputs": "outputs_of_state"}
         self._calls: dict[str, tuple[Any, tuple[Any, ...], Array]] = {}
         for name, spec in KERNELS.items():
-            if name == "prepare" or (spec.is_optional and not program.kernels[name].results):
+            if name == "prepare" or not program.kernels[name].is_present:
                 continue
             result = np.zeros(len(program.kernels[name].results))
             arguments = (*(bound[key] for key in spec.arguments if key != "t"), pointer(result))

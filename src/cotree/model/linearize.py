@@ -15,7 +15,7 @@ from cotree.dag.evaluate import evaluate
 from cotree.dag.several import results
 from cotree.dag.traverse import reachable, substitute
 from cotree.errors import SingularSystemError
-from cotree.formulation.elimination import eliminate
+from cotree.formulation.elimination import solve_unknowns
 from cotree.sensitivity.graphs import form_equations, input_columns
 
 if TYPE_CHECKING:
@@ -108,14 +108,7 @@ class Linearizer:
 
 def _solved(equations: Equations, columns: Sequence[Derivative]) -> list[Node]:
     """Form the derivatives of the rates and of the outputs along each column."""
-    factors = eliminate(
-        equations.dag,
-        equations.matrix,
-        equations.is_safe,
-        equations.constraints.sizes,
-        equations.links,
-    )
-    solved = dict(zip(equations.unknowns, factors.solve(equations.forcing), strict=True))
+    factors, solved = solve_unknowns(equations)
     found: list[Node] = []
     for column in columns:
         forcing = substitute(column.forcing, solved)

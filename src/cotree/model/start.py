@@ -1,8 +1,8 @@
 """The consistent start: initial states and sensitivities that satisfy every constraint.
 
 What the user gave is kept, and the rest follows by Gauss-Newton steps of least length. Where that
-cannot be but the given values are nearly consistent (a few digits of them), everything moves a
-little; else the start is refused with the residual of each joint.
+cannot be but the given values are nearly consistent, everything moves a little, with a warning;
+else the start is refused with the residual of each joint.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ Array = npt.NDArray[np.float64]
 
 _LARGEST_ITERATIONS = 50
 
-#: Residuals below this share of the states' size are met: a few hundred roundings.
-_MET = 1e-13
+#: Residuals below this share of the states' size are met.
+_MET = 1e-11
 
 #: Those below this are nothing but rounding.
 _ROUNDING = 1e-15
@@ -142,6 +142,12 @@ class _Finder:
                 state += 1
         return found
 
+    def _places(self, level: int) -> slice:
+        """Say where the constraints of a level stand among the results of their kernel."""
+        if level == 0:
+            return slice(0, self.n_values)
+        return slice(self.n_values, self.n_values + self.n_rows)
+
     def _call(self, name: str, y: Array, s: Array | None = None) -> Array:
         kernel = self.model.bound(name, self.p)
         along = np.zeros(0) if s is None else np.ascontiguousarray(s.T).ravel()
@@ -150,9 +156,7 @@ class _Finder:
     def residual(self, y: Array, level: int) -> Array:
         """Evaluate what is to be zero at a level."""
         held = self._call("constraints", y) if self.model.layout.constraints else np.zeros(0)
-        own = held[: self.n_values]
-        if level == 1:
-            own = held[self.n_values : self.n_values + self.n_rows]
+        own = held[self._places(level)]
         start = self._call("start", y) if self.model.layout.start_rows else np.zeros(0)
         return np.concatenate([own, start[self.conditions[level]]])
 
@@ -216,7 +220,7 @@ class _Finder:
         found, residual = self._iterate(y, level, self.columns[level], self.n_all(level))
         rng = np.random.default_rng(0)
         for _ in range(_TRIES if level == 0 and self.columns[0] else 0):
-            if residual <= _MET * size * 1e2:
+            if residual <= _MET * size:
                 break
             # Where a gradient vanishes, as that of a length does across it, a step aside shows it.
             aside = np.zeros(self.n_speeds)
@@ -224,13 +228,13 @@ class _Finder:
             other = self._iterate(self.moved(y, aside, 0), 0, self.columns[0], self.n_all(0))
             if other[1] < residual:
                 found, residual = other
-        if residual <= _MET * size * 1e2:
+        if residual <= _MET * size:
             return found
         everything = list(range(self.n_speeds))
         given = float(np.max(np.abs(self.residual(found, level)), initial=0.0))
         if given <= _NEARLY * size:
             found, residual = self._iterate(found, level, everything, self.n_constraints(level))
-            if residual <= _MET * size * 1e2:
+            if residual <= _MET * size:
                 self._tell(y, found, level)
                 return found
         self._refuse(found, level)
@@ -304,7 +308,7 @@ class _Finder:
         """Whether the least of several moves was taken."""
         cut = self.n_coordinates
         for level, places in ((0, slice(0, cut)), (1, slice(cut, None))):
-            if np.max(np.abs(y[places] - given[places]), initial=0.0) <= _MET * 1e2:
+            if np.max(np.abs(y[places] - given[places]), initial=0.0) <= _MET:
                 continue
             columns = self.columns[level]
             if not columns:  # all that was given moved a little
@@ -341,9 +345,7 @@ class _Finder:
         own = np.zeros((0, m))
         if self.model.layout.constraints:
             whole = self._call("constraint_sensitivity", y, s).reshape(m, -1).T
-            own = whole[: self.n_values]
-            if level == 1:
-                own = whole[self.n_values : self.n_values + self.n_rows]
+            own = whole[self._places(level)]
         start = np.zeros((0, m))
         if self.model.layout.start_rows:
             start = self._call("start_sensitivity", y, s).reshape(m, -1).T

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.traverse import reachable, substitute, symbols_in
 from cotree.equations import Quantity
-from cotree.formulation.elimination import eliminate
+from cotree.formulation.elimination import solve_unknowns
 from cotree.program.kernels import KERNELS
 from cotree.program.program import Kernel, Layout, Program
 from cotree.program.projection import constraint_quantities, projection_kernels
@@ -29,14 +29,7 @@ def lower(equations: Equations) -> Program:
     equations : Equations
         Governing and sensitivity equations.
     """
-    factors = eliminate(
-        equations.dag,
-        equations.matrix,
-        equations.is_safe,
-        equations.constraints.sizes,
-        equations.links,
-    )
-    solved = dict(zip(equations.unknowns, factors.solve(equations.forcing), strict=True))
+    factors, solved = solve_unknowns(equations)
     rates = substitute(equations.rates, solved)
     outputs = substitute(equations.output_values, solved)
     along, columns, output_tangents = _solve_derivatives(equations, factors, solved)

@@ -129,7 +129,8 @@ def _eliminations(first: FirstGraph) -> list[tuple[Link, ...]]:
     """List the ways to eliminate: by the matrix, and along the tree where it branches often."""
     if len(first.motion.geometry) < _LONG:
         return [()]
-    return [(), tree_links(first)] if tree_links(first) else [()]
+    links = tree_links(first)
+    return [(), links] if links else [()]
 
 
 def _choices(scene: SceneDescription, tree: Tree) -> Iterator[tuple[int, ...]]:

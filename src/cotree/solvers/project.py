@@ -106,11 +106,15 @@ class Projection:
                 s += self._sensitivity_step(t, x, s, u)
         return result
 
-    def _rows(self, t: float, z: FloatArray) -> FloatArray:
-        """Give the gradients of the constraints by the speeds, each of length one."""
+    def _gradients(self, t: float, z: FloatArray) -> FloatArray:
+        """Give the gradients of the constraints by the speeds, shape (n_rows, n_speeds)."""
         assert self._gradient is not None
         x, s = z[: self._n_states], z[self._n_states :]
-        rows = np.array(self._gradient(t, x, s, self._u(t))).reshape(len(self._edges), -1)
+        return np.array(self._gradient(t, x, s, self._u(t))).reshape(len(self._edges), -1)
+
+    def _rows(self, t: float, z: FloatArray) -> FloatArray:
+        """Give the gradients of the constraints, each of length one."""
+        rows = self._gradients(t, z)
         lengths = np.linalg.norm(rows, axis=1)
         seen = lengths > _ROUNDING_ROW * np.max(lengths, initial=0.0)
         return np.where(seen[:, None], rows / np.where(seen, lengths, 1.0)[:, None], 0.0)
@@ -132,9 +136,7 @@ class Projection:
         """Count the constraints that follow from the others at a point."""
         if not self._edges:
             return 0
-        assert self._gradient is not None
-        x, s = z[: self._n_states], z[self._n_states :]
-        rows = np.array(self._gradient(t, x, s, self._u(t))).reshape(len(self._edges), -1)
+        rows = self._gradients(t, z)
         size = float(np.max(np.abs(rows), initial=1.0))
         return len(rows) - int(np.linalg.matrix_rank(rows, tol=_REDUNDANT * size))
 
