@@ -172,18 +172,30 @@ class Guard:
         Whose it is, as the subject of a message.
     is_strict : bool
         Whether it must be positive, or only not negative.
+    breach : str
+        What is wrong where it is not; empty where the value itself says it.
     """
 
     value: Node
     what: str
     is_strict: bool
+    breach: str = ""
+
+    @property
+    def demand(self) -> str:
+        """What is asked for, as a sentence without its number."""
+        if self.breach:
+            return f"{self.what} {self.breach}"
+        return f"{self.what} must {'be positive' if self.is_strict else 'not be negative'}"
 
     def check(self, number: float) -> None:
         """Raise ParameterError if the number does not satisfy the guard."""
-        if self.is_strict and not number > 0.0:
-            raise ParameterError(f"{self.what} is {number:.6g}: it must be positive")
-        if not self.is_strict and not number >= 0.0:
-            raise ParameterError(f"{self.what} is {number:.6g}: it must not be negative")
+        if number > 0.0 or (number == 0.0 and not self.is_strict):
+            return
+        if self.breach:
+            raise ParameterError(self.demand)
+        wanted = "be positive" if self.is_strict else "not be negative"
+        raise ParameterError(f"{self.what} is {number:.6g}: it must {wanted}")
 
 
 @dataclass(frozen=True)

@@ -178,10 +178,7 @@ def _main_context(
         t_end=literal(t_end),
         rtol=literal(rtol),
         atol=literal(atol),
-        guards=[
-            c_string(f"{guard.what} must {'be positive' if guard.is_strict else 'not be negative'}")
-            for guard in program.guards
-        ],
+        guards=[c_string(guard.demand) for guard in program.guards],
         breakpoints=[
             literal(t) for t in sorted({t for row in program.layout.breakpoints for t in row})
         ],

@@ -22,7 +22,7 @@ from cotree.formulation.laws import applied_laws
 from cotree.formulation.observed import Observer, observe_motion
 from cotree.formulation.outputs import form_outputs
 from cotree.formulation.pulls import form_constraints, multiplier_loads
-from cotree.formulation.safety import check_inertia, safe_pivots
+from cotree.formulation.safety import check_inertia, met_where_idle, safe_pivots
 from cotree.formulation.start import body_starts, start_conditions
 from cotree.formulation.system import bind
 from cotree.formulation.through import balance, load, mass_matrix
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Node
     from cotree.equations import Guard
     from cotree.formulation.across import Motion
-    from cotree.formulation.chords import Row
     from cotree.formulation.laws import Applied
     from cotree.formulation.outputs import Outputs
     from cotree.formulation.pulls import Constraints
@@ -60,8 +59,6 @@ class FirstGraph:
         Through variables along measures: laws of chord joints, then multipliers.
     constraints : Constraints
         What the chords hold.
-    idle : tuple of Row
-        What chords would hold, were there any motion along it.
     conditions : tuple of Condition
         Initial values of what is no state.
     measured : mapping of Node to Node
@@ -93,7 +90,6 @@ class FirstGraph:
     balance: Balance
     applied: tuple[Applied, ...]
     constraints: Constraints
-    idle: tuple[Row, ...]
     conditions: tuple[Condition, ...]
     measured: Mapping[Node, Node]
     unknowns: tuple[Node, ...]
@@ -138,6 +134,8 @@ def form_first_graph(
     ------
     ModelError
         If an expression or a field of the scene is wrong.
+    ParameterError
+        If a constraint that no motion changes is not met.
     SingularSystemError
         If a coordinate moves nothing that has inertia.
     """
@@ -150,6 +148,7 @@ def form_first_graph(
     laws = applied_laws(motion, still)
     loads = load(motion).plus(multiplier_loads(laws))
     constraints, idle = form_constraints(motion, still, baumgarte)
+    idle_guards = met_where_idle(idle, still)
     mass = mass_matrix(motion, loads)
     check_inertia(system, mass, constraints.gradient)
     at_rest = balance(motion, loads, still.across)
@@ -173,14 +172,13 @@ def form_first_graph(
         balance=balanced,
         applied=applied,
         constraints=constraints,
-        idle=tuple(idle),
         conditions=start_conditions(scene, motion, still),
         measured=_measured(motion),
         unknowns=(*accelerations, *constraints.multipliers),
         matrix=_bordered(mass, constraints, dag),
         forcing=(*(-row for row in at_rest.residual), *constraints.biases),
         is_safe=(*is_safe, *(False for _ in constraints.rows)),
-        guards=(*system.guards, *pivot_guards),
+        guards=(*system.guards, *pivot_guards, *idle_guards),
         states=_states(scene, system),
         rates=(*_kinematic_rates(system), *accelerations),
         outputs=form_outputs(observer, scene.outputs),

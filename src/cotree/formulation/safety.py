@@ -12,8 +12,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cotree.dag import vector
+from cotree.dag.traverse import symbols_in
 from cotree.equations import Guard
-from cotree.errors import SingularSystemError
+from cotree.errors import ParameterError, SingularSystemError
 from cotree.formulation.through import carried_inertia, unit_wrench
 
 if TYPE_CHECKING:
@@ -21,8 +22,13 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Node
     from cotree.dag.vector import Matrix
+    from cotree.formulation.chords import Row
     from cotree.formulation.clusters import Branch, Clusters, Inertia
     from cotree.formulation.system import System
+    from cotree.formulation.views import FirstView
+
+#: Metres or radians that nodes may be apart where nothing can bring them together: rounding.
+_LARGEST_GAP = 1e-9
 
 
 def check_inertia(
@@ -44,6 +50,37 @@ def check_inertia(
                 f"inertia in the direction of '{direction}'; give a body beyond it mass or "
                 "inertia, or weld the joint"
             )
+
+
+def met_where_idle(rows: Sequence[Row], view: FirstView) -> list[Guard]:
+    """Ask of constraints that no motion changes, such as those out of a plane, that they hold.
+
+    Raises
+    ------
+    ParameterError
+        If one does not, whatever the parameters are.
+    """
+    guards = []
+    for row in rows:
+        gap = row.measure.value(view)
+        kinds = set() if gap is None else {symbol.data[0] for symbol in symbols_in([gap])}
+        # What has a rate only, and what states still stand in, is never off by parameters alone.
+        if gap is None or not kinds <= {"p", "t"}:
+            continue
+        guard = Guard(
+            _LARGEST_GAP * _LARGEST_GAP - gap * gap,
+            f"constraint '{row.name}'",
+            is_strict=False,
+            breach="is not met and nothing moves along it: change the vectors, axes or prescribed "
+            f"motion that place the nodes of edge '{row.edge}', or give a joint this direction",
+        )
+        if "t" in kinds:
+            raise ParameterError(guard.demand)
+        if guard.value.value is None:
+            guards.append(guard)
+        else:
+            guard.check(guard.value.value)
+    return guards
 
 
 def safe_pivots(
