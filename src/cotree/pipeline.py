@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING
 from cotree.build import BuildOptions, build_library, find_toolchain, load_library
 from cotree.codegen.context import model_context
 from cotree.codegen.render import cdef, render_model
-from cotree.errors import Error
+from cotree.errors import Error, TopologyError
+from cotree.formulation.networks.network import draw_networks
 from cotree.model.kernels import CKernels, PythonKernels
 from cotree.passes.recipe import run_passes
 from cotree.program.lower import lower
@@ -82,9 +83,27 @@ class Compiled:
 def draw_graphs(
     scene: SceneDescription, tree: TreeChoice
 ) -> tuple[dict[str, LinearGraph], dict[str, Tree]]:
-    """Draw the linear graphs of a scene and choose their trees."""
-    graphs = linear_graphs(scene)
-    return graphs, choose_trees(scene, graphs, tree)
+    """Draw the linear graphs of a scene and choose their trees.
+
+    Raises
+    ------
+    TopologyError
+        If the scene has no edges, a node is floating, or a named tree is none.
+    """
+    check_edges(scene)
+    mechanics = scene.mechanics
+    graphs = linear_graphs(mechanics)
+    trees = choose_trees(mechanics, graphs, tree)
+    if not mechanics.edges:
+        graphs, trees = {}, {}
+    _, networks, normal = draw_networks(scene)
+    return {**graphs, **networks}, {**trees, **normal}
+
+
+def check_edges(scene: SceneDescription) -> None:
+    """Refuse a scene without edges."""
+    if not scene.edges:
+        raise TopologyError(f"scene '{scene.name}' has no edges: add components between nodes")
 
 
 def formulate(
@@ -102,9 +121,11 @@ def formulate(
 
 def trees_to_try(scene: SceneDescription, tree: TreeChoice) -> list[Tree]:
     """List the tree that is named, or those among which operations are counted."""
+    check_edges(scene)
+    mechanics = scene.mechanics
     if tree is None:
-        return candidate_trees(scene)
-    return [joint_tree(scene, draw_graphs(scene, tree)[1])]
+        return candidate_trees(mechanics)
+    return [joint_tree(mechanics, choose_trees(mechanics, linear_graphs(mechanics), tree))]
 
 
 def count_trees(scene: SceneDescription) -> tuple[Alternative, ...]:
@@ -117,7 +138,7 @@ def count_trees(scene: SceneDescription) -> tuple[Alternative, ...]:
     TopologyError
         If the scene has no edges, or a node is floating.
     """
-    trees = candidate_trees(scene)
+    trees = trees_to_try(scene, None)
     try:
         with _no_collection():
             _, alternatives = choose_first_graph(scene, trees, ())

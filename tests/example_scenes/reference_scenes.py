@@ -136,7 +136,9 @@ class _Reader:
         initial = self._free_start(name) if name not in self.paths else {}
         if initial and self.with_free_joints:
             kind = {"type": "planar", "normal": [0, 0, 1]} if self.is_planar else {"type": "free"}
-            self.scene.edge(f"free_{name}", first="ground", second=name, initial=initial, **kind)
+            self.scene.edge(
+                f"free_{name}", str(kind.pop("type")), "ground", name, initial=initial, **kind
+            )
             initial = {}
         self.scene.edge(
             f"inertia_{name}",

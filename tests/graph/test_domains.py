@@ -20,5 +20,5 @@ def test_each_row_is_complete():
 
 
 def test_unknown_domain_names_the_nearest():
-    with pytest.raises(SceneError, match="unknown domain 'rotational'; did you mean 'rotation'"):
-        domain("rotational")
+    with pytest.raises(SceneError, match="unknown domain 'hydralic'; did you mean 'hydraulic'"):
+        domain("hydralic")

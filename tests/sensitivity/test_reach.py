@@ -45,7 +45,7 @@ def test_columns_of_outer_joints_cost_less(first):
     dag, made = first.system.dag, []
     for state in first.states[:N]:
         before = len(dag)
-        differentiate(first, state.name, {state.symbol: dag.one}, Support())
+        differentiate(first, {state.name: {state.symbol: dag.one}}, Support())[0]
         made.append(len(dag) - before)
     assert made[-1] < made[N // 2] < made[1]
     assert len(state_columns(first, Support())) == 2 * N

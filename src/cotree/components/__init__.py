@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from cotree.components import constraints, forces, joints, rigid_body
+from cotree.components import constraints, electrical, forces, joints, rigid_body
 from cotree.components.component import (
     Acts,
     Component,
@@ -17,6 +17,7 @@ from cotree.components.component import (
 )
 from cotree.components.law import Law
 from cotree.components.register import make_component
+from cotree.components.terminal import Kind, Terminal
 from cotree.errors import SceneError
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 #: Every component type, by the name that scenes use.
 COMPONENTS: dict[str, Component] = {
     row.name: row
-    for family in (rigid_body, joints, constraints, forces)
+    for family in (rigid_body, joints, constraints, forces, electrical)
     for row in family.COMPONENTS
 }
 
@@ -72,9 +73,11 @@ __all__ = [
     "Field",
     "FreeRotation",
     "Freedom",
+    "Kind",
     "Law",
     "MotionStep",
     "Role",
     "Shape",
+    "Terminal",
     "register_component",
 ]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from cotree.components.law import Law
+    from cotree.components.terminal import Terminal
 
 
 class Role(Enum):
@@ -22,6 +23,7 @@ class Role(Enum):
     BUSHING = "bushing"  # forces and torques along and about three axes
     LAW = "law"  # a force by a law that a user wrote
     CONSTRAINT = "constraint"  # an across variable that is held
+    NETWORK = "network"  # ports in scalar graphs, each with its terminal equation
 
 
 class Acts(Enum):
@@ -160,6 +162,10 @@ class Component:
         When the edge keeps its nodes within a plane; None for those that never do.
     acts : Acts
         Along what a user's law acts.
+    ports : tuple of Terminal
+        The terminal equations of a scalar component, one for each edge that it has in the graphs.
+    terminals : tuple of str
+        Of a scalar component whose ports share nodes: names of its nodes, in order.
     """
 
     name: str
@@ -171,6 +177,8 @@ class Component:
     law: Law | None = None
     keeps_plane: Plane | None = None
     acts: Acts = Acts.LINE
+    ports: tuple[Terminal, ...] = ()
+    terminals: tuple[str, ...] = ()
 
     @property
     def n_freedoms(self) -> int:

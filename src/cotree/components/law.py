@@ -53,6 +53,14 @@ class Law:
             self.function(*(sympy.Symbol(name, real=True) for name in self.arguments))
         )
 
+    @classmethod
+    def of(cls, expression: Any) -> Law:
+        """Make the law of a SymPy expression whose symbols are real."""
+        made = cls(lambda *_: expression)
+        names = tuple(sorted(symbol.name for symbol in expression.free_symbols))
+        made.__dict__["arguments"] = names  # in place of what the function's signature says
+        return made
+
     def over(self, name: str) -> Law:
         """Give the law divided by one of its arguments, simplified, so that zero may be no pole."""
         import sympy
@@ -75,6 +83,13 @@ class Law:
     def value(self, dag: Dag, arguments: Mapping[str, Node]) -> Node:
         """Form the law's value from its arguments."""
         return from_sympy(self.expression, dag, arguments)
+
+    def partial_value(self, dag: Dag, arguments: Mapping[str, Node], name: str) -> Node | None:
+        """Evaluate one pre-formed partial derivative; None where it is or folds to zero."""
+        if name not in self.partials:
+            return None
+        value = from_sympy(self.partials[name], dag, arguments)
+        return None if value.is_zero else value
 
     def partial_values(self, dag: Dag, arguments: Mapping[str, Node]) -> dict[str, Node]:
         """Evaluate the pre-formed partial derivatives; those that fold to zero are absent."""

@@ -36,6 +36,12 @@ class Domain:
         SI unit of the first across variable.
     through_unit : str
         SI unit of the through variable.
+    stretch, stretch_unit : str
+        Symbol and SI unit of the integral of the across variable over time, where it has a name.
+    is_scalar : bool
+        Whether the variables are scalars, of networks, and not vectors of multibody systems.
+    head_first : bool
+        Whether edges are written with the head of the across variable before its tail.
     """
 
     name: str
@@ -45,6 +51,10 @@ class Domain:
     through_symbol: str
     across_unit: str
     through_unit: str
+    stretch: str = ""
+    stretch_unit: str = ""
+    is_scalar: bool = False
+    head_first: bool = False
 
     def summary(self) -> str:
         """Describe the domain in one line.
@@ -61,6 +71,21 @@ class Domain:
         )
 
 
+def _network(name: str, across: tuple[str, str, str], through: tuple[str, str, str]) -> Domain:
+    """Make the row of a scalar domain from name, symbol and unit of its variables."""
+    return Domain(
+        name,
+        (across[0],),
+        across[1],
+        through[0],
+        through[1],
+        across[2],
+        through[2],
+        is_scalar=True,
+        head_first=True,
+    )
+
+
 _ROWS = (
     Domain("translation", ("position", "velocity", "acceleration"), "r", "force", "F", "m", "N"),
     Domain(
@@ -71,6 +96,34 @@ _ROWS = (
         "T",
         "rad",
         "N m",
+    ),
+    _network("electrical", ("voltage", "v", "V"), ("current", "i", "A")),
+    _network("hydraulic", ("pressure", "p", "Pa"), ("volume flow", "q", "m^3/s")),
+    _network("thermal", ("temperature", "T", "K"), ("heat flow", "q", "W")),
+    _network("chemical", ("concentration", "c", "mol/m^3"), ("molar flow", "n", "mol/s")),
+    Domain(
+        "translational",
+        ("velocity",),
+        "v",
+        "force",
+        "f",
+        "m/s",
+        "N",
+        stretch="s",
+        stretch_unit="m",
+        is_scalar=True,
+    ),
+    Domain(
+        "rotational",
+        ("angular velocity",),
+        "w",
+        "torque",
+        "tau",
+        "rad/s",
+        "N m",
+        stretch="theta",
+        stretch_unit="rad",
+        is_scalar=True,
     ),
 )
 

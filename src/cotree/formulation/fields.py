@@ -86,8 +86,9 @@ def bind_edge(edge: Edge, dag: Dag, resolvers: Resolvers) -> tuple[BoundEdge, li
                 vectors[name] = _unit(vectors[name], square, where)
     if "normal" in vectors:
         vectors["normal_x"], vectors["normal_y"] = plane_axes(vectors["normal"])
+    first, second = edge.nodes
     bound = BoundEdge(
-        edge.name, edge.component, *edge.nodes, scalars, vectors, inertia, rotation, expressions
+        edge.name, edge.component, first, second, scalars, vectors, inertia, rotation, expressions
     )
     return bound, [*guards, *_guards(edge, bound)]
 

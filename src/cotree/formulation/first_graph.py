@@ -7,10 +7,10 @@ motion spaces.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from cotree.components import FreeRotation
+from cotree.components import FreeRotation, Role
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag
 from cotree.dag.rotation import quaternion_rates
@@ -19,6 +19,7 @@ from cotree.errors import ExpressionError
 from cotree.formulation.across import accelerate, move
 from cotree.formulation.clusters import lump
 from cotree.formulation.laws import applied_laws
+from cotree.formulation.networks.network import Surroundings, form_network
 from cotree.formulation.observed import Observer, observe_motion
 from cotree.formulation.outputs import form_outputs
 from cotree.formulation.pulls import form_constraints, multiplier_loads
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from cotree.equations import Guard
     from cotree.formulation.across import Motion
     from cotree.formulation.laws import Applied
+    from cotree.formulation.networks.network import Network
     from cotree.formulation.outputs import Outputs
     from cotree.formulation.pulls import Constraints
     from cotree.formulation.start import Condition
@@ -79,6 +81,10 @@ class FirstGraph:
         Rates of the states.
     outputs : Outputs
         The outputs.
+    network : Network or None
+        The scalar networks, whose states come after the speeds.
+    observed : mapping of str to Node
+        What names of the networks in outputs and fields stand for.
     links : tuple of Link
         The tree, where the unknowns are to be eliminated along it; see :func:`tree_links`.
     """
@@ -100,6 +106,8 @@ class FirstGraph:
     states: tuple[State, ...]
     rates: tuple[Node, ...]
     outputs: Outputs
+    network: Network | None = None
+    observed: Mapping[str, Node] = field(default_factory=dict)
     links: tuple[Link, ...] = ()
 
     @property
@@ -140,8 +148,10 @@ def form_first_graph(
         If a coordinate moves nothing that has inertia.
     """
     dag = Dag()
+    whole, scene = scene, scene.mechanics
     starts = body_starts(scene, tree, motion_spaces(scene).of, dag)
-    system = bind(scene, tree, dag, starts)
+    system = bind(scene, tree, dag, starts, names=_network_names(whole))
+    network, observed = _form_network(whole, system)
     clusters = lump(system)
     motion = move(system, clusters, own_axes)
     still = FirstView(motion, accelerate(motion, [dag.zero] * len(system.speeds)))
@@ -163,9 +173,9 @@ def form_first_graph(
     is_safe, pivot_guards = safe_pivots(system, clusters, lambda n: float(evaluate([n], values)[0]))
     loaded = loads.plus(multiplier_loads(constraints.applied))
     balanced = balance(motion, loaded, view.across)
-    observer = Observer(view, loaded, balanced, applied)
+    observer = Observer(view, loaded, balanced, applied, observed)
     return FirstGraph(
-        scene=scene,
+        scene=whole,
         motion=motion,
         loads=loaded,
         view=view,
@@ -173,19 +183,53 @@ def form_first_graph(
         applied=applied,
         constraints=constraints,
         conditions=start_conditions(scene, motion, still),
-        measured=_measured(motion),
+        measured=_measured(motion, observed),
         unknowns=(*accelerations, *constraints.multipliers),
         matrix=_bordered(mass, constraints, dag),
         forcing=(*(-row for row in at_rest.residual), *constraints.biases),
         is_safe=(*is_safe, *(False for _ in constraints.rows)),
-        guards=(*system.guards, *pivot_guards, *idle_guards),
-        states=_states(scene, system),
-        rates=(*_kinematic_rates(system), *accelerations),
+        guards=(
+            *system.guards,
+            *pivot_guards,
+            *idle_guards,
+            *(network.guards if network else ()),
+        ),
+        states=(*_states(scene, system), *(network.states if network else ())),
+        rates=(
+            *_kinematic_rates(system),
+            *accelerations,
+            *(network.rate_values if network else ()),
+        ),
         outputs=form_outputs(observer, scene.outputs),
+        network=network,
+        observed=observed,
     )
 
 
-def _measured(motion: Motion) -> dict[Node, Node]:
+def _network_names(scene: SceneDescription) -> frozenset[str]:
+    """List the names of edges and nodes that belong to scalar networks."""
+    edges = [e for e in scene.edges.values() if e.component.role is Role.NETWORK]
+    return frozenset(name for edge in edges for name in (edge.name, *edge.nodes))
+
+
+def _form_network(
+    scene: SceneDescription, system: System
+) -> tuple[Network | None, dict[str, Node]]:
+    """Form the scalar networks, where there are any, beside the bound multibody system."""
+    if not any(edge.component.role is Role.NETWORK for edge in scene.edges.values()):
+        return None, {}
+    names = {name for output in scene.outputs.values() for name in output.names}
+    around = Surroundings(
+        system.dag,
+        system.time,
+        len(system.coordinates) + len(system.speeds),
+        system.of_parameters,
+        system.of_everything,
+    )
+    return form_network(scene, around, sorted(names | system.measured.keys()))
+
+
+def _measured(motion: Motion, observed: Mapping[str, Node]) -> dict[Node, Node]:
     """Form the across variables that fields use.
 
     Raises
@@ -195,7 +239,9 @@ def _measured(motion: Motion) -> dict[Node, Node]:
     """
     found = {}
     for name, symbol in motion.system.measured.items():
-        value = observe_motion(motion, name, is_acting=True)
+        value = observed.get(name)
+        if value is None:
+            value = observe_motion(motion, name, is_acting=True)
         if value is None:
             raise ExpressionError(
                 f"a field uses '{name}', which is no coordinate, position, velocity or orientation "

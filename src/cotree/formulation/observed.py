@@ -20,7 +20,7 @@ from cotree.formulation.through import shifted
 from cotree.formulation.views import FirstView
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from cotree.dag.nodes import Node
     from cotree.dag.vector import Matrix, Vector
@@ -141,12 +141,15 @@ class Observer:
         Through variables.
     applied : sequence of Applied
         Through variables along measures.
+    networks : mapping of str to Node
+        Variables of the scalar networks, by name.
     """
 
     view: FirstView
     loads: Loads
     balance: Balance
     applied: Sequence[Applied]
+    networks: Mapping[str, Node]
 
     @property
     def motion(self) -> Motion:

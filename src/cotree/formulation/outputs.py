@@ -24,10 +24,13 @@ class Outputs:
         The outputs, in terms of states and unknowns.
     across : mapping of str to Node
         Positions and velocities of nodes that they use, by ``node.variable``.
+    networks : mapping of str to Node
+        Variables of scalar networks that they use, by name.
     """
 
     values: tuple[Node, ...]
     across: Mapping[str, Node]
+    networks: Mapping[str, Node]
 
 
 def form_outputs(observer: Observer, expressions: Mapping[str, Expression]) -> Outputs:
@@ -44,6 +47,8 @@ def form_outputs(observer: Observer, expressions: Mapping[str, Expression]) -> O
     known |= system.names
     across: dict[str, Node] = {}
 
+    known |= observer.networks
+
     def resolve(name: str) -> Node:
         if name not in known:
             known[name] = observer.value(name)
@@ -53,7 +58,7 @@ def form_outputs(observer: Observer, expressions: Mapping[str, Expression]) -> O
 
     with system.dag.labelled("outputs"):
         values = tuple(item.lower(system.dag, resolve) for item in expressions.values())
-    return Outputs(values, across)
+    return Outputs(values, across, observer.networks)
 
 
 def _place(name: str) -> tuple[int, int] | None:

@@ -18,7 +18,7 @@ from cotree.formulation.initial import initial_values
 from cotree.scene.motion_spaces import motion_spaces
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Collection, Mapping, Sequence
 
     from cotree.components import MotionStep
     from cotree.dag.nodes import Dag, Node
@@ -166,6 +166,7 @@ def bind(
     dag: Dag,
     starts: Mapping[str, Mapping[str, Node]] | None = None,
     is_start: bool = False,
+    names: Collection[str] = (),
 ) -> System:
     """Bind a scene to nodes.
 
@@ -181,6 +182,8 @@ def bind(
         Initial values of branches that the scene itself says nothing of.
     is_start : bool
         Put initial values in the place of the coordinates and speeds.
+    names : collection of str
+        Nodes and edges of the scalar networks, whose variables fields may use.
 
     Raises
     ------
@@ -210,6 +213,7 @@ def bind(
     of_states = _resolver([parameters, {"t": time}, inputs, states], "")
 
     pending: list[str] = []
+    nodes = frozenset(scene.nodes)
 
     def of_everything(name: str) -> Node:
         if name in scene.outputs and name not in parameters:
@@ -220,9 +224,8 @@ def bind(
             pending.remove(name)
             return found
         first = name.partition(".")[0]
-        is_across = (
-            "." in name and name not in states and (first in scene.nodes or first in scene.edges)
-        )
+        is_known = first in nodes or first in scene.edges or first in names
+        is_across = "." in name and name not in states and is_known
         if not is_across:
             return of_states(name)
         if name not in measured:

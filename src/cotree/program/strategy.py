@@ -135,7 +135,7 @@ def _eliminations(first: FirstGraph) -> list[tuple[Link, ...]]:
 
 def _choices(scene: SceneDescription, tree: Tree) -> Iterator[tuple[int, ...]]:
     """List sets of clusters: all sets of a few, else none and all."""
-    turning, spaces = [], motion_spaces(scene).of
+    turning, spaces = [], motion_spaces(scene.mechanics).of
     cluster = 0  # numbered as the walk meets the freedoms that carry them
     for step in tree_walk(tree):
         for kind in spaces[step.edge][:: step.sign]:

@@ -7,15 +7,18 @@ import numbers
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
-from cotree.components import COMPONENTS, Component
+from cotree.components import COMPONENTS, Component, Role
 from cotree.dag.several import Table
 from cotree.errors import ParameterError, SceneError, nearest
 from cotree.naming import check_name, check_scene_name
 from cotree.scene.expressions import Expression, parse
 from cotree.scene.fields import check_fields, check_initial, check_vector
+from cotree.scene.ports import check_ports
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+
+    from cotree.scene.ports import Ends
 
 #: Value of a field: one expression, or a tuple of three, or three such rows.
 FieldValue = Expression | tuple[Expression, ...] | tuple[tuple[Expression, ...], ...]
@@ -46,13 +49,28 @@ class Input:
 
 @dataclass(frozen=True)
 class Edge:
-    """A component between two nodes, with its fields and initial values."""
+    """A component between its nodes, with its fields and initial values.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    component : Component
+        What it is.
+    nodes : tuple of str
+        Its nodes: two, but for scalar components with several ports.
+    fields, initial : mapping
+        Values of its fields, and initial values, by name.
+    ports : tuple of Ends
+        Of a scalar component: where each port's edge runs.
+    """
 
     name: str
     component: Component
-    nodes: tuple[str, str]
+    nodes: tuple[str, ...]
     fields: Mapping[str, FieldValue]
     initial: Mapping[str, FieldValue]
+    ports: tuple[Ends, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -100,6 +118,19 @@ class SceneDescription:
         return tuple(seen)
 
     @property
+    def mechanics(self) -> SceneDescription:
+        """The multibody part: the same scene without its scalar networks."""
+        part = SceneDescription(self.name)
+        part.gravity, part.defaults = self.gravity, self.defaults
+        part.parameters, part.inputs, part.outputs = self.parameters, self.inputs, self.outputs
+        part.edges = {
+            name: edge
+            for name, edge in self.edges.items()
+            if edge.component.role is not Role.NETWORK
+        }
+        return part
+
+    @property
     def headline(self) -> str:
         """The scene in one line: its name and how much there is of what."""
         counts = {
@@ -116,8 +147,8 @@ class SceneDescription:
         """Describe the scene, one line an edge."""
         lines = [self.headline]
         for edge in self.edges.values():
-            first, second = edge.nodes
-            lines.append(f"  {edge.name:12} {edge.component.name:12} {first} -> {second}")
+            nodes = (" -> " if len(edge.nodes) == 2 else ", ").join(edge.nodes)
+            lines.append(f"  {edge.name:12} {edge.component.name:12} {nodes}")
         return "\n".join(lines)
 
     def parameter(
@@ -193,13 +224,11 @@ class SceneDescription:
         self,
         name: str,
         type: str,
-        first: str,
-        second: str,
-        *,
+        *nodes: str,
         initial: Mapping[str, Any] | None = None,
         **fields: Any,
     ) -> None:
-        """Add an edge: a component from the first node to the second.
+        """Add an edge: a component between nodes.
 
         Parameters
         ----------
@@ -207,13 +236,16 @@ class SceneDescription:
             Its name; coordinates are called ``name.coordinate``.
         type : str
             A component type, see :data:`cotree.components.COMPONENTS`.
-        first, second : str
-            Names of its nodes. Across variables are second minus first; through variables act on
-            the second.
+        *nodes : str
+            Names of its nodes. Of multibody and one-dimensional mechanical components, from the
+            first to the second: across variables are second minus first, through variables act on
+            the second. Of electrical, hydraulic and thermal ones plus, then minus: across
+            variables are plus minus minus, through variables flow from plus to minus inside.
         initial : mapping, optional
             Initial values of its coordinates and their rates, numbers or expressions of parameters.
         **fields
-            What the component needs: numbers, expressions, or lists of them.
+            What the component needs: numbers, expressions, or lists of them; the two nodes of
+            each port, where it has several.
 
         Raises
         ------
@@ -228,15 +260,14 @@ class SceneDescription:
         if component is None:
             hint = nearest(str(type)[:80], COMPONENTS)
             raise SceneError(f"edge '{name}' has the unknown type '{str(type)[:80]}'{hint}")
-        nodes = (check_name("node", first), check_name("node", second))
-        if first == second:
-            raise SceneError(f"edge '{name}' begins and ends at node '{first}': name two nodes")
+        names, ports, fields = check_ports(name, component, nodes, fields)
         self.edges[name] = Edge(
             name,
             component,
-            nodes,
+            names,
             check_fields(name, component, fields),
             check_initial(name, component, initial or {}),
+            ports,
         )
 
     def output(self, name: str, value: str | float) -> None:

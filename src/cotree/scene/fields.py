@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from cotree.components import FreeRotation, Role, Shape
 from cotree.components.spaces import body_space
 from cotree.dag.rotation import quaternion_of_matrix
+from cotree.domains import DOMAINS
 from cotree.errors import SceneError, nearest
 from cotree.scene.expressions import parse
 
@@ -96,6 +97,8 @@ def initial_names(component: Component) -> list[str]:
 
     What a body in the tree moves along follows from the whole scene, so all of it is listed.
     """
+    if component.role is Role.NETWORK:
+        return _network_names(component)
     spaces = [component.motion_space]
     if component.role is Role.BODY:
         spaces = [body_space(plane, is_particle=False) for plane in ("", "z")]
@@ -103,6 +106,13 @@ def initial_names(component: Component) -> list[str]:
     names = [name for step in steps for name, _ in (*step.coordinates, *step.rates)]
     if any(isinstance(step, FreeRotation) for step in steps):
         names.append("rotation")
+    return list(dict.fromkeys(names))
+
+
+def _network_names(component: Component) -> list[str]:
+    """List the variables of a scalar component that may be states."""
+    rows = [DOMAINS[port.domain] for port in component.ports]
+    names = [n for row in rows for n in (row.across_symbol, row.through_symbol, row.stretch) if n]
     return list(dict.fromkeys(names))
 
 

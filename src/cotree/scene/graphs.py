@@ -22,19 +22,13 @@ TreeChoice = Sequence[str] | Mapping[str, Sequence[str]] | None
 
 
 def linear_graphs(scene: SceneDescription) -> dict[str, LinearGraph]:
-    """Draw the scene as linear graphs on the same nodes.
-
-    Raises
-    ------
-    TopologyError
-        If the scene has no edges.
-    """
-    if not scene.edges:
-        raise TopologyError(f"scene '{scene.name}' has no edges: add components between nodes")
+    """Draw the multibody part of a scene as linear graphs on the same nodes."""
     graphs = {}
-    for domain in DOMAINS:
+    for domain, row in DOMAINS.items():
+        if row.is_scalar:
+            continue
         edges = tuple(
-            GraphEdge(edge.name, *edge.nodes, kind=edge.component.name)
+            GraphEdge(edge.name, edge.nodes[0], edge.nodes[1], edge.component.name)
             for edge in scene.edges.values()
             if domain in edge.component.domains
         )

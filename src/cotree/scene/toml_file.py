@@ -118,15 +118,11 @@ def _add_edge(scene: SceneDescription, name: str, edge: Any) -> None:
     if not isinstance(edge, dict):
         raise SceneError(f"edge '{name}' must be a table")
     rest = dict(edge)
-    for key in ("type", "nodes"):
-        if key not in rest:
-            raise SceneError(f"edge '{name}' needs the field '{key}'")
-    nodes = rest.pop("nodes")
-    if not isinstance(nodes, list) or len(nodes) != 2:
-        raise SceneError(f"nodes of edge '{name}' must be a list of two names")
-    for reserved in ("name", "first", "second"):
-        if reserved in rest:
-            raise SceneError(f"edge '{name}' has no field '{reserved}'")
-    scene.edge(
-        name, rest.pop("type"), nodes[0], nodes[1], initial=rest.pop("initial", None), **rest
-    )
+    if "type" not in rest:
+        raise SceneError(f"edge '{name}' needs the field 'type'")
+    nodes = rest.pop("nodes", [])
+    if not isinstance(nodes, list):
+        raise SceneError(f"nodes of edge '{name}' must be a list of names")
+    if "name" in rest:
+        raise SceneError(f"edge '{name}' has no field 'name'")
+    scene.edge(name, rest.pop("type"), *nodes, initial=rest.pop("initial", None), **rest)

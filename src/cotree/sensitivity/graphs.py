@@ -20,6 +20,7 @@ from cotree.formulation.observed import observed_unit
 from cotree.formulation.outputs import output_seed
 from cotree.formulation.pulls import stabilised
 from cotree.sensitivity.across import accelerate_tangent, move_tangent
+from cotree.sensitivity.networks import network_tangents
 from cotree.sensitivity.seed import Seed, Support
 from cotree.sensitivity.through import balance_tangent
 from cotree.sensitivity.views import TangentView
@@ -33,23 +34,39 @@ if TYPE_CHECKING:
 
 
 def differentiate(
-    first: FirstGraph, name: str, symbols: Mapping[Node, Node], support: Support
-) -> Derivative:
-    """Run the formulation over one sensitivity graph.
+    first: FirstGraph, directions: Mapping[str, Mapping[Node, Node]], support: Support
+) -> list[Derivative]:
+    """Run the formulation over sensitivity graphs.
 
     Parameters
     ----------
     first : FirstGraph
         The first graph.
-    name : str
-        Name of the direction.
-    symbols : mapping of Node to Node
-        Tangent of each symbol that changes along it.
+    directions : mapping of str to mapping of Node to Node
+        For each direction by name, the tangent of each symbol that changes along it.
     support : Support
         Shared by all directions.
     """
+    if first.network is None:
+        return [_along(first, name, row, support, {}, ()) for name, row in directions.items()]
+    networks = network_tangents(first.network, list(directions.values()), support)
+    return [
+        _along(first, name, row, support, networks.seed(i), networks.rates_along(i))
+        for i, (name, row) in enumerate(directions.items())
+    ]
+
+
+def _along(
+    first: FirstGraph,
+    name: str,
+    symbols: Mapping[Node, Node],
+    support: Support,
+    of_networks: Mapping[Node, Node],
+    network_rates: Sequence[tuple[int, Node]],
+) -> Derivative:
+    """Run the multibody formulation over one sensitivity graph, beside that of the networks."""
     dag = first.system.dag
-    symbols = {**symbols, **_measured_tangents(first, symbols)}
+    symbols = {**symbols, **_measured_tangents(first, {**symbols, **of_networks})}
     seed = Seed(dag, symbols, support)
     moved = move_tangent(first.motion, seed)
     across = accelerate_tangent(moved, first.view.across, first.view.across.rates)
@@ -61,8 +78,12 @@ def differentiate(
     held = [_held_tangents(view, row.measure, rate) for row in first.constraints.rows]
     with dag.labelled("derivatives of rates and outputs"):
         of_unknowns = dict(zip(first.unknowns, unknown_tangents(first), strict=True))
-        rates = tangents(first.rates, {**symbols, **of_unknowns})
-        of_nodes = output_seed(moved, first.outputs)
+        n = len(first.rates) - (len(first.network.rates) if first.network else 0)
+        rates = tangents(first.rates[:n], {**symbols, **of_unknowns})
+        rates += [dag.zero] * (len(first.rates) - n)
+        for i, changed in network_rates:
+            rates[n + i] = changed
+        of_nodes = {**of_networks, **output_seed(moved, first.outputs)}
         outputs = tangents(first.outputs.values, {**symbols, **of_unknowns, **of_nodes})
         initial = tangents([state.initial for state in first.states], symbols)
     return Derivative(
@@ -104,18 +125,15 @@ def _held_tangents(
 def state_columns(first: FirstGraph, support: Support) -> tuple[Derivative, ...]:
     """Differentiate along each state: the columns of the Jacobian."""
     one = first.system.dag.one
-    return tuple(
-        differentiate(first, state.name, {state.symbol: one}, support) for state in first.states
-    )
+    directions = {state.name: {state.symbol: one} for state in first.states}
+    return tuple(differentiate(first, directions, support))
 
 
 def input_columns(first: FirstGraph) -> tuple[Derivative, ...]:
     """Differentiate along each input."""
     support, one = Support(), first.system.dag.one
-    columns = [
-        differentiate(first, name, {symbol: one}, support)
-        for name, symbol in first.system.inputs.items()
-    ]
+    directions = {name: {symbol: one} for name, symbol in first.system.inputs.items()}
+    columns = differentiate(first, directions, support)
     return tuple(_closed_row(column, first.measured) for column in columns)
 
 
@@ -147,15 +165,17 @@ def form_derivatives(
     _check_wanted(first, wanted)
     dag, n = first.system.dag, len(first.states)
     support = support or Support()
-    found = []
+    directions = {}
     for j, name in enumerate(wanted):
-        symbols = {state.symbol: dag.symbol("s", j * n + i) for i, state in enumerate(first.states)}
+        directions[name] = {
+            state.symbol: dag.symbol("s", j * n + i) for i, state in enumerate(first.states)
+        }
         if name in first.system.parameters:
-            symbols |= _of_parameter(first, first.system.parameters[name])
-            found.append(differentiate(first, name, symbols, support))
-        else:
-            found.append(_initial_value(differentiate(first, name, symbols, support), first))
-    return tuple(found)
+            directions[name] |= _of_parameter(first, first.system.parameters[name])
+    return tuple(
+        row if row.name in first.system.parameters else _initial_value(row, first)
+        for row in differentiate(first, directions, support)
+    )
 
 
 def _of_parameter(first: FirstGraph, parameter: Node) -> dict[Node, Node]:
@@ -222,6 +242,7 @@ def form_equations(first: FirstGraph, sensitivities: Sequence[str]) -> Equations
         sensitivities=form_derivatives(first, sensitivities, support),
         columns=state_columns(first, support),
         guards=first.guards,
+        n_network_states=first.network.n_differential if first.network else 0,
     )
     return _closed(equations, first.measured) if first.measured else equations
 

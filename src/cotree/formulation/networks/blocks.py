@@ -1,0 +1,78 @@
+"""Linear equations of a block, factorised once for any number of right-hand sides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+from cotree.dag.several import SolveShape, solve
+from cotree.formulation.elimination import factorise
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cotree.dag.nodes import Dag, Node
+
+
+class Solver(Protocol):
+    """Factorised equations."""
+
+    def solve(self, rhs: Sequence[Node]) -> list[Node]:
+        """Solve for one right-hand side."""
+        ...
+
+
+@dataclass(frozen=True)
+class _AtRunTime:
+    """Equations whose pivots are chosen at run time, with rows and columns of one size each."""
+
+    dag: Dag
+    matrix: tuple[tuple[Node, ...], ...]
+    row_scales: tuple[Node, ...]
+    column_scales: tuple[Node, ...]
+
+    def solve(self, rhs: Sequence[Node]) -> list[Node]:
+        """Solve for one right-hand side."""
+        if all(value.is_zero for value in rhs):
+            return list(rhs)
+        n = len(rhs)
+        scaled = [value * scale for value, scale in zip(rhs, self.row_scales, strict=True)]
+        found = solve(self.dag, self.matrix, scaled, self.dag.zero, SolveShape(n, n))
+        return [value * s for value, s in zip(found, self.column_scales, strict=False)]
+
+
+def _at_run_time(dag: Dag, matrix: Sequence[Sequence[Node]]) -> _AtRunTime:
+    """Divide rows, then columns, by the sums of their sizes, which makes pivots comparable."""
+    n = range(len(matrix))
+    rows = tuple(1.0 / _size(dag, row) for row in matrix)
+    scaled = [[matrix[i][j] * rows[i] for j in n] for i in n]
+    columns = tuple(1.0 / _size(dag, [scaled[i][j] for i in n]) for j in n)
+    return _AtRunTime(
+        dag, tuple(tuple(scaled[i][j] * columns[j] for j in n) for i in n), rows, columns
+    )
+
+
+def _size(dag: Dag, entries: Sequence[Node]) -> Node:
+    total = dag.zero
+    for entry in entries:
+        total = total + dag.function("abs", entry)
+    return total
+
+
+def factorise_block(dag: Dag, matrix: Sequence[Mapping[int, Node]], is_safe: bool) -> Solver:
+    """Factorise the equations of a block.
+
+    Parameters
+    ----------
+    dag : Dag
+        The arena.
+    matrix : sequence of mapping of int to Node
+        The rows; absent entries are zero.
+    is_safe : bool
+        Whether it is symmetric and positive definite for every state.
+    """
+    n = len(matrix)
+    full = tuple(tuple(row.get(j, dag.zero) for j in range(n)) for row in matrix)
+    if is_safe or n == 0:
+        return factorise(dag, full, [True] * n)
+    return _at_run_time(dag, full)

@@ -1,0 +1,108 @@
+"""Laws that follow from a terminal equation: solved for a rate, as a residual, differentiated.
+
+They are formed once for each terminal equation, in SymPy, as the equations that components bring
+themselves; with them, their partial derivatives.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from cotree.components import Kind
+from cotree.components.law import Law
+
+if TYPE_CHECKING:
+    from cotree.components import Terminal
+
+
+def _symbol(name: str) -> Any:
+    import sympy
+
+    return sympy.Symbol(name, real=True)
+
+
+def _or_zero(law: Law | None) -> Any:
+    import sympy
+
+    return sympy.Integer(0) if law is None else law.expression
+
+
+@lru_cache(maxsize=1024)
+def stored_rate(terminal: Terminal, is_across: bool) -> Law:
+    """Solve a storage's terminal equation for the rate of its state.
+
+    Capacities: ``rate = (through - leak) / capacity``; inertances
+    ``rate = (across - drop) / inertance``.
+    """
+    assert terminal.storage is not None
+    given, loss = _sides(terminal, is_across)
+    return Law.of((given - loss) / terminal.storage.expression)
+
+
+@lru_cache(maxsize=1024)
+def stored_value(terminal: Terminal, is_across: bool) -> Law:
+    """Give what a storage without a state takes: ``storage * rate``, and its loss."""
+    return Law.of(_stored(terminal, is_across))
+
+
+@lru_cache(maxsize=1024)
+def stored_residual(terminal: Terminal, is_across: bool) -> Law:
+    """Give ``storage * rate + loss`` less what flows in."""
+    return Law.of(_stored(terminal, is_across) - _sides(terminal, is_across)[0])
+
+
+def _stored(terminal: Terminal, is_across: bool) -> Any:
+    assert terminal.storage is not None
+    rate = _symbol("across_rate" if is_across else "through_rate")
+    return terminal.storage.expression * rate + _sides(terminal, is_across)[1]
+
+
+def _sides(terminal: Terminal, is_across: bool) -> tuple[Any, Any]:
+    if is_across:
+        return _symbol("through"), _or_zero(terminal.through)
+    return _symbol("across"), _or_zero(terminal.across)
+
+
+@lru_cache(maxsize=1024)
+def across_residual(terminal: Terminal) -> Law:
+    """Give the equation of a branch whose across variable is unknown."""
+    if terminal.through is not None and terminal.kind is not Kind.COUPLED:
+        # Symmetric, where the laws are.
+        return Law.of(terminal.through.expression - _symbol("through"))
+    assert terminal.across is not None
+    return Law.of(_symbol("across") - terminal.across.expression)
+
+
+@lru_cache(maxsize=1024)
+def through_residual(terminal: Terminal) -> Law:
+    """Give the equation of a chord whose through variable is unknown."""
+    if terminal.through is not None:
+        return Law.of(_symbol("through") - terminal.through.expression)
+    assert terminal.across is not None
+    return Law.of(terminal.across.expression - _symbol("across"))
+
+
+@lru_cache(maxsize=1024)
+def explicit_residual(name: str, law: Law) -> Law:
+    """Give a variable less the law that it follows from."""
+    return Law.of(_symbol(name) - law.expression)
+
+
+@lru_cache(maxsize=1024)
+def rate_of(law: Law) -> Law:
+    """Differentiate a law by time: the sum of its partial derivatives times rates."""
+    import sympy
+
+    total = sympy.Integer(0)
+    for name, partial in law.partials.items():
+        total += partial * _symbol(rate_name(name))
+    return Law.of(total)
+
+
+def rate_name(name: str) -> str:
+    """Name the rate of a law's argument."""
+    first, _, rest = name.partition("_")
+    if first in ("across", "through") and name != first:
+        return f"{first}_rate_{rest}"
+    return f"{name}_rate"

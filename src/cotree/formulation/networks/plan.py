@@ -1,0 +1,126 @@
+"""The order in which the variables of the networks follow from each other, alone or in blocks.
+
+What depends on itself (resistive meshes, storages in loops of their like) is a strongly connected
+part of the graph of dependencies. Some of its variables are torn: they become unknowns with an
+equation of their own, such that the others follow from them one by one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.components import Kind
+from cotree.formulation.networks.rules import Unknown
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+
+    from cotree.formulation.networks.rules import Rule, Variable
+    from cotree.formulation.networks.terminals import Terminals
+
+
+@dataclass(frozen=True)
+class Block:
+    """Variables that only follow together.
+
+    Attributes
+    ----------
+    unknowns : tuple of Variable
+        Those with an equation each.
+    residuals : tuple of Variable
+        The equations: what must be zero.
+    inner : tuple of Variable
+        What follows from the unknowns, in order, the residuals last.
+    """
+
+    unknowns: tuple[Variable, ...]
+    residuals: tuple[Variable, ...]
+    inner: tuple[Variable, ...]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Variables and blocks, each after what it needs, and the rules of all variables."""
+
+    steps: tuple[Variable | Block, ...]
+    rules: dict[Variable, Rule]
+
+
+def make_plan(terminals: Terminals, roots: Iterable[Variable]) -> Plan:
+    """Order what the roots need.
+
+    Parameters
+    ----------
+    terminals : Terminals
+        Gives the rules.
+    roots : iterable of Variable
+        What is wanted.
+    """
+    rules = _gather(terminals.rule, roots)
+    steps: list[Variable | Block] = []
+    for part in _parts({variable: rule.needs for variable, rule in rules.items()}):
+        (first, *others) = part
+        if not others and first not in rules[first].needs:
+            steps.append(first)
+        else:
+            steps.append(_tear(terminals, rules, part))
+    return Plan(tuple(steps), rules)
+
+
+def _gather(
+    rule_of: Callable[[Variable], Rule],
+    roots: Iterable[Variable],
+    known: Container[Variable] = (),
+) -> dict[Variable, Rule]:
+    """Find the rules of all variables that the roots need, but for those that are known."""
+    rules: dict[Variable, Rule] = {}
+    waiting = list(dict.fromkeys(roots))[::-1]
+    while waiting:
+        variable = waiting.pop()
+        if variable not in rules and variable not in known:
+            rules[variable] = rule_of(variable)
+            waiting += reversed(rules[variable].needs)
+    return rules
+
+
+def _parts(needs: Mapping[Variable, Sequence[Variable]]) -> list[list[Variable]]:
+    """List the strongly connected parts, each after those that it needs."""
+    import networkx
+
+    graph = networkx.DiGraph()
+    graph.add_nodes_from(needs)
+    graph.add_edges_from((a, b) for a, others in needs.items() for b in others)
+    order = {variable: i for i, variable in enumerate(needs)}
+    # The search leaves a part when all that it leads to has been left.
+    return [
+        sorted(part, key=order.__getitem__)
+        for part in networkx.strongly_connected_components(graph)
+    ]
+
+
+def _rank(variable: Variable, terminals: Terminals) -> int:
+    """Say how soon a variable is torn: what gives symmetric equations before couplings."""
+    quantity, name = variable
+    if quantity.endswith("_rate") and name in terminals.states:
+        return 0
+    if not terminals.is_branch(name):
+        return 2
+    return 0 if terminals.ports[name].kind is Kind.DISSIPATOR else 1
+
+
+def _tear(terminals: Terminals, rules: dict[Variable, Rule], part: Sequence[Variable]) -> Block:
+    """Make unknowns of some variables of a part, so that the others follow one by one."""
+    torn = {v: rules[v] for v in part if isinstance(rules[v], Unknown)}
+    could = {v: unknown for v in part if v not in torn and (unknown := terminals.torn(v))}
+    for rank in (-1, 0, 1, 2):
+        torn |= {v: unknown for v, unknown in could.items() if _rank(v, terminals) == rank}
+        residuals = [rule.residual for rule in torn.values()]  # type: ignore[attr-defined]
+        extra = _gather(terminals.rule, residuals, rules)
+        inside = {v: rules[v] for v in part if v not in torn} | extra
+        needs = {v: [n for n in rule.needs if n in inside] for v, rule in inside.items()}
+        pieces = _parts(needs)
+        if all(len(piece) == 1 and piece[0] not in needs[piece[0]] for piece in pieces):
+            rules |= torn | extra
+            return Block(tuple(torn), tuple(residuals), tuple(piece[0] for piece in pieces))
+    raise AssertionError("a part without a variable to tear")  # sums alone cannot need themselves

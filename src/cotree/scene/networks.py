@@ -1,0 +1,261 @@
+"""Scalar graphs of a scene and their normal trees.
+
+The normal tree takes across sources first, then across storages, dissipators and through
+storages, never through sources, so that states are across variables of its storages and through
+variables of the cotree's (H. E. Koenig, Y. Tokad, H. K. Kesavan, Analysis of Discrete Physical
+Systems, 1967). Of the two ports of a transformer one is a branch and the other a chord; of a
+gyrator both are one or the other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from typing import TYPE_CHECKING
+
+from cotree.components import Kind, Role
+from cotree.domains import DOMAINS
+from cotree.errors import TopologyError
+from cotree.graph import GraphEdge, LinearGraph, Tree, select_tree
+from cotree.graph.checks import listed
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    from cotree.components import Terminal
+    from cotree.scene.description import Edge, SceneDescription
+
+#: Weights of ports that an ideal coupling makes branches or chords.
+_ALWAYS, _NEVER = -1.0, float("inf")
+
+# Couplings up to which all choices of their branches are tried.
+_FEW = 8
+
+
+@dataclass(frozen=True)
+class Port:
+    """An edge of a scalar graph: one port of a component.
+
+    Attributes
+    ----------
+    name : str
+        Name of the edge in the graph: the component's, with that of the port where it has several.
+    edge : Edge
+        The component in the scene.
+    terminal : Terminal
+        Its terminal equation.
+    tail, head : str
+        Its nodes.
+    """
+
+    name: str
+    edge: Edge
+    terminal: Terminal
+    tail: str
+    head: str
+
+    @property
+    def kind(self) -> Kind:
+        """Its place in the normal tree."""
+        return self.terminal.kind
+
+    def sibling(self, port: str) -> str:
+        """Name another port of the same component."""
+        return port_name(self.edge, port)
+
+
+def port_name(edge: Edge, port: str) -> str:
+    """Name the edge of a component's port."""
+    return f"{edge.name}.{port}" if port else edge.name
+
+
+def scalar_ports(scene: SceneDescription) -> dict[str, Port]:
+    """List the edges of all scalar graphs by name."""
+    found = {}
+    for edge in scene.edges.values():
+        if edge.component.role is Role.NETWORK:
+            for terminal, ends in zip(edge.component.ports, edge.ports, strict=True):
+                name = port_name(edge, terminal.port)
+                found[name] = Port(name, edge, terminal, ends.tail, ends.head)
+    return found
+
+
+def scalar_graphs(ports: Mapping[str, Port]) -> dict[str, LinearGraph]:
+    """Draw the scalar graphs that have edges."""
+    graphs = {}
+    for domain, row in DOMAINS.items():
+        own = [port for port in ports.values() if port.terminal.domain == domain]
+        if row.is_scalar and own:
+            nodes = dict.fromkeys(["ground", *(n for p in own for n in (p.tail, p.head))])
+            edges = (GraphEdge(p.name, p.tail, p.head, p.edge.component.name) for p in own)
+            graphs[domain] = LinearGraph(domain, tuple(nodes), tuple(edges))
+    return graphs
+
+
+def normal_trees(graphs: Mapping[str, LinearGraph], ports: Mapping[str, Port]) -> dict[str, Tree]:
+    """Choose the normal tree of each scalar graph.
+
+    Raises
+    ------
+    TopologyError
+        If a part floats, across sources form a loop, only through sources reach a part, or ideal
+        transformers leave no choice of branches.
+    """
+    weights = {name: _weight(port) for name, port in ports.items()}
+    for graph in graphs.values():
+        _check_across_sources(graph, ports)
+        _check_reached(graph, weights)
+    choices = _choices(ports)
+    best = None
+    for choice in _combinations(choices):
+        total, trees = _chosen(graphs, weights | choice, choice)
+        if trees is not None and (best is None or total < best[0]):
+            best = (total, trees)
+    if best is None:
+        coupled = dict.fromkeys(p.edge.name for p in ports.values() if p.kind is Kind.COUPLED)
+        raise TopologyError(
+            f"the ports of {listed(coupled)} cannot be one branch and one chord: they are tied to "
+            "sources or to each other so that their variables contradict or are undetermined; add "
+            "a resistance or a storage"
+        )
+    return best[1]
+
+
+def _weight(port: Port) -> float:
+    """Order the kinds; storages with an initial value come first among theirs."""
+    if port.kind in (Kind.THROUGH_SOURCE, Kind.SPRING):
+        return _NEVER
+    is_given = port.kind is Kind.ACROSS_STORAGE and bool(port.edge.initial)
+    # Unknowns of nonlinear equations are better the junctions' own voltages.
+    is_implicit = port.kind is Kind.DISSIPATOR and port.terminal.across is None
+    return float(port.kind.value) - (0.25 if is_given or is_implicit else 0.0)
+
+
+def _choices(ports: Mapping[str, Port]) -> list[list[dict[str, float]]]:
+    """List, for each ideal coupling, which of its ports may be branches and which chords."""
+    couples: dict[str, list[Port]] = {}
+    for port in ports.values():
+        if port.kind is Kind.COUPLED:
+            couples.setdefault(port.edge.name, []).append(port)
+    found = []
+    for first, second in couples.values():
+        law = first.terminal.across
+        is_gyrator = law is not None and any(a.startswith("through_") for a in law.arguments)
+        pairs = (
+            ((_ALWAYS, _ALWAYS), (_NEVER, _NEVER))
+            if is_gyrator
+            else ((_ALWAYS, _NEVER), (_NEVER, _ALWAYS))
+        )
+        found.append([{first.name: a, second.name: b} for a, b in pairs])
+    return found
+
+
+def _combinations(choices: Sequence[Sequence[dict[str, float]]]) -> Iterator[dict[str, float]]:
+    """Try all combinations of a few couplings; of many, a change of each one in turn."""
+    if len(choices) <= _FEW:
+        for chosen in product(*choices):
+            yield {name: weight for row in chosen for name, weight in row.items()}
+        return
+    base = {name: weight for row in choices for name, weight in row[0].items()}
+    yield base
+    for row in choices:
+        yield base | row[1]
+
+
+def _chosen(
+    graphs: Mapping[str, LinearGraph], weights: Mapping[str, float], choice: Mapping[str, float]
+) -> tuple[float, dict[str, Tree] | None]:
+    """Select trees, and add up what their branches weigh; None where the choice cannot be had."""
+    trees, total = {}, 0.0
+    for domain, graph in graphs.items():
+        try:
+            trees[domain] = select_tree(graph, {name: weights[name] for name in graph.edge_names})
+        except TopologyError:
+            if not choice:
+                raise
+            return 0.0, None
+        total += sum(weights[name] for name in trees[domain].branches)
+    wanted = {name for name, weight in choice.items() if weight == _ALWAYS}
+    if not wanted <= {name for tree in trees.values() for name in tree.branches}:
+        return 0.0, None
+    return total, trees
+
+
+def _check_across_sources(graph: LinearGraph, ports: Mapping[str, Port]) -> None:
+    """Refuse loops of across sources."""
+    above: dict[str, str] = {node: node for node in graph.nodes}
+    through: dict[str, list[tuple[str, str]]] = {node: [] for node in graph.nodes}
+
+    def top(node: str) -> str:
+        while above[node] != node:
+            node = above[node]
+        return node
+
+    for edge in graph.edges:
+        if ports[edge.name].kind is not Kind.ACROSS_SOURCE:
+            continue
+        a, b = top(edge.tail), top(edge.head)
+        if a == b:
+            loop = [*_route(through, edge.tail, edge.head), edge.name]
+            what = DOMAINS[graph.domain].across[0]
+            raise TopologyError(
+                f"{listed(loop)} form a loop of {what} sources in the {graph.domain} graph: their "
+                f"{what}s contradict each other or leave the {DOMAINS[graph.domain].through} "
+                "undetermined; put a resistance into the loop or take one out"
+            )
+        above[b] = a
+        through[edge.tail].append((edge.head, edge.name))
+        through[edge.head].append((edge.tail, edge.name))
+
+
+def _route(neighbours: Mapping[str, Sequence[tuple[str, str]]], start: str, end: str) -> list[str]:
+    """Name the edges from a node to another."""
+    came: dict[str, tuple[str, str]] = {start: ("", "")}
+    waiting = [start]
+    while end not in came:
+        node = waiting.pop()
+        for other, edge in neighbours[node]:
+            if other not in came:
+                came[other] = (node, edge)
+                waiting.append(other)
+    found = []
+    while end != start:
+        end, edge = came[end]
+        found.append(edge)
+    return found[::-1]
+
+
+def _check_reached(graph: LinearGraph, weights: Mapping[str, float]) -> None:
+    """Refuse parts that nothing connects to the ground, or only through sources and springs."""
+    everything = _reached(graph, graph.edge_names)
+    if floating := [node for node in graph.nodes if node not in everything]:
+        raise TopologyError(
+            f"the {graph.domain} part with the node {listed(floating)} floats: connect one of its "
+            f"nodes to 'ground', where its {DOMAINS[graph.domain].across[0]} is measured from"
+        )
+    allowed = [name for name in graph.edge_names if weights[name] != _NEVER]
+    reached = _reached(graph, allowed)
+    if cut := [node for node in graph.nodes if node not in reached]:
+        own = set(cut)
+        edges = [e.name for e in graph.edges if (e.tail in own) != (e.head in own)]
+        row = DOMAINS[graph.domain]
+        raise TopologyError(
+            f"only {listed(edges)} reach the node {listed(cut)} of the {graph.domain} graph: "
+            f"their {row.through}s are given, so that its {row.across[0]} is undetermined; add a "
+            "resistance or a storage there"
+        )
+
+
+def _reached(graph: LinearGraph, names: Iterable[str]) -> set[str]:
+    neighbours: dict[str, list[str]] = {node: [] for node in graph.nodes}
+    for name in names:
+        edge = graph.edge(name)
+        neighbours[edge.tail].append(edge.head)
+        neighbours[edge.head].append(edge.tail)
+    reached, waiting = {graph.reference}, [graph.reference]
+    while waiting:
+        for node in neighbours[waiting.pop()]:
+            if node not in reached:
+                reached.add(node)
+                waiting.append(node)
+    return reached

@@ -1,0 +1,97 @@
+"""Sensitivity graphs of the scalar networks: all directions at once, each where it changes."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from cotree.dag.derivative import tangents
+from cotree.formulation.networks.solved import differentiate_plan
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable, Mapping, Sequence
+
+    from cotree.dag.nodes import Node
+    from cotree.formulation.networks.network import Network
+    from cotree.formulation.networks.rules import Tangent
+    from cotree.sensitivity.seed import Support
+
+
+@dataclass(frozen=True)
+class NetworkTangents:
+    """Derivatives of the networks along several directions, numbered.
+
+    Attributes
+    ----------
+    rates : tuple of Tangent
+        Of the states' rates, and of the residuals of algebraic unknowns.
+    observed : mapping of Node to Tangent
+        Of what outputs and fields name, by its value.
+    """
+
+    rates: tuple[Tangent, ...]
+    observed: Mapping[Node, Tangent]
+
+    def rates_along(self, direction: int) -> list[tuple[int, Node]]:
+        """List the rates that change along a direction, with their places among the rates."""
+        return [(i, row[direction]) for i, row in enumerate(self.rates) if direction in row]
+
+    def seed(self, direction: int) -> dict[Node, Node]:
+        """Give the derivatives of observed values along a direction."""
+        return {node: row[direction] for node, row in self.observed.items() if direction in row}
+
+
+@dataclass
+class _Seeds:
+    """Gives derivatives of symbols and fields along all directions."""
+
+    directions: Sequence[Mapping[Node, Node]]
+    support: Support
+    _by_symbol: dict[Node, dict[Hashable, Node]] = field(default_factory=lambda: defaultdict(dict))
+
+    def __post_init__(self) -> None:
+        for i, symbols in enumerate(self.directions):
+            for symbol, d in symbols.items():
+                if not d.is_zero:
+                    self._by_symbol[symbol][i] = d
+
+    def __call__(self, node: Node) -> Tangent:
+        """Differentiate a node along all directions that it depends on."""
+        if node.op == "symbol":
+            return self._by_symbol.get(node, {})
+        if node.value is not None:
+            return {}
+        touched: dict[Hashable, dict[Node, Node]] = defaultdict(dict)
+        for symbol in self.support.of(node):
+            for i, d in self._by_symbol.get(symbol, {}).items():
+                touched[i][symbol] = d
+        found = {i: tangents([node], seed)[0] for i, seed in touched.items()}
+        return {i: d for i, d in found.items() if not d.is_zero}
+
+
+def network_tangents(
+    network: Network,
+    directions: Sequence[Mapping[Node, Node]],
+    support: Support,
+) -> NetworkTangents:
+    """Run the networks over the sensitivity graphs of several directions.
+
+    Parameters
+    ----------
+    network : Network
+        The first graph's networks.
+    directions : sequence of mapping of Node to Node
+        Tangents of the symbols that change along each direction.
+    support : Support
+        Shared with other directions.
+    """
+    d = differentiate_plan(network.solved, _Seeds(directions, support))
+    return NetworkTangents(
+        tuple(d[variable] for variable in network.rates),
+        {
+            network.solved.values[variable]: d[variable]
+            for variable in network.observed.values()
+            if network.solved.values[variable].value is None
+        },
+    )
