@@ -75,8 +75,12 @@ class Law:
         """The pre-formed partial derivatives, by argument; those that vanish are absent."""
         import sympy
 
+        # SymPy leaves the derivative of a floor as it is; between its jumps it is zero.
+        floors = {item: sympy.Dummy(real=True) for item in self.expression.atoms(sympy.floor)}
+        fixed = self.expression.subs(floors)
+        back = {dummy: item for item, dummy in floors.items()}
         derivatives = {
-            name: self.expression.diff(sympy.Symbol(name, real=True)) for name in self.arguments
+            name: fixed.diff(sympy.Symbol(name, real=True)).subs(back) for name in self.arguments
         }
         return {name: value for name, value in derivatives.items() if value != 0}
 

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 _FUNCTIONS = {
     **{name: name for name in ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh")},
     **{"tanh": "tanh", "exp": "exp", "log": "log", "Abs": "abs", "sign": "sign", "atan2": "atan2"},
+    "floor": "floor",
 }
 
 
@@ -49,6 +50,8 @@ def from_sympy(expression: Any, dag: Dag, arguments: Mapping[str, Node]) -> Node
         return _product(expression, args, dag)
     if expression.is_Pow:
         return args[0] ** args[1]
+    if name == "Heaviside":  # the derivative of Max and Min
+        return dag.select(args[0], dag.one, dag.zero)
     if name in ("Max", "Min"):
         return _extreme(name, args, dag)
     if name not in _FUNCTIONS:

@@ -84,18 +84,19 @@ def simulate(
     u = _input_function(model, p, signals)
     is_held = settings.project and bool(model.layout.constraints)
     projection = Projection(model, p, u) if is_held else None
+    t_span = _span(settings.t_span)
     problem = Problem(
         rhs=_rhs(model, p, u),
         jacobian=lambda t, y: model.jacobian(t, y, p, u(t)),
         n_states=len(model.states),
         n_sensitivities=len(model.sensitivities),
-        z0=_start(model, _span(settings.t_span)[0], p, settings.initial),
-        t_span=_span(settings.t_span),
+        z0=_start(model, t_span[0], p, settings.initial),
+        t_span=t_span,
         t_eval=_times(settings.t_eval),
         rtol=check_number(settings.rtol, "rtol"),
         atol=check_number(settings.atol, "atol"),
         error_test_sensitivities=settings.error_test_sensitivities,
-        breakpoints=(*_own_kinks(model, settings.inputs), *signals.breakpoints),
+        breakpoints=(*model.stop_times(p, t_span, settings.inputs), *signals.breakpoints),
         names=model.states,
         parameters=model.sensitivities,
         max_steps=settings.max_steps,
@@ -141,12 +142,6 @@ def simulate(
         drift=trajectory.drift,
         redundant=redundant,
     )
-
-
-def _own_kinks(model: CompiledModel, inputs: Mapping[str, Any]) -> list[float]:
-    """List the times where the scene's own inputs, as far as they stay, have kinks."""
-    kinks = zip(model.inputs, model.layout.breakpoints, strict=True)
-    return [at for name, times in kinks if name not in inputs for at in times]
 
 
 def _check_settings(settings: Settings) -> None:
