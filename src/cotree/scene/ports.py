@@ -12,7 +12,7 @@ from cotree.errors import SceneError
 from cotree.naming import check_name
 
 if TYPE_CHECKING:
-    from cotree.components import Component
+    from cotree.components import Component, Terminal
 
 
 @dataclass(frozen=True)
@@ -67,19 +67,25 @@ def check_ports(
         return _by_terminal(edge, component, nodes, rest)
     if len(component.ports) == 1:
         pair = _pair(edge, nodes, f"edge '{edge}'")
-        return pair, (_ends(component.ports[0].domain, pair),), rest
+        return pair, (_ends(component.ports[0], pair, f"edge '{edge}'"),), rest
     if nodes:
-        names = ", ".join(port.port for port in component.ports)
-        raise SceneError(
-            f"edge '{edge}' of type '{component.name}' has several ports: name the two nodes of "
-            f"each ({names}) in place of nodes"
-        )
+        if not _is_list(nodes) or len(nodes) != len(component.ports):
+            names = ", ".join(port.port for port in component.ports)
+            raise SceneError(
+                f"edge '{edge}' of type '{component.name}' has the ports {names}: name the two "
+                "nodes of each, or as nodes one of each, the other being the ground"
+            )
+        rest |= {
+            port.port: _from_ground(port, node)
+            for port, node in zip(component.ports, nodes, strict=True)
+        }
     found: list[str] = []
     ports = []
     for port in component.ports:
-        pair = _pair(edge, rest.pop(port.port, ()), f"{port.port} of edge '{edge}'")
+        where = f"{port.port} of edge '{edge}'"
+        pair = _pair(edge, rest.pop(port.port, ()), where)
         found += pair
-        ports.append(_ends(port.domain, pair))
+        ports.append(_ends(port, pair, where))
     return tuple(dict.fromkeys(found)), tuple(ports), rest
 
 
@@ -97,19 +103,31 @@ def _by_terminal(
         terminal: check_name("node", node)
         for terminal, node in zip(component.terminals, nodes, strict=True)
     }
+    places = {**by_name, "ground": "ground"}
     ports = []
     for port in component.ports:
         head, tail = port.between
-        if by_name[head] == by_name[tail]:
+        if places[head] == places[tail]:
             raise SceneError(
-                f"{head} and {tail} of edge '{edge}' are both node '{by_name[head]}': name two"
+                f"{head} and {tail} of edge '{edge}' are both node '{places[head]}': name two"
             )
-        ports.append(Ends(by_name[tail], by_name[head]))
+        ports.append(Ends(places[tail], places[head]))
     return tuple(dict.fromkeys(by_name.values())), tuple(ports), rest
 
 
-def _ends(domain: str, pair: tuple[str, str]) -> Ends:
-    return Ends(pair[1], pair[0]) if DOMAINS[domain].head_first else Ends(*pair)
+def _from_ground(port: Terminal, node: object) -> tuple[object, object]:
+    """Pair a node with the ground, in the order of the domain."""
+    return (node, "ground") if DOMAINS[port.domain].head_first else ("ground", node)
+
+
+def _ends(port: Terminal, pair: tuple[str, str], where: str) -> Ends:
+    ends = Ends(pair[1], pair[0]) if DOMAINS[port.domain].head_first else Ends(*pair)
+    if port.is_inertial and ends.tail != "ground":
+        raise SceneError(
+            f"{where} moves against '{ends.tail}', but inertia is against the ground: name "
+            "'ground' first, then the node that it moves with"
+        )
+    return ends
 
 
 def _pair(edge: str, nodes: object, what: str) -> tuple[str, str]:
