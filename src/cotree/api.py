@@ -101,7 +101,7 @@ class Scene(SceneDescription):
         model.check_start()
         for name in model.unreached:
             warnings.warn(
-                f"no state depends on parameter '{name}': its sensitivities are all zero",
+                f"no state or output depends on parameter '{name}': its sensitivities are all zero",
                 RuntimeWarning,
                 stacklevel=2,
             )

@@ -106,12 +106,16 @@ def _by_terminal(
     places = {**by_name, "ground": "ground"}
     ports = []
     for port in component.ports:
-        head, tail = port.between
-        if places[head] == places[tail]:
+        # Names that a scene cannot give are of nodes within.
+        head, tail = (places.get(name, f"{edge}.{name}") for name in port.between)
+        if head == tail and port.through is None:
+            first, second = port.between
             raise SceneError(
-                f"{head} and {tail} of edge '{edge}' are both node '{places[head]}': name two"
+                f"{first} and {second} of edge '{edge}' are both node '{head}': name two"
             )
-        ports.append(Ends(places[tail], places[head]))
+        ports.append(Ends(tail, head))
+    if len(set(by_name.values())) == 1:
+        raise SceneError(f"edge '{edge}' has node '{ports[0].head}' only: name others")
     return tuple(dict.fromkeys(by_name.values())), tuple(ports), rest
 
 
