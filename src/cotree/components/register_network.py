@@ -167,18 +167,27 @@ def _terminal(
             "gives='across' or gives='through'"
         )
     is_through = found == "through"
-    common: dict[str, Any] = {"port": port, "is_passive": False, "between": between}
     rate = "across_rate" if is_through else "through_rate"
+    storage = None
     if rate in law.arguments:
-        storage, rest = _linear(name, law, rate)
         kind = Kind.ACROSS_STORAGE if is_through else Kind.THROUGH_STORAGE
-        return Terminal(domain, kind, storage=storage, **{found: rest}, **common)
-    if "stretch" in law.arguments:
-        return Terminal(domain, Kind.SPRING, through=law, **common)
-    if own or dual:
-        return Terminal(domain, Kind.DISSIPATOR, **{found: law}, **common)
-    kind = Kind.THROUGH_SOURCE if is_through else Kind.ACROSS_SOURCE
-    return Terminal(domain, kind, **{found: law}, **common)
+        storage, law = _linear(name, law, rate)
+    elif "stretch" in law.arguments:
+        kind = Kind.SPRING
+    elif own or dual:
+        kind = Kind.DISSIPATOR
+    else:
+        kind = Kind.THROUGH_SOURCE if is_through else Kind.ACROSS_SOURCE
+    return Terminal(
+        domain,
+        kind,
+        port,
+        across=None if is_through else law,
+        through=law if is_through else None,
+        storage=storage,
+        is_passive=False,
+        between=between,
+    )
 
 
 def _linear(name: str, law: Law, rate: str) -> tuple[Law, Law]:

@@ -94,7 +94,7 @@ class _Side:
     def circuits(
         self, forest: Collection[str], others: Iterable[str]
     ) -> dict[str, list[str] | None]:
-        """Name the edges of a forest in the circuit of each other edge; None where there is none."""
+        """Name the edges of a forest in the circuit of each other edge; None without one."""
         neighbours: dict[str, list[tuple[str, str]]] = {}
         for name in forest:
             a, b = self._ends[name]
