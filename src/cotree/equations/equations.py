@@ -1,8 +1,10 @@
-"""Equations of a scene: ``A(x) w = b(x)`` and ``x' = rates(x, w)``, with their derivatives.
+"""Equations of a scene: ``A(x) w = b(x)`` and ``M x' = rates(x, w)``, with their derivatives.
 
-The unknowns w are what the equations give at one instant: accelerations here, multipliers and
-algebraic unknowns in general. A derivative along a direction has the same matrix on the left:
-``A w_p = b_p`` and ``x_p' = rates_p``. Everything is nodes of one arena.
+The unknowns w are what linear equations give at one instant: accelerations and multipliers. M is
+diagonal: one for states with a rate, zero for algebraic unknowns, which nonlinear equations give.
+Those come last among the states, and their ``rates`` are the residuals of these equations. A
+derivative along a direction has the same matrices on the left: ``A w_p = b_p`` and
+``M x_p' = rates_p``. Everything is nodes of one arena.
 """
 
 from __future__ import annotations
@@ -42,6 +44,9 @@ class State:
         Its initial value, of parameters only.
     is_given : bool
         Whether the scene gives it, or it may change to satisfy constraints.
+    is_algebraic : bool
+        Whether an equation 0 = g determines it at each instant, in place of a rate. Its initial
+        value is then a guess.
     """
 
     name: str
@@ -49,6 +54,7 @@ class State:
     symbol: Node
     initial: Node
     is_given: bool = True
+    is_algebraic: bool = False
 
 
 @dataclass(frozen=True)
@@ -209,7 +215,7 @@ class Equations:
     dag : Dag
         The arena.
     states : tuple of State
-        x.
+        x: coordinates, speeds, states of networks, algebraic unknowns.
     parameters, inputs, outputs : tuple of Quantity
         p, u and y, in the order of their symbols.
     parameter_values : tuple of float
@@ -227,7 +233,7 @@ class Equations:
     links : tuple of Link
         The tree, where elimination along it costs less than that of the matrix; else empty.
     rates : tuple of Node
-        x' in terms of x and w.
+        M x' in terms of x and w.
     balances : tuple of Node
         ``A w - b`` as the formulation wrote it, for people.
     constraints : ConstraintSet
@@ -239,6 +245,8 @@ class Equations:
         state.
     guards : tuple of Guard
         What parameter values must satisfy.
+    n_network_states : int
+        How many states of networks there are, algebraic unknowns not counted.
     """
 
     name: str
@@ -263,6 +271,23 @@ class Equations:
     sensitivities: tuple[Derivative, ...]
     columns: tuple[Derivative, ...]
     guards: tuple[Guard, ...]
+    n_network_states: int = 0
+
+    @property
+    def n_algebraic(self) -> int:
+        """How many of the states, which come last, are algebraic unknowns."""
+        return sum(state.is_algebraic for state in self.states)
+
+    @property
+    def n_speeds(self) -> int:
+        """How many speeds there are; their rates are the first of the unknowns."""
+        return len(self.unknowns) - len(self.constraints.rows)
+
+    @property
+    def n_coordinates(self) -> int:
+        """How many of the states, which come first, are coordinates."""
+        others = self.n_speeds + self.n_network_states + self.n_algebraic
+        return len(self.states) - others
 
     def summary(self) -> str:
         """Describe the equations in a few lines."""

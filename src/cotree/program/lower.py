@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.traverse import reachable, substitute, symbols_in
 from cotree.equations import Quantity
+from cotree.errors import ParameterError
 from cotree.formulation.elimination import solve_unknowns
 from cotree.program.kernels import KERNELS
 from cotree.program.program import Kernel, Layout, Program
@@ -28,7 +29,13 @@ def lower(equations: Equations) -> Program:
     ----------
     equations : Equations
         Governing and sensitivity equations.
+
+    Raises
+    ------
+    ParameterError
+        If a sensitivity to an algebraic unknown is asked for.
     """
+    _check_sensitivities(equations)
     factors, solved = solve_unknowns(equations)
     rates = substitute(equations.rates, solved)
     outputs = substitute(equations.output_values, solved)
@@ -54,6 +61,17 @@ def lower(equations: Equations) -> Program:
         {name: Kernel(spec, tuple(results[name]), {}) for name, spec in KERNELS.items()},
         equations.guards,
     )
+
+
+def _check_sensitivities(equations: Equations) -> None:
+    """Refuse sensitivities to what has no initial value of its own."""
+    algebraic = {state.name for state in equations.states if state.is_algebraic}
+    for row in equations.sensitivities:
+        if row.name in algebraic:
+            raise ParameterError(
+                f"'{row.name}' is an algebraic unknown: its initial value is a guess, which "
+                "nothing has a sensitivity to; name a parameter, or a state that has a rate"
+            )
 
 
 def _solve_derivatives(
@@ -98,9 +116,7 @@ def _compress(columns: Sequence[Sequence[Node]]) -> tuple[list[int], list[int], 
 
 
 def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
-
-    n_speeds = len(equations.unknowns) - len(equations.constraints.rows)
-    n_coordinates = len(equations.states) - n_speeds
+    n_coordinates, n_speeds = equations.n_coordinates, equations.n_speeds
     multipliers = set(equations.unknowns[n_speeds:])
     states: tuple[Quantity, ...] = tuple(Quantity(s.name, s.unit) for s in equations.states)
     return Layout(
@@ -128,6 +144,8 @@ def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
         constraints=constraint_quantities(equations),
         constraint_edges=equations.constraints.edges,
         n_coordinates=n_coordinates,
+        n_speeds=n_speeds,
+        algebraic=tuple(state.is_algebraic for state in equations.states),
         quaternions=tuple(
             next(i for i, state in enumerate(equations.states) if state.symbol is q[0])
             for _, q in equations.constraints.quaternions

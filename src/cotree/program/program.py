@@ -79,6 +79,10 @@ class Layout:
         The edge of each of its rows that has a multiplier.
     n_coordinates : int
         How many of the states, which come first, are coordinates.
+    n_speeds : int
+        How many, which come next, are speeds.
+    algebraic : tuple of bool
+        Whether each state is an algebraic unknown; these come last. Their rates are residuals.
     quaternions : tuple of int
         The first state of each quaternion.
     given : tuple of bool
@@ -106,11 +110,18 @@ class Layout:
     constraints: tuple[Quantity, ...]
     constraint_edges: tuple[str, ...]
     n_coordinates: int
+    n_speeds: int
+    algebraic: tuple[bool, ...]
     quaternions: tuple[int, ...]
     given: tuple[bool, ...]
     start_rows: tuple[str, ...]
     start_is_rate: tuple[bool, ...]
     uses_multipliers: tuple[bool, ...]
+
+    @property
+    def n_algebraic(self) -> int:
+        """How many algebraic unknowns there are."""
+        return sum(self.algebraic)
 
 
 @dataclass(frozen=True)

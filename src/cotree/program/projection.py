@@ -96,16 +96,16 @@ def _step(
     shrink: dict[Node, Node],
 ) -> list[Node]:
     """Form the change of the states that takes given residuals away."""
-    n = len(equations.unknowns) - len(values)
-    n_coordinates = len(equations.states) - n
+    n, n_coordinates = equations.n_speeds, equations.n_coordinates
     zeros = [equations.dag.zero] * n
     shift = factors.solve([*zeros, *values], _RANK)[:n]
     speed = factors.solve([*zeros, *rates], _RANK)[:n]
-    speeds = [state.symbol for state in equations.states[n_coordinates:]]
+    speeds = [state.symbol for state in equations.states[n_coordinates : n_coordinates + n]]
     known = dict(zip(speeds, shift, strict=True))
     moved = substitute(equations.rates[:n_coordinates], known)
     coordinates = [state.symbol for state in equations.states[:n_coordinates]]
     return [
         *(d + shrink.get(q, equations.dag.zero) for q, d in zip(coordinates, moved, strict=True)),
         *speed,
+        *([equations.dag.zero] * (len(equations.states) - n_coordinates - n)),
     ]
