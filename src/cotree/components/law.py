@@ -77,15 +77,21 @@ class Law:
 
     @cached_property
     def partials(self) -> dict[str, Any]:
-        """The pre-formed partial derivatives, by argument; those that vanish are absent."""
+        """The pre-formed partial derivatives, by argument; those that vanish are absent.
+
+        The derivatives of a sign and of a floor are zero.
+        """
         import sympy
 
-        # SymPy leaves the derivative of a floor as it is; between its jumps it is zero.
+        # SymPy leaves the derivative of a floor as it is.
         floors = {item: sympy.Dummy(real=True) for item in self.expression.atoms(sympy.floor)}
         fixed = self.expression.subs(floors)
         back = {dummy: item for item, dummy in floors.items()}
         derivatives = {
-            name: fixed.diff(sympy.Symbol(name, real=True)).subs(back) for name in self.arguments
+            name: fixed.diff(sympy.Symbol(name, real=True))
+            .replace(sympy.DiracDelta, lambda *_: sympy.Integer(0))
+            .subs(back)
+            for name in self.arguments
         }
         return {name: value for name, value in derivatives.items() if value != 0}
 
