@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import figures_of_chords
+import figures_of_circuits
 import figures_of_fluids
 import figures_of_joints
 import figures_of_motion
@@ -19,6 +20,7 @@ FOLDER = Path(__file__).resolve().parents[1] / "images" / "components"
 FIGURES = {
     **figures_of_joints.FIGURES,
     **figures_of_chords.FIGURES,
+    **figures_of_circuits.FIGURES,
     **figures_of_fluids.FIGURES,
     **figures_of_motion.FIGURES,
     **figures_of_reactions.FIGURES,

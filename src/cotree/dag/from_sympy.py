@@ -96,11 +96,29 @@ def _piecewise(expression: Any, dag: Dag, arguments: Mapping[str, Node]) -> Node
     result = from_sympy(value, dag, arguments)
     for value, condition in reversed(pairs[:-1]):
         branch = from_sympy(value, dag, arguments)
-        if not isinstance(condition, (sympy.Ge, sympy.Gt, sympy.Le, sympy.Lt)):
-            raise ValueError("a Piecewise may only branch on <, <=, > or >=")
-        difference = from_sympy(condition.gts - condition.lts, dag, arguments)
-        if isinstance(condition, (sympy.Gt, sympy.Lt)):  # strict: refuse equality
-            result = dag.select(-difference, result, branch)
-        else:
-            result = dag.select(difference, branch, result)
+        result = _choice(condition, branch, result, dag, arguments)
     return result
+
+
+def _choice(
+    condition: Any, accepted: Node, refused: Node, dag: Dag, arguments: Mapping[str, Node]
+) -> Node:
+    """Select by a comparison, or by several that SymPy has joined."""
+    import sympy
+
+    if isinstance(condition, sympy.Or):
+        for part in reversed(condition.args):
+            refused = _choice(part, accepted, refused, dag, arguments)
+        return refused
+    if isinstance(condition, sympy.And):
+        for part in reversed(condition.args):
+            accepted = _choice(part, accepted, refused, dag, arguments)
+        return accepted
+    if isinstance(condition, sympy.Not):
+        return _choice(condition.args[0], refused, accepted, dag, arguments)
+    if not isinstance(condition, (sympy.Ge, sympy.Gt, sympy.Le, sympy.Lt)):
+        raise ValueError("a Piecewise may only branch on <, <=, > or >=")
+    difference = from_sympy(condition.gts - condition.lts, dag, arguments)
+    if isinstance(condition, (sympy.Gt, sympy.Lt)):  # strict: refuse equality
+        return dag.select(-difference, refused, accepted)
+    return dag.select(difference, accepted, refused)

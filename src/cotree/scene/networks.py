@@ -214,9 +214,13 @@ def _chosen(
     ports: Mapping[str, Port],
     weights: Mapping[str, float],
     choice: Mapping[str, float],
-) -> tuple[float, dict[str, NormalTree] | None]:
-    """Select trees, and add up what their branches weigh; None where the choice cannot be had."""
+) -> tuple[tuple[int, float], dict[str, NormalTree] | None]:
+    """Select trees, and rate them; None where the choice cannot be had.
+
+    The best leave the fewest storages without a state of their own; then by weight.
+    """
     trees, total = {}, 0.0
+    nothing = (0, 0.0), None
     for domain, graph in graphs.items():
         try:
             trees[domain] = _select(
@@ -225,12 +229,15 @@ def _chosen(
         except TopologyError:
             if not choice:
                 raise
-            return 0.0, None
+            return nothing
         total += sum(weights[n] for n in trees[domain].across.branches if weights[n] != _NEVER)
     wanted = {name for name, weight in choice.items() if weight == _ALWAYS}
-    if not wanted <= {name for tree in trees.values() for name in tree.across.branches}:
-        return 0.0, None
-    return total, trees
+    branches = {name for tree in trees.values() for name in tree.across.branches}
+    if not wanted <= branches:
+        return nothing
+    excess = {True: Kind.THROUGH_STORAGE, False: Kind.ACROSS_STORAGE}
+    n_excess = sum(port.kind is excess[name in branches] for name, port in ports.items())
+    return (n_excess, total), trees
 
 
 def _select(

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from cotree.components import Role
+from cotree.components import Kind, Role
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError
 from cotree.naming import check_name
@@ -108,13 +108,13 @@ def _by_terminal(
     for port in component.ports:
         # Names that a scene cannot give are of nodes within.
         head, tail = (places.get(name, f"{edge}.{name}") for name in port.between)
-        if head == tail and port.through is None:
+        if head == tail and port.kind not in (Kind.DISSIPATOR, Kind.THROUGH_SOURCE):
             first, second = port.between
             raise SceneError(
                 f"{first} and {second} of edge '{edge}' are both node '{head}': name two"
             )
         ports.append(Ends(tail, head))
-    if len(set(by_name.values())) == 1:
+    if len(by_name) > 1 and len(set(by_name.values())) == 1:
         raise SceneError(f"edge '{edge}' has node '{ports[0].head}' only: name others")
     return tuple(dict.fromkeys(by_name.values())), tuple(ports), rest
 
