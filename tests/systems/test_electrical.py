@@ -244,6 +244,34 @@ def test_the_other_polarity_is_the_same_reversed(n, p):
     np.testing.assert_allclose(runs[0], -runs[1], rtol=1e-6, atol=1e-9)
 
 
+def test_a_chain_of_saturated_transistors_switches():
+    """Three inverters without capacitances but at the end: six algebraic unknowns."""
+    scene = Scene("chain")
+    scene.edge("V", "voltage_source", "s", "ground", voltage=5.0)
+    edges = {"rise": 1e-7, "fall": 1e-7, "width": 4e-6, "period": 1e-5, "delay": 1e-6}
+    scene.edge("P", "pulse_voltage", "n0", "ground", high=5.0, **edges)
+    for i in range(3):
+        scene.edge(f"Rb{i}", "resistor", f"n{i}", f"b{i}", resistance=1e4)
+        fields = {"saturation_current": 1e-14, "forward_gain": 100.0}
+        scene.edge(f"Q{i}", "bjt_npn", f"n{i + 1}", f"b{i}", "ground", **fields)
+        scene.edge(f"Rc{i}", "resistor", "s", f"n{i + 1}", resistance=1e3)
+    scene.edge("C", "capacitor", "n3", "ground", capacitance=1e-10)
+    scene.output("v", "n3.v")
+    scene.output("power", "V.v*V.i + P.v*P.i + Rc0.v*Rc0.i + Rb0.v*Rb0.i + C.v*C.i")
+    for i in range(3):
+        scene.output(f"q{i}", f"Q{i}.vbe*Q{i}.ib + Q{i}.vce*Q{i}.ic")
+        if i:
+            scene.output(f"r{i}", f"Rc{i}.v*Rc{i}.i + Rb{i}.v*Rb{i}.i")
+    times = [0.9e-6, 4e-6, 9e-6, 14e-6, 19e-6, 24e-6]
+    result = _run(scene, 2.4e-5, t_eval=times, rtol=1e-7, atol=1e-9)
+    low, high = result["v"][1::2], result["v"][::2]
+    assert np.all(low < 0.1)
+    assert np.all(high[1:] > 4.9)
+    # Tellegen: what sources give, the others take; 5 V times some tens of mA.
+    total = sum(result[name] for name in ("power", "q0", "q1", "q2", "r1", "r2"))
+    np.testing.assert_allclose(total, 0.0, atol=1e-12)
+
+
 def test_the_channel_is_symmetric_in_drain_and_source():
     terminal = COMPONENTS["mosfet_n"].ports[0]
     law = terminal.through.expression
