@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from cotree.components import constraints, electrical, forces, joints, rigid_body
+from cotree.components import constraints, electrical, forces, joints, rigid_body, transducers
 from cotree.components.component import (
     Acts,
     Component,
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 #: Every component type, by the name that scenes use.
 COMPONENTS: dict[str, Component] = {
     row.name: row
-    for family in (rigid_body, joints, constraints, forces, electrical)
+    for family in (rigid_body, joints, constraints, forces, electrical, transducers)
     for row in family.COMPONENTS
 }
 

@@ -7,7 +7,7 @@ motion spaces.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from cotree.components import FreeRotation, Role
@@ -19,7 +19,7 @@ from cotree.errors import ExpressionError
 from cotree.formulation.across import accelerate, move
 from cotree.formulation.clusters import lump
 from cotree.formulation.laws import applied_laws
-from cotree.formulation.networks.network import Surroundings, form_network
+from cotree.formulation.networks.attached import attach_network
 from cotree.formulation.observed import Observer, observe_motion
 from cotree.formulation.outputs import form_outputs
 from cotree.formulation.pulls import form_constraints, multiplier_loads
@@ -83,8 +83,8 @@ class FirstGraph:
         The outputs.
     network : Network or None
         The scalar networks, whose states come after the speeds.
-    observed : mapping of str to Node
-        What names of the networks in outputs and fields stand for.
+    has_far_inertia : bool
+        Whether storages of the networks are tied to joints, so that the mass matrix holds them.
     links : tuple of Link
         The tree, where the unknowns are to be eliminated along it; see :func:`tree_links`.
     """
@@ -107,7 +107,7 @@ class FirstGraph:
     rates: tuple[Node, ...]
     outputs: Outputs
     network: Network | None = None
-    observed: Mapping[str, Node] = field(default_factory=dict)
+    has_far_inertia: bool = False
     links: tuple[Link, ...] = ()
 
     @property
@@ -151,19 +151,20 @@ def form_first_graph(
     whole, scene = scene, scene.mechanics
     starts = body_starts(scene, tree, motion_spaces(scene).of, dag)
     system = bind(scene, tree, dag, starts, names=_network_names(whole))
-    network, observed = _form_network(whole, system)
     clusters = lump(system)
     motion = move(system, clusters, own_axes)
     still = FirstView(motion, accelerate(motion, [dag.zero] * len(system.speeds)))
-    laws = applied_laws(motion, still)
+    accelerations = tuple(v.acceleration for v in system.speeds)
+    view = FirstView(motion, accelerate(motion, accelerations))
+    attached = attach_network(whole, view)
+    network, observed = attached.network, attached.observed
+    laws = [*applied_laws(motion, still), *attached.loads]
     loads = load(motion).plus(multiplier_loads(laws))
     constraints, idle = form_constraints(motion, still, baumgarte)
     idle_guards = met_where_idle(idle, still)
-    mass = mass_matrix(motion, loads)
+    mass = attached.with_inertia(mass_matrix(motion, loads), motion)
     check_inertia(system, mass, constraints.gradient)
     at_rest = balance(motion, loads, still.across)
-    accelerations = tuple(v.acceleration for v in system.speeds)
-    view = FirstView(motion, accelerate(motion, accelerations))
     applied = (*laws, *constraints.applied)
     values = {
         symbol: scene.parameters[name].value
@@ -202,7 +203,7 @@ def form_first_graph(
         ),
         outputs=form_outputs(observer, scene.outputs),
         network=network,
-        observed=observed,
+        has_far_inertia=bool(attached.slopes),
     )
 
 
@@ -210,23 +211,6 @@ def _network_names(scene: SceneDescription) -> frozenset[str]:
     """List the names of edges and nodes that belong to scalar networks."""
     edges = [e for e in scene.edges.values() if e.component.role is Role.NETWORK]
     return frozenset(name for edge in edges for name in (edge.name, *edge.nodes))
-
-
-def _form_network(
-    scene: SceneDescription, system: System
-) -> tuple[Network | None, dict[str, Node]]:
-    """Form the scalar networks, where there are any, beside the bound multibody system."""
-    if not any(edge.component.role is Role.NETWORK for edge in scene.edges.values()):
-        return None, {}
-    names = {name for output in scene.outputs.values() for name in output.names}
-    around = Surroundings(
-        system.dag,
-        system.time,
-        len(system.coordinates) + len(system.speeds),
-        system.of_parameters,
-        system.of_everything,
-    )
-    return form_network(scene, around, sorted(names | system.measured.keys()))
 
 
 def _measured(motion: Motion, observed: Mapping[str, Node]) -> dict[Node, Node]:
@@ -254,7 +238,7 @@ def _measured(motion: Motion, observed: Mapping[str, Node]) -> dict[Node, Node]:
 def tree_links(first: FirstGraph) -> tuple[Link, ...]:
     """Describe the tree for elimination along it; nothing where a pivot may vanish."""
     n = len(first.system.speeds)
-    if not all(first.is_safe[:n]):
+    if first.has_far_inertia or not all(first.is_safe[:n]):
         return ()
     links = []
     for geometry in first.motion.geometry:

@@ -173,6 +173,8 @@ def _check(tree: ast.expr, names: set[str], depth: int) -> None:
             names.add(name)
         case ast.Attribute(value=ast.Name(id=edge), attr=attribute):
             names.add(f"{edge}.{attribute}")
+        case ast.Attribute(value=ast.Attribute(value=ast.Name(id=edge), attr=port), attr=attribute):
+            names.add(f"{edge}.{port}.{attribute}")
         case ast.BinOp(left=left, op=op, right=right):
             if type(op) not in _BINARY:
                 raise ExpressionError("holds an operator that is not one of + - * / **")
@@ -205,6 +207,8 @@ def _lower(tree: ast.expr, dag: Dag, resolve: Callable[[str], Node]) -> Node:
             return resolve(name)
         case ast.Attribute(value=ast.Name(id=edge), attr=attribute):
             return resolve(f"{edge}.{attribute}")
+        case ast.Attribute(value=ast.Attribute(value=ast.Name(id=edge), attr=port), attr=attribute):
+            return resolve(f"{edge}.{port}.{attribute}")
         case ast.BinOp(left=left, op=op, right=right):
             return _BINARY[type(op)](_lower(left, dag, resolve), _lower(right, dag, resolve))
         case ast.UnaryOp(op=op, operand=operand):

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from cotree.components import Terminal
     from cotree.scene.description import Edge, SceneDescription
+    from cotree.scene.ports import Ends
 
 #: Weights of ports that an ideal coupling makes branches or chords.
 _ALWAYS, _NEVER = -1.0, float("inf")
@@ -44,15 +45,19 @@ class Port:
         The component in the scene.
     terminal : Terminal
         Its terminal equation.
-    tail, head : str
-        Its nodes.
+    ends : Ends
+        Its nodes, or what it acts on in a multibody system.
     """
 
     name: str
     edge: Edge
     terminal: Terminal
-    tail: str
-    head: str
+    ends: Ends
+
+    @property
+    def is_coupling(self) -> bool:
+        """Whether it acts on a multibody system in place of a scalar graph."""
+        return bool(self.ends.acts_on)
 
     @property
     def kind(self) -> Kind:
@@ -76,7 +81,7 @@ def scalar_ports(scene: SceneDescription) -> dict[str, Port]:
         if edge.component.role is Role.NETWORK:
             for terminal, ends in zip(edge.component.ports, edge.ports, strict=True):
                 name = port_name(edge, terminal.port)
-                found[name] = Port(name, edge, terminal, ends.tail, ends.head)
+                found[name] = Port(name, edge, terminal, ends)
     return found
 
 
@@ -84,10 +89,11 @@ def scalar_graphs(ports: Mapping[str, Port]) -> dict[str, LinearGraph]:
     """Draw the scalar graphs that have edges."""
     graphs = {}
     for domain, row in DOMAINS.items():
-        own = [port for port in ports.values() if port.terminal.domain == domain]
+        own = [p for p in ports.values() if p.terminal.domain == domain and not p.is_coupling]
         if row.is_scalar and own:
-            nodes = dict.fromkeys(["ground", *(n for p in own for n in (p.tail, p.head))])
-            edges = (GraphEdge(p.name, p.tail, p.head, p.edge.component.name) for p in own)
+            ends = [(p, p.ends.tail, p.ends.head) for p in own]
+            nodes = dict.fromkeys(["ground", *(node for _, *pair in ends for node in pair)])
+            edges = (GraphEdge(p.name, a, b, p.edge.component.name) for p, a, b in ends)
             graphs[domain] = LinearGraph(domain, tuple(nodes), tuple(edges))
     return graphs
 
@@ -123,7 +129,7 @@ def normal_trees(graphs: Mapping[str, LinearGraph], ports: Mapping[str, Port]) -
 
 def _weight(port: Port) -> float:
     """Order the kinds; storages with an initial value come first among theirs."""
-    if port.kind in (Kind.THROUGH_SOURCE, Kind.SPRING):
+    if port.is_coupling or port.kind in (Kind.THROUGH_SOURCE, Kind.SPRING):
         return _NEVER
     is_given = port.kind is Kind.ACROSS_STORAGE and bool(port.edge.initial)
     # Unknowns of nonlinear equations are better the junctions' own voltages.
@@ -146,7 +152,10 @@ def _choices(ports: Mapping[str, Port]) -> list[list[dict[str, float]]]:
             if is_gyrator
             else ((_ALWAYS, _NEVER), (_NEVER, _ALWAYS))
         )
-        found.append([{first.name: a, second.name: b} for a, b in pairs])
+        coupled = {p.name for p in (first, second) if p.is_coupling}
+        options = [{first.name: a, second.name: b} for a, b in pairs]
+        # What acts on a multibody system takes its motion as it is: a chord.
+        found.append([row for row in options if all(row[name] == _NEVER for name in coupled)])
     return found
 
 
@@ -159,7 +168,8 @@ def _combinations(choices: Sequence[Sequence[dict[str, float]]]) -> Iterator[dic
     base = {name: weight for row in choices for name, weight in row[0].items()}
     yield base
     for row in choices:
-        yield base | row[1]
+        for other in row[1:]:
+            yield base | other
 
 
 def _chosen(

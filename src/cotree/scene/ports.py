@@ -14,6 +14,9 @@ from cotree.naming import check_name
 if TYPE_CHECKING:
     from cotree.components import Component
 
+#: Domains whose ports may act on a multibody system.
+_MECHANICAL = ("translational", "rotational")
+
 
 @dataclass(frozen=True)
 class Ends:
@@ -22,11 +25,15 @@ class Ends:
     Attributes
     ----------
     tail, head : str
-        The nodes.
+        The nodes; empty where the port acts on a multibody system.
+    acts_on : tuple of str
+        The coordinate of a joint, or two nodes of a multibody system, that the port acts on or
+        along the line of; empty otherwise.
     """
 
     tail: str
     head: str
+    acts_on: tuple[str, ...] = ()
 
 
 def check_ports(
@@ -77,10 +84,22 @@ def check_ports(
     found: list[str] = []
     ports = []
     for port in component.ports:
+        if port.domain in _MECHANICAL and port.port not in rest and rest.keys() & {"joint", "line"}:
+            ports.append(_multibody(edge, rest))
+            continue
         pair = _pair(edge, rest.pop(port.port, ()), f"{port.port} of edge '{edge}'")
         found += pair
         ports.append(_ends(port.domain, pair))
     return tuple(dict.fromkeys(found)), tuple(ports), rest
+
+
+def _multibody(edge: str, rest: dict[str, Any]) -> Ends:
+    """Take what a port acts on in a multibody system: a joint, or the line of two nodes."""
+    if "joint" in rest:
+        joint, dot, coordinate = str(rest.pop("joint")).partition(".")
+        name = check_name("joint", joint)
+        return Ends("", "", (f"{name}.{check_name('coordinate', coordinate)}" if dot else name,))
+    return Ends("", "", _pair(edge, rest.pop("line"), f"line of edge '{edge}'"))
 
 
 def _by_terminal(

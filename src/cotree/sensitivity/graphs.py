@@ -49,10 +49,12 @@ def differentiate(
     """
     if first.network is None:
         return [_along(first, name, row, support, {}, ()) for name, row in directions.items()]
-    networks = network_tangents(first.network, list(directions.values()), support)
+    # Fields of the networks may use across variables of the multibody system.
+    ahead = [{**row, **_measured_tangents(first, row)} for row in directions.values()]
+    networks = network_tangents(first.network, ahead, support)
     return [
         _along(first, name, row, support, networks.seed(i), networks.rates_along(i))
-        for i, (name, row) in enumerate(directions.items())
+        for i, (name, row) in enumerate(zip(directions, ahead, strict=True))
     ]
 
 
@@ -249,17 +251,22 @@ def form_equations(first: FirstGraph, sensitivities: Sequence[str]) -> Equations
 
 def _closed(equations: Equations, measured: Mapping[Node, Node]) -> Equations:
     """Put across variables in the place of their symbols in fields."""
+    # What is measured of networks may use what is measured of the multibody system.
+    known = dict(zip(measured, substitute(list(measured.values()), measured), strict=True))
 
     def closed(nodes: Sequence[Node]) -> tuple[Node, ...]:
-        return tuple(substitute(nodes, measured))
+        return tuple(substitute(nodes, known))
 
+    # Loads of inertia that is tied to joints stand in the matrix.
+    still = {unknown: equations.dag.zero for unknown in equations.unknowns}
     return replace(
         equations,
-        forcing=closed(equations.forcing),
+        forcing=tuple(substitute(closed(equations.forcing), still)),
+        rates=closed(equations.rates),
         balances=closed(equations.balances),
         output_values=closed(equations.output_values),
-        sensitivities=tuple(_closed_row(row, measured) for row in equations.sensitivities),
-        columns=tuple(_closed_row(row, measured) for row in equations.columns),
+        sensitivities=tuple(_closed_row(row, known) for row in equations.sensitivities),
+        columns=tuple(_closed_row(row, known) for row in equations.columns),
     )
 
 
@@ -267,6 +274,7 @@ def _closed_row(row: Derivative, measured: Mapping[Node, Node]) -> Derivative:
     return replace(
         row,
         forcing=tuple(substitute(row.forcing, measured)),
+        rates=tuple(substitute(row.rates, measured)),
         outputs=tuple(substitute(row.outputs, measured)),
     )
 

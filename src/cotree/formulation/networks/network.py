@@ -9,6 +9,7 @@ from cotree.components import Kind
 from cotree.domains import DOMAINS
 from cotree.equations import Guard, State
 from cotree.errors import ParameterError
+from cotree.formulation.networks.names import Names, state_name, state_symbol
 from cotree.formulation.networks.plan import make_plan
 from cotree.formulation.networks.solved import solve_plan
 from cotree.formulation.networks.terminals import Terminals
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
     from cotree.formulation.fields import Resolver
+    from cotree.formulation.networks.couplings import Coupling
     from cotree.formulation.networks.rules import Variable
     from cotree.formulation.networks.solved import Solved
     from cotree.graph import LinearGraph, Tree
@@ -43,6 +45,8 @@ class Surroundings:
         Gives the node of a parameter's name.
     of_everything : callable
         Gives the node of any other name that a field may use.
+    couplings : mapping of str to Coupling
+        The ports that act on the multibody system.
     """
 
     dag: Dag
@@ -50,6 +54,7 @@ class Surroundings:
     n_states: int
     of_parameters: Resolver
     of_everything: Resolver
+    couplings: Mapping[str, Coupling]
 
 
 @dataclass(frozen=True)
@@ -133,13 +138,15 @@ def form_network(
     """
     ports, graphs, trees = draw_networks(scene)
     topologies = {domain: Topology(domain, tree) for domain, tree in trees.items()}
-    names = _Names(ports, topologies)
+    names = Names(ports, topologies)
     holders = [port for port in ports.values() if _has_state(port, topologies)]
     symbols = {
         port.name: around.dag.symbol("x", around.n_states + i) for i, port in enumerate(holders)
     }
     fields, measured, guards = _bind_fields(ports, symbols, names, around)
-    terminals = Terminals(ports, topologies, symbols, fields, measured, around.time)
+    terminals = Terminals(
+        ports, topologies, symbols, fields, measured, around.time, around.couplings
+    )
     rates = tuple(_rate(port) for port in holders)
     observed = {name: found for name in wanted if (found := names.variable(name)) is not None}
     plan = make_plan(terminals, [*rates, *observed.values()])
@@ -167,35 +174,10 @@ def form_network(
     return network, {name: solved.values[variable] for name, variable in observed.items()}
 
 
-@dataclass(frozen=True)
-class _Names:
-    """What names of nodes and edges stand for."""
-
-    ports: Mapping[str, Port]
-    topologies: Mapping[str, Topology]
-
-    def variable(self, name: str) -> Variable | None:
-        """Find the variable of ``edge.symbol``, ``edge.port.symbol`` or ``node.symbol``."""
-        first, _, symbol = name.rpartition(".")
-        port = self.ports.get(first)
-        if port is not None:
-            row = DOMAINS[port.terminal.domain]
-            if symbol == row.across_symbol:
-                return "across", first
-            if symbol == row.through_symbol:
-                return "through", first
-            if symbol and symbol == row.stretch and port.kind is Kind.SPRING:
-                return "stretch", first
-            return None
-        for domain, topology in self.topologies.items():
-            graph = topology.tree.graph
-            if symbol == DOMAINS[domain].across_symbol and first in graph.nodes:
-                return "potential", f"{domain}|{graph.reference}|{first}"
-        return None
-
-
 def _has_state(port: Port, topologies: Mapping[str, Topology]) -> bool:
     """Say whether a storage or spring has a state of its own."""
+    if port.is_coupling:
+        return False
     is_branch = port.name in topologies[port.terminal.domain].branches
     return (
         (port.kind is Kind.ACROSS_STORAGE and is_branch)
@@ -212,26 +194,18 @@ def _rate(port: Port) -> Variable:
     return "across", port.name
 
 
-def _short(port: Port) -> tuple[str, str]:
-    """Give symbol and unit of a port's state."""
-    row = DOMAINS[port.terminal.domain]
-    if port.kind is Kind.ACROSS_STORAGE:
-        return row.across_symbol, row.across_unit
-    if port.kind is Kind.THROUGH_STORAGE:
-        return row.through_symbol, row.through_unit
-    return row.stretch, row.stretch_unit
-
-
 def _initial(port: Port, around: Surroundings) -> Node:
-    value = port.edge.initial.get(_short(port)[0])
+    value = port.edge.initial.get(state_symbol(port)[0])
     if value is None:
         return around.dag.zero
     return value.lower(around.dag, around.of_parameters)  # type: ignore[union-attr]
 
 
 def _state(port: Port, symbol: Node, around: Surroundings, initial: Node) -> State:
-    short, unit = _short(port)
-    return State(f"{port.name}.{short}", unit, symbol, initial, is_given=short in port.edge.initial)
+    short, unit = state_symbol(port)
+    return State(
+        state_name(port, short), unit, symbol, initial, is_given=short in port.edge.initial
+    )
 
 
 def _algebraic(port: Port, quantity: str, symbol: Node, around: Surroundings) -> State:
@@ -244,7 +218,7 @@ def _algebraic(port: Port, quantity: str, symbol: Node, around: Surroundings) ->
     guess = (
         around.dag.zero if value is None else value.lower(around.dag, around.of_parameters)  # type: ignore[union-attr]
     )
-    return State(f"{port.name}.{short}", unit, symbol, guess, is_given=False, is_algebraic=True)
+    return State(state_name(port, short), unit, symbol, guess, is_given=False, is_algebraic=True)
 
 
 def _refuse_initials(ports: Mapping[str, Port], states: Mapping[str, Node]) -> None:
@@ -266,14 +240,17 @@ def _is_passive(ports: Mapping[str, Port], variable: Variable) -> bool:
 def _bind_fields(
     ports: Mapping[str, Port],
     symbols: Mapping[str, Node],
-    names: _Names,
+    names: Names,
     around: Surroundings,
 ) -> tuple[dict[tuple[str, str], Node], dict[Node, Variable], list[Guard]]:
     """Turn the fields of all components into nodes."""
     fields: dict[tuple[str, str], Node] = {}
     measured: dict[Node, Variable] = {}
     guards: list[Guard] = []
-    of_states = {f"{name}.{_short(ports[name])[0]}": symbol for name, symbol in symbols.items()}
+    of_states = {
+        state_name(ports[name], state_symbol(ports[name])[0]): symbol
+        for name, symbol in symbols.items()
+    }
 
     def resolve(name: str) -> Node:
         if name in of_states:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from cotree.components import Law
     from cotree.dag.nodes import Node
+    from cotree.formulation.networks.couplings import Coupling
     from cotree.formulation.networks.rules import Rule, Variable
     from cotree.formulation.networks.topology import Topology
     from cotree.scene.networks import Port
@@ -48,6 +49,8 @@ class Terminals:
         What symbols in fields stand for.
     time : Node
         The symbol of time.
+    couplings : mapping of str to Coupling
+        The motion of the ports that act on a multibody system.
     """
 
     ports: Mapping[str, Port]
@@ -56,10 +59,11 @@ class Terminals:
     fields: Mapping[tuple[str, str], Node]
     measured: Mapping[Node, Variable]
     time: Node
+    couplings: Mapping[str, Coupling]
 
     def is_branch(self, name: str) -> bool:
         """Say whether a port's edge is in its tree."""
-        return name in self._topology(name).branches
+        return name not in self.couplings and name in self._topology(name).branches
 
     def _topology(self, name: str) -> Topology:
         return self.topologies[self.ports[name].terminal.domain]
@@ -88,6 +92,9 @@ class Terminals:
 
     def _across(self, name: str, rate: str) -> Rule:
         port = self.ports[name]
+        if name in self.couplings:
+            motion = self.couplings[name]
+            return Field(motion.acceleration if rate else motion.rate)
         if not self.is_branch(name):
             return self._topology(name).circuit(name, rate)
         if port.kind is Kind.ACROSS_STORAGE:
