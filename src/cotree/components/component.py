@@ -164,6 +164,8 @@ class Component:
         Along what a user's law acts.
     ports : tuple of Terminal
         The terminal equations of a scalar component, one for each edge that it has in the graphs.
+    loss : Law or None
+        Of a scalar component: the power that it turns into heat, [W].
     terminals : tuple of str
         Of a scalar component whose ports share nodes: names of its nodes, in order.
     """
@@ -179,6 +181,7 @@ class Component:
     acts: Acts = Acts.LINE
     ports: tuple[Terminal, ...] = ()
     terminals: tuple[str, ...] = ()
+    loss: Law | None = None
 
     @property
     def n_freedoms(self) -> int:

@@ -36,6 +36,7 @@ DC_MOTOR = Component(
             through=Law(lambda constant, through_electrical: -constant * through_electrical),
         ),
     ),
+    loss=Law(lambda through_electrical, resistance: resistance * through_electrical**2),
 )
 
 COMPONENTS = (DC_MOTOR,)

@@ -59,8 +59,8 @@ class SymbolicEquations:
     n_coordinates : int
         How many of the states, which come first, are coordinates.
     symbols : mapping of str or (str, str) to sympy.Symbol
-        By name: states, accelerations, rates, multipliers (spelt ``lambda_D4_x``), parameters, inputs
-        and ``"t"``; the sensitivity of each of the first three by a pair such as
+        By name: states, accelerations, rates, multipliers (spelt ``lambda_D4_x``), parameters,
+        inputs and ``"t"``; the sensitivity of each of the first four by a pair such as
         ``("j1.s_dot", "L")``.
     initial : mapping of str or (str, str) to sympy.Expr
         Initial values of the states and of their sensitivities.

@@ -13,7 +13,7 @@ from cotree.errors import ParameterError, SceneError, nearest
 from cotree.naming import check_name, check_scene_name
 from cotree.scene.expressions import Expression, parse
 from cotree.scene.fields import check_fields, check_initial, check_vector
-from cotree.scene.ports import check_ports
+from cotree.scene.ports import check_heat, check_ports
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -260,6 +260,7 @@ class SceneDescription:
         if component is None:
             hint = nearest(str(type)[:80], COMPONENTS)
             raise SceneError(f"edge '{name}' has the unknown type '{str(type)[:80]}'{hint}")
+        component = check_heat(name, component, fields)
         names, ports, fields = check_ports(name, component, nodes, fields)
         self.edges[name] = Edge(
             name,

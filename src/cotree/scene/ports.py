@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from cotree.components import Role
+from cotree.components.heat import HEAT, loss_of, with_heat
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError
 from cotree.naming import check_name
@@ -70,6 +71,11 @@ def check_ports(
     if component.role is not Role.NETWORK:
         first, second = _pair(edge, nodes, f"edge '{edge}'")
         return (first, second), (), rest
+    if component.ports[-1].port == HEAT:
+        sink = _heat_nodes(edge, rest.pop(HEAT))
+        own = replace(component, ports=component.ports[:-1])
+        found, ports, rest = check_ports(edge, own, nodes, rest)
+        return tuple(dict.fromkeys((*found, *sink))), (*ports, _ends("thermal", sink)), rest
     if component.terminals:
         return _by_terminal(edge, component, nodes, rest)
     if len(component.ports) == 1:
@@ -81,16 +87,44 @@ def check_ports(
             f"edge '{edge}' of type '{component.name}' has several ports: name the two nodes of "
             f"each ({names}) in place of nodes"
         )
-    found: list[str] = []
-    ports = []
+    listed: list[str] = []
+    ends = []
     for port in component.ports:
         if port.domain in _MECHANICAL and port.port not in rest and rest.keys() & {"joint", "line"}:
-            ports.append(_multibody(edge, rest))
+            ends.append(_multibody(edge, rest))
             continue
         pair = _pair(edge, rest.pop(port.port, ()), f"{port.port} of edge '{edge}'")
-        found += pair
-        ports.append(_ends(port.domain, pair))
-    return tuple(dict.fromkeys(found)), tuple(ports), rest
+        listed += pair
+        ends.append(_ends(port.domain, pair))
+    return tuple(dict.fromkeys(listed)), tuple(ends), rest
+
+
+def check_heat(edge: str, component: Component, fields: Mapping[str, Any]) -> Component:
+    """Give a component its thermal port, where the scene says what it heats.
+
+    Raises
+    ------
+    SceneError
+        If it has no loss.
+    """
+    if (
+        HEAT not in fields
+        or component.field(HEAT) is not None
+        or component.role is not Role.NETWORK
+    ):
+        return component
+    if loss_of(component) is None:
+        raise SceneError(
+            f"edge '{edge}' of type '{component.name}' turns nothing into heat: only dissipators "
+            f"and machines with a loss take '{HEAT}'"
+        )
+    return with_heat(component)
+
+
+def _heat_nodes(edge: str, value: object) -> tuple[str, str]:
+    """Accept the thermal node that is heated, or the two that it is heated between."""
+    pair = (value, "ground") if isinstance(value, str) else value
+    return _pair(edge, pair, f"{HEAT} of edge '{edge}'")
 
 
 def _multibody(edge: str, rest: dict[str, Any]) -> Ends:

@@ -157,12 +157,12 @@ class Terminals:
 
     def _argument(self, port: Port, name: str) -> Variable:
         """Name the variable that an argument of a law stands for."""
-        first, _, rest = name.partition("_")
+        first, underscore, rest = name.partition("_")
         if first in ("across", "through") and rest != "rate" and not self._is_field(port, name):
             is_rate = rest.startswith("rate_")
             sibling = rest.removeprefix("rate_")
             quantity = f"{first}_rate" if is_rate else first
-            return quantity, port.sibling(sibling) if sibling else port.name
+            return quantity, port.sibling(sibling) if underscore else port.name
         if name in ("across_rate", "through_rate", "stretch"):
             return name, port.name
         if name == "stretch_rate":
