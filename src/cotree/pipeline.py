@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from cotree.program.strategy import Alternative
     from cotree.scene.description import SceneDescription
     from cotree.scene.graphs import TreeChoice
+    from cotree.scene.trees import Trees
 
 
 @dataclass(frozen=True)
@@ -100,8 +101,8 @@ def formulate(
         return first, form_equations(first, sensitivities), alternatives
 
 
-def trees_to_try(scene: SceneDescription, tree: TreeChoice) -> list[Tree]:
-    """List the tree that is named, or those among which operations are counted."""
+def trees_to_try(scene: SceneDescription, tree: TreeChoice) -> list[Trees]:
+    """List the trees that are named, or those among which operations are counted."""
     if tree is None:
         return candidate_trees(scene)
     return [joint_tree(scene, draw_graphs(scene, tree)[1])]
@@ -125,7 +126,7 @@ def count_trees(scene: SceneDescription) -> tuple[Alternative, ...]:
         return ()
     cheapest: dict[tuple[str, ...], Alternative] = {}
     for row in alternatives:
-        cheapest.setdefault(row.branches, row)
+        cheapest.setdefault(row.trees.branches, row)
     return tuple(cheapest.values())
 
 

@@ -2,24 +2,28 @@
 
 Such branches give no equation. Their across variables are constant in the cluster's frame, so
 their circuit sums are formed once, of parameters only, and the inertias beyond them are lumped at
-the cluster's origin. What remains between clusters are the branches that move.
+the cluster's origin. What remains between clusters are the branches that move; where the trees of
+translation and rotation differ, a cluster's origin and its axes are reached from different ones.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from cotree.components import Freedom, Role
+from cotree.components import Freedom, FreeRotation, Role
 from cotree.dag import vector
-from cotree.errors import SceneError
+from cotree.errors import FormulationError, SceneError
 from cotree.graph import tree_walk
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from cotree.dag.nodes import Node
     from cotree.dag.vector import Matrix, Vector
     from cotree.formulation.fields import BoundEdge
-    from cotree.formulation.system import Speed, Step, System
+    from cotree.formulation.system import Coordinate, Speed, Step, System
+    from cotree.graph import Step as Walk
 
 
 @dataclass(frozen=True)
@@ -60,54 +64,79 @@ class Branch:
         +1 if the edge points away from the ground, else -1.
     parent, child : int
         The clusters. The child's origin is the branch's outer node.
+    turn_parent : int
+        The cluster that the child's axes are turned from: the parent, unless the trees differ.
     carrier : int
         The cluster in whose axes the motion space is constant: that of the edge's first node, of
         the second for angular velocities.
     anchor : Vector
         Position of the branch's inner node in the parent's axes.
-    step : Step
-        Its coordinates and speeds.
+    step : Step or None
+        Its coordinates and speeds; None where it only brings together the child's origin and axes.
     axes : tuple of Vector
         The direction of each speed, in the carrier's frame.
     slides : tuple of Node
         How far a unit of each speed moves along its axis: one for a translation, zero for a
         rotation, the pitch of a screw.
     mount : Matrix or None
-        Of a free rotation: the axes that it starts from, in the parent's.
+        Of a free rotation: the axes that it starts from, in the turn parent's.
     """
 
     edge: str
     sign: int
     parent: int
+    turn_parent: int
     child: int
     carrier: int
     anchor: Vector
-    step: Step
+    step: Step | None
     axes: tuple[Vector, ...]
     slides: tuple[Node, ...]
     mount: Matrix | None = None
 
     @property
+    def coordinates(self) -> tuple[Coordinate, ...]:
+        """The coordinates along the motion space."""
+        return () if self.step is None else self.step.coordinates
+
+    @property
     def speeds(self) -> tuple[Speed, ...]:
         """The speeds along the motion space."""
-        return self.step.speeds
+        return () if self.step is None else self.step.speeds
 
     @property
     def turns(self) -> bool:
         """Whether it rotates its child."""
-        return self.step.kind.rotates
+        return self.step is not None and self.step.kind.rotates
 
     @property
     def position(self) -> Node:
         """The only coordinate of a branch along one axis."""
-        return self.step.coordinates[0].symbol
+        return self.coordinates[0].symbol
 
     @property
     def quaternion(self) -> tuple[Node, ...] | None:
         """The coordinates of a free rotation."""
-        if isinstance(self.step.kind, Freedom):
+        if self.step is None or isinstance(self.step.kind, Freedom):
             return None
-        return tuple(c.symbol for c in self.step.coordinates)
+        return tuple(c.symbol for c in self.coordinates)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """The way by which a tree reaches a cluster from another.
+
+    Attributes
+    ----------
+    sign : int
+        +1 if the edge points away from the ground, else -1.
+    first, last : int
+        The clusters that the innermost and the outermost of its branches carry.
+    """
+
+    sign: int
+    first: int
+    last: int
 
 
 @dataclass(frozen=True)
@@ -131,11 +160,14 @@ class Clusters:
         The branch that carries each cluster; None for the ground.
     inertias : tuple of Inertia or None
         The lumped inertia of each cluster; None where there is none.
+    entries : mapping of str to mapping of str to Entry
+        Of each graph: where the branches of an edge with a motion space are.
     """
 
     points: dict[str, Point]
     branches: tuple[Branch | None, ...]
     inertias: tuple[Inertia | None, ...]
+    entries: Mapping[str, Mapping[str, Entry]]
 
     def path(self, cluster: int, ancestor: int = 0) -> list[Branch]:
         """List the branches from an ancestor out to a cluster."""
@@ -145,6 +177,17 @@ class Clusters:
             assert branch is not None
             found.append(branch)
             cluster = branch.parent
+        return found[::-1]
+
+    def turning_path(self, cluster: int) -> list[Branch]:
+        """List the branches that turn a cluster, from the ground out."""
+        found: list[Branch] = []
+        while cluster:
+            branch = self.branches[cluster]
+            assert branch is not None
+            if branch.turns:
+                found.append(branch)
+            cluster = branch.turn_parent
         return found[::-1]
 
     def common_ancestor(self, a: int, b: int) -> int:
@@ -163,33 +206,143 @@ def lump(system: System) -> Clusters:
     ------
     SceneError
         If a body does not begin at the ground, where accelerations are measured from.
+    FormulationError
+        If the trees reach bodies in opposite orders.
     """
-    dag = system.dag
-    points = {"ground": Point(0, vector.zeros(dag))}
-    branches: list[Branch | None] = [None]
-    for step in tree_walk(system.tree):
-        edge = system.edges[step.edge]
-        start = points[step.parent]
+    found = _Walks(system)
+    found.walk()
+    inertias = _inertias(system, found.points, len(found.branches))
+    return Clusters(found.points, tuple(found.branches), inertias, found.entries)
+
+
+class _Walks:
+    """What both trees have reached so far, from the ground outwards."""
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        self.points = {"ground": Point(0, vector.zeros(system.dag))}
+        self.branches: list[Branch | None] = [None]
+        self.entries: dict[str, dict[str, Entry]] = {"translation": {}, "rotation": {}}
+        self._to = {step.child: step for step in tree_walk(system.trees.rotation)}
+        self._turns: dict[str, Matrix | None] = {"ground": None}
+
+    def walk(self) -> None:
+        """Follow the translation tree, each body once the rotation tree has reached it too."""
+        rest = list(tree_walk(self.system.trees.translation))
+        while rest:
+            waiting = [step for step in rest if not self._is_done(step)]
+            if len(waiting) == len(rest):
+                raise FormulationError(self._opposite(waiting))
+            rest = waiting
+
+    def _is_done(self, step: Walk) -> bool:
+        """Place a node of the translation tree; False where it has to wait."""
+        inner = self.points.get(step.parent)
+        if inner is None:
+            return False
+        edge = self.system.edges[step.edge]
         if edge.component.role is Role.ARM:
-            points[step.child] = _fixed_point(edge, step.sign, start)
-            continue
-        for own in system.steps.get(step.edge, ())[:: step.sign]:
-            branch, start = _moving(edge, own, step.sign, start, len(branches))
-            branches.append(branch)
-        points[step.child] = start
-    return Clusters(points, tuple(branches), _inertias(system, points, len(branches)))
+            self.points[step.child] = self._fixed_point(edge, step, inner)
+            return True
+        turning = self._entering(step.child)
+        if turning.parent not in self.points:
+            return False
+        place = self._moved(step, inner, turning)
+        self.points[step.child] = replace(place, turn=self._turn(step.child))
+        return True
 
+    def _opposite(self, waiting: list[Walk]) -> str:
+        """Say which bodies the trees reach in opposite orders."""
+        step = next(step for step in waiting if step.parent in self.points)
+        turning = self._entering(step.child)
+        return (
+            "the trees reach bodies in opposite orders: the rotation tree reaches node "
+            f"'{step.child}' by '{turning.edge}' from node '{turning.parent}', which the "
+            f"translation tree reaches beyond it, by '{step.edge}': name '{step.edge}' in the "
+            f"rotation tree in place of '{turning.edge}', or another tree of translation"
+        )
 
-def _fixed_point(edge: BoundEdge, sign: int, start: Point) -> Point:
-    """Place the other node of an arm or a weld."""
-    arm = edge.vectors.get("vector")
-    if sign > 0:
-        local = start.local if arm is None else vector.add(start.local, start.resolved(arm))
-        return Point(start.cluster, local, _product(start.turn, edge.rotation))
-    turned = None if edge.rotation is None else vector.transpose(edge.rotation)
-    first = Point(start.cluster, start.local, _product(start.turn, turned))
-    local = start.local if arm is None else vector.sub(start.local, first.resolved(arm))
-    return Point(start.cluster, local, first.turn)
+    def _entering(self, node: str) -> Walk:
+        """Find the step of the rotation tree into a node's cluster."""
+        step = self._to[node]
+        while self.system.edges[step.edge].component.role is Role.ARM:
+            step = self._to[step.parent]
+        return step
+
+    def _turn(self, node: str) -> Matrix | None:
+        """Give a node's own axes in its cluster's; the rotation tree alone decides on them."""
+        unknown = []
+        while node not in self._turns:
+            unknown.append(self._to[node])
+            node = unknown[-1].parent
+        turn = self._turns[node]
+        for step in reversed(unknown):
+            turn = self._turned(step, turn)
+            self._turns[step.child] = turn
+        return turn
+
+    def _turned(self, step: Walk, turn: Matrix | None) -> Matrix | None:
+        edge = self.system.edges[step.edge]
+        if edge.component.role is Role.ARM:
+            own = edge.rotation
+            if step.sign < 0 and own is not None:
+                own = vector.transpose(own)
+            return _product(turn, own)
+        steps = self.system.steps.get(step.edge, ())
+        # The outer node's axes become the child's.
+        return None if any(isinstance(own.kind, FreeRotation) for own in steps) else turn
+
+    def _fixed_point(self, edge: BoundEdge, step: Walk, inner: Point) -> Point:
+        """Place the other node of an arm or a weld."""
+        arm = edge.vectors.get("vector")
+        if step.sign > 0:
+            local = inner.local if arm is None else vector.add(inner.local, inner.resolved(arm))
+            return Point(inner.cluster, local, self._turn(step.child))
+        first = replace(inner, turn=self._turn(step.child))
+        return (
+            first
+            if arm is None
+            else replace(first, local=vector.sub(first.local, first.resolved(arm)))
+        )
+
+    def _moved(self, step: Walk, inner: Point, turning: Walk) -> Point:
+        """Make the branches into a cluster, and give its origin."""
+        first = len(self.branches)
+        if turning == step:
+            place = self._along(step, inner, inner)
+            if len(self.branches) > first:
+                entry = Entry(step.sign, first, place.cluster)
+                self.entries["translation"][step.edge] = entry
+                self.entries["rotation"][step.edge] = entry
+            return place
+        # A joint slides in the axes of its first node: those of the cluster that it starts from,
+        # or of the one that it leads to, which is then turned first.
+        place, turned = inner, self.points[turning.parent]
+        if step.sign > 0:
+            place = self._along(step, place, place)
+        first_turn = len(self.branches)
+        if self.system.steps.get(turning.edge):
+            place = self._along(turning, place, turned)
+        else:
+            place = self._add(turning, None, place, turned)
+        self.entries["rotation"][turning.edge] = Entry(turning.sign, first_turn, place.cluster)
+        if step.sign < 0:
+            place = replace(place, turn=self._turn(step.child))
+            place = self._along(step, place, place)
+        self.entries["translation"][step.edge] = Entry(step.sign, first, place.cluster)
+        return place
+
+    def _along(self, step: Walk, place: Point, turned: Point) -> Point:
+        """Make a branch of each step of an edge's motion space."""
+        for own in self.system.steps.get(step.edge, ())[:: step.sign]:
+            place = turned = self._add(step, own, place, turned)
+        return place
+
+    def _add(self, step: Walk, own: Step | None, place: Point, turned: Point) -> Point:
+        edge, child = self.system.edges[step.edge], len(self.branches)
+        branch, outer = _branch(edge, own, step.sign, place, turned, child)
+        self.branches.append(branch)
+        return outer
 
 
 def _product(a: Matrix | None, b: Matrix | None) -> Matrix | None:
@@ -198,44 +351,44 @@ def _product(a: Matrix | None, b: Matrix | None) -> Matrix | None:
     return vector.matmul(a, b)
 
 
-def _moving(
-    edge: BoundEdge, own: Step, sign: int, start: Point, child: int
+def _branch(
+    edge: BoundEdge, own: Step | None, sign: int, place: Point, turned: Point, child: int
 ) -> tuple[Branch, Point]:
-    """Make one branch of a joint, and its outer node."""
-    dag = own.speeds[0].symbol.dag
+    """Make one branch of a joint, and its outer node.
+
+    Its inner node stands at ``place``; the axes of the inner node are those of ``turned``.
+    """
+    dag = place.local[0].dag
     zero, units = vector.zeros(dag), vector.identity(dag)
-    inner, outer = start.cluster, Point(child, zero, start.turn)
-    if isinstance(own.kind, Freedom):
+    inner, outer = turned.cluster, Point(child, zero, turned.turn)
+    carrier = inner if sign > 0 else child
+    mount: Matrix | None = None
+    axes: tuple[Vector, ...] = ()
+    slides: tuple[Node, ...] = ()
+    if own is not None and isinstance(own.kind, Freedom):
         axis = {**dict(zip("xyz", units, strict=True)), **edge.vectors}
         slide = dag.zero if own.kind.rotates else dag.one
-        branch = Branch(
-            edge.name,
-            sign,
-            inner,
-            child,
-            inner if sign > 0 else child,
-            start.local,
-            own,
-            (start.resolved(axis[own.kind.axis]),),
-            (edge.scalars[own.kind.pitch] if own.kind.pitch else slide,),
-        )
-        return branch, outer
-    # The outer node's axes become the child's.
-    axes = units if sign > 0 else tuple(start.resolved(unit) for unit in units)
-    carrier = child if sign > 0 else inner
+        axes = (turned.resolved(axis[own.kind.axis]),)
+        slides = (edge.scalars[own.kind.pitch] if own.kind.pitch else slide,)
+    elif own is not None:
+        axes = units if sign > 0 else tuple(turned.resolved(unit) for unit in units)
+        slides = (dag.zero, dag.zero, dag.zero)
+        carrier = child if sign > 0 else inner
+        mount, outer = turned.turn, Point(child, zero)
     branch = Branch(
         edge.name,
         sign,
+        place.cluster,
         inner,
         child,
         carrier,
-        start.local,
+        place.local,
         own,
         axes,
-        (dag.zero, dag.zero, dag.zero),
-        start.turn,
+        slides,
+        mount,
     )
-    return branch, Point(child, zero)
+    return branch, outer
 
 
 def _inertias(

@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     from cotree.formulation.start import Condition
     from cotree.formulation.system import System
     from cotree.formulation.through import Balance, Loads
-    from cotree.graph import Tree
     from cotree.scene.description import SceneDescription
+    from cotree.scene.trees import Trees
 
 
 @dataclass(frozen=True)
@@ -114,20 +114,20 @@ class FirstGraph:
 
 def form_first_graph(
     scene: SceneDescription,
-    tree: Tree,
+    trees: Trees,
     own_axes: Collection[int] = (),
     baumgarte: float = 0.0,
 ) -> FirstGraph:
-    """Form the governing equations of a scene in the coordinates of its tree's joints.
+    """Form the governing equations of a scene in the coordinates of its branches.
 
     Parameters
     ----------
     scene : SceneDescription
         The scene.
-    tree : Tree
-        The tree of its joints and arms.
+    trees : Trees
+        The trees of its translation and rotation graphs.
     own_axes : collection of int
-        The clusters whose vectors are resolved in their own axes; see
+        The clusters whose vectors are resolved in their own axes, none where the trees differ; see
         :mod:`cotree.formulation.frames`.
     baumgarte : float
         Rate, [1/s], at which violated constraints decay; zero leaves them to projection. With
@@ -142,8 +142,8 @@ def form_first_graph(
         If a coordinate moves nothing that has inertia.
     """
     dag = Dag()
-    starts = body_starts(scene, tree, motion_spaces(scene).of, dag)
-    system = bind(scene, tree, dag, starts)
+    starts = body_starts(scene, trees, motion_spaces(scene).of, dag)
+    system = bind(scene, trees, dag, starts)
     clusters = lump(system)
     motion = move(system, clusters, own_axes)
     still = FirstView(motion, accelerate(motion, [dag.zero] * len(system.speeds)))
@@ -208,9 +208,12 @@ def _measured(motion: Motion) -> dict[Node, Node]:
 
 
 def tree_links(first: FirstGraph) -> tuple[Link, ...]:
-    """Describe the tree for elimination along it; nothing where a pivot may vanish."""
+    """Describe the tree for elimination along it.
+
+    Nothing where a pivot may vanish, or where translation and rotation have each their own.
+    """
     n = len(first.system.speeds)
-    if not all(first.is_safe[:n]):
+    if not first.system.trees.is_one or not all(first.is_safe[:n]):
         return ()
     links = []
     for geometry in first.motion.geometry:

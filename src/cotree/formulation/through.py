@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING
 
 from cotree.components import Role
 from cotree.dag import vector
+from cotree.dag.derivative import tangents
+from cotree.formulation.across import accelerate
 from cotree.formulation.clusters import Inertia, combined
-from cotree.formulation.elements import Wrench, actions, wrenches
+from cotree.formulation.elements import Wrench, actions, gather, wrenches
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Node
     from cotree.dag.vector import Matrix, Vector
     from cotree.formulation.across import Accelerations, Motion
+    from cotree.formulation.clusters import Branch
     from cotree.formulation.elements import Action
     from cotree.formulation.ends import Pull
     from cotree.formulation.frames import Geometry
@@ -64,8 +67,7 @@ class Loads:
         on_cluster, along = list(self.on_cluster), list(self.along)
         for pull in pulls:
             for cluster, force, torque in pull.wrenches:
-                known, wrench = on_cluster[cluster], Wrench(force, torque)
-                on_cluster[cluster] = wrench if known is None else known.plus(wrench)
+                gather(on_cluster, cluster, Wrench(force, torque))
             for index, effort in pull.efforts.items():
                 along[index] = along[index] + effort
         return replace(self, on_cluster=tuple(on_cluster), along=tuple(along))
@@ -95,8 +97,7 @@ def load(motion: Motion) -> Loads:
     for action in elements:
         with motion.system.dag.labelled(f"terminal equation of {action.edge.name}"):
             for cluster, wrench in wrenches(motion, action):
-                known = on_cluster[cluster]
-                on_cluster[cluster] = wrench if known is None else known.plus(wrench)
+                gather(on_cluster, cluster, wrench)
     with motion.system.dag.labelled("terminal equations of joints"):
         efforts = tuple(joint_efforts(motion))
     with motion.system.dag.labelled("inertias"):
@@ -176,9 +177,7 @@ def balance(motion: Motion, loads: Loads, across: Accelerations) -> Balance:
             )
             for i, speed in enumerate(branch.speeds):
                 residual[speed.name] = project(geometry, i, carried)
-            at_parent = shifted(carried, geometry.offset)
-            known = totals[branch.parent]
-            totals[branch.parent] = at_parent if known is None else known.plus(at_parent)
+            hand_on(totals, branch, carried, (geometry.offset, carried.force))
         beyond.append(carried)
     with system.dag.labelled("projection on motion spaces"):
         rows = tuple(
@@ -223,6 +222,24 @@ def shifted(wrench: Wrench, arm: Vector) -> Wrench:
     return Wrench(wrench.force, vector.add(wrench.torque, vector.cross(arm, wrench.force)))
 
 
+def hand_on(
+    totals: list[Wrench | None], branch: Branch, wrench: Wrench, *moments: tuple[Vector, Vector]
+) -> None:
+    """Add what a branch transmits to its parents: the force with its moments, and the torque.
+
+    Each moment is an arm and a force. Where the trees differ the torque goes the way of the
+    rotation graph.
+    """
+    torque = wrench.torque
+    if branch.parent != branch.turn_parent:
+        zero = vector.zeros(torque[0].dag)
+        gather(totals, branch.turn_parent, Wrench(zero, torque))
+        torque = zero
+    for arm, force in moments:
+        torque = vector.add(torque, vector.cross(arm, force))
+    gather(totals, branch.parent, Wrench(wrench.force, torque))
+
+
 def mass_matrix(motion: Motion, loads: Loads) -> list[list[Node]]:
     """Form the mass matrix from composite inertias, by suffix sums over the tree.
 
@@ -232,6 +249,8 @@ def mass_matrix(motion: Motion, loads: Loads) -> list[list[Node]]:
         Symmetric, one row for each speed.
     """
     system = motion.system
+    if not system.trees.is_one:
+        return _mass_of_inertias(motion, loads)
     n = len(system.speeds)
     matrix = [[system.dag.zero] * n for _ in range(n)]
     composites = list(loads.inertias)
@@ -249,6 +268,30 @@ def mass_matrix(motion: Motion, loads: Loads) -> list[list[Node]]:
             for i, speed in enumerate(branch.speeds):
                 wrench = unit_wrench(composite, geometry.turning[i], geometry.shifting[i])
                 _project_column(motion, matrix, geometry, speed.index, wrench)
+    return matrix
+
+
+def _mass_of_inertias(motion: Motion, loads: Loads) -> list[list[Node]]:
+    """Form the mass matrix from what the balances of the inertias say of each acceleration.
+
+    Where the trees differ what lies beyond a branch does not move as one body, so that it has no
+    composite inertia.
+    """
+    system = motion.system
+    n, dag = len(system.speeds), system.dag
+    none, still = (None,) * len(motion.omega), (dag.zero,) * n
+    alone = replace(loads, on_cluster=none, along=still)
+    across = accelerate(motion, [v.acceleration for v in system.speeds])
+    rows = balance(motion, alone, across).residual
+    matrix = [[dag.zero] * n for _ in range(n)]
+    inner: list[int] = []
+    for geometry in motion.geometry:
+        for speed in geometry.branch.speeds:
+            inner.append(speed.index)
+            with dag.labelled(f"mass matrix, column of {speed.edge}"):
+                column = tangents([rows[i] for i in inner], {speed.acceleration: dag.one})
+            for i, entry in zip(inner, column, strict=True):
+                matrix[i][speed.index] = matrix[speed.index][i] = entry
     return matrix
 
 

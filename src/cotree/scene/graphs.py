@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 from cotree.components import Role
 from cotree.domains import DOMAINS
-from cotree.errors import FormulationError, TopologyError
+from cotree.errors import TopologyError
 from cotree.graph import GraphEdge, LinearGraph, Tree, named_tree, select_tree
 from cotree.scene.motion_spaces import motion_spaces
+from cotree.scene.trees import Trees, check_coupled
 
 if TYPE_CHECKING:
     from cotree.scene.description import SceneDescription
@@ -100,7 +101,7 @@ def _weights(
     return weights
 
 
-def candidate_trees(scene: SceneDescription) -> list[Tree]:
+def candidate_trees(scene: SceneDescription) -> list[Trees]:
     """List the trees worth counting: of the joints, cut here or there, and of the bodies.
 
     Open chains of many bodies are not counted in absolute coordinates: each joint would add up to
@@ -114,7 +115,8 @@ def candidate_trees(scene: SceneDescription) -> list[Tree]:
     joints = joint_branches(scene)
     n_bodies = sum(edge.component.role is Role.BODY for edge in scene.edges.values())
     is_open = not any(
-        scene.edges[name].component.role in (Role.JOINT, Role.CONSTRAINT) for name in joints.chords
+        scene.edges[name].component.role in (Role.JOINT, Role.CONSTRAINT)
+        for name in joints.translation.chords
     )
     if n_bodies > (_FEW_OPEN if is_open else _FEW_CLOSED):
         return [joints]
@@ -128,7 +130,7 @@ def candidate_trees(scene: SceneDescription) -> list[Tree]:
     return list({frozenset(tree.branches): tree for tree in reversed(found)}.values())[::-1]
 
 
-def _shallow_tree(scene: SceneDescription, graphs: Mapping[str, LinearGraph]) -> Tree:
+def _shallow_tree(scene: SceneDescription, graphs: Mapping[str, LinearGraph]) -> Trees:
     """Give the tree of joints that cuts loops far from the ground: what is short costs less."""
     trees = {}
     for domain, graph in graphs.items():
@@ -163,23 +165,20 @@ def _check_branches(scene: SceneDescription, names: Sequence[str]) -> None:
             )
 
 
-def joint_tree(scene: SceneDescription, trees: Mapping[str, Tree]) -> Tree:
-    """Give the one tree that coordinates are formed from.
+def joint_tree(scene: SceneDescription, trees: Mapping[str, Tree]) -> Trees:
+    """Give the trees that coordinates are formed from.
 
     Raises
     ------
     FormulationError
-        If the trees differ.
+        If they part an arm's translation from its rotation, or a screw's.
     """
-    tree = trees["translation"]
-    if set(tree.branches) != set(trees["rotation"].branches):
-        raise FormulationError(
-            "translation and rotation have different trees: name the same joints and arms for both"
-        )
-    return tree
+    pair = Trees(trees["translation"], trees["rotation"])
+    check_coupled(scene, pair)
+    return pair
 
 
-def joint_branches(scene: SceneDescription) -> Tree:
-    """Give the tree that reaches bodies by joints and arms wherever there are any."""
+def joint_branches(scene: SceneDescription) -> Trees:
+    """Give the trees that reach bodies by joints and arms wherever there are any."""
     graphs = linear_graphs(scene)
     return joint_tree(scene, choose_trees(scene, graphs, None))
