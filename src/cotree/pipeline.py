@@ -23,7 +23,13 @@ from cotree.model.kernels import CKernels, PythonKernels
 from cotree.passes.recipe import run_passes
 from cotree.program.lower import lower
 from cotree.program.strategy import choose_first_graph
-from cotree.scene.graphs import candidate_trees, choose_trees, joint_tree, linear_graphs
+from cotree.scene.graphs import (
+    candidate_trees,
+    choose_trees,
+    joint_tree,
+    linear_graphs,
+    separate_trees,
+)
 from cotree.sensitivity.graphs import form_equations
 from cotree.version import ABI_VERSION
 
@@ -111,22 +117,23 @@ def trees_to_try(scene: SceneDescription, tree: TreeChoice) -> list[Trees]:
 def count_trees(scene: SceneDescription) -> tuple[Alternative, ...]:
     """Count what the equations of each tree cost, the cheapest first; one line for each tree.
 
-    A scene that has no equations yet has none of it.
+    Trees that translation and rotation do not share come last: they are taken only where they are
+    named. A scene that has no equations yet has none of it.
 
     Raises
     ------
     TopologyError
         If the scene has no edges, or a node is floating.
     """
-    trees = candidate_trees(scene)
-    try:
-        with _no_collection():
-            _, alternatives = choose_first_graph(scene, trees, ())
-    except Error:
-        return ()
-    cheapest: dict[tuple[str, ...], Alternative] = {}
-    for row in alternatives:
-        cheapest.setdefault(row.trees.branches, row)
+    cheapest: dict[str, Alternative] = {}
+    for trees in (candidate_trees(scene), separate_trees(scene)):
+        try:
+            with _no_collection():
+                alternatives = choose_first_graph(scene, trees, ())[1] if trees else ()
+        except Error:
+            break
+        for row in alternatives:
+            cheapest.setdefault(row.trees.listed(), row)
     return tuple(cheapest.values())
 
 

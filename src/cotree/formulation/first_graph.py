@@ -17,6 +17,7 @@ from cotree.dag.rotation import quaternion_rates
 from cotree.equations import Link, State
 from cotree.errors import ExpressionError
 from cotree.formulation.across import accelerate, move
+from cotree.formulation.augmented import augmented_mass_matrix
 from cotree.formulation.clusters import lump
 from cotree.formulation.laws import applied_laws
 from cotree.formulation.observed import Observer, observe_motion
@@ -150,7 +151,7 @@ def form_first_graph(
     laws = applied_laws(motion, still)
     loads = load(motion).plus(multiplier_loads(laws))
     constraints, idle = form_constraints(motion, still, baumgarte)
-    mass = mass_matrix(motion, loads)
+    mass = mass_matrix(motion, loads) if trees.is_one else augmented_mass_matrix(motion)
     check_inertia(system, mass, constraints.gradient)
     at_rest = balance(motion, loads, still.across)
     accelerations = tuple(v.acceleration for v in system.speeds)

@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING
 
 from cotree.components import Role
 from cotree.dag import vector
-from cotree.dag.derivative import tangents
-from cotree.formulation.across import accelerate
 from cotree.formulation.clusters import Inertia, combined
 from cotree.formulation.elements import Wrench, actions, gather, wrenches
 
@@ -249,8 +247,6 @@ def mass_matrix(motion: Motion, loads: Loads) -> list[list[Node]]:
         Symmetric, one row for each speed.
     """
     system = motion.system
-    if not system.trees.is_one:
-        return _mass_of_inertias(motion, loads)
     n = len(system.speeds)
     matrix = [[system.dag.zero] * n for _ in range(n)]
     composites = list(loads.inertias)
@@ -268,30 +264,6 @@ def mass_matrix(motion: Motion, loads: Loads) -> list[list[Node]]:
             for i, speed in enumerate(branch.speeds):
                 wrench = unit_wrench(composite, geometry.turning[i], geometry.shifting[i])
                 _project_column(motion, matrix, geometry, speed.index, wrench)
-    return matrix
-
-
-def _mass_of_inertias(motion: Motion, loads: Loads) -> list[list[Node]]:
-    """Form the mass matrix from what the balances of the inertias say of each acceleration.
-
-    Where the trees differ what lies beyond a branch does not move as one body, so that it has no
-    composite inertia.
-    """
-    system = motion.system
-    n, dag = len(system.speeds), system.dag
-    none, still = (None,) * len(motion.omega), (dag.zero,) * n
-    alone = replace(loads, on_cluster=none, along=still)
-    across = accelerate(motion, [v.acceleration for v in system.speeds])
-    rows = balance(motion, alone, across).residual
-    matrix = [[dag.zero] * n for _ in range(n)]
-    inner: list[int] = []
-    for geometry in motion.geometry:
-        for speed in geometry.branch.speeds:
-            inner.append(speed.index)
-            with dag.labelled(f"mass matrix, column of {speed.edge}"):
-                column = tangents([rows[i] for i in inner], {speed.acceleration: dag.one})
-            for i, entry in zip(inner, column, strict=True):
-                matrix[i][speed.index] = matrix[speed.index][i] = entry
     return matrix
 
 

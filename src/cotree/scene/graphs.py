@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 from cotree.components import Role
 from cotree.domains import DOMAINS
 from cotree.errors import TopologyError
-from cotree.graph import GraphEdge, LinearGraph, Tree, named_tree, select_tree
+from cotree.graph import GraphEdge, LinearGraph, Tree, named_tree, select_tree, tree_walk
 from cotree.scene.motion_spaces import motion_spaces
 from cotree.scene.trees import Trees, check_coupled
 
 if TYPE_CHECKING:
+    from cotree.components import MotionStep
     from cotree.scene.description import SceneDescription
 
 # Bodies up to which a scene is counted in absolute coordinates too.
@@ -128,6 +129,53 @@ def candidate_trees(scene: SceneDescription) -> list[Trees]:
     found = [joints] if is_open else [joints, _shallow_tree(scene, graphs)]
     found.append(joint_tree(scene, trees))
     return list({frozenset(tree.branches): tree for tree in reversed(found)}.values())[::-1]
+
+
+def separate_trees(scene: SceneDescription) -> list[Trees]:
+    """List trees that translation and rotation do not share, to be counted beside the others.
+
+    In a plane: positions along the joints, angles of the bodies themselves, so that no angle
+    depends on those before it. Where joints that hold a rotation close a loop, or many bodies
+    make the counting long, there are none.
+
+    Raises
+    ------
+    TopologyError
+        If the scene has no edges, or a node is floating.
+    """
+    n_bodies = sum(edge.component.role is Role.BODY for edge in scene.edges.values())
+    if n_bodies > _FEW_CLOSED or not motion_spaces(scene).plane:
+        return []
+    graphs = linear_graphs(scene)
+    found = {}
+    for joints in (joint_branches(scene), _shallow_tree(scene, graphs)):
+        rotation = _tree_of_angles(scene, graphs["rotation"], joints.translation)
+        held = (scene.edges[name].component for name in rotation.chords)
+        if any(c.role in (Role.JOINT, Role.ARM) and not _turns(c.motion_space) for c in held):
+            continue
+        pair = joint_tree(scene, {"translation": joints.translation, "rotation": rotation})
+        if not pair.is_one:
+            found[pair.translation.branches] = pair
+    return list(found.values())
+
+
+def _turns(steps: Sequence[MotionStep]) -> bool:
+    return any(step.rotates for step in steps)
+
+
+def _tree_of_angles(scene: SceneDescription, graph: LinearGraph, translation: Tree) -> Tree:
+    """Give the rotation tree of what cannot turn, and of one body for each part that can."""
+    spaces = motion_spaces(scene).of
+    order = {step.child: i for i, step in enumerate(tree_walk(translation))}
+    weights = {}
+    for name in graph.edge_names:
+        component = scene.edges[name].component
+        if component.role is Role.BODY:
+            # Of the bodies that turn together that which the translation tree reaches first.
+            weights[name] = 0.5 + 0.4 * order[scene.edges[name].nodes[1]] / len(order)
+        elif component.tree_weight is not None:
+            weights[name] = 1.0 if _turns(spaces[name]) else 0.1 * bool(spaces[name])
+    return select_tree(graph, weights)
 
 
 def _shallow_tree(scene: SceneDescription, graphs: Mapping[str, LinearGraph]) -> Trees:
