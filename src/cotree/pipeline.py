@@ -11,7 +11,7 @@ import gc
 import os
 import time
 import warnings
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -125,15 +125,18 @@ def count_trees(scene: SceneDescription) -> tuple[Alternative, ...]:
     TopologyError
         If the scene has no edges, or a node is floating.
     """
-    cheapest: dict[str, Alternative] = {}
-    for trees in (candidate_trees(scene), separate_trees(scene)):
+    trees = candidate_trees(scene)
+    with _no_collection():
         try:
-            with _no_collection():
-                alternatives = choose_first_graph(scene, trees, ())[1] if trees else ()
+            alternatives = choose_first_graph(scene, trees, ())[1]
         except Error:
-            break
-        for row in alternatives:
-            cheapest.setdefault(row.trees.listed(), row)
+            return ()
+        for pair in separate_trees(scene):
+            with suppress(Error):
+                alternatives += choose_first_graph(scene, [pair], ())[1]
+    cheapest: dict[str, Alternative] = {}
+    for row in alternatives:
+        cheapest.setdefault(row.trees.listed(), row)
     return tuple(cheapest.values())
 
 

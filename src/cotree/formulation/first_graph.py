@@ -18,8 +18,8 @@ from cotree.equations import Link, State
 from cotree.errors import ExpressionError
 from cotree.formulation.across import accelerate, move
 from cotree.formulation.augmented import augmented_mass_matrix
-from cotree.formulation.clusters import lump
 from cotree.formulation.laws import applied_laws
+from cotree.formulation.lumping import lump
 from cotree.formulation.observed import Observer, observe_motion
 from cotree.formulation.outputs import form_outputs
 from cotree.formulation.pulls import form_constraints, multiplier_loads

@@ -17,7 +17,7 @@ from cotree.dag.rotation import quaternion_of_nodes
 from cotree.errors import SceneError
 from cotree.formulation.across import move
 from cotree.formulation.chords import chord_measure, node_angle
-from cotree.formulation.clusters import lump
+from cotree.formulation.lumping import lump
 from cotree.formulation.pulls import along_speeds
 from cotree.formulation.system import bind
 from cotree.scene.expressions import Expression
