@@ -246,6 +246,10 @@ def loops() -> str:
         "chosen by the library": None,
         "joints, pins O, G, H cut": tree_without(scene, ("O", "G", "H")),
         "joints, pins E1, E2, E3 cut": tree_without(scene, ("E1", "E2", "E3")),
+        "pins E1, E2, E3 cut, angles of the bodies": {
+            "translation": tree_without(scene, ("E1", "E2", "E3")),
+            "rotation": absolute_tree(scene),
+        },
         "bodies": absolute_tree(scene),
     }
     rows = []

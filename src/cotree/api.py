@@ -120,7 +120,7 @@ class Scene(SceneDescription):
 
         costs = count_trees(self)
         if tree is None and costs:
-            tree = list(costs[0].branches)
+            tree = list(costs[0].trees.branches)
         return graph_report(*draw_graphs(self, tree), costs)
 
     def equations(

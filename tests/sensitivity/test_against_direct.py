@@ -164,6 +164,8 @@ def test_every_joint_of_a_tree(kind, is_inward, own_axes):
 # are checked against Newton's and Euler's equations in tests/formulation/test_newton_euler.py.
 FAR = ("spherical", "revolute", "universal", "weld", "arm", "prismatic", "free", "screw")
 TIES = [kind for kind in FIELDS if kind not in FAR]
+# What holds or acts on positions and on turns alike.
+TIES_OF_BOTH = ["rolling_disc", "knife_edge", "cylindrical", "hardening"]
 
 
 @axes
@@ -190,6 +192,52 @@ def test_absolute_coordinates_in_space(tie):
 )
 def test_planar_loops(tie, tree):
     check(Assembled(four_bar(tie), tree))
+
+
+BARS, BAR_ARMS = ["A", "B", "C"], ["la", "ca", "lb", "cb", "lc", "cc", "g0"]
+CHAIN_ARMS = ["la", "lb", "lc", "g0"]
+
+
+def separate(translation, rotation, arms):
+    return {"translation": [*translation, *arms], "rotation": [*rotation, *arms]}
+
+
+@pytest.mark.parametrize("tie", ["revolute", "prismatic", "gear", "knife_edge"])
+def test_loops_with_trees_of_their_own_for_rotation(tie):
+    check(Assembled(four_bar(tie), separate(BARS, ["ba", "bb", "C"], BAR_ARMS)))
+
+
+@pytest.mark.parametrize(
+    ("translation", "rotation"),
+    [(["ba", "bb", "bc"], BARS), (BARS, ["A", "B", "tie"]), (["A", "B", "tie"], BARS)],
+    ids=["bodies-joints", "turned by the tie", "placed by the tie"],
+)
+def test_separate_trees_of_a_loop(translation, rotation):
+    check(Assembled(four_bar("revolute"), separate(translation, rotation, BAR_ARMS)))
+
+
+@pytest.mark.parametrize(
+    "tie", ["bushing", *(pytest.param(tie, marks=pytest.mark.slow) for tie in TIES_OF_BOTH)]
+)
+def test_separate_trees_in_space(tie):
+    mixed = separate(["A", "bb", "C"], ["ba", "B", "bc"], CHAIN_ARMS)
+    check(Assembled(spatial_chain(tie), mixed))
+
+
+@pytest.mark.parametrize("is_inward", [False, True], ids=["outward", "inward"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "prismatic",
+        "spherical",
+        *(pytest.param(k, marks=pytest.mark.slow) for k in ("cylindrical", "universal", "planar")),
+    ],
+)
+def test_every_joint_of_separate_trees(kind, is_inward):
+    joints, bodies, arms = ["j1", "j2"], ["b1", "b2"], ["w0", "w1", "w2"]
+    scene = two_joints(kind, is_inward)
+    check(Assembled(scene, separate(joints, bodies, arms)))
+    check(Assembled(scene, separate(bodies, joints, arms)))
 
 
 @pytest.mark.parametrize(

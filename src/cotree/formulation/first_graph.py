@@ -17,8 +17,9 @@ from cotree.dag.rotation import quaternion_rates
 from cotree.equations import Link, State
 from cotree.errors import ExpressionError
 from cotree.formulation.across import accelerate, move
-from cotree.formulation.clusters import lump
+from cotree.formulation.augmented import augmented_mass_matrix
 from cotree.formulation.laws import applied_laws
+from cotree.formulation.lumping import lump
 from cotree.formulation.networks.attached import attach_network
 from cotree.formulation.observed import Observer, observe_motion
 from cotree.formulation.outputs import form_outputs
@@ -43,8 +44,8 @@ if TYPE_CHECKING:
     from cotree.formulation.start import Condition
     from cotree.formulation.system import System
     from cotree.formulation.through import Balance, Loads
-    from cotree.graph import Tree
     from cotree.scene.description import SceneDescription
+    from cotree.scene.trees import Trees
 
 
 @dataclass(frozen=True)
@@ -118,20 +119,20 @@ class FirstGraph:
 
 def form_first_graph(
     scene: SceneDescription,
-    tree: Tree,
+    trees: Trees,
     own_axes: Collection[int] = (),
     baumgarte: float = 0.0,
 ) -> FirstGraph:
-    """Form the governing equations of a scene in the coordinates of its tree's joints.
+    """Form the governing equations of a scene in the coordinates of its branches.
 
     Parameters
     ----------
     scene : SceneDescription
         The scene.
-    tree : Tree
-        The tree of its joints and arms.
+    trees : Trees
+        The trees of its translation and rotation graphs.
     own_axes : collection of int
-        The clusters whose vectors are resolved in their own axes; see
+        The clusters whose vectors are resolved in their own axes, none where the trees differ; see
         :mod:`cotree.formulation.frames`.
     baumgarte : float
         Rate, [1/s], at which violated constraints decay; zero leaves them to projection. With
@@ -149,8 +150,8 @@ def form_first_graph(
     """
     dag = Dag()
     whole, scene = scene, scene.mechanics
-    starts = body_starts(scene, tree, motion_spaces(scene).of, dag)
-    system = bind(scene, tree, dag, starts, names=_network_names(whole))
+    starts = body_starts(scene, trees, motion_spaces(scene).of, dag)
+    system = bind(scene, trees, dag, starts, names=_network_names(whole))
     clusters = lump(system)
     motion = move(system, clusters, own_axes)
     still = FirstView(motion, accelerate(motion, [dag.zero] * len(system.speeds)))
@@ -162,7 +163,8 @@ def form_first_graph(
     loads = load(motion).plus(multiplier_loads(laws))
     constraints, idle = form_constraints(motion, still, baumgarte)
     idle_guards = met_where_idle(idle, still)
-    mass = attached.with_inertia(mass_matrix(motion, loads), motion)
+    own = mass_matrix(motion, loads) if trees.is_one else augmented_mass_matrix(motion)
+    mass = attached.with_inertia(own, motion)
     check_inertia(system, mass, constraints.gradient)
     at_rest = balance(motion, loads, still.across)
     applied = (*laws, *constraints.applied)
@@ -236,9 +238,14 @@ def _measured(motion: Motion, observed: Mapping[str, Node]) -> dict[Node, Node]:
 
 
 def tree_links(first: FirstGraph) -> tuple[Link, ...]:
-    """Describe the tree for elimination along it; nothing where a pivot may vanish."""
+    """Describe the tree for elimination along it.
+
+    Nothing where a pivot may vanish, or where translation and rotation have each their own.
+    """
     n = len(first.system.speeds)
-    if first.has_far_inertia or not all(first.is_safe[:n]):
+    if first.has_far_inertia or not first.system.trees.is_one:
+        return ()
+    if not all(first.is_safe[:n]):
         return ()
     links = []
     for geometry in first.motion.geometry:
