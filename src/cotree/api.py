@@ -331,8 +331,10 @@ class Model(CompiledModel):
     @cached_property
     def _linearizer(self) -> Linearizer:
         from cotree.model.linearize import Linearizer
+        from cotree.sensitivity.graphs import form_equations, input_columns
 
-        return Linearizer(self._compiled.first)
+        first = self._compiled.first
+        return Linearizer(form_equations(first, ()), input_columns(first))
 
     def linearize(
         self, t: float = 0.0, y: Any = None, p: Any = None, u: Any = None

@@ -1,6 +1,6 @@
 """Linearisation of a model about a state, by the sensitivity graphs of its states and inputs.
 
-In: a scene's first graph and numbers. Out: x' = A x + B u, y = C x + D u for small deviations.
+In: equations, their derivatives along inputs, and numbers. Out: x' = A x + B u, y = C x + D u for small deviations.
 """
 
 from __future__ import annotations
@@ -16,14 +16,13 @@ from cotree.dag.several import results
 from cotree.dag.traverse import reachable, substitute
 from cotree.errors import SingularSystemError
 from cotree.formulation.elimination import solve_unknowns
-from cotree.sensitivity.graphs import form_equations, input_columns
+from cotree.model.algebraic import eliminated
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cotree.dag.nodes import Node
     from cotree.equations import Derivative, Equations
-    from cotree.formulation.first_graph import FirstGraph
 
 Array = npt.NDArray[np.float64]
 
@@ -38,7 +37,7 @@ class Linearization:
         Shapes (n_states, n_states), (n_states, n_inputs), (n_outputs, n_states) and
         (n_outputs, n_inputs); units follow from those of states, inputs and outputs.
     states, inputs, outputs : tuple of str
-        Names along the axes.
+        Names along the axes; the states are those that have rates.
     """
 
     A: Array
@@ -53,11 +52,9 @@ class Linearization:
 class Linearizer:
     """The derivatives of a scene's equations along its states and inputs, formed once."""
 
-    def __init__(self, first: FirstGraph) -> None:
-        equations = form_equations(first, ())
-        columns = (*equations.columns, *input_columns(first))
+    def __init__(self, equations: Equations, input_columns: Sequence[Derivative]) -> None:
         self._equations = equations
-        self._nodes = _solved(equations, columns)
+        self._nodes = _solved(equations, (*equations.columns, *input_columns))
         solves = [node for node in reachable(self._nodes) if node.op == "solve"]
         self._accepted = [results(node, node.data.size + 2)[-1] for node in solves]
 
@@ -69,12 +66,12 @@ class Linearizer:
         t : float
             Time, [s].
         y, p, u : ndarray, shapes (n_states,), (n_parameters,), (n_inputs,)
-            States, parameters and inputs.
+            States, with their algebraic unknowns, parameters and inputs.
 
         Raises
         ------
         SingularSystemError
-            If the mass matrix is singular there.
+            If the mass matrix, or the matrix of the algebraic unknowns, is singular there.
         """
         equations = self._equations
         values = self._values(t, y, p, u)
@@ -84,12 +81,15 @@ class Linearizer:
             raise SingularSystemError("the mass matrix is singular at this state")
         n, m, k = len(equations.states), len(equations.inputs), len(equations.outputs)
         whole = numbers.reshape(n + m, n + k).T
+        if equations.n_algebraic:
+            n -= equations.n_algebraic
+            whole = _without_algebraic(whole, n, equations)
         return Linearization(
             A=whole[:n, :n].copy(),
             B=whole[:n, n:].copy(),
             C=whole[n:, :n].copy(),
             D=whole[n:, n:].copy(),
-            states=tuple(state.name for state in equations.states),
+            states=tuple(state.name for state in equations.states[:n]),
             inputs=tuple(row.name for row in equations.inputs),
             outputs=tuple(row.name for row in equations.outputs),
         )
@@ -104,6 +104,23 @@ class Linearizer:
         for kind, array in (("p", p), ("u", u)):
             values |= {dag.symbol(kind, i): float(value) for i, value in enumerate(array)}
         return values
+
+
+def _without_algebraic(whole: Array, cut: int, equations: Equations) -> Array:
+    """Eliminate the algebraic unknowns, whose rows and columns are those from ``cut`` on."""
+    own = range(cut, cut + equations.n_algebraic)
+    order = [*(i for i in range(len(whole)) if i not in own), *own]
+    columns = [*(j for j in range(whole.shape[1]) if j not in own), *own]
+    moved = whole[np.ix_(order, columns)]
+    n = len(own)
+    try:
+        inverse = np.linalg.inv(moved[-n:, -n:])
+    except np.linalg.LinAlgError:
+        names = ", ".join(f"'{state.name}'" for state in equations.states[cut:])
+        raise SingularSystemError(
+            f"the derivatives of the algebraic equations by {names} are singular at this state"
+        ) from None
+    return eliminated(moved, np.asarray(inverse, dtype=np.float64))
 
 
 def _solved(equations: Equations, columns: Sequence[Derivative]) -> list[Node]:

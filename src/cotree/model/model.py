@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,8 @@ import numpy.typing as npt
 
 from cotree.dag.traverse import symbols_in
 from cotree.errors import ParameterError, nearest
-from cotree.model.start import Start, consistent_start
+from cotree.model.algebraic import solve_start
+from cotree.model.start import Start, consistent_start, start_by_differences
 from cotree.scene.description import check_number
 
 if TYPE_CHECKING:
@@ -117,10 +117,11 @@ class CompiledModel:
         t: float = 0.0,
         p: Any = None,
         initial: Mapping[str, float] | None = None,
+        u: Any = None,
         *,
         _is_probe: bool = False,
     ) -> Start:
-        """Find initial states and sensitivities that satisfy the constraints.
+        """Find initial states and sensitivities that satisfy constraints and algebraic equations.
 
         Parameters
         ----------
@@ -129,7 +130,10 @@ class CompiledModel:
         p : array_like, shape (n_parameters,), optional
             Parameters.
         initial : mapping of str to float, optional
-            Initial values of states in place of the scene's; they depend on no parameter.
+            Initial values of states in place of the scene's; they depend on no parameter. Those
+            of algebraic unknowns are guesses.
+        u : array_like, shape (n_inputs,), optional
+            Inputs at that time, which algebraic unknowns depend on.
 
         Returns
         -------
@@ -140,6 +144,10 @@ class CompiledModel:
         ------
         ParameterError
             If a name is unknown, or given values violate a constraint.
+        SolveError
+            If no values of the algebraic unknowns are found.
+        SingularSystemError
+            If the algebraic equations do not determine them.
         """
         size = (len(self.parameters),)
         p = self.default_parameters if p is None else as_array(p, size, "the parameters")
@@ -156,35 +164,13 @@ class CompiledModel:
             if wanted in self.states:  # an initial value that may change is no initial value
                 kept.add(self.states.index(wanted))
         start = consistent_start(self, t, p, y, s, kept)
-        if start.is_chosen and self.sensitivities and not _is_probe:
-            return replace(start, s=self._start_by_differences(t, p, initial or {}, start))
-        return start
-
-    def _start_by_differences(
-        self, t: float, p: Array, initial: Mapping[str, float], start: Start
-    ) -> Array:
-        """Differentiate a start that was chosen as the least move.
-
-        The choice depends on the parameters through the constraints' gradients, whose derivatives
-        no kernel has: five points give it to ten digits.
-        """
-        s = start.s.copy()
-        for j, name in enumerate(self.sensitivities):
-            if name in self.states:
-                size = max(1.0, abs(start.y[self.states.index(name)]))
-            else:
-                size = max(abs(p[self.parameters.index(name)]), 1e-3)
-            step, total = 1e-3 * size, np.zeros(len(self.states))
-            for place, weight in ((-2, 1.0), (-1, -8.0), (1, 8.0), (2, -1.0)):
-                moved, given = p.copy(), dict(initial)
-                if name in self.states:
-                    own = start.y[self.states.index(name)]
-                    given[name] = float(own + place * step)
-                else:
-                    moved[self.parameters.index(name)] += place * step
-                total += weight * self.start(t, moved, given, _is_probe=True).y
-            s[:, j] = total / (12.0 * step)
-        return s
+        if _is_probe:
+            return start
+        y, s = start.y, start.s
+        if start.is_chosen and self.sensitivities:
+            s = start_by_differences(self, t, p, initial or {}, start)
+        u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
+        return Start(*solve_start(self, t, p, u, y, s), start.is_chosen)
 
     def constraint_values(self, t: float, y: Any, p: Any = None) -> Array:
         """Evaluate what is zero on a motion, shape (n_constraints,); see :attr:`constraints`."""
@@ -257,7 +243,7 @@ class CompiledModel:
         Returns
         -------
         ndarray, shape (n_states,)
-            Rates, in the states' units per second.
+            Rates, in the states' units per second; residuals in the places of algebraic unknowns.
 
         Raises
         ------
@@ -327,6 +313,17 @@ class CompiledModel:
             if u is None:
                 u = kernels("inputs", t, _NONE, _NONE, _NONE) if self.layout.inputs else _NONE
             return kernels(name, t, x, s, u)
+
+        return call
+
+    def bound_jacobian(self, p: Array) -> Callable[[float, Array, Array | None], Array]:
+        """Give the Jacobian, dense, as a function of time, states and inputs; see :meth:`bound`."""
+        n = len(self.states)
+        dense, kernel = np.zeros((n, n)), self.bound("jacobian", p)
+
+        def call(t: float, x: Array, u: Array | None) -> Array:
+            dense[self._rows, self._columns] = kernel(t, x, _NONE, u)
+            return dense
 
         return call
 

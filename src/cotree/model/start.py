@@ -17,7 +17,7 @@ import numpy.typing as npt
 from cotree.errors import ParameterError
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Mapping
 
     from cotree.model.model import CompiledModel
 
@@ -97,6 +97,33 @@ def consistent_start(
     return Start(y, s, finder.is_chosen(given, y))
 
 
+def start_by_differences(
+    model: CompiledModel, t: float, p: Array, initial: Mapping[str, float], start: Start
+) -> Array:
+    """Differentiate a start that was chosen as the least move, shape (n_states, n_parameters).
+
+    The choice depends on the parameters through the constraints' gradients, whose derivatives no
+    kernel has: five points give it to ten digits.
+    """
+    s = start.s.copy()
+    for j, name in enumerate(model.sensitivities):
+        if name in model.states:
+            size = max(1.0, abs(start.y[model.states.index(name)]))
+        else:
+            size = max(abs(p[model.parameters.index(name)]), 1e-3)
+        step, total = 1e-3 * size, np.zeros(len(model.states))
+        for place, weight in ((-2, 1.0), (-1, -8.0), (1, 8.0), (2, -1.0)):
+            moved, given = p.copy(), dict(initial)
+            if name in model.states:
+                own = start.y[model.states.index(name)]
+                given[name] = float(own + place * step)
+            else:
+                moved[model.parameters.index(name)] += place * step
+            total += weight * model.start(t, moved, given, _is_probe=True).y
+        s[:, j] = total / (12.0 * step)
+    return s
+
+
 class _Finder:
     """The residuals of one start, at the levels of position (0) and velocity (1)."""
 
@@ -104,7 +131,12 @@ class _Finder:
         layout = model.layout
         self.model, self.t, self.p, self.kept = model, t, p, kept
         self.n_coordinates = layout.n_coordinates
-        self.n_speeds = len(model.states) - layout.n_coordinates
+        self.n_speeds = layout.n_speeds
+        #: Places of the states of each level.
+        self.own = (
+            slice(0, self.n_coordinates),
+            slice(self.n_coordinates, self.n_coordinates + self.n_speeds),
+        )
         self.n_rows = len(layout.constraint_edges)
         self.n_norms = len(layout.quaternions)
         names = [row.name for row in layout.constraints]
@@ -125,7 +157,7 @@ class _Finder:
     def _free(self, level: int) -> list[int]:
         """List the directions of motion that nothing given fixes."""
         if level == 1:
-            states = range(self.n_coordinates, self.n_coordinates + self.n_speeds)
+            states = range(self.own[1].start, self.own[1].stop)
             return [i for i, state in enumerate(states) if state not in self.kept]
         return [i for i, group in enumerate(self.groups()) if not self.kept.intersection(group)]
 
@@ -194,7 +226,7 @@ class _Finder:
         """Move coordinates or speeds along directions of motion."""
         y = y.copy()
         if level == 1:
-            y[self.n_coordinates :] += step
+            y[self.own[1]] += step
             return y
         y[: self.n_coordinates] += self.shift(y, step)
         return self.normalised(y)
@@ -242,8 +274,7 @@ class _Finder:
 
     def _tell(self, y: Array, found: Array, level: int) -> None:
         """Say what was given and had to change."""
-        cut = self.n_coordinates
-        places = range(cut) if level == 0 else range(cut, len(y))
+        places = range(self.own[level].start, self.own[level].stop)
         moved = [i for i in places if i in self.kept and abs(found[i] - y[i]) > _NOTICED]
         if moved:
             names = ", ".join(
@@ -306,8 +337,7 @@ class _Finder:
 
     def is_chosen(self, given: Array, y: Array) -> bool:
         """Whether the least of several moves was taken."""
-        cut = self.n_coordinates
-        for level, places in ((0, slice(0, cut)), (1, slice(cut, None))):
+        for level, places in enumerate(self.own):
             if np.max(np.abs(y[places] - given[places]), initial=0.0) <= _MET:
                 continue
             columns = self.columns[level]
@@ -333,7 +363,7 @@ class _Finder:
             if columns and len(rows):
                 step[columns] = -np.linalg.lstsq(rows, d, rcond=_RANK)[0]
             if level == 1:
-                s[self.n_coordinates :] += step
+                s[self.own[1]] += step
             else:
                 for j in range(m):
                     s[: self.n_coordinates, j] += self.shift(y, step[:, j])

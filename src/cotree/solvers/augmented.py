@@ -27,9 +27,9 @@ DENSE_LIMIT = 100
 #: SciPy's own floor; below it the error test only sees rounding.
 RTOL_FLOOR = 100 * float(np.finfo(np.float64).eps)
 
-# Infinity would do for the explicit methods, but infinite weights turn LSODA's and SUNDIALS'
-# norms into 0 * inf. This number makes any sensitivity vanish in them and stays finite squared.
-_UNTESTED = 1e100
+#: Infinity would do for the explicit methods, but infinite weights turn LSODA's and SUNDIALS'
+#: norms into 0 * inf. This number makes any sensitivity vanish in them and stays finite squared.
+UNTESTED = 1e100
 
 _ROOT_EPS = float(np.sqrt(np.finfo(np.float64).eps))
 
@@ -148,6 +148,6 @@ def augmented_tolerances(problem: Problem) -> tuple[float, FloatArray]:
     if problem.error_test_sensitivities:
         return max(problem.rtol, RTOL_FLOOR), np.tile(state_atol, count)
     share = float(np.sqrt(count))
-    atol = np.full(problem.size, _UNTESTED)
+    atol = np.full(problem.size, UNTESTED)
     atol[: problem.n_states] = state_atol / share
     return max(problem.rtol / share, RTOL_FLOOR), atol

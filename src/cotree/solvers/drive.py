@@ -127,9 +127,10 @@ def drive(problem: Problem, method: str, start: StartStepper) -> Trajectory:
         n_steps=run.n_steps,
         seconds=time.perf_counter() - begin,
     )
+    width = len(run.columns[0]) if run.columns else problem.size
     return Trajectory(
         t=np.array(run.times),
-        z=np.array(run.columns).reshape(len(run.columns), problem.size).T.copy(),
+        z=np.array(run.columns).reshape(len(run.columns), width).T.copy(),
         status=status,
         message=_message(problem, method, run, reason),
         statistics=statistics,
@@ -184,6 +185,7 @@ class _Run:
         evaluator.open_segment(start, end)
         # A jump of an input may leave the motion of the segment before off the constraints.
         self.z = evaluator.project(start, self.z)
+        self.z = evaluator.settle(start, self.z)
         self._keep_start()
         self._derivative(start, self.z, "it cannot start")
         self._steps_unheld = 0
@@ -250,12 +252,14 @@ class _Run:
         # A projection that fails may be the very reason; the point is then stored as it is.
         with contextlib.suppress(IntegrationStopError):
             self.z = self.evaluator.project(self.t, self.z)
-        self._keep(self.t, self.z)
+        # One that cannot be completed is not stored.
+        with contextlib.suppress(IntegrationStopError):
+            self._keep(self.t, self.z)
 
     def drift(self) -> Drift | None:
         """Report on the constraints, if there are any."""
         names = self.problem.constraints
-        if self.problem.project is None:
+        if self.problem.residual is None:
             return None
         residual = np.array(self.residuals).reshape(len(self.residuals), len(names)).T.copy()
         return Drift(names, residual, self.evaluator.correction)
@@ -329,10 +333,11 @@ class _Run:
                 self._keep(t, self.z)
 
     def _keep(self, t: float, z: FloatArray) -> None:
+        column = self.evaluator.complete(t, z)
         self.times.append(t)
-        self.columns.append(z)
-        if self.problem.project is not None:
-            self.residuals.append(self.evaluator.residual(t, z))
+        self.columns.append(column)
+        if self.problem.residual is not None:
+            self.residuals.append(self.evaluator.residual(t, column))
 
     def _check_steps(self) -> None:
         limit = self.problem.max_steps

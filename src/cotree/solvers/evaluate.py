@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.errors import SingularSystemError, SolveError
+from cotree.model.algebraic import UnsolvedError
 from cotree.solvers.augmented import (
     DENSE_LIMIT,
     assemble_dense,
@@ -132,11 +133,39 @@ class Evaluator:
         except (SolveError, SingularSystemError):
             return z
 
+    def settle(self, t: float, z: FloatArray) -> FloatArray:
+        """Find the algebraic unknowns at the start of a segment, where they may jump.
+
+        They are in the result where the method integrates them too.
+
+        Raises
+        ------
+        IntegrationStopError
+            If they cannot be found.
+        """
+        complete = self.complete(self._inside(t), z)
+        return complete if self.problem.n_algebraic else z
+
+    def complete(self, t: float, z: FloatArray) -> FloatArray:
+        """Return what is stored in place of z; at a breakpoint, what holds at that very time.
+
+        Raises
+        ------
+        IntegrationStopError
+            If it cannot be found.
+        """
+        if self.problem.complete is None:
+            return z
+        try:
+            return self.problem.complete(t, z)
+        except (SolveError, SingularSystemError) as error:
+            raise IntegrationStopError(FAILED, str(error).rstrip(".")) from None
+
     def residual(self, t: float, z: FloatArray) -> FloatArray:
-        """Return what is left of the constraints, empty where there are none."""
+        """Return what is left of the constraints at a stored value, empty where there are none."""
         if self.problem.residual is None:
             return np.zeros(0)
-        return np.array(self.problem.residual(self._inside(t), z), dtype=np.float64)
+        return np.array(self.problem.residual(t, z), dtype=np.float64)
 
     def state_jacobian(self, t: float, z: FloatArray) -> FloatArray:
         """Return the Jacobian of the states, dense, shape (n_states, n_states).
@@ -156,6 +185,9 @@ class Evaluator:
             matrix = self.problem.jacobian(self._inside(t), point)
         except SingularSystemError as error:
             raise IntegrationStopError(FAILED, str(error)) from None
+        except UnsolvedError as error:
+            self.not_finite = self.not_finite or str(error)
+            matrix = np.full((n_states, n_states), np.nan)
         return self._checked(t, np.array(matrix, dtype=np.float64))
 
     def first_columns(self, t: float, z: FloatArray) -> FloatArray:
@@ -191,6 +223,10 @@ class Evaluator:
             rates = self.problem.rhs(self._inside(t), point)
         except SingularSystemError as error:  # a configuration on the way, not a wrong scene
             raise IntegrationStopError(FAILED, str(error)) from None
+        except UnsolvedError as error:
+            # Methods shorten a step where the derivative is not a number.
+            self.not_finite = self.not_finite or str(error)
+            return np.full_like(point, np.nan)
         # Solvers keep references to what they get, and a compiled kernel may reuse its buffer.
         dz = np.array(rates, dtype=np.float64)
         if dz.shape != point.shape:

@@ -1,4 +1,4 @@
-"""The initial value problem that every solver takes, and the checks made before work.
+"""The initial value problem of every solver, and the checks made before work.
 
 In: callables and numbers. Out: a frozen ``Problem``, or a ``SolveError`` that names the culprit.
 The vector of unknowns is z = [y, s_1, ..., s_np]: the states, then the sensitivities of all states
@@ -23,7 +23,9 @@ FloatArray = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """An initial value problem z' = rhs(t, z) over states and sensitivities.
+    """An initial value problem M z' = rhs(t, z) over states and sensitivities.
+
+    M is the identity, but for algebraic unknowns: these are determined by rhs = 0.
 
     Attributes
     ----------
@@ -62,10 +64,19 @@ class Problem:
         ``project(t, z)`` returns z on the constraints, states and sensitivities both, and raises
         SolveError or SingularSystemError where it cannot. None where nothing constrains z.
     residual : callable or None
-        ``residual(t, z)``, what is left of the constraints, shape (n_constraints,). It comes
-        with ``project``.
+        ``residual(t, z)``, what is left of the constraints at a stored value, shape
+        (n_constraints,). ``project`` comes with it.
     constraints : tuple of str
         Names of the constraints' residuals.
+    n_algebraic : int
+        How many of the states, which come last, are algebraic unknowns. Their initial values need
+        only be guesses.
+    state_rhs : callable or None
+        ``state_rhs(t, y)``, the first ``n_states`` of rhs, which algebraic unknowns are found with;
+        None takes them from rhs.
+    complete : callable or None
+        ``complete(t, z)`` gives what is stored in place of z: more values than are integrated.
+        Raises as ``project``. None where z is stored as it is.
     singular : callable or None
         ``singular(t, z)`` names the edges whose constraints are nearly dependent at a point. With
         it the right-hand side is evaluated at projected points; see :mod:`cotree.solvers.passage`.
@@ -90,6 +101,9 @@ class Problem:
     residual: Callable[[float, FloatArray], FloatArray] | None = None
     constraints: tuple[str, ...] = ()
     singular: Callable[[float, FloatArray], tuple[str, ...]] | None = None
+    n_algebraic: int = 0
+    state_rhs: Callable[[float, FloatArray], FloatArray] | None = None
+    complete: Callable[[float, FloatArray], FloatArray] | None = None
 
     @property
     def size(self) -> int:
@@ -144,9 +158,14 @@ def _check_sizes(problem: Problem) -> None:
         )
     if problem.names and len(problem.names) != problem.n_states:
         raise SolveError(f"{len(problem.names)} names are given for {problem.n_states} states.")
-    if (problem.project is None) != (problem.residual is None):
-        missing = "residual" if problem.residual is None else "project"
-        raise SolveError(f"A constrained problem needs project and residual; {missing} is missing.")
+    if problem.project is not None and problem.residual is None:
+        raise SolveError("A constrained problem needs project and residual; residual is missing.")
+    if not 0 <= problem.n_algebraic <= problem.n_states:
+        raise SolveError(
+            f"{problem.n_algebraic} of {problem.n_states} states cannot be algebraic unknowns."
+        )
+    if problem.n_algebraic and problem.jacobian is None:
+        raise SolveError("A problem with algebraic unknowns needs a Jacobian.")
 
 
 def _check_times(problem: Problem) -> None:

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cotree.solvers.algebraic import complete_problem, reduce_problem
 from cotree.solvers.evaluate import Evaluator, IntegrationStopError
-from cotree.solvers.methods import solver_for
+from cotree.solvers.methods import method_row, solver_for
 from cotree.solvers.problem import check_problem
 
 if TYPE_CHECKING:
@@ -51,10 +52,22 @@ def integrate(problem: Problem, method: str = "auto") -> Trajectory:
         If the method is unknown or not installed, or the problem cannot be accepted.
     """
     if method != "auto":
-        return solver_for(method).solve(problem)
+        return _solve(problem, method)
     chosen, reason = choose_method(problem)
-    trajectory = solver_for(chosen).solve(problem)
+    trajectory = _solve(problem, chosen)
     return dataclasses.replace(trajectory, message=f"{trajectory.message} {reason}")
+
+
+def _solve(problem: Problem, method: str) -> Trajectory:
+    """Integrate, with algebraic unknowns as the method takes them."""
+    if not problem.n_algebraic:
+        return solver_for(method).solve(problem)
+    check_problem(problem)
+    made_fit = complete_problem if method_row(method).takes_algebraic else reduce_problem
+    trajectory = solver_for(method).solve(made_fit(problem))
+    if trajectory.t.size == 0:  # they were not even found at the start
+        return dataclasses.replace(trajectory, z=np.zeros((problem.size, 0)))
+    return trajectory
 
 
 def choose_method(problem: Problem) -> tuple[str, str]:
@@ -83,6 +96,8 @@ def choose_method(problem: Problem) -> tuple[str, str]:
         If the problem cannot be accepted.
     """
     check_problem(problem)
+    if problem.n_algebraic:
+        problem = reduce_problem(problem)
     if problem.size == 0:
         return "DOP853", "There are no states to integrate."
     span = abs(problem.t_span[1] - problem.t_span[0])

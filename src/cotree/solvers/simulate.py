@@ -84,13 +84,14 @@ def simulate(
     u = _input_function(model, p, signals)
     is_held = settings.project and bool(model.layout.constraints)
     projection = Projection(model, p, u) if is_held else None
+    t_span, jacobian = _span(settings.t_span), model.bound_jacobian(p)
     problem = Problem(
         rhs=_rhs(model, p, u),
-        jacobian=lambda t, y: model.jacobian(t, y, p, u(t)),
+        jacobian=lambda t, y: jacobian(t, y, u(t)),
         n_states=len(model.states),
         n_sensitivities=len(model.sensitivities),
-        z0=_start(model, _span(settings.t_span)[0], p, settings.initial),
-        t_span=_span(settings.t_span),
+        z0=_start(model, t_span[0], p, settings.initial, u),
+        t_span=t_span,
         t_eval=_times(settings.t_eval),
         rtol=check_number(settings.rtol, "rtol"),
         atol=check_number(settings.atol, "atol"),
@@ -104,6 +105,8 @@ def simulate(
         residual=projection.residual if projection else None,
         constraints=projection.names if projection else (),
         singular=projection.singular if projection and projection.has_rows else None,
+        n_algebraic=model.layout.n_algebraic,
+        state_rhs=_state_rhs(model, p, u),
     )
     method = settings.method
     if method == "auto" and signals.has_function:
@@ -229,11 +232,23 @@ def _rhs(
     return lambda t, z: kernel(t, z[:n], z[n:], u(t))
 
 
+def _state_rhs(
+    model: CompiledModel, p: FloatArray, u: Callable[[float], FloatArray | None]
+) -> Callable[[float, FloatArray], FloatArray]:
+    """Give the rates of the states as a function."""
+    kernel, nothing = model.bound("rhs", p), np.zeros(0)
+    return lambda t, y: kernel(t, y, nothing, u(t))
+
+
 def _start(
-    model: CompiledModel, t: float, p: FloatArray, initial: Mapping[str, float]
+    model: CompiledModel,
+    t: float,
+    p: FloatArray,
+    initial: Mapping[str, float],
+    u: Callable[[float], FloatArray | None],
 ) -> FloatArray:
-    """Give the initial states and sensitivities, consistent with the constraints."""
-    start = model.start(t, p, initial)
+    """Give the initial states and sensitivities, consistent with all equations."""
+    start = model.start(t, p, initial, u(t))
     return np.concatenate([start.y, start.s.T.ravel()])
 
 

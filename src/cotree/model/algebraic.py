@@ -1,0 +1,304 @@
+"""Algebraic unknowns as functions of time and states: z(t, x) with 0 = g(t, x, z).
+
+In: rates and Jacobian of M y' = (f, g) with y = (x, z). Out: y with its z solved for, the reduced
+Jacobian and sensitivities. Close to a solution Newton's method with an old matrix goes on from
+there; from a poor guess :mod:`cotree.model.roots` looks for one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.errors import SingularSystemError, SolveError
+from cotree.model.roots import (
+    ROUNDING,
+    SMALL,
+    Equation,
+    find_near,
+    find_root,
+    invert,
+    share,
+    singular_direction,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cotree.model.model import CompiledModel
+
+Array = npt.NDArray[np.float64]
+
+#: ``rates(t, y)`` and ``jacobian(t, y)``; they may give the same buffer at every call.
+Rates = Callable[[float, Array], Array]
+
+# With a matrix of its own point Newton's method needs a few steps; with an old one it is given up
+# where a step is not a tenth of the one before.
+_MOST_STEPS = 15
+_CONTRACTION = 0.1
+
+
+class UnsolvedError(Exception):
+    """The algebraic unknowns cannot be followed to a point; a shorter step may help."""
+
+
+class Algebraic:
+    """Solve for algebraic unknowns; it is mutable and remembers its last matrix.
+
+    Parameters
+    ----------
+    rates : callable
+        ``rates(t, y)``, shape (n,): x', then g.
+    jacobian : callable
+        ``jacobian(t, y)``, shape (n, n): derivatives of these by y.
+    names : sequence of str
+        Names of y.
+    n_algebraic : int
+        How many of these, which come last, are algebraic unknowns.
+    """
+
+    def __init__(
+        self, rates: Rates, jacobian: Rates, names: Sequence[str], n_algebraic: int
+    ) -> None:
+        self.cut = len(names) - n_algebraic
+        self._rates = rates
+        self._jacobian = jacobian
+        self._names = names
+        self._inverse: Array | None = None
+        self._scale = np.zeros(n_algebraic)
+
+    def follow(self, t: float, y: Array) -> Array:
+        """Solve for the algebraic unknowns, in place, from nearby values.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            The rates there, a buffer that the next call may change.
+
+        Raises
+        ------
+        UnsolvedError
+            If Newton's method does not get there.
+        """
+        z = y[self.cut :]
+        rates = self._rates(t, y)
+        is_fresh = False
+        previous = np.inf
+        for _ in range(_MOST_STEPS):
+            inverse = self._inverse
+            if inverse is None:
+                inverse = self._refresh(t, y)[1]
+                is_fresh = True
+            step = -(inverse @ rates[self.cut :])
+            size = share(step, self._scale)
+            is_slow = not (size < _CONTRACTION * previous or size <= ROUNDING)  # or nan
+            if is_slow and not is_fresh:
+                self._inverse = None
+                continue
+            z += step
+            rates = self._rates(t, y)
+            if size <= ROUNDING or (size < SMALL and size > previous / 2):
+                if np.all(np.isfinite(rates[self.cut :])):
+                    return rates
+                break
+            is_fresh = False
+            previous = size
+        self._inverse = None
+        raise UnsolvedError(self._complaint(t, rates[self.cut :]))
+
+    def approach(self, t: float, y: Array) -> Array:
+        """Solve for them from values less near, by damped steps; see :meth:`follow`."""
+        root = find_near(self._equation(t, y.copy()), y[self.cut :])
+        if not root.is_found:
+            raise UnsolvedError(self._complaint(t, root.g))
+        y[self.cut :] = root.z
+        self._inverse = None
+        return self._rates(t, y)
+
+    def solve(self, t: float, y: Array) -> Array:
+        """Solve for the algebraic unknowns, in place, from any guess; see :meth:`follow`.
+
+        Raises
+        ------
+        SolveError
+            If no solution is found; the message names the unknown with the largest residual.
+        SingularSystemError
+            If none is found and the equations do not determine the unknowns; the message names
+            these.
+        """
+        guess = y.copy()
+        with np.errstate(all="ignore"):
+            try:
+                return self.follow(t, y)
+            except UnsolvedError:
+                return self._search(t, y, guess)
+
+    def check_index(self, t: float, y: Array) -> None:
+        """Refuse equations that do not determine the unknowns near a solution.
+
+        Raises
+        ------
+        SingularSystemError
+            If so; the message names the unknowns.
+        """
+        with np.errstate(all="ignore"):
+            self._check_index([self._rows(t, y)[:, : len(y) - self.cut]])
+
+    def _search(self, t: float, y: Array, guess: Array) -> Array:
+        """Look far and wide for a solution."""
+        equation = self._equation(t, guess.copy())
+        root = find_root(equation, guess[self.cut :])
+        y[self.cut :] = root.z
+        self._inverse = None
+        if not root.is_found:
+            rng = np.random.default_rng(0)
+            aside = root.z + np.maximum(1.0, np.abs(root.z)) * rng.standard_normal(len(root.z))
+            points = (root.z, guess[self.cut :], aside)
+            self._check_index([equation.slope(z)[:, : len(z)] for z in points])
+            raise SolveError(self._complaint(t, root.g))
+        return self._rates(t, y)
+
+    def _equation(self, t: float, point: Array) -> Equation:
+        """Give the equations at a time and at the states of a point, which is used up."""
+
+        def at(z: Array) -> Array:
+            point[self.cut :] = z
+            return point
+
+        return Equation(
+            lambda z: np.array(self._rates(t, at(z))[self.cut :]),
+            lambda z: self._rows(t, at(z)),
+            point[: self.cut],
+        )
+
+    def linearised(self, t: float, y: Array) -> tuple[Array, Array]:
+        """Give the Jacobian at a solution, a fresh array, and the inverse of its last block.
+
+        Raises
+        ------
+        UnsolvedError
+            If that block is singular.
+        """
+        return self._refresh(t, y)
+
+    def reduced(self, t: float, y: Array) -> Array:
+        """Give the derivatives of x' by x along the solutions, shape (n_x, n_x)."""
+        matrix, inverse = self.linearised(t, y)
+        return eliminated(matrix, inverse)
+
+    def residual(self, t: float, y: Array) -> Array:
+        """Give what is left of the equations at a point, a fresh array."""
+        return np.array(self._rates(t, y)[self.cut :])
+
+    def _refresh(self, t: float, y: Array) -> tuple[Array, Array]:
+        """Form the Jacobian of a point, and the inverse to go on with."""
+        matrix = np.array(self._jacobian(t, y))
+        try:
+            found = invert(self._in_order(matrix[self.cut :]), y[self.cut :], y[: self.cut])
+        except np.linalg.LinAlgError:
+            self._inverse = None
+            raise UnsolvedError(
+                f"the derivatives of the algebraic equations by {self._listed()} are singular or "
+                f"not finite at t = {float(t):.10g}"
+            ) from None
+        self._inverse, self._scale = found
+        return matrix, self._inverse
+
+    def _rows(self, t: float, y: Array) -> Array:
+        """Give the derivatives of g by z, then by x."""
+        return self._in_order(np.array(self._jacobian(t, y)[self.cut :]))
+
+    def _in_order(self, rows: Array) -> Array:
+        return np.hstack([rows[:, self.cut :], rows[:, : self.cut]])
+
+    def _check_index(self, slopes: Sequence[Array]) -> None:
+        """Refuse equations that leave unknowns undetermined at every point given."""
+        involved = singular_direction(np.array(slopes))
+        if involved:
+            names = ", ".join(f"'{self._names[self.cut + i]}'" for i in involved)
+            raise SingularSystemError(
+                f"the algebraic equations do not determine {names}: their derivatives by these "
+                "are singular, so the system has an index higher than 1 or leaves them free; look "
+                "for values that are given twice, or by nothing"
+            )
+
+    def _listed(self) -> str:
+        names = [f"'{name}'" for name in self._names[self.cut :]]
+        return ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
+
+    def _complaint(self, t: float, g: Array) -> str:
+        order = np.argsort(-np.nan_to_num(np.abs(g), nan=np.inf), kind="stable")
+        worst = int(order[0])
+        return (
+            f"the algebraic equations cannot be solved at t = {float(t):.10g}: the residual of "
+            f"'{self._names[self.cut + worst]}' stays {g[worst]:.3g}; give initial values nearer "
+            "to a solution, or check that there is one"
+        )
+
+
+def eliminated(matrix: Array, inverse: Array) -> Array:
+    """Eliminate the last unknowns of a matrix, given the inverse of its last diagonal block.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (n + n_z, m + n_z)
+    inverse : ndarray, shape (n_z, n_z)
+
+    Returns
+    -------
+    ndarray, shape (n, m)
+    """
+    z = len(inverse)
+    found: Array = matrix[:-z, :-z] - matrix[:-z, -z:] @ (inverse @ matrix[-z:, :-z])
+    return found
+
+
+def solve_start(
+    model: CompiledModel, t: float, p: Array, u: Array | None, y: Array, s: Array
+) -> tuple[Array, Array]:
+    """Solve for the algebraic unknowns of a start and for their sensitivities.
+
+    Parameters
+    ----------
+    model : CompiledModel
+        The model.
+    t : float
+        Start time, [s].
+    p : ndarray, shape (n_parameters,)
+        Parameters.
+    u : ndarray, shape (n_inputs,), or None
+        Inputs; None takes the scene's.
+    y, s : ndarray, shapes (n_states,) and (n_states, n_parameters)
+        States, with guesses of the algebraic unknowns, and sensitivities.
+
+    Returns
+    -------
+    ndarray, shape (n_states,), and ndarray, shape (n_states, n_parameters)
+
+    Raises
+    ------
+    SolveError, SingularSystemError
+        As :meth:`Algebraic.solve`.
+    """
+    if not model.layout.n_algebraic:
+        return y, s
+    none = np.zeros(0)
+    rhs, jacobian = model.bound("rhs", p), model.bound_jacobian(p)
+    algebraic = Algebraic(
+        lambda t, y: rhs(t, y, none, u),
+        lambda t, y: jacobian(t, y, u),
+        model.states,
+        model.layout.n_algebraic,
+    )
+    y, s, cut = y.copy(), s.copy(), algebraic.cut
+    algebraic.solve(t, y)
+    algebraic.check_index(t, y)
+    if model.sensitivities:
+        s[cut:] = 0.0
+        along = model.bound("sensitivity_rhs", p)(t, y, s.T.ravel(), u).reshape(s.shape[::-1])
+        residual = along[:, cut:].T.copy()
+        s[cut:] = -algebraic.linearised(t, y)[1] @ residual
+    return y, s

@@ -1,0 +1,305 @@
+"""Roots of nonlinear equations g(z) = 0 from a poor guess: globalised Newton iterations.
+
+In: g, its derivatives and a guess. Out: a ``Root``, found or not. What is tried, in this order:
+
+1. Newton's method, damped by the natural monotonicity test: the step with the same matrix from the
+   new point must be shorter. The test is free of the units of g.
+2. Newton's method, damped so that the residual falls; g is scaled row by row.
+3. Continuation: roots of g(z) - (1 - l) g(z0) for l from 0 to 1, with step control.
+4. Levenberg and Marquardt's method, which needs no regular matrix.
+
+Then the same from zero and from points aside. See P. Deuflhard, Newton Methods for Nonlinear
+Problems, Springer 2004, chapters 3 and 5.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Function = Callable[[Array], Array]
+
+#: Rounding of the equations moves unknowns by this share of their scale.
+ROUNDING = 4 * float(np.finfo(np.float64).eps)
+
+#: Steps below this share that no longer halve can only be rounding: Newton squares its errors.
+SMALL = 1e-8
+
+# Far from the root of an exponential each step is one unit of its argument, and the argument may
+# begin some hundreds too high.
+_MOST_STEPS = 1000
+_MOST_STEPS_NEAR = 50
+_LEAST_DAMPING = 1e-25
+_CORRECTIONS, _LEAST_ADVANCE, _MOST_ADVANCES = 8, 1e-6, 1000
+_MOST_TRIALS = 200
+
+#: How far aside, as a share of the guess or of 1, and how often, to look for a better start.
+_ASIDE, _TRIES = 0.5, 3
+
+#: Entries below this share of the largest are not involved in a singular direction.
+_INVOLVED = 0.1
+
+
+@dataclass(frozen=True)
+class Root:
+    """Where an iteration came to rest.
+
+    Attributes
+    ----------
+    z : ndarray, shape (n,)
+        The point.
+    g : ndarray, shape (n,)
+        What is left there.
+    is_found : bool
+        Whether nothing but rounding is left.
+    """
+
+    z: Array
+    g: Array
+    is_found: bool
+
+
+class Equation:
+    """Equations in n unknowns, with the scale that rounding gives to each unknown.
+
+    Parameters
+    ----------
+    value : callable
+        ``value(z)``, shape (n,).
+    slope : callable
+        ``slope(z)``, shape (n, n + m): derivatives by the unknowns, then by what is held.
+    held : ndarray, shape (m,)
+        What is held: it adds to the size of the terms that cancel.
+    """
+
+    def __init__(self, value: Function, slope: Function, held: Array) -> None:
+        self.value = value
+        self.slope = slope
+        self.held = held
+
+    def linearised(self, z: Array) -> tuple[Array, Array]:
+        """Give the inverse matrix at a point and the scales of the unknowns.
+
+        An unknown's scale is its own size, or what the terms of the equations, each changed by its
+        own size, would change it by.
+
+        Raises
+        ------
+        LinAlgError
+            If the matrix is singular or not finite.
+        """
+        return invert(self.slope(z), z, self.held)
+
+
+def invert(slope: Array, z: Array, held: Array) -> tuple[Array, Array]:
+    """Invert the first columns of a slope; see :meth:`Equation.linearised`."""
+    n = len(z)
+    inverse: Array = np.asarray(np.linalg.inv(slope[:, :n]), dtype=np.float64)
+    # A sum of products is infinite or nan where one of its terms is.
+    if not np.isfinite(np.vdot(inverse, inverse)) and not np.all(np.isfinite(inverse)):
+        raise np.linalg.LinAlgError("not finite")
+    sizes = np.abs(slope[:, :n]) @ np.abs(z) + np.abs(slope[:, n:]) @ np.abs(held)
+    scale: Array = np.abs(z) + np.abs(inverse) @ sizes
+    return inverse, scale
+
+
+def share(step: Array, scale: Array) -> float:
+    """Give the largest entry of a step as a share of the unknowns' scales, 1 at the most."""
+    size = np.abs(step)
+    return float(np.max(size / np.maximum(np.maximum(scale, size), 1e-300), initial=0.0))
+
+
+def find_root(equation: Equation, guess: Array) -> Root:
+    """Look for a root.
+
+    Parameters
+    ----------
+    equation : Equation
+        The equations; what they give may be infinite or nan where they do not hold.
+    guess : ndarray, shape (n,)
+        Where to begin.
+
+    Returns
+    -------
+    Root
+        The first root found, or the point with the least residual in the units of g.
+    """
+    best: Root | None = None
+    with np.errstate(all="ignore"):
+        for start in _starts(guess):
+            for attempt in (_by_natural_test, _by_residual_test, _by_continuation, _by_squares):
+                root = attempt(equation, start)
+                if root.is_found:
+                    return root
+                if best is None or _size(root.g) < _size(best.g):
+                    best = root
+    assert best is not None  # there is always one start
+    return best
+
+
+def find_near(equation: Equation, guess: Array) -> Root:
+    """Look for the root that a guess belongs to: damped Newton steps, nothing more."""
+    with np.errstate(all="ignore"):
+        return _by_natural_test(equation, guess, _MOST_STEPS_NEAR)
+
+
+def _starts(guess: Array) -> Iterator[Array]:
+    yield guess
+    if np.any(guess):
+        yield np.zeros_like(guess)
+    rng = np.random.default_rng(0)
+    for _ in range(_TRIES):
+        yield guess + _ASIDE * np.maximum(np.abs(guess), 1.0) * rng.standard_normal(len(guess))
+
+
+def _size(g: Array) -> float:
+    size = float(np.max(np.abs(g), initial=0.0))
+    return size if np.isfinite(size) else np.inf
+
+
+def _dampings() -> Iterator[float]:
+    damping = 1.0
+    while damping > _LEAST_DAMPING:
+        yield damping
+        damping *= 0.5 if damping > 1e-3 else 0.1
+
+
+def _by_natural_test(equation: Equation, z: Array, most: int = _MOST_STEPS) -> Root:
+    """Take Newton steps, each shortened until the next one with its matrix is shorter still."""
+    g = equation.value(z)
+    previous = np.inf
+    for _ in range(most):
+        try:
+            inverse, scale = equation.linearised(z)
+        except np.linalg.LinAlgError:
+            break
+        step = -inverse @ g
+        size = share(step, scale)
+        if size <= ROUNDING:
+            return Root(z, g, np.isfinite(_size(g)))
+        weights = np.maximum(np.maximum(scale, np.abs(step)), 1e-300)
+        length = float(np.max(np.abs(step) / weights))
+        found = None
+        for damping in _dampings():
+            trial = z + damping * step
+            residual = equation.value(trial)
+            after = float(np.max(np.abs(inverse @ residual) / weights))
+            if after <= (1.0 - damping / 4.0) * length:
+                found = trial, residual
+                break
+            if size < SMALL:  # what does not shrink here is rounding
+                return Root(z, g, np.isfinite(_size(g)))
+        if found is None:
+            break
+        z, g = found
+        if size < SMALL and size > previous / 2:
+            return Root(z, g, True)
+        previous = size
+    return Root(z, g, False)
+
+
+def _by_residual_test(equation: Equation, z: Array) -> Root:
+    """Take Newton steps, each shortened until the residual is smaller, row by row scaled."""
+    g = equation.value(z)
+    for _ in range(_MOST_STEPS):
+        try:
+            inverse, scale = equation.linearised(z)
+        except np.linalg.LinAlgError:
+            break
+        step = -inverse @ g
+        if share(step, scale) < SMALL:
+            return _by_natural_test(equation, z)
+        n = len(z)
+        columns = np.maximum(np.maximum(scale, np.abs(step)), 1e-300)
+        rows = 1.0 / np.maximum(np.max(np.abs(equation.slope(z)[:, :n] * columns), axis=1), 1e-300)
+        before = float(np.linalg.norm(rows * g))
+        for damping in _dampings():
+            trial = z + damping * step
+            residual = equation.value(trial)
+            if float(np.linalg.norm(rows * residual)) <= (1.0 - 1e-4 * damping) * before:
+                z, g = trial, residual
+                break
+        else:
+            break
+    return Root(z, g, False)
+
+
+def _by_continuation(equation: Equation, z: Array) -> Root:
+    """Follow the root of g(z) - (1 - l) g(z0) from l = 0 to 1."""
+    first = equation.value(z)
+    reached, advance = 0.0, 0.1
+    for _ in range(_MOST_ADVANCES):
+        if reached == 1.0 or advance < _LEAST_ADVANCE:
+            break
+        goal = min(1.0, reached + advance)
+
+        def value(point: Array, rest: Array = (1.0 - goal) * first) -> Array:
+            return equation.value(point) - rest
+
+        step = _by_natural_test(Equation(value, equation.slope, equation.held), z, _CORRECTIONS)
+        if step.is_found:
+            z, reached, advance = step.z, goal, 2.0 * advance
+        else:
+            advance /= 2.0
+    return Root(z, equation.value(z), reached == 1.0)
+
+
+def _by_squares(equation: Equation, z: Array) -> Root:
+    """Take steps of Levenberg and Marquardt; then Newton's from where they end."""
+    n = len(z)
+    g = equation.value(z)
+    columns = np.maximum(np.abs(z), 1.0)
+    trust = 1e-3
+    for _ in range(_MOST_TRIALS):
+        slope = equation.slope(z)[:, :n] * columns
+        rows = 1.0 / np.maximum(np.max(np.abs(slope), axis=1), 1e-300)
+        matrix = np.vstack([rows[:, None] * slope, trust * np.eye(n)])
+        target = np.concatenate([-rows * g, np.zeros(n)])
+        if not np.all(np.isfinite(matrix)) or not np.all(np.isfinite(target)):
+            break
+        step = columns * np.linalg.lstsq(matrix, target, rcond=None)[0]
+        trial = z + step
+        residual = equation.value(trial)
+        if float(np.linalg.norm(rows * residual)) < float(np.linalg.norm(rows * g)):
+            moved = share(step, np.abs(z))
+            z, g, trust = trial, residual, trust / 4.0
+            if moved < SMALL:
+                break
+        else:
+            trust *= 4.0
+            if trust > 1e12:
+                break
+    return _by_natural_test(equation, z)
+
+
+def singular_direction(slopes: Array) -> tuple[int, ...]:
+    """Give the unknowns that matrices, shape (k, n, n), leave undetermined; none if one is regular.
+
+    Rows and columns are scaled first, so the answer is free of units.
+    """
+    involved: tuple[int, ...] = ()
+    for slope in slopes:
+        involved = _weak_unknowns(slope)
+        if not involved:
+            break
+    return involved
+
+
+def _weak_unknowns(slope: Array) -> tuple[int, ...]:
+    n = len(slope)
+    if not np.all(np.isfinite(slope)):
+        return ()
+    matrix = slope.copy()
+    for _ in range(3):
+        for axis in (1, 0):
+            size = np.max(np.abs(matrix), axis=axis, keepdims=True)
+            matrix /= np.where(size > 0.0, size, 1.0)
+    _, values, directions = np.linalg.svd(matrix)
+    weak = directions[values <= 10 * n * np.finfo(float).eps * max(float(values[0]), 1e-300)]
+    return tuple(
+        int(i) for i in np.flatnonzero(np.max(np.abs(weak), axis=0, initial=0.0) > _INVOLVED)
+    )

@@ -1,0 +1,184 @@
+"""Problems with algebraic unknowns, made fit for each method.
+
+In: a ``Problem`` M y' = rhs(t, y), whose last unknowns have no rates but residuals. Out, for methods
+of ordinary differential equations, the problem x' = f(t, x, z(t, x)) of the others: each evaluation
+solves for z, beginning with the last one found. Its sensitivities are those of x; those of z follow:
+S_z = -g_z^-1 (g_x S_x + g_p). IDA takes the problem as it is; z is solved for where it starts and in
+what it stores.
+
+Either way every stored value is a solution of the equations to rounding.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cotree.model.algebraic import Algebraic, UnsolvedError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from cotree.solvers.problem import FloatArray, Problem
+
+
+def reduce_problem(problem: Problem) -> Problem:
+    """Eliminate the algebraic unknowns of a problem.
+
+    Its stored values are complete again: they hold the algebraic unknowns and their sensitivities.
+    """
+    reduction = _Reduction(problem)
+    cut, project, singular = reduction.cut, problem.project, problem.singular
+    return replace(
+        problem,
+        rhs=reduction.rhs,
+        jacobian=reduction.jacobian,
+        state_rhs=None,
+        n_states=cut,
+        n_algebraic=0,
+        z0=reduction.without(problem.z0),
+        atol=problem.atol if np.ndim(problem.atol) == 0 else np.asarray(problem.atol)[:cut],
+        names=problem.names[:cut],
+        project=None
+        if project is None
+        else lambda t, w: reduction.without(project(t, reduction.widened(w))),
+        singular=None if singular is None else lambda t, w: singular(t, reduction.widened(w)),
+        complete=reduction.complete,
+        residual=reduction.residual,
+        constraints=reduction.residual_names,
+    )
+
+
+def complete_problem(problem: Problem) -> Problem:
+    """Let a problem solve for its algebraic unknowns where it starts and in what it stores."""
+    reduction = _Reduction(problem)
+    own = slice(reduction.cut, reduction.n)
+    return replace(
+        problem,
+        complete=lambda t, z: reduction.complete(t, reduction.without(z), z[own]),
+        residual=reduction.residual,
+        constraints=reduction.residual_names,
+    )
+
+
+class _Reduction:
+    """What is common to both; it is mutable and belongs to one integration.
+
+    Attributes
+    ----------
+    n, cut : int
+        Number of states, and of those that have rates.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.n = problem.n_states
+        self.cut = problem.n_states - problem.n_algebraic
+        self._problem = problem
+        self._n_blocks = 1 + problem.n_sensitivities
+        names = problem.names or tuple(f"state {i}" for i in range(self.n))
+        jacobian = problem.jacobian
+        assert jacobian is not None  # check_problem asks for it
+        self._algebraic = Algebraic(_state_rates(problem), jacobian, names, problem.n_algebraic)
+        self._z = np.array(problem.z0[self.cut : self.n], dtype=np.float64)
+        self._stored = self._z
+        self.residual_names = (*problem.constraints, *names[self.cut :])
+
+    def without(self, full: FloatArray) -> FloatArray:
+        """Leave the algebraic unknowns and their sensitivities out."""
+        blocks: FloatArray = np.asarray(full).reshape(self._n_blocks, self.n)
+        return blocks[:, : self.cut].ravel()
+
+    def widened(self, w: FloatArray) -> FloatArray:
+        """Put the last algebraic unknowns in, and zero for their sensitivities."""
+        full = np.zeros((self._n_blocks, self.n))
+        full[:, : self.cut] = w.reshape(self._n_blocks, self.cut)
+        full[0, self.cut :] = self._z
+        return full.ravel()
+
+    def rhs(self, t: float, w: FloatArray) -> FloatArray:
+        """Give the rates of the states and of their sensitivities.
+
+        Raises
+        ------
+        UnsolvedError
+            If the algebraic unknowns cannot be followed there.
+        """
+        full = self.widened(w)
+        rates = self._follow(t, full[: self.n])
+        if self._n_blocks == 1:
+            return rates[: self.cut]
+        along, slopes, matrix = self._sensitivities(t, full)
+        along[1:, : self.cut] += slopes @ matrix[: self.cut, self.cut :].T
+        return along[:, : self.cut].ravel()
+
+    def jacobian(self, t: float, x: FloatArray) -> FloatArray:
+        """Give the Jacobian of the states with the algebraic unknowns eliminated."""
+        y = np.concatenate([x, self._z])
+        self._follow(t, y)
+        return self._algebraic.reduced(t, y)
+
+    def complete(self, t: float, w: FloatArray, guess: FloatArray | None = None) -> FloatArray:
+        """Give states, algebraic unknowns and the sensitivities of both.
+
+        Raises
+        ------
+        SolveError, SingularSystemError
+            As :meth:`Algebraic.solve`.
+        """
+        full = self.widened(w)
+        if guess is not None:
+            full[self.cut : self.n] = guess
+        self._algebraic.solve(t, full[: self.n])
+        self._z = self._stored = full[self.cut : self.n].copy()
+        if self._n_blocks > 1:
+            slopes = self._sensitivities(t, full)[1]
+            full.reshape(self._n_blocks, self.n)[1:, self.cut :] = slopes
+        return full
+
+    def residual(self, t: float, full: FloatArray) -> FloatArray:
+        """Give what is left of constraints and algebraic equations."""
+        left = self._algebraic.residual(t, full[: self.n])
+        if self._problem.residual is None:
+            return left
+        return np.concatenate([self._problem.residual(t, full), left])
+
+    def _follow(self, t: float, y: FloatArray) -> FloatArray:
+        """Solve for the algebraic unknowns, in place; begin again where that leads nowhere."""
+        z = y[self.cut :]
+        try:
+            rates = self._algebraic.follow(t, y)
+        except UnsolvedError:
+            try:
+                z[:] = self._z
+                rates = self._algebraic.approach(t, y)
+            except UnsolvedError:
+                z[:] = self._stored
+                rates = self._algebraic.approach(t, y)
+        self._z = z.copy()
+        return rates
+
+    def _sensitivities(
+        self, t: float, full: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Give the rates where those of the algebraic unknowns are zero, these, and the Jacobian.
+
+        The rates are blocks, shape (1 + m, n), a fresh array; the sensitivities, shape (m, n_z).
+        """
+        along = np.array(self._problem.rhs(t, full)).reshape(self._n_blocks, self.n)
+        matrix, inverse = self._algebraic.linearised(t, full[: self.n])
+        return along, -along[1:, self.cut :] @ inverse.T, matrix
+
+
+def _state_rates(problem: Problem) -> Callable[[float, FloatArray], FloatArray]:
+    """Give the rates of the states alone as a function."""
+    if problem.state_rhs is not None:
+        return problem.state_rhs
+    n, z = problem.n_states, np.zeros(problem.size)
+
+    def rates(t: float, y: FloatArray) -> FloatArray:
+        z[:n] = y
+        return problem.rhs(t, z)[:n]
+
+    return rates

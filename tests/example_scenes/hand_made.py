@@ -1,0 +1,133 @@
+"""Models whose equations are written down by hand, with algebraic unknowns at will."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree import Model, Scene
+from cotree.build import BuildOptions
+from cotree.codegen.context import model_context
+from cotree.codegen.render import render_model
+from cotree.dag.derivative import tangents
+from cotree.dag.nodes import Dag
+from cotree.dag.several import Table, table
+from cotree.equations import ConstraintSet, Derivative, Equations, Quantity, State
+from cotree.model.linearize import Linearizer
+from cotree.pipeline import Compiled, _load, generate
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from cotree.dag.nodes import Node
+
+NO_CONSTRAINTS = ConstraintSet((), (), (), (), (), (), (), (), (), (), ())
+
+
+@dataclass(frozen=True)
+class Made:
+    """Equations by hand.
+
+    ``states`` maps names to initial values, numbers or names of parameters; those in ``algebraic``
+    come last. ``rates`` takes every symbol by name, "t" too, and gives M y'.
+    """
+
+    name: str
+    states: Mapping[str, float | str]
+    algebraic: Mapping[str, float | str]
+    parameters: Mapping[str, float]
+    rates: Callable[[Mapping[str, Node]], Sequence[Node]]
+    outputs: Callable[[Mapping[str, Node]], Mapping[str, Node]] = lambda v: {}
+    inputs: Mapping[str, Callable[[Mapping[str, Node]], Node] | Table] | None = None
+
+    def equations(self, sensitivities: Sequence[str] = ()) -> Equations:
+        return _equations(self, sensitivities)[0]
+
+    def model(self, sensitivities: Sequence[str] = (), t_end: float = 1.0) -> Model:
+        equations, input_columns = _equations(self, sensitivities)
+        program, reports = generate(equations)
+        context = model_context(program)
+        files = render_model(context)
+        kernels, cached = _load(program, context, files, BuildOptions())
+        compiled = Compiled(program, reports, (), context, files, kernels, cached, {}, None)
+        scene = Scene(self.name)
+        scene.simulation(t_end=t_end)
+        model = Model(compiled, scene)
+        model.__dict__["_linearizer"] = Linearizer(equations, input_columns)
+        return model
+
+
+def _equations(made: Made, wanted: Sequence[str]) -> tuple[Equations, tuple[Derivative, ...]]:
+    dag = Dag()
+    inputs = made.inputs or {}
+    names = [*made.states, *made.algebraic]
+    x = {name: dag.symbol("x", i) for i, name in enumerate(names)}
+    p = {name: dag.symbol("p", i) for i, name in enumerate(made.parameters)}
+    u = {name: dag.symbol("u", i) for i, name in enumerate(inputs)}
+    t = dag.symbol("t", 0)
+    known = {**x, **p, **u, "t": t}
+    input_values = [
+        table(dag, value, t)[0] if isinstance(value, Table) else value({**p, "t": t})
+        for value in inputs.values()
+    ]
+    rates = list(made.rates(known))
+    outputs = dict(made.outputs(known))
+    initial = [
+        p[value] if isinstance(value, str) else dag.constant(float(value))
+        for value in (*made.states.values(), *made.algebraic.values())
+    ]
+
+    def along(name: str, seed: Mapping[Node, Node], start: Sequence[Node]) -> Derivative:
+        return Derivative(
+            name,
+            dict(seed),
+            (),
+            tuple(tangents(rates, seed)),
+            tuple(tangents(list(outputs.values()), seed)),
+            tuple(start),
+            (),
+            (),
+            (),
+        )
+
+    directions = []
+    for j, name in enumerate(wanted):
+        seed = {s: dag.symbol("s", j * len(names) + i) for i, s in enumerate(x.values())}
+        start = [dag.one if row == name else dag.zero for row in names]
+        if name in p:
+            seed[p[name]] = dag.one
+            moved = tangents(input_values, {p[name]: dag.one})
+            seed |= dict(zip(u.values(), moved, strict=True))
+            start = tangents(initial, {p[name]: dag.one})
+        directions.append(along(name, seed, start))
+    zeros = [dag.zero] * len(names)
+    equations = Equations(
+        name=made.name,
+        dag=dag,
+        states=tuple(
+            State(name, "", x[name], first, is_algebraic=name in made.algebraic)
+            for name, first in zip(names, initial, strict=True)
+        ),
+        parameters=tuple(map(Quantity, p)),
+        inputs=tuple(map(Quantity, u)),
+        outputs=tuple(map(Quantity, outputs)),
+        parameter_values=tuple(made.parameters.values()),
+        input_symbols=tuple(u.values()),
+        input_values=tuple(input_values),
+        unknowns=(),
+        unknown_tangents=(),
+        matrix=(),
+        forcing=(),
+        is_safe=(),
+        links=(),
+        rates=tuple(rates),
+        balances=(),
+        constraints=NO_CONSTRAINTS,
+        output_values=tuple(outputs.values()),
+        sensitivities=tuple(directions),
+        columns=tuple(along(name, {symbol: dag.one}, zeros) for name, symbol in x.items()),
+        guards=(),
+        n_network_states=len(made.states),
+    )
+    columns = tuple(along(name, {symbol: dag.one}, zeros) for name, symbol in u.items())
+    return equations, columns
