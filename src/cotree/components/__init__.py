@@ -4,7 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from cotree.components import constraints, electrical, forces, joints, rigid_body, transducers
+from cotree.components import (
+    chemical,
+    constraints,
+    electrical,
+    electrochemical,
+    forces,
+    hydraulic,
+    joints,
+    mechanical,
+    rigid_body,
+    thermal,
+    transducers,
+)
 from cotree.components.component import (
     Acts,
     Component,
@@ -17,7 +29,7 @@ from cotree.components.component import (
 )
 from cotree.components.law import Law
 from cotree.components.register import make_component
-from cotree.components.terminal import Kind, Terminal
+from cotree.components.terminal import Integral, Kind, Terminal, integral_of
 from cotree.errors import SceneError
 
 if TYPE_CHECKING:
@@ -26,7 +38,10 @@ if TYPE_CHECKING:
 #: Every component type, by the name that scenes use.
 COMPONENTS: dict[str, Component] = {
     row.name: row
-    for family in (rigid_body, joints, constraints, forces, electrical, transducers)
+    for family in (
+        *(rigid_body, joints, constraints, forces),
+        *(electrical, hydraulic, thermal, mechanical, chemical, electrochemical, transducers),
+    )
     for row in family.COMPONENTS
 }
 
@@ -73,11 +88,13 @@ __all__ = [
     "Field",
     "FreeRotation",
     "Freedom",
+    "Integral",
     "Kind",
     "Law",
     "MotionStep",
     "Role",
     "Shape",
     "Terminal",
+    "integral_of",
     "register_component",
 ]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from cotree.components.law import Law
@@ -39,6 +40,7 @@ class Shape(Enum):
     SCALAR = "scalar"
     VECTOR = "vector"  # three components
     EXPRESSION = "expression"  # an expression of across variables, kept as it is written
+    NAMES = "names"  # names of nodes, as often as they count
     ROTATION = "rotation"  # roll, pitch and yaw about fixed axes, or a matrix of three rows
     INERTIA = "inertia"  # a scalar, three principal values, or a symmetric 3 by 3 tensor
 
@@ -138,6 +140,13 @@ class Plane:
     within: tuple[str, ...] = ()
 
 
+#: See :attr:`Component.adapt`.
+Adapt = Callable[
+    [str, Sequence[object], Mapping[str, Any]],
+    "tuple[Component, Sequence[object], Mapping[str, Any]]",
+]
+
+
 @dataclass(frozen=True)
 class Component:
     """A component type.
@@ -168,6 +177,10 @@ class Component:
         Of a scalar component: the power that it turns into heat, [W].
     terminals : tuple of str
         Of a scalar component whose ports share nodes: names of its nodes, in order.
+    adapt : callable or None
+        Where ports depend on what a scene says: takes the edge's name, its nodes as listed and
+        its fields as given; gives the component as it is there, the nodes, and the fields that
+        remain.
     """
 
     name: str
@@ -182,6 +195,7 @@ class Component:
     ports: tuple[Terminal, ...] = ()
     terminals: tuple[str, ...] = ()
     loss: Law | None = None
+    adapt: Adapt | None = None
 
     @property
     def n_freedoms(self) -> int:

@@ -54,12 +54,17 @@ class Law:
         )
 
     @classmethod
+    def taking(cls, arguments: tuple[str, ...], function: Callable[..., Any]) -> Law:
+        """Make a law whose arguments have other names than those in the function's signature."""
+        made = cls(function)
+        made.__dict__["arguments"] = arguments
+        return made
+
+    @classmethod
     def of(cls, expression: Any) -> Law:
         """Make the law of a SymPy expression whose symbols are real."""
-        made = cls(lambda *_: expression)
         names = tuple(sorted(symbol.name for symbol in expression.free_symbols))
-        made.__dict__["arguments"] = names  # in place of what the function's signature says
-        return made
+        return cls.taking(names, lambda *_: expression)
 
     def over(self, name: str) -> Law:
         """Give the law divided by one of its arguments, simplified, so that zero may be no pole."""

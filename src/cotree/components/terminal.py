@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from cotree.components.law import Law
+from cotree.components.law import Law
+from cotree.domains import DOMAINS
 
 
 class Kind(Enum):
@@ -22,8 +21,25 @@ class Kind(Enum):
     COUPLED = 2  # a port of a transformer or gyrator
     DISSIPATOR = 3  # resistors: through and across at the same instant
     THROUGH_STORAGE = 4  # inductors: across = inertance * rate of through
-    SPRING = 5  # through by the integral of across; a chord
+    SPRING = 5  # through by the integral of across; a branch only among its like
     THROUGH_SOURCE = 6  # a through variable that is given; always a chord
+
+
+@dataclass(frozen=True)
+class Integral:
+    """A quantity of a port that its terminal equation, its fields or outputs may use: a state.
+
+    Attributes
+    ----------
+    name, unit : str
+        The state is called ``edge.name``.
+    rate : Law
+        What it is the integral of over time.
+    """
+
+    name: str
+    unit: str
+    rate: Law
 
 
 @dataclass(frozen=True)
@@ -31,7 +47,9 @@ class Terminal:
     """The terminal equation of one port.
 
     Laws are functions of ``across`` and ``through`` of the port itself, ``across_<port>`` and
-    ``through_<port>`` of the component's other ports, ``t``, and the fields of the component.
+    ``through_<port>`` of the component's other ports (by name, or by number from 0 on),
+    ``potential_head`` and ``potential_tail`` of its nodes, ``stretch`` for its integral, ``t``, and
+    the fields of the component.
     Through variables flow from the head to the tail inside the element, so that across times
     through is the power that it takes up.
 
@@ -48,14 +66,18 @@ class Terminal:
         ``inertance * rate``.
     through : Law or None
         The through variable, explicitly; for storages of across, what is added to
-        ``capacity * rate``; for springs a function of ``stretch`` as well.
+        ``capacity * rate``.
     storage : Law or None
-        Capacity or inertance of a storage; of springs, what through grows by for a unit of
-        ``stretch``.
+        Capacity or inertance of a storage; of a spring whose law is linear in ``stretch``, what
+        through grows by for a unit of it.
     is_passive : bool
         Whether linear equations made of it are symmetric and positive definite.
     between : tuple of str
-        Of a component whose ports share nodes: the terminals at head and tail.
+        Of a component whose ports share nodes: the terminals at head and tail; ``ground`` is one.
+    integral : Integral or None
+        What ``stretch`` is; the integral of across, where the domain has a name for it.
+    is_inertial : bool
+        Whether its tail must be the ground, where motion is measured from.
     """
 
     domain: str
@@ -66,3 +88,16 @@ class Terminal:
     storage: Law | None = None
     is_passive: bool = True
     between: tuple[str, str] = ("", "")
+    integral: Integral | None = None
+    is_inertial: bool = False
+
+
+_ACROSS = Law(lambda across: across)
+
+
+def integral_of(terminal: Terminal) -> Integral | None:
+    """Give what ``stretch`` stands for in a terminal equation; None where it has no name."""
+    row = DOMAINS[terminal.domain]
+    if terminal.integral is not None or not row.stretch:
+        return terminal.integral
+    return Integral(row.stretch, row.stretch_unit, _ACROSS)

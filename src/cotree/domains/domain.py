@@ -42,6 +42,8 @@ class Domain:
         Whether the variables are scalars, of networks, and not vectors of multibody systems.
     head_first : bool
         Whether edges are written with the head of the across variable before its tail.
+    remedy : str
+        What to add at a node whose across variable nothing determines.
     """
 
     name: str
@@ -55,6 +57,7 @@ class Domain:
     stretch_unit: str = ""
     is_scalar: bool = False
     head_first: bool = False
+    remedy: str = "a resistance or a storage"
 
     def summary(self) -> str:
         """Describe the domain in one line.
@@ -112,6 +115,7 @@ _ROWS = (
         stretch="s",
         stretch_unit="m",
         is_scalar=True,
+        remedy="a mass or a damper",
     ),
     Domain(
         "rotational",
@@ -124,6 +128,7 @@ _ROWS = (
         stretch="theta",
         stretch_unit="rad",
         is_scalar=True,
+        remedy="an inertia or a damper",
     ),
 )
 

@@ -5,19 +5,20 @@ from __future__ import annotations
 import math
 import numbers
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from cotree.components import COMPONENTS, Component, Role
-from cotree.dag.several import Table
 from cotree.errors import ParameterError, SceneError, nearest
 from cotree.naming import check_name, check_scene_name
 from cotree.scene.expressions import Expression, parse
 from cotree.scene.fields import check_fields, check_initial, check_vector
 from cotree.scene.ports import check_heat, check_ports
+from cotree.scene.tables import make_table
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from cotree.dag.several import Table
     from cotree.scene.ports import Ends
 
 #: Value of a field: one expression, or a tuple of three, or three such rows.
@@ -260,13 +261,17 @@ class SceneDescription:
         if component is None:
             hint = nearest(str(type)[:80], COMPONENTS)
             raise SceneError(f"edge '{name}' has the unknown type '{str(type)[:80]}'{hint}")
-        component = check_heat(name, component, fields)
-        names, ports, fields = check_ports(name, component, nodes, fields)
+        listed: Sequence[object] = nodes
+        given: Mapping[str, Any] = fields
+        if component.adapt is not None:
+            component, listed, given = component.adapt(name, nodes, given)
+        component = check_heat(name, component, given)
+        names, ports, rest = check_ports(name, component, listed, given)
         self.edges[name] = Edge(
             name,
             component,
             names,
-            check_fields(name, component, fields),
+            check_fields(name, component, rest),
             check_initial(name, component, initial or {}),
             ports,
         )
@@ -329,21 +334,7 @@ def parse_signal(value: object, where: str) -> Expression | Table:
     """Accept a number, an expression string or a pair (times, values)."""
     if isinstance(value, (str, numbers.Real)):
         return parse(value, where)
-    try:
-        times, values = cast("Any", value)
-        table = Table(tuple(float(x) for x in times), tuple(float(y) for y in values))
-    except (TypeError, ValueError):
-        raise SceneError(
-            f"{where} must be a number, an expression in quotes, or (times, values) with as many "
-            "numbers each"
-        ) from None
-    if len(table.x) != len(table.y) or len(table.x) < 2:
-        raise SceneError(f"{where} needs as many values as times, at least two")
-    if not all(math.isfinite(number) for number in table.x + table.y):
-        raise SceneError(f"{where} holds a time or value that is not finite")
-    if any(b <= a for a, b in zip(table.x, table.x[1:], strict=False)):
-        raise SceneError(f"{where} needs times that increase")
-    return table
+    return make_table(value, where, "times")
 
 
 def _text(value: object, what: str) -> str:

@@ -8,12 +8,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from cotree.components import FreeRotation, Role, Shape
+from cotree.components import FreeRotation, Role, Shape, integral_of
 from cotree.components.spaces import body_space
 from cotree.dag.rotation import quaternion_of_matrix
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError, nearest
 from cotree.scene.expressions import parse
+from cotree.scene.tables import parse_lookup
 
 if TYPE_CHECKING:
     from cotree.components import Component, Field
@@ -112,8 +113,9 @@ def initial_names(component: Component) -> list[str]:
 def _network_names(component: Component) -> list[str]:
     """List the variables of a scalar component that may be states."""
     rows = [DOMAINS[port.domain] for port in component.ports]
-    names = [n for row in rows for n in (row.across_symbol, row.through_symbol, row.stretch) if n]
-    return list(dict.fromkeys(names))
+    names = [n for row in rows for n in (row.across_symbol, row.through_symbol)]
+    integrals = [made for port in component.ports if (made := integral_of(port))]
+    return list(dict.fromkeys([*names, *(integral.name for integral in integrals)]))
 
 
 def check_vector(value: object, where: str) -> tuple[Expression, ...]:
@@ -137,6 +139,8 @@ def _check_field(row: Field, value: Any, where: str) -> FieldValue:
         return _inertia(value, where)
     if row.shape is Shape.ROTATION:
         return _rotation(value, where)
+    if row.shape is Shape.SCALAR and isinstance(value, Mapping):
+        return parse_lookup(value, where)
     return parse(value, where)
 
 

@@ -65,7 +65,9 @@ class Port:
         return self.terminal.kind
 
     def sibling(self, port: str) -> str:
-        """Name another port of the same component."""
+        """Name another port of the same component, by its own name or its number."""
+        if port.isdecimal():
+            port = self.edge.component.ports[int(port)].port
         return port_name(self.edge, port)
 
 
@@ -128,13 +130,23 @@ def normal_trees(graphs: Mapping[str, LinearGraph], ports: Mapping[str, Port]) -
 
 
 def _weight(port: Port) -> float:
-    """Order the kinds; storages with an initial value come first among theirs."""
-    if port.is_coupling or port.kind in (Kind.THROUGH_SOURCE, Kind.SPRING):
+    """Order the kinds; among its like, a storage with an initial value keeps its state."""
+    if port.is_coupling:
         return _NEVER
-    is_given = port.kind is Kind.ACROSS_STORAGE and bool(port.edge.initial)
+    is_linear_spring = port.kind is Kind.SPRING and port.terminal.storage is not None
+    if port.kind is Kind.THROUGH_SOURCE or (port.kind is Kind.SPRING and not is_linear_spring):
+        return _NEVER
+    own = float(port.kind.value)
+    row, initial = DOMAINS[port.terminal.domain], port.edge.initial
+    if port.kind is Kind.ACROSS_STORAGE and row.across_symbol in initial:
+        return own - 0.25  # a branch
+    if port.kind is Kind.THROUGH_STORAGE and row.through_symbol in initial:
+        return own + 0.25  # a chord
+    if port.kind is Kind.SPRING and row.stretch in initial:
+        return own + 0.25
     # Unknowns of nonlinear equations are better the junctions' own voltages.
     is_implicit = port.kind is Kind.DISSIPATOR and port.terminal.across is None
-    return float(port.kind.value) - (0.25 if is_given or is_implicit else 0.0)
+    return own - (0.25 if is_implicit else 0.0)
 
 
 def _choices(ports: Mapping[str, Port]) -> list[list[dict[str, float]]]:
@@ -251,8 +263,8 @@ def _check_reached(graph: LinearGraph, weights: Mapping[str, float]) -> None:
         row = DOMAINS[graph.domain]
         raise TopologyError(
             f"only {listed(edges)} reach the node {listed(cut)} of the {graph.domain} graph: "
-            f"their {row.through}s are given, so that its {row.across[0]} is undetermined; add a "
-            "resistance or a storage there"
+            f"their {row.through}s are given, so that its {row.across[0]} is undetermined; add "
+            f"{row.remedy} there"
         )
 
 

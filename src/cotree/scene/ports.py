@@ -13,7 +13,7 @@ from cotree.errors import SceneError
 from cotree.naming import check_name
 
 if TYPE_CHECKING:
-    from cotree.components import Component
+    from cotree.components import Component, Terminal
 
 #: Domains whose ports may act on a multibody system.
 _MECHANICAL = ("translational", "rotational")
@@ -75,28 +75,38 @@ def check_ports(
         sink = _heat_nodes(edge, rest.pop(HEAT))
         own = replace(component, ports=component.ports[:-1])
         found, ports, rest = check_ports(edge, own, nodes, rest)
-        return tuple(dict.fromkeys((*found, *sink))), (*ports, _ends("thermal", sink)), rest
+        return (
+            tuple(dict.fromkeys((*found, *sink))),
+            (*ports, _ends(component.ports[-1], sink, edge)),
+            rest,
+        )
     if component.terminals:
         return _by_terminal(edge, component, nodes, rest)
     if len(component.ports) == 1:
         pair = _pair(edge, nodes, f"edge '{edge}'")
-        return pair, (_ends(component.ports[0].domain, pair),), rest
+        return pair, (_ends(component.ports[0], pair, f"edge '{edge}'"),), rest
     if nodes:
-        names = ", ".join(port.port for port in component.ports)
-        raise SceneError(
-            f"edge '{edge}' of type '{component.name}' has several ports: name the two nodes of "
-            f"each ({names}) in place of nodes"
-        )
+        if not _is_list(nodes) or len(nodes) != len(component.ports):
+            names = ", ".join(port.port for port in component.ports)
+            raise SceneError(
+                f"edge '{edge}' of type '{component.name}' has the ports {names}: name the two "
+                "nodes of each, or as nodes one of each, the other being the ground"
+            )
+        rest |= {
+            port.port: _from_ground(port, node)
+            for port, node in zip(component.ports, nodes, strict=True)
+        }
     listed: list[str] = []
-    ends = []
+    placed = []
     for port in component.ports:
+        where = f"{port.port} of edge '{edge}'"
         if port.domain in _MECHANICAL and port.port not in rest and rest.keys() & {"joint", "line"}:
-            ends.append(_multibody(edge, rest))
+            placed.append(_multibody(edge, rest))
             continue
-        pair = _pair(edge, rest.pop(port.port, ()), f"{port.port} of edge '{edge}'")
+        pair = _pair(edge, rest.pop(port.port, ()), where)
         listed += pair
-        ends.append(_ends(port.domain, pair))
-    return tuple(dict.fromkeys(listed)), tuple(ends), rest
+        placed.append(_ends(port, pair, where))
+    return tuple(dict.fromkeys(listed)), tuple(placed), rest
 
 
 def check_heat(edge: str, component: Component, fields: Mapping[str, Any]) -> Component:
@@ -150,19 +160,31 @@ def _by_terminal(
         terminal: check_name("node", node)
         for terminal, node in zip(component.terminals, nodes, strict=True)
     }
+    places = {**by_name, "ground": "ground"}
     ports = []
     for port in component.ports:
         head, tail = port.between
-        if by_name[head] == by_name[tail]:
+        if places[head] == places[tail]:
             raise SceneError(
-                f"{head} and {tail} of edge '{edge}' are both node '{by_name[head]}': name two"
+                f"{head} and {tail} of edge '{edge}' are both node '{places[head]}': name two"
             )
-        ports.append(Ends(by_name[tail], by_name[head]))
+        ports.append(Ends(places[tail], places[head]))
     return tuple(dict.fromkeys(by_name.values())), tuple(ports), rest
 
 
-def _ends(domain: str, pair: tuple[str, str]) -> Ends:
-    return Ends(pair[1], pair[0]) if DOMAINS[domain].head_first else Ends(*pair)
+def _from_ground(port: Terminal, node: object) -> tuple[object, object]:
+    """Pair a node with the ground, in the order of the domain."""
+    return (node, "ground") if DOMAINS[port.domain].head_first else ("ground", node)
+
+
+def _ends(port: Terminal, pair: tuple[str, str], where: str) -> Ends:
+    ends = Ends(pair[1], pair[0]) if DOMAINS[port.domain].head_first else Ends(*pair)
+    if port.is_inertial and ends.tail != "ground":
+        raise SceneError(
+            f"{where} moves against '{ends.tail}', but inertia is against the ground: name "
+            "'ground' first, then the node that it moves with"
+        )
+    return ends
 
 
 def _pair(edge: str, nodes: object, what: str) -> tuple[str, str]:

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from cotree.solvers.evaluate import Evaluator
     from cotree.solvers.problem import FloatArray, Problem
 
+
 @dataclass(frozen=True)
 class SundialsSolver:
     """CVODE or IDA.

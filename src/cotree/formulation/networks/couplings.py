@@ -38,14 +38,15 @@ class Coupling:
         The port.
     measure : Measure
         What it acts along.
-    rate, acceleration : Node
-        Its across variable, and the rate of that.
+    value, rate, acceleration : Node
+        The integral of its across variable, that itself, and its rate.
     pull : Pull
         What a unit of its through variable does.
     """
 
     port: Port
     measure: Measure
+    value: Node
     rate: Node
     acceleration: Node
     pull: Pull
@@ -71,7 +72,12 @@ def form_couplings(ports: Mapping[str, Port], view: FirstView) -> dict[str, Coup
         if port.is_coupling:
             measure = _measure(port, view.motion)
             found[name] = Coupling(
-                port, measure, measure.rate(view), measure.acceleration(view), measure.pull(view)
+                port,
+                measure,
+                measure.value(view),
+                measure.rate(view),
+                measure.acceleration(view),
+                measure.pull(view),
             )
     return found
 

@@ -84,6 +84,30 @@ def through_residual(terminal: Terminal) -> Law:
 
 
 @lru_cache(maxsize=1024)
+def spring_residual(terminal: Terminal) -> Law:
+    """Give the rate that a spring's law gives its through variable, less what the cutset does."""
+    assert terminal.through is not None
+    return Law.of(rate_of(terminal.through).expression - _symbol("through_rate"))
+
+
+@lru_cache(maxsize=1024)
+def spring_rate(terminal: Terminal) -> Law:
+    """Solve the differentiated law of a linear spring for the rate of its stretch."""
+    assert terminal.storage is not None
+    at_rest = spring_residual(terminal).expression.subs(_symbol("stretch_rate"), 0)
+    return Law.of(-at_rest / terminal.storage.expression)
+
+
+@lru_cache(maxsize=1024)
+def spring_stretch(terminal: Terminal) -> Law:
+    """Solve the law of a linear spring for its stretch."""
+    assert terminal.through is not None
+    assert terminal.storage is not None
+    unstretched = terminal.through.expression.subs(_symbol("stretch"), 0)
+    return Law.of((_symbol("through") - unstretched) / terminal.storage.expression)
+
+
+@lru_cache(maxsize=1024)
 def explicit_residual(name: str, law: Law) -> Law:
     """Give a variable less the law that it follows from."""
     return Law.of(_symbol(name) - law.expression)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from cotree.components import Kind
+from cotree.components import integral_of
 from cotree.domains import DOMAINS
 
 if TYPE_CHECKING:
@@ -50,8 +50,9 @@ def _symbols(port: Port) -> dict[str, str]:
     """Give the symbols of a port's variables by quantity."""
     row = DOMAINS[port.terminal.domain]
     found = {"across": row.across_symbol, "through": row.through_symbol}
-    if port.kind is Kind.SPRING:
-        found["stretch"] = row.stretch
+    integral = integral_of(port.terminal)
+    if integral is not None:
+        found["stretch"] = integral.name
     return found
 
 
@@ -60,13 +61,3 @@ def state_name(port: Port, symbol: str) -> str:
     domains = [terminal.domain for terminal in port.edge.component.ports]
     is_alone = domains.count(port.terminal.domain) == 1
     return f"{port.edge.name if is_alone else port.name}.{symbol}"
-
-
-def state_symbol(port: Port) -> tuple[str, str]:
-    """Give symbol and unit of a port's state."""
-    row = DOMAINS[port.terminal.domain]
-    if port.kind is Kind.ACROSS_STORAGE:
-        return row.across_symbol, row.across_unit
-    if port.kind is Kind.THROUGH_STORAGE:
-        return row.through_symbol, row.through_unit
-    return row.stretch, row.stretch_unit

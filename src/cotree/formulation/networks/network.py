@@ -5,13 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.components import Kind
-from cotree.domains import DOMAINS
-from cotree.equations import Guard, State
-from cotree.errors import ParameterError
-from cotree.formulation.networks.names import Names, state_name, state_symbol
+from cotree.equations import Guard
+from cotree.formulation.networks.names import Names
 from cotree.formulation.networks.plan import make_plan
 from cotree.formulation.networks.solved import solve_plan
+from cotree.formulation.networks.states import (
+    algebraic_state,
+    held_variables,
+    refuse_initials,
+    state_of,
+)
 from cotree.formulation.networks.terminals import Terminals
 from cotree.formulation.networks.topology import Topology
 from cotree.scene.networks import normal_trees, scalar_graphs, scalar_ports
@@ -20,6 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cotree.dag.nodes import Dag, Node
+    from cotree.equations import State
     from cotree.formulation.fields import Resolver
     from cotree.formulation.networks.couplings import Coupling
     from cotree.formulation.networks.rules import Variable
@@ -139,28 +143,29 @@ def form_network(
     ports, graphs, trees = draw_networks(scene)
     topologies = {domain: Topology(domain, tree) for domain, tree in trees.items()}
     names = Names(ports, topologies)
-    holders = [port for port in ports.values() if _has_state(port, topologies)]
+    held = held_variables(ports, topologies, {*wanted, *_used_by_fields(ports)})
+    refuse_initials(ports, held)
     symbols = {
-        port.name: around.dag.symbol("x", around.n_states + i) for i, port in enumerate(holders)
+        item.variable: around.dag.symbol("x", around.n_states + i) for i, item in enumerate(held)
     }
     fields, measured, guards = _bind_fields(ports, symbols, names, around)
     terminals = Terminals(
         ports, topologies, symbols, fields, measured, around.time, around.couplings
     )
-    rates = tuple(_rate(port) for port in holders)
+    rates = tuple(item.rate for item in held)
     observed = {name: found for name in wanted if (found := names.variable(name)) is not None}
     plan = make_plan(terminals, [*rates, *observed.values()])
-    first = around.n_states + len(holders)
+    first = around.n_states + len(held)
     solved = solve_plan(
         around.dag,
         plan,
         lambda i: around.dag.symbol("x", first + i),
         lambda block: all(_is_passive(ports, v) for v in (*block.unknowns, *block.inner)),
     )
-    states = [_state(port, symbols[port.name], around, _initial(port, around)) for port in holders]
-    _refuse_initials(ports, symbols)
+    at = around.dag, around.of_parameters
+    states = [state_of(item, symbols[item.variable], *at) for item in held]
     for (quantity, name), symbol in solved.algebraic.items():
-        states.append(_algebraic(ports[name], quantity, symbol, around))
+        states.append(algebraic_state(ports[name], quantity, symbol, *at))
     network = Network(
         ports,
         graphs,
@@ -174,62 +179,10 @@ def form_network(
     return network, {name: solved.values[variable] for name, variable in observed.items()}
 
 
-def _has_state(port: Port, topologies: Mapping[str, Topology]) -> bool:
-    """Say whether a storage or spring has a state of its own."""
-    if port.is_coupling:
-        return False
-    is_branch = port.name in topologies[port.terminal.domain].branches
-    return (
-        (port.kind is Kind.ACROSS_STORAGE and is_branch)
-        or (port.kind is Kind.THROUGH_STORAGE and not is_branch)
-        or port.kind is Kind.SPRING
-    )
-
-
-def _rate(port: Port) -> Variable:
-    if port.kind is Kind.ACROSS_STORAGE:
-        return "across_rate", port.name
-    if port.kind is Kind.THROUGH_STORAGE:
-        return "through_rate", port.name
-    return "across", port.name
-
-
-def _initial(port: Port, around: Surroundings) -> Node:
-    value = port.edge.initial.get(state_symbol(port)[0])
-    if value is None:
-        return around.dag.zero
-    return value.lower(around.dag, around.of_parameters)  # type: ignore[union-attr]
-
-
-def _state(port: Port, symbol: Node, around: Surroundings, initial: Node) -> State:
-    short, unit = state_symbol(port)
-    return State(
-        state_name(port, short), unit, symbol, initial, is_given=short in port.edge.initial
-    )
-
-
-def _algebraic(port: Port, quantity: str, symbol: Node, around: Surroundings) -> State:
-    """Make the entry of an unknown that stays; its initial value is a guess."""
-    row = DOMAINS[port.terminal.domain]
-    is_across = quantity == "across"
-    short = row.across_symbol if is_across else row.through_symbol
-    unit = row.across_unit if is_across else row.through_unit
-    value = port.edge.initial.get(short)
-    guess = (
-        around.dag.zero if value is None else value.lower(around.dag, around.of_parameters)  # type: ignore[union-attr]
-    )
-    return State(state_name(port, short), unit, symbol, guess, is_given=False, is_algebraic=True)
-
-
-def _refuse_initials(ports: Mapping[str, Port], states: Mapping[str, Node]) -> None:
-    """Refuse initial values of storages whose state is that of others."""
-    for port in ports.values():
-        is_storage = port.kind in (Kind.ACROSS_STORAGE, Kind.THROUGH_STORAGE)
-        if is_storage and port.name not in states and port.edge.initial:
-            raise ParameterError(
-                f"edge '{port.name}' has no state of its own, because others like it are tied to "
-                "it without a resistance: its initial value follows from theirs; leave it out"
-            )
+def _used_by_fields(ports: Mapping[str, Port]) -> set[str]:
+    """List the names in the fields of all components."""
+    values = (value for port in ports.values() for value in port.edge.fields.values())
+    return {name for value in values for name in value.names}  # type: ignore[union-attr]
 
 
 def _is_passive(ports: Mapping[str, Port], variable: Variable) -> bool:
@@ -239,7 +192,7 @@ def _is_passive(ports: Mapping[str, Port], variable: Variable) -> bool:
 
 def _bind_fields(
     ports: Mapping[str, Port],
-    symbols: Mapping[str, Node],
+    symbols: Mapping[Variable, Node],
     names: Names,
     around: Surroundings,
 ) -> tuple[dict[tuple[str, str], Node], dict[Node, Variable], list[Guard]]:
@@ -247,17 +200,13 @@ def _bind_fields(
     fields: dict[tuple[str, str], Node] = {}
     measured: dict[Node, Variable] = {}
     guards: list[Guard] = []
-    of_states = {
-        state_name(ports[name], state_symbol(ports[name])[0]): symbol
-        for name, symbol in symbols.items()
-    }
 
     def resolve(name: str) -> Node:
-        if name in of_states:
-            return of_states[name]
         variable = names.variable(name)
         if variable is None:
             return around.of_everything(name)
+        if variable in symbols:
+            return symbols[variable]
         symbol = around.dag.symbol("network", len(measured))
         known = next((s for s, v in measured.items() if v == variable), None)
         if known is None:

@@ -102,11 +102,11 @@ def _parts(needs: Mapping[Variable, Sequence[Variable]]) -> list[list[Variable]]
 def _rank(variable: Variable, terminals: Terminals) -> int:
     """Say how soon a variable is torn: what gives symmetric equations before couplings."""
     quantity, name = variable
-    if quantity.endswith("_rate") and name in terminals.states:
+    if quantity.endswith("_rate") and (quantity.removesuffix("_rate"), name) in terminals.states:
         return 0
     if not terminals.is_branch(name):
         return 2
-    return 0 if terminals.ports[name].kind is Kind.DISSIPATOR else 1
+    return 0 if terminals.ports[name].kind in (Kind.DISSIPATOR, Kind.SPRING) else 1
 
 
 def _tear(terminals: Terminals, rules: dict[Variable, Rule], part: Sequence[Variable]) -> Block:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.components import Kind
+from cotree.components import Kind, integral_of
 from cotree.dag.derivative import tangents
 from cotree.dag.traverse import reachable, symbols_in
 from cotree.errors import FormulationError
@@ -13,6 +13,9 @@ from cotree.formulation.networks.derived import (
     across_residual,
     explicit_residual,
     rate_of,
+    spring_rate,
+    spring_residual,
+    spring_stretch,
     stored_rate,
     stored_residual,
     stored_value,
@@ -41,8 +44,8 @@ class Terminals:
         The edges of all scalar graphs.
     topologies : mapping of str to Topology
         The graphs with their trees, by domain.
-    states : mapping of str to Node
-        Symbols of the states of storages and springs, by port.
+    states : mapping of Variable to Node
+        Symbols of the variables that are states.
     fields : mapping of (edge, field) to Node
         Fields of the components.
     measured : mapping of Node to Variable
@@ -55,7 +58,7 @@ class Terminals:
 
     ports: Mapping[str, Port]
     topologies: Mapping[str, Topology]
-    states: Mapping[str, Node]
+    states: Mapping[Variable, Node]
     fields: Mapping[tuple[str, str], Node]
     measured: Mapping[Node, Variable]
     time: Node
@@ -78,17 +81,31 @@ class Terminals:
         if base in ("path", "potential"):
             domain, ancestor, node = name.split("|")
             if base == "potential":
-                return self.topologies[domain].potential(node)
+                return self.topologies[domain].potential(node, rate)
             return self.topologies[domain].path(ancestor, node, rate)
         if base == "flow":
             return self._topology(name).flow(name, rate)
         if base == "field":
             return self._field(name, bool(rate))
         if base == "stretch":
-            return Field(self.states[name])
+            return self._stretch(variable)
         if base == "across":
             return self._across(name, rate)
         return self._through(name, rate)
+
+    def _stretch(self, variable: Variable) -> Rule:
+        quantity, name = variable
+        port = self.ports[name]
+        if name in self.couplings:
+            motion = self.couplings[name]
+            return Field(motion.value if quantity == "stretch" else motion.rate)
+        if quantity != "stretch":
+            integral = integral_of(port.terminal)
+            assert integral is not None
+            return self._lawful(port, integral.rate)
+        if variable in self.states:
+            return Field(self.states[variable])
+        return self._lawful(port, spring_stretch(port.terminal))
 
     def _across(self, name: str, rate: str) -> Rule:
         port = self.ports[name]
@@ -100,9 +117,11 @@ class Terminals:
         if port.kind is Kind.ACROSS_STORAGE:
             if rate:
                 return self._lawful(port, stored_rate(port.terminal, True))
-            return Field(self.states[name])
-        if port.kind is Kind.THROUGH_STORAGE and not rate:
-            # In a cutset of its like: its state is theirs.
+            return Field(self.states["across", name])
+        # In a cutset of its like the state of a spring or a storage of through is theirs.
+        if port.kind is Kind.SPRING and not rate:
+            law = spring_rate(port.terminal)
+        elif port.kind is Kind.THROUGH_STORAGE and not rate:
             law = stored_value(port.terminal, False)
         elif port.terminal.across is not None and port.kind is not Kind.THROUGH_STORAGE:
             law = port.terminal.across
@@ -119,7 +138,7 @@ class Terminals:
         if port.kind is Kind.THROUGH_STORAGE:
             if rate:
                 return self._lawful(port, stored_rate(port.terminal, False))
-            return Field(self.states[name])
+            return Field(self.states["through", name])
         if port.kind is Kind.ACROSS_STORAGE and not rate:
             # In a loop of its like: its state is theirs.
             law = stored_value(port.terminal, True)
@@ -142,11 +161,14 @@ class Terminals:
     def _residual(self, quantity: str, name: str) -> Rule:
         port = self.ports[name]
         terminal = port.terminal
-        if quantity == "across":
+        is_storage = port.kind in (Kind.ACROSS_STORAGE, Kind.THROUGH_STORAGE)
+        if quantity == "across" and port.kind is Kind.SPRING:
+            return self._lawful(port, spring_residual(terminal))
+        if quantity == "across" and not is_storage:
             return self._lawful(port, across_residual(terminal))
-        if quantity == "through":
+        if quantity == "through" and not is_storage:
             return self._lawful(port, through_residual(terminal))
-        if name in self.states:
+        if (quantity.removesuffix("_rate"), name) in self.states:
             return self._lawful(port, stored_residual(terminal, quantity == "across_rate"))
         rule = self.rule((quantity, name))
         assert isinstance(rule, Lawful)
@@ -163,10 +185,14 @@ class Terminals:
             sibling = rest.removeprefix("rate_")
             quantity = f"{first}_rate" if is_rate else first
             return quantity, port.sibling(sibling) if underscore else port.name
-        if name in ("across_rate", "through_rate", "stretch"):
+        if name in ("across_rate", "through_rate", "stretch", "stretch_rate"):
             return name, port.name
-        if name == "stretch_rate":
-            return "across", port.name
+        if first == "potential" and not self._is_field(port, name):
+            node = port.ends.head if rest.startswith("head") else port.ends.tail
+            domain = port.terminal.domain
+            reference = self.topologies[domain].tree.graph.reference
+            quantity = "potential_rate" if rest.endswith("_rate") else "potential"
+            return quantity, f"{domain}|{reference}|{node}"
         if name.endswith("_rate") and not self._is_field(port, name):
             return "field_rate", f"{port.edge.name}|{name.removesuffix('_rate')}"
         return "field", f"{port.edge.name}|{name}"

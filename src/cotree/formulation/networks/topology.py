@@ -77,9 +77,9 @@ class Topology:
             terms += [(sign * own, variable) for own, variable in self._along(ancestor, node, rate)]
         return Sum(tuple(terms))
 
-    def potential(self, node: str) -> Sum:
-        """Sum the across variables from the reference to a node."""
-        return Sum(tuple(self._along(self.tree.graph.reference, node, "")))
+    def potential(self, node: str, rate: str) -> Sum:
+        """Sum the across variables from the reference to a node; or their rates."""
+        return Sum(tuple(self._along(self.tree.graph.reference, node, rate)))
 
     def _along(self, ancestor: str, node: str, rate: str) -> list[tuple[int, Variable]]:
         """Name the sum from an ancestor to a node: nothing, one branch, or a prefix sum."""

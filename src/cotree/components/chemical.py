@@ -1,0 +1,124 @@
+"""Chemical components: across is concentration, through molar flow, from plus to minus inside.
+
+A species is an edge from its node to the ground; a reaction has such an edge for each species
+that takes part, with the flow that it takes from it.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from cotree.components.component import Component, Field, Role, Shape
+from cotree.components.law import Law
+from cotree.components.ports import across_storage, optional, through_source, value
+from cotree.components.terminal import Kind, Terminal
+from cotree.errors import SceneError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+_DOMAIN = "chemical"
+
+SPECIES = across_storage(
+    _DOMAIN,
+    "species",
+    "amount of a species in a well stirred volume",
+    value("volume", "m^3", "of the liquid"),
+)
+
+MOLAR_FLOW_SOURCE = through_source(
+    _DOMAIN,
+    "molar_flow_source",
+    "given molar flow, from plus to minus inside",
+    value("flow", "mol/s", "from plus to minus inside", ""),
+)
+
+
+@lru_cache(maxsize=1024)
+def _mass_action(
+    orders: tuple[int, ...], products: tuple[int, ...], net: int, is_reversible: bool
+) -> Law:
+    """Make the law of a port: what the reaction takes of a species.
+
+    Parameters
+    ----------
+    orders, products : tuple of int
+        How often each species, by number, is a reactant and a product.
+    net : int
+        How many of the port's species a turn of the reaction takes.
+    is_reversible : bool
+        Whether it has a reverse rate.
+    """
+    names = tuple(f"across_{i}" for i in range(len(orders)))
+
+    def law(volume: Any, rate: Any, *rest: Any) -> Any:
+        import sympy
+
+        concentrations = rest[-len(names) :] if names else ()
+        powers = zip(concentrations, orders, products, strict=True)
+        forth, back = rate, rest[0] if is_reversible else sympy.Integer(0)
+        for concentration, order, product in powers:
+            forth, back = forth * concentration**order, back * concentration**product
+        return net * volume * (forth - back)
+
+    fields = ("volume", "rate", "reverse_rate") if is_reversible else ("volume", "rate")
+    return Law.taking((*fields, *names), law)
+
+
+def _names(edge: str, field: str, fields: dict[str, Any]) -> Counter[str]:
+    """Count how often each node is named."""
+    listed = fields.pop(field, ())
+    if isinstance(listed, str) or not all(isinstance(name, str) for name in listed):
+        raise SceneError(f"{field} of edge '{edge}' must be a list of names of nodes")
+    return Counter(listed)
+
+
+def _react(
+    edge: str, nodes: Sequence[object], fields: Mapping[str, Any]
+) -> tuple[Component, Sequence[object], Mapping[str, Any]]:
+    """Give a reaction a port for each of its species."""
+    rest = dict(fields)
+    reactants, products = _names(edge, "reactants", rest), _names(edge, "products", rest)
+    species = tuple(dict.fromkeys([*reactants, *products]))
+    if nodes or not species:
+        raise SceneError(
+            f"edge '{edge}' of type 'reaction' needs reactants or products, lists of nodes, in "
+            "place of nodes"
+        )
+    orders = tuple(reactants[name] for name in species)
+    made = tuple(products[name] for name in species)
+    ports = tuple(
+        replace(
+            _PORT,
+            port=name,
+            between=(name, "ground"),
+            through=_mass_action(
+                orders, made, reactants[name] - products[name], "reverse_rate" in rest
+            ),
+        )
+        for name in species
+    )
+    return replace(REACTION, ports=ports, terminals=species), species, rest
+
+
+_PORT = Terminal(_DOMAIN, Kind.DISSIPATOR, is_passive=False)
+
+REACTION = Component(
+    "reaction",
+    Role.NETWORK,
+    "a reaction by the law of mass action",
+    fields=(
+        Field("reactants", "1", "nodes of what it takes, each as often as it counts", Shape.NAMES),
+        Field("products", "1", "nodes of what it makes, each as often as it counts", Shape.NAMES),
+        value("rate", "any", "times the product of the reactants' concentrations", "nonnegative"),
+        optional("reverse_rate", "any", "the same of the products", None, "nonnegative"),
+        optional("volume", "m^3", "that it takes place in", 1.0, "positive"),
+    ),
+    domains=(_DOMAIN,),
+    adapt=_react,
+)
+
+COMPONENTS = (SPECIES, REACTION, MOLAR_FLOW_SOURCE)

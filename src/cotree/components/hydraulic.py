@@ -1,0 +1,203 @@
+"""Hydraulic components: across is pressure, plus minus minus; through flows from plus to minus."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from cotree.components.component import Component, Role
+from cotree.components.law import Law
+from cotree.components.ports import (
+    across_source,
+    across_storage,
+    one_port,
+    optional,
+    resistance,
+    through_source,
+    value,
+)
+from cotree.components.terminal import Kind, Terminal
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+_DOMAIN = "hydraulic"
+
+_DENSITY = optional("density", "kg/m^3", "of the liquid", 1000.0, "positive")
+
+RESISTOR = resistance(
+    _DOMAIN,
+    "hydraulic_resistor",
+    "linear resistance: laminar flow",
+    value("resistance", "Pa s/m^3", "pressure per flow"),
+)
+
+
+def _root(pressure: Any, transition: Any) -> Any:
+    """Give the square root with the sign of the pressure; below the transition a polynomial.
+
+    It meets the root with its first two derivatives, so that the slope at zero is finite.
+    """
+    import sympy
+
+    u = pressure / transition
+    is_small = sympy.Abs(pressure) < transition
+    near = sympy.sqrt(transition) * u * (45 - 18 * u**2 + 5 * u**4) / 32
+    # The root is formed where it is not taken too, and must have a value there.
+    size = sympy.Piecewise((transition, is_small), (sympy.Abs(pressure), True))
+    return sympy.Piecewise((near, is_small), (pressure / sympy.sqrt(size), True))
+
+
+def _orifice(across: Any, area: Any, coefficient: Any, density: Any, transition: Any) -> Any:
+    import sympy
+
+    return coefficient * area * sympy.sqrt(2 / density) * _root(across, transition)
+
+
+def _valve(
+    across: Any, area: Any, opening: Any, coefficient: Any, density: Any, transition: Any
+) -> Any:
+    return opening * _orifice(across, area, coefficient, density, transition)
+
+
+_COEFFICIENT = optional("coefficient", "1", "of discharge", 0.62, "positive")
+_TRANSITION = optional("transition", "Pa", "below it the law is smoothed", 1.0, "positive")
+
+ORIFICE = one_port(
+    "orifice",
+    "turbulent flow through an opening",
+    (value("area", "m^2", "of the opening"), _COEFFICIENT, _DENSITY, _TRANSITION),
+    Terminal(_DOMAIN, Kind.DISSIPATOR, through=Law(_orifice)),
+)
+
+VALVE = one_port(
+    "valve",
+    "an orifice that opens and closes",
+    (
+        value("area", "m^2", "of the opening, when it is open"),
+        value("opening", "1", "share of the area that is open", "nonnegative"),
+        _COEFFICIENT,
+        _DENSITY,
+        _TRANSITION,
+    ),
+    Terminal(_DOMAIN, Kind.DISSIPATOR, through=Law(_valve), is_passive=False),
+)
+
+TANK = one_port(
+    "tank",
+    "open tank of upright walls: pressure at its bottom",
+    (
+        value("area", "m^2", "of its surface"),
+        _DENSITY,
+        optional("gravity", "m/s^2", "acceleration of free fall", 9.81, "positive"),
+    ),
+    Terminal(
+        _DOMAIN,
+        Kind.ACROSS_STORAGE,
+        storage=Law(lambda area, density, gravity: area / (density * gravity)),
+    ),
+)
+
+ACCUMULATOR = across_storage(
+    _DOMAIN,
+    "accumulator",
+    "elastic volume",
+    value("capacity", "m^3/Pa", "volume taken up per pressure"),
+)
+
+_INERTANCE = Law(lambda inertance: inertance)
+
+INERTANCE = one_port(
+    "inertance",
+    "inertia of a liquid column",
+    (value("inertance", "Pa s^2/m^3", "pressure per rate of flow: density times length by area"),),
+    Terminal(_DOMAIN, Kind.THROUGH_STORAGE, storage=_INERTANCE),
+)
+
+_PIPE = Terminal(
+    _DOMAIN,
+    Kind.THROUGH_STORAGE,
+    across=Law(lambda through, resistance: resistance * through),
+    storage=_INERTANCE,
+)
+_HALF = Terminal(
+    _DOMAIN, Kind.ACROSS_STORAGE, storage=Law(lambda capacity: capacity / 2), is_passive=True
+)
+
+
+def _fit_pipe(
+    edge: str, nodes: Sequence[object], fields: Mapping[str, Any]
+) -> tuple[Component, Sequence[object], Mapping[str, Any]]:
+    """Give an elastic pipe half of its capacity at each end that is not the ground."""
+    if "capacity" not in fields:
+        return PIPE, nodes, fields
+    ends = [end for end, node in zip(PIPE.terminals, nodes, strict=False) if node != "ground"]
+    halves = (replace(_HALF, port=end, between=(end, "ground")) for end in ends)
+    return replace(PIPE, ports=(*PIPE.ports, *halves)), nodes, fields
+
+
+PIPE = Component(
+    "pipe",
+    Role.NETWORK,
+    "liquid column with friction, elastic where a capacity is given",
+    fields=(
+        optional("resistance", "Pa s/m^3", "pressure per flow", 0.0, "nonnegative"),
+        value("inertance", "Pa s^2/m^3", "pressure per rate of flow"),
+        optional("capacity", "m^3/Pa", "volume per pressure, half at each end", None, "positive"),
+    ),
+    domains=(_DOMAIN,),
+    ports=(replace(_PIPE, between=("plus", "minus")),),
+    terminals=("plus", "minus"),
+    adapt=_fit_pipe,
+)
+
+
+def _pump(across: Any, pressure: Any, resistance: Any, quadratic: Any) -> Any:
+    """Solve the curve ``rise = pressure - resistance q - quadratic q |q|`` for the flow -q."""
+    import sympy
+
+    lack = pressure - across
+    root = sympy.sqrt(resistance**2 + 4 * quadratic * sympy.Abs(lack))
+    return -2 * lack / (resistance + root)
+
+
+def _pump_rise(through: Any, pressure: Any, resistance: Any, quadratic: Any) -> Any:
+    import sympy
+
+    return pressure + resistance * through + quadratic * through * sympy.Abs(through)
+
+
+PUMP = one_port(
+    "pump",
+    "a pump by its curve, which raises the pressure from minus to plus",
+    (
+        value("pressure", "Pa", "rise without flow", ""),
+        value("resistance", "Pa s/m^3", "linear fall of the curve"),
+        optional("quadratic", "Pa s^2/m^6", "quadratic fall of the curve", 0.0, "nonnegative"),
+    ),
+    Terminal(_DOMAIN, Kind.DISSIPATOR, across=Law(_pump_rise), through=Law(_pump)),
+)
+
+PRESSURE_SOURCE = across_source(
+    _DOMAIN, "pressure_source", "given pressure", value("pressure", "Pa", "plus minus minus", "")
+)
+
+FLOW_SOURCE = through_source(
+    _DOMAIN,
+    "flow_source",
+    "given flow, from plus to minus inside",
+    value("flow", "m^3/s", "from plus to minus inside", ""),
+)
+
+COMPONENTS = (
+    RESISTOR,
+    ORIFICE,
+    VALVE,
+    TANK,
+    ACCUMULATOR,
+    INERTANCE,
+    PIPE,
+    PUMP,
+    PRESSURE_SOURCE,
+    FLOW_SOURCE,
+)

@@ -1,0 +1,273 @@
+"""One-dimensional mechanics: across is velocity, second node less first; its integral is stretch.
+
+The through variable is what the second node loses to the element: tension is positive in a spring,
+and a given force, which acts on the second node, is the through variable's negative.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from cotree.components.law import Law
+from cotree.components.ports import (
+    across_source,
+    across_storage,
+    conductance,
+    ideal_coupling,
+    one_port,
+    optional,
+    through_source,
+    value,
+)
+from cotree.components.terminal import Kind, Terminal
+from cotree.errors import SceneError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cotree.components.component import Adapt, Component, Field
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """Words and units of translation, or of rotation."""
+
+    domain: str
+    force: str
+    force_unit: str
+    length: str
+    length_unit: str
+
+    @property
+    def speed_unit(self) -> str:
+        return f"{self.length_unit}/s"
+
+    @property
+    def stiffness_unit(self) -> str:
+        return f"{self.force_unit}/{self.length_unit}"
+
+    @property
+    def damping_unit(self) -> str:
+        return f"{self.force_unit} s/{self.length_unit}"
+
+    def name(self, what: str) -> str:
+        return f"{self.domain}_{what}"
+
+
+_TRANSLATION = _Motion("translational", "force", "N", "length", "m")
+_ROTATION = _Motion("rotational", "torque", "N m", "angle", "rad")
+
+
+def _damper(m: _Motion) -> Component:
+    field = value("damping", m.damping_unit, f"{m.force} per relative speed")
+    return conductance(m.domain, m.name("damper"), "linear damper", field)
+
+
+def _stiffness(m: _Motion) -> Field:
+    return value("stiffness", m.stiffness_unit, f"{m.force} per {m.length}")
+
+
+def _free(m: _Motion) -> Field:
+    return optional(f"free_{m.length}", m.length_unit, f"{m.length} at rest", 0.0)
+
+
+def _linear(m: _Motion) -> Terminal:
+    return Terminal(
+        m.domain,
+        Kind.SPRING,
+        through=Law.taking(
+            ("stretch", "stiffness", f"free_{m.length}"), lambda s, k, free: k * (s - free)
+        ),
+        storage=Law(lambda stiffness: stiffness),
+    )
+
+
+def _by_expression(spring: Component, m: _Motion) -> Adapt:
+    """Let a spring follow an expression in place of its stiffness."""
+    law = Law.taking((m.force,), lambda given: given)
+    bent = Terminal(m.domain, Kind.SPRING, through=law, is_passive=False)
+    stiffness = replace(_stiffness(m), required=True)
+
+    def adapt(
+        edge: str, nodes: Sequence[object], fields: Mapping[str, Any]
+    ) -> tuple[Component, Sequence[object], Mapping[str, Any]]:
+        if m.force not in fields:
+            rest = (field for field in spring.fields if field.name not in ("stiffness", m.force))
+            return replace(spring, fields=(stiffness, *rest)), nodes, fields
+        if "stiffness" in fields:
+            raise SceneError(f"edge '{edge}' has a stiffness and a {m.force}: give one of them")
+        own = tuple(field for field in spring.fields if field.name == m.force)
+        return replace(spring, fields=own, ports=(bent,)), nodes, fields
+
+    return adapt
+
+
+def _spring(m: _Motion) -> Component:
+    made = one_port(
+        m.name("spring"),
+        "linear spring, or a spring by an expression",
+        (
+            replace(_stiffness(m), required=False),
+            _free(m),
+            optional(m.force, m.force_unit, "in place of stiffness: an expression", None),
+        ),
+        _linear(m),
+    )
+    return replace(made, adapt=_by_expression(made, m))
+
+
+def _stop_law(
+    stretch: Any,
+    across: Any,
+    lower: Any,
+    upper: Any,
+    stiffness: Any,
+    damping: Any,
+    transition: Any,
+) -> Any:
+    """Add up springs beyond either limit; contact sets in over the transition."""
+    import sympy
+
+    above, below = stretch - upper, lower - stretch
+    reach, depth = (sympy.sqrt(x**2 + transition**2) for x in (above, below))
+    contact = (1 + above / reach) / 2 + (1 + below / depth) / 2
+    return stiffness * (above + reach - below - depth) / 2 + damping * contact * across
+
+
+def _stop(m: _Motion) -> Component:
+    return one_port(
+        m.name("stop"),
+        "elastic stops at either side of a gap",
+        (
+            value("lower", m.length_unit, f"{m.length} at which the lower stop begins", ""),
+            value("upper", m.length_unit, f"{m.length} at which the upper stop begins", ""),
+            value("stiffness", m.stiffness_unit, f"{m.force} per {m.length} in contact"),
+            optional("damping", m.damping_unit, "in contact", 0.0, "nonnegative"),
+            optional(
+                "transition",
+                m.length_unit,
+                f"{m.length} over which contact sets in",
+                1e-6,
+                "positive",
+            ),
+        ),
+        Terminal(m.domain, Kind.SPRING, through=Law(_stop_law), is_passive=False),
+    )
+
+
+def _friction(m: _Motion) -> Component:
+    def law(across: Any, force: Any, damping: Any, transition: Any) -> Any:
+        import sympy
+
+        return force * sympy.tanh(across / transition) + damping * across
+
+    arguments = ("across", m.force, "damping", "transition")
+    return one_port(
+        m.name("friction"),
+        "dry friction, smooth about rest, with viscous friction",
+        (
+            value(m.force, m.force_unit, "of dry friction", "nonnegative"),
+            optional("damping", m.damping_unit, "of viscous friction", 0.0, "nonnegative"),
+            optional("transition", m.speed_unit, "speed below which it sets in", 1e-3, "positive"),
+        ),
+        Terminal(m.domain, Kind.DISSIPATOR, through=Law.taking(arguments, law), is_passive=False),
+    )
+
+
+def _force_source(m: _Motion) -> Component:
+    field = value(m.force, m.force_unit, "on the second node", "")
+    doc = f"given {m.force} on the second node"
+    return through_source(m.domain, f"{m.force}_source", doc, field, acts_on_head=True)
+
+
+def _speed_source(m: _Motion, name: str) -> Component:
+    field = value(name, m.speed_unit, "second node less first", "")
+    return across_source(m.domain, f"{name}_source", f"given {name}", field)
+
+
+MASS = across_storage(
+    "translational",
+    "translational_mass",
+    "mass that moves along a line",
+    value("mass", "kg", "of the body"),
+    is_inertial=True,
+)
+
+INERTIA = across_storage(
+    "rotational",
+    "rotational_inertia",
+    "inertia that turns about an axis",
+    value("inertia", "kg m^2", "about the axis"),
+    is_inertial=True,
+)
+
+# Without a damper beside it a shaft would be a spring: then its speed follows from that of others.
+SHAFT = one_port(
+    "shaft",
+    "elastic shaft with damping",
+    (
+        _stiffness(_ROTATION),
+        value("damping", _ROTATION.damping_unit, "torque per relative speed"),
+        _free(_ROTATION),
+    ),
+    Terminal(
+        "rotational",
+        Kind.DISSIPATOR,
+        across=Law(
+            lambda through, stretch, stiffness, damping, free_angle: (
+                (through - stiffness * (stretch - free_angle)) / damping
+            )
+        ),
+        through=Law(
+            lambda across, stretch, stiffness, damping, free_angle: (
+                stiffness * (stretch - free_angle) + damping * across
+            )
+        ),
+    ),
+)
+
+LEVER = ideal_coupling(
+    "lever",
+    "ideal lever, at small angles",
+    value("ratio", "1", "velocity of input per velocity of output; negative about a pivot", ""),
+    ("translational", "input"),
+    ("translational", "output"),
+)
+
+IDEAL_GEAR = ideal_coupling(
+    "ideal_gear",
+    "ideal gear",
+    value("ratio", "1", "speed of input per speed of output; negative where they turn against", ""),
+    ("rotational", "input"),
+    ("rotational", "output"),
+)
+
+RACK_AND_PINION = ideal_coupling(
+    "rack_and_pinion",
+    "ideal rack and pinion",
+    value("radius", "m/rad", "velocity of the rack per speed of the pinion", ""),
+    ("translational", "rack"),
+    ("rotational", "pinion"),
+)
+
+COMPONENTS = (
+    MASS,
+    _spring(_TRANSLATION),
+    _damper(_TRANSLATION),
+    _stop(_TRANSLATION),
+    _friction(_TRANSLATION),
+    _force_source(_TRANSLATION),
+    _speed_source(_TRANSLATION, "velocity"),
+    LEVER,
+    INERTIA,
+    _spring(_ROTATION),
+    _damper(_ROTATION),
+    _stop(_ROTATION),
+    _friction(_ROTATION),
+    _force_source(_ROTATION),
+    _speed_source(_ROTATION, "speed"),
+    SHAFT,
+    IDEAL_GEAR,
+    RACK_AND_PINION,
+)

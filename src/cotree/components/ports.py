@@ -1,0 +1,102 @@
+"""What many scalar components are: fields of laws, linear components of one port, couplings."""
+
+from __future__ import annotations
+
+from cotree.components.component import Component, Field, Role
+from cotree.components.law import Law
+from cotree.components.terminal import Kind, Terminal
+
+
+def value(name: str, unit: str, doc: str, sign: str = "positive") -> Field:
+    """Make the field of a law: an expression of anything, of a sign where it is constant."""
+    return Field(name, unit, doc, required=True, constant=False, sign=sign)
+
+
+def optional(name: str, unit: str, doc: str, default: float | None, sign: str = "") -> Field:
+    """Make the field of a law that may be left out."""
+    return Field(name, unit, doc, default=default, constant=False, sign=sign)
+
+
+def one_port(name: str, doc: str, fields: tuple[Field, ...], terminal: Terminal) -> Component:
+    """Make a component of one edge."""
+    return Component(
+        name, Role.NETWORK, doc, fields=fields, domains=(terminal.domain,), ports=(terminal,)
+    )
+
+
+def across_source(domain: str, name: str, doc: str, field: Field) -> Component:
+    """Make a source of a given across variable."""
+    law = Law.taking((field.name,), lambda given: given)
+    return one_port(name, doc, (field,), Terminal(domain, Kind.ACROSS_SOURCE, across=law))
+
+
+def through_source(
+    domain: str, name: str, doc: str, field: Field, acts_on_head: bool = False
+) -> Component:
+    """Make a source of a given through variable, from head to tail inside or the other way."""
+    sign = -1 if acts_on_head else 1
+    law = Law.taking((field.name,), lambda given: sign * given)
+    return one_port(name, doc, (field,), Terminal(domain, Kind.THROUGH_SOURCE, through=law))
+
+
+def across_storage(
+    domain: str, name: str, doc: str, field: Field, is_inertial: bool = False
+) -> Component:
+    """Make a linear storage of the across variable."""
+    law = Law.taking((field.name,), lambda given: given)
+    terminal = Terminal(domain, Kind.ACROSS_STORAGE, storage=law, is_inertial=is_inertial)
+    return one_port(name, doc, (field,), terminal)
+
+
+def resistance(domain: str, name: str, doc: str, field: Field) -> Component:
+    """Make a dissipator whose across variable is ``field`` times its through variable."""
+    terminal = Terminal(
+        domain,
+        Kind.DISSIPATOR,
+        across=Law.taking(("through", field.name), lambda through, given: given * through),
+        through=Law.taking(("across", field.name), lambda across, given: across / given),
+    )
+    return one_port(name, doc, (field,), terminal)
+
+
+def conductance(domain: str, name: str, doc: str, field: Field) -> Component:
+    """Make a dissipator whose through variable is ``field`` times its across variable."""
+    terminal = Terminal(
+        domain,
+        Kind.DISSIPATOR,
+        across=Law.taking(("through", field.name), lambda through, given: through / given),
+        through=Law.taking(("across", field.name), lambda across, given: given * across),
+    )
+    return one_port(name, doc, (field,), terminal)
+
+
+def ideal_coupling(
+    name: str, doc: str, field: Field, first: tuple[str, str], second: tuple[str, str]
+) -> Component:
+    """Make two ports: across of the first is ``field`` times that of the second, without losses.
+
+    Ports are given as their domain and name.
+    """
+    return Component(
+        name,
+        Role.NETWORK,
+        doc,
+        fields=(field,),
+        domains=tuple(dict.fromkeys((first[0], second[0]))),
+        ports=(
+            Terminal(
+                first[0],
+                Kind.COUPLED,
+                first[1],
+                across=Law.taking((f"across_{second[1]}", field.name), lambda v, r: r * v),
+                through=Law.taking((f"through_{second[1]}", field.name), lambda f, r: -f / r),
+            ),
+            Terminal(
+                second[0],
+                Kind.COUPLED,
+                second[1],
+                across=Law.taking((f"across_{first[1]}", field.name), lambda v, r: v / r),
+                through=Law.taking((f"through_{first[1]}", field.name), lambda f, r: -r * f),
+            ),
+        ),
+    )

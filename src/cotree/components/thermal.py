@@ -1,0 +1,93 @@
+"""Thermal components: across is temperature, in kelvin; heat flows from plus to minus inside."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cotree.components.law import Law
+from cotree.components.ports import (
+    across_source,
+    across_storage,
+    one_port,
+    optional,
+    resistance,
+    through_source,
+    value,
+)
+from cotree.components.terminal import Kind, Terminal
+
+_DOMAIN = "thermal"
+
+#: Stefan-Boltzmann constant, W/(m^2 K^4), exact since the SI of 2019.
+STEFAN_BOLTZMANN = 5.670374419e-8
+
+HEAT_CAPACITOR = across_storage(
+    _DOMAIN,
+    "heat_capacitor",
+    "heat capacity of one temperature",
+    value("capacity", "J/K", "heat per temperature"),
+)
+
+RESISTOR = resistance(
+    _DOMAIN,
+    "thermal_resistor",
+    "conduction",
+    value("resistance", "K/W", "temperature per heat flow"),
+)
+
+CONVECTION = one_port(
+    "convection",
+    "heat transfer between a surface and a fluid",
+    (
+        value("coefficient", "W/(m^2 K)", "heat flow per area and temperature"),
+        value("area", "m^2", "of the surface"),
+    ),
+    Terminal(
+        _DOMAIN,
+        Kind.DISSIPATOR,
+        across=Law(lambda through, coefficient, area: through / (coefficient * area)),
+        through=Law(lambda across, coefficient, area: coefficient * area * across),
+    ),
+)
+
+
+def _radiation(potential_head: Any, potential_tail: Any, area: Any, emissivity: Any) -> Any:
+    import sympy
+
+    fall = potential_head**4 - potential_tail**4
+    return sympy.Float(STEFAN_BOLTZMANN) * area * emissivity * fall
+
+
+RADIATION = one_port(
+    "radiation",
+    "radiation between grey surfaces",
+    (
+        value("area", "m^2", "of the surface, times its view factor"),
+        optional("emissivity", "1", "of the pair of surfaces", 1.0, "positive"),
+    ),
+    # The slopes to both temperatures differ, so equations made of it are not symmetric.
+    Terminal(_DOMAIN, Kind.DISSIPATOR, through=Law(_radiation), is_passive=False),
+)
+
+TEMPERATURE_SOURCE = across_source(
+    _DOMAIN,
+    "temperature_source",
+    "given temperature",
+    value("temperature", "K", "plus minus minus; the ground is at 0 K", ""),
+)
+
+HEAT_SOURCE = through_source(
+    _DOMAIN,
+    "heat_source",
+    "given heat flow, from plus to minus inside",
+    value("heat_flow", "W", "from plus to minus inside", ""),
+)
+
+COMPONENTS = (
+    HEAT_CAPACITOR,
+    RESISTOR,
+    CONVECTION,
+    RADIATION,
+    TEMPERATURE_SOURCE,
+    HEAT_SOURCE,
+)

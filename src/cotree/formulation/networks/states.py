@@ -1,0 +1,152 @@
+"""States of the networks: of storages, of integrals such as stretches, and algebraic unknowns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.components import Kind, integral_of
+from cotree.domains import DOMAINS
+from cotree.equations import State
+from cotree.errors import ParameterError
+from cotree.formulation.networks.names import state_name
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from collections.abc import Set as AbstractSet
+
+    from cotree.dag.nodes import Dag, Node
+    from cotree.formulation.fields import Resolver
+    from cotree.formulation.networks.rules import Variable
+    from cotree.formulation.networks.topology import Topology
+    from cotree.scene.networks import Port
+
+
+@dataclass(frozen=True)
+class Held:
+    """A variable of a port that is a state.
+
+    Attributes
+    ----------
+    port : Port
+        The port.
+    quantity : str
+        ``across``, ``through`` or ``stretch``.
+    short, unit : str
+        Its name without that of the port, and its unit.
+    """
+
+    port: Port
+    quantity: str
+    short: str
+    unit: str
+
+    @property
+    def name(self) -> str:
+        """The state's name."""
+        return state_name(self.port, self.short)
+
+    @property
+    def variable(self) -> Variable:
+        """The variable."""
+        return self.quantity, self.port.name
+
+    @property
+    def rate(self) -> Variable:
+        """Its rate."""
+        return f"{self.quantity}_rate", self.port.name
+
+
+def held_variables(
+    ports: Mapping[str, Port], topologies: Mapping[str, Topology], used: AbstractSet[str]
+) -> list[Held]:
+    """List the states of the networks.
+
+    Parameters
+    ----------
+    ports : mapping of str to Port
+        The edges of all scalar graphs.
+    topologies : mapping of str to Topology
+        The graphs with their trees.
+    used : set of str
+        Names that fields and outputs use: integrals of across variables are states where they
+        are used, or have an initial value.
+    """
+    found = []
+    for port in ports.values():
+        if port.is_coupling:  # its motion is that of the multibody system
+            continue
+        is_branch = port.name in topologies[port.terminal.domain].branches
+        if port.kind is Kind.ACROSS_STORAGE and is_branch:
+            found.append(_held(port, "across"))
+        elif port.kind is Kind.THROUGH_STORAGE and not is_branch:
+            found.append(_held(port, "through"))
+        integral = integral_of(port.terminal)
+        # The stretch of a spring in a cutset of its like follows from theirs.
+        if integral is not None and not (port.kind is Kind.SPRING and is_branch):
+            item = Held(port, "stretch", integral.name, integral.unit)
+            names = {item.name, f"{port.name}.{item.short}"}
+            if _uses_stretch(port) or names & used or item.short in port.edge.initial:
+                found.append(item)
+    return found
+
+
+def _held(port: Port, quantity: str) -> Held:
+    row = DOMAINS[port.terminal.domain]
+    if quantity == "across":
+        return Held(port, quantity, row.across_symbol, row.across_unit)
+    return Held(port, quantity, row.through_symbol, row.through_unit)
+
+
+def _uses_stretch(port: Port) -> bool:
+    laws = (port.terminal.across, port.terminal.through)
+    return any("stretch" in law.arguments for law in laws if law is not None)
+
+
+def state_of(item: Held, symbol: Node, dag: Dag, of_parameters: Resolver) -> State:
+    """Make the entry of a state."""
+    initial = _initial(item, dag, of_parameters)
+    is_given = item.short in item.port.edge.initial
+    return State(item.name, item.unit, symbol, initial, is_given=is_given)
+
+
+def algebraic_state(
+    port: Port, quantity: str, symbol: Node, dag: Dag, of_parameters: Resolver
+) -> State:
+    """Make the entry of an unknown that stays; its initial value is a guess."""
+    item = _held(port, quantity.removesuffix("_rate"))
+    guess = _initial(item, dag, of_parameters)
+    return State(item.name, item.unit, symbol, guess, is_given=False, is_algebraic=True)
+
+
+def _initial(item: Held, dag: Dag, of_parameters: Resolver) -> Node:
+    value = item.port.edge.initial.get(item.short)
+    return dag.zero if value is None else value.lower(dag, of_parameters)  # type: ignore[union-attr]
+
+
+def refuse_initials(ports: Mapping[str, Port], held: Iterable[Held]) -> None:
+    """Refuse initial values of storages and springs whose state is that of others.
+
+    Raises
+    ------
+    ParameterError
+        If there is one.
+    """
+    known = {item.variable for item in held}
+    quantities = {
+        Kind.ACROSS_STORAGE: "across",
+        Kind.THROUGH_STORAGE: "through",
+        Kind.SPRING: "stretch",
+    }
+    for port in ports.values():
+        quantity = quantities.get(port.kind)
+        if quantity is None or (quantity, port.name) in known:
+            continue
+        integral = integral_of(port.terminal)
+        short = integral.name if integral and quantity == "stretch" else _held(port, quantity).short
+        if short in port.edge.initial:
+            raise ParameterError(
+                f"edge '{port.name}' has no state '{short}' of its own, because others like it are "
+                "tied to it with nothing that dissipates between: its initial value follows from "
+                "theirs; leave it out"
+            )

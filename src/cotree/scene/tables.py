@@ -1,0 +1,89 @@
+"""Tables: piecewise linear functions of time, or of an expression in a field."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, cast
+
+from cotree.dag.several import Table, table
+from cotree.errors import SceneError
+from cotree.scene.expressions import Expression, parse
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from cotree.dag.nodes import Dag, Node
+
+
+@dataclass(frozen=True)
+class Lookup(Expression):
+    """A table over an expression: linear between its points, constant outside them.
+
+    Attributes
+    ----------
+    table : Table
+        The points.
+    """
+
+    table: Table
+
+    @property
+    def number(self) -> float | None:
+        """Nothing: a table is no plain number."""
+        return None
+
+    def lower(self, dag: Dag, resolve: Callable[[str], Node]) -> Node:
+        """Turn the table's value into a node; see :meth:`Expression.lower`."""
+        return table(dag, self.table, super().lower(dag, resolve))[0]
+
+
+def parse_lookup(value: Mapping[str, Any], where: str) -> Lookup:
+    """Check a table over an expression: ``of``, ``x`` that increase, ``y``.
+
+    Raises
+    ------
+    ExpressionError, SceneError
+        If an entry is missing, unknown, or of no use.
+    """
+    if set(value) != {"of", "x", "y"}:
+        raise SceneError(
+            f"{where} is a table: give 'of', an expression, and as many numbers 'x' as 'y'"
+        )
+    of = parse(value["of"], f"'of' of {where}")
+    made = make_table((value["x"], value["y"]), where, "x")
+    return Lookup(of.text, where, of.tree, of.names, made)
+
+
+def make_table(value: object, where: str, argument: str) -> Table:
+    """Check a pair of arguments and values.
+
+    Parameters
+    ----------
+    value : pair of sequences of float
+        Arguments and values.
+    where : str
+        What they belong to, for messages.
+    argument : str
+        What the arguments are called.
+
+    Raises
+    ------
+    SceneError
+        If they are not as many finite numbers each, at least two, or do not increase.
+    """
+    try:
+        x, y = cast("Any", value)
+        made = Table(tuple(float(item) for item in x), tuple(float(item) for item in y))
+    except (TypeError, ValueError):
+        raise SceneError(
+            f"{where} must be a number, an expression in quotes, or {argument} and values with as "
+            "many numbers each"
+        ) from None
+    if len(made.x) != len(made.y) or len(made.x) < 2:
+        raise SceneError(f"{where} needs as many values as {argument}, at least two")
+    if not all(math.isfinite(number) for number in made.x + made.y):
+        raise SceneError(f"{where} holds one of {argument} or a value that is not finite")
+    if any(b <= a for a, b in zip(made.x, made.x[1:], strict=False)):
+        raise SceneError(f"{where} needs {argument} that increase")
+    return made
