@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from collections.abc import Set as AbstractSet
 
+    from cotree.components import Terminal
     from cotree.dag.nodes import Dag, Node
     from cotree.formulation.fields import Resolver
     from cotree.formulation.networks.rules import Variable
@@ -99,8 +100,15 @@ def _held(port: Port, quantity: str) -> Held:
 
 
 def _uses_stretch(port: Port) -> bool:
-    laws = (port.terminal.across, port.terminal.through)
-    return any("stretch" in law.arguments for law in laws if law is not None)
+    if _names(port.terminal, "stretch"):
+        return True
+    siblings = port.edge.component.ports
+    return any(_names(other, f"stretch_{port.terminal.port}") for other in siblings)
+
+
+def _names(terminal: Terminal, argument: str) -> bool:
+    laws = (terminal.across, terminal.through, terminal.storage)
+    return any(argument in law.arguments for law in laws if law is not None)
 
 
 def state_of(item: Held, symbol: Node, dag: Dag, of_parameters: Resolver) -> State:

@@ -187,6 +187,8 @@ class Terminals:
             return quantity, port.sibling(sibling) if underscore else port.name
         if name in ("across_rate", "through_rate", "stretch", "stretch_rate"):
             return name, port.name
+        if first == "stretch" and underscore and not self._is_field(port, name):
+            return "stretch", port.sibling(rest)
         if first == "potential" and not self._is_field(port, name):
             node = port.ends.head if rest.startswith("head") else port.ends.tail
             domain = port.terminal.domain
