@@ -8,12 +8,21 @@ from __future__ import annotations
 from pathlib import Path
 
 import figures_of_chords
+import figures_of_fluids
 import figures_of_joints
+import figures_of_motion
+import figures_of_reactions
 import matplotlib as mpl
 from drawing import Sheet
 
 FOLDER = Path(__file__).resolve().parents[1] / "images" / "components"
-FIGURES = {**figures_of_joints.FIGURES, **figures_of_chords.FIGURES}
+FIGURES = {
+    **figures_of_joints.FIGURES,
+    **figures_of_chords.FIGURES,
+    **figures_of_fluids.FIGURES,
+    **figures_of_motion.FIGURES,
+    **figures_of_reactions.FIGURES,
+}
 
 
 def draw(name: str) -> Sheet:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from cotree.components import Kind, integral_of
 from cotree.dag.derivative import tangents
 from cotree.dag.traverse import reachable, symbols_in
+from cotree.domains import DOMAINS
 from cotree.errors import FormulationError
 from cotree.formulation.networks.derived import (
     across_residual,
@@ -205,30 +207,52 @@ class Terminals:
     def _field(self, name: str, is_rate: bool) -> Field:
         edge, _, field = name.partition("|")
         node = self.time if field == "t" else self.fields[edge, field]
+        variables = dict(self.measured)
         if is_rate:
-            node = self._rate_of_field(edge, field, node)
-        symbols = [symbol for symbol in symbols_in([node]) if symbol in self.measured]
-        return Field(node, tuple((symbol, self.measured[symbol]) for symbol in symbols))
+            node, rates = self._rate_of_field(edge, field, node)
+            variables |= rates
+        symbols = [symbol for symbol in symbols_in([node]) if symbol in variables]
+        return Field(node, tuple((symbol, variables[symbol]) for symbol in symbols))
 
-    def _rate_of_field(self, edge: str, field: str, node: Node) -> Node:
-        """Differentiate a field by time.
+    @cached_property
+    def _changing(self) -> dict[Node, Variable]:
+        """List what symbols in fields stand for, states of networks included."""
+        return {symbol: variable for variable, symbol in self.states.items()} | {**self.measured}
+
+    def _rate_of_field(
+        self, edge: str, field: str, node: Node
+    ) -> tuple[Node, dict[Node, Variable]]:
+        """Differentiate a field by time; give its rate, and what the new symbols in it stand for.
 
         Raises
         ------
         FormulationError
-            If it depends on more than time and parameters, or jumps.
+            If it depends on an input or on multibody states, or jumps.
         """
-        kinds = {symbol.data[0] for symbol in symbols_in([node])}
+        one = self.time.dag.one
+        moving: dict[Node, Node] = {self.time: one}
+        rates: dict[Node, Variable] = {}
         jumps = any(item.op in ("select", "sign") for item in reachable([node]))
-        if not kinds <= {"p", "t"} or jumps:
-            reason = "jumps" if jumps else "depends on an input or on states"
+        is_known = True
+        for symbol in symbols_in([node]):
+            if symbol in self._changing:
+                quantity, name = self._changing[symbol]
+                moving[symbol] = self.time.dag.symbol("network_rate", symbol.index)
+                rates[moving[symbol]] = (f"{quantity}_rate", name)
+            elif symbol.data[0] not in ("p", "t"):
+                is_known = False
+        if jumps or not is_known:
+            reason = "jumps" if jumps else "depends on an input or on multibody states"
             raise FormulationError(
-                f"{field} of edge '{edge}' {reason}, but a storage is tied to it without a "
-                "resistance between, so that its rate of change is needed: give a smooth "
-                "expression of t and parameters, or put a resistance in series (a storage of "
-                "through: in parallel)"
+                f"{field} of edge '{edge}' {reason}, but storages are tied to it such that its "
+                "rate of change is needed: give a smooth expression of t, parameters and states "
+                f"of networks, or add {self._remedy(edge)} between"
             )
-        return tangents([node], {self.time: self.time.dag.one})[0]
+        return tangents([node], moving)[0], rates
+
+    def _remedy(self, edge: str) -> str:
+        port = next(port for port in self.ports.values() if port.edge.name == edge)
+        return DOMAINS[port.terminal.domain].remedy
 
 
 def _higher_index(port: Port) -> FormulationError:
