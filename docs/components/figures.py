@@ -12,6 +12,7 @@ import figures_of_fluids
 import figures_of_joints
 import figures_of_motion
 import figures_of_reactions
+import figures_of_transducers
 import matplotlib as mpl
 from drawing import Sheet
 
@@ -22,6 +23,7 @@ FIGURES = {
     **figures_of_fluids.FIGURES,
     **figures_of_motion.FIGURES,
     **figures_of_reactions.FIGURES,
+    **figures_of_transducers.FIGURES,
 }
 
 
