@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.build import BuildOptions
 from cotree.errors import ParameterError, SingularSystemError
+from cotree.model.algebraic import solve_states
 from cotree.model.model import CompiledModel, as_array
 from cotree.scene.description import SceneDescription, check_number
 from cotree.scene.toml_file import load_scene
@@ -346,7 +347,8 @@ class Model(CompiledModel):
         t : float
             Time, [s].
         y : array_like, shape (n_states,), optional
-            States; the consistent initial states where absent.
+            States; the consistent initial states where absent. Algebraic unknowns in it are
+            guesses: they are solved for, and eliminated.
         p, u : array_like, shapes (n_parameters,) and (n_inputs,), optional
             Parameters and inputs; the scene's where absent.
 
@@ -368,6 +370,7 @@ class Model(CompiledModel):
         self.check_parameters(p)
         y = self.start(t, p).y if y is None else as_array(y, (len(self.states),), "the states")
         u = self.input_values(t, p) if u is None else as_array(u, (len(self.inputs),), "inputs")
+        y = solve_states(self, float(t), p, u, y)
         return self._linearizer.at(float(t), y, p, u)
 
     def write(self, directory: str | Path) -> CProject:

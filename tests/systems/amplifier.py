@@ -1,4 +1,4 @@
-"""The transistor amplifier of the Bari test set, semi-explicit: what its capacitors hold has rates."""
+"""The transistor amplifier of the Bari test set, with rates for its capacitors' voltages alone."""
 
 from __future__ import annotations
 

@@ -16,12 +16,11 @@ import numpy.typing as npt
 from cotree.errors import SingularSystemError, SolveError
 from cotree.model.roots import (
     ROUNDING,
-    SMALL,
     Equation,
+    Linear,
     find_near,
     find_root,
-    invert,
-    share,
+    linearise,
     singular_direction,
 )
 
@@ -35,10 +34,10 @@ Array = npt.NDArray[np.float64]
 #: ``rates(t, y)`` and ``jacobian(t, y)``; they may give the same buffer at every call.
 Rates = Callable[[float, Array], Array]
 
-# With a matrix of its own point Newton's method needs a few steps; with an old one it is given up
-# where a step is not a tenth of the one before.
-_MOST_STEPS = 15
-_CONTRACTION = 0.1
+# An old matrix is given up where it would take more than a few further steps: one of its own point
+# squares the errors.
+_MOST_STEPS = 20
+_FEW = 3
 
 
 class UnsolvedError(Exception):
@@ -67,8 +66,8 @@ class Algebraic:
         self._rates = rates
         self._jacobian = jacobian
         self._names = names
-        self._inverse: Array | None = None
-        self._scale = np.zeros(n_algebraic)
+        self._linear: Linear | None = None
+        self._weights = np.ones(n_algebraic)
 
     def follow(self, t: float, y: Array) -> Array:
         """Solve for the algebraic unknowns, in place, from nearby values.
@@ -85,28 +84,32 @@ class Algebraic:
         """
         z = y[self.cut :]
         rates = self._rates(t, y)
-        is_fresh = False
-        previous = np.inf
+        before: Array | None = None  # the last step
         for _ in range(_MOST_STEPS):
-            inverse = self._inverse
-            if inverse is None:
-                inverse = self._refresh(t, y)[1]
-                is_fresh = True
-            step = -(inverse @ rates[self.cut :])
-            size = share(step, self._scale)
-            is_slow = not (size < _CONTRACTION * previous or size <= ROUNDING)  # or nan
-            if is_slow and not is_fresh:
-                self._inverse = None
+            linear, is_old = self._linear, True
+            if linear is None:
+                linear, is_old = self._refresh(t, y)[1], False
+            step = -(linear.inverse @ rates[self.cut :])
+            size = float((np.abs(step) * self._weights).max())
+            ratio = 1.0
+            if before is not None:
+                ratio = size / max(float((np.abs(before) * self._weights).max()), 1e-300)
+            # Written so that nan is slow, too; of a first step nothing else is known.
+            is_quick = size * min(ratio, 1.0) ** _FEW <= ROUNDING or (
+                before is None and np.isfinite(size)
+            )
+            if is_old and not is_quick:
+                self._linear = None
                 continue
             z += step
             rates = self._rates(t, y)
-            if size <= ROUNDING or (size < SMALL and size > previous / 2):
-                if np.all(np.isfinite(rates[self.cut :])):
+            is_stalled = ratio > 0.5 and before is not None and linear.is_stalled(z, step)
+            if size * ratio <= ROUNDING or is_stalled:
+                if linear.is_met(rates[self.cut :]):
                     return rates
-                break
-            is_fresh = False
-            previous = size
-        self._inverse = None
+                self._linear = None
+            before = step
+        self._linear = None
         raise UnsolvedError(self._complaint(t, rates[self.cut :]))
 
     def approach(self, t: float, y: Array) -> Array:
@@ -115,7 +118,7 @@ class Algebraic:
         if not root.is_found:
             raise UnsolvedError(self._complaint(t, root.g))
         y[self.cut :] = root.z
-        self._inverse = None
+        self._linear = None
         return self._rates(t, y)
 
     def solve(self, t: float, y: Array) -> Array:
@@ -152,7 +155,7 @@ class Algebraic:
         equation = self._equation(t, guess.copy())
         root = find_root(equation, guess[self.cut :])
         y[self.cut :] = root.z
-        self._inverse = None
+        self._linear = None
         if not root.is_found:
             rng = np.random.default_rng(0)
             aside = root.z + np.maximum(1.0, np.abs(root.z)) * rng.standard_normal(len(root.z))
@@ -182,7 +185,8 @@ class Algebraic:
         UnsolvedError
             If that block is singular.
         """
-        return self._refresh(t, y)
+        matrix, linear = self._refresh(t, y)
+        return matrix, linear.inverse
 
     def reduced(self, t: float, y: Array) -> Array:
         """Give the derivatives of x' by x along the solutions, shape (n_x, n_x)."""
@@ -193,19 +197,20 @@ class Algebraic:
         """Give what is left of the equations at a point, a fresh array."""
         return np.array(self._rates(t, y)[self.cut :])
 
-    def _refresh(self, t: float, y: Array) -> tuple[Array, Array]:
-        """Form the Jacobian of a point, and the inverse to go on with."""
+    def _refresh(self, t: float, y: Array) -> tuple[Array, Linear]:
+        """Form the Jacobian of a point, and what further steps need of it."""
         matrix = np.array(self._jacobian(t, y))
         try:
-            found = invert(self._in_order(matrix[self.cut :]), y[self.cut :], y[: self.cut])
+            linear = linearise(self._in_order(matrix[self.cut :]), y[self.cut :], y[: self.cut])
         except np.linalg.LinAlgError:
-            self._inverse = None
+            self._linear = None
             raise UnsolvedError(
                 f"the derivatives of the algebraic equations by {self._listed()} are singular or "
                 f"not finite at t = {float(t):.10g}"
             ) from None
-        self._inverse, self._scale = found
-        return matrix, self._inverse
+        self._linear = linear
+        self._weights = 1.0 / np.maximum(linear.scale, 1e-290)
+        return matrix, linear
 
     def _rows(self, t: float, y: Array) -> Array:
         """Give the derivatives of g by z, then by x."""
@@ -285,14 +290,7 @@ def solve_start(
     """
     if not model.layout.n_algebraic:
         return y, s
-    none = np.zeros(0)
-    rhs, jacobian = model.bound("rhs", p), model.bound_jacobian(p)
-    algebraic = Algebraic(
-        lambda t, y: rhs(t, y, none, u),
-        lambda t, y: jacobian(t, y, u),
-        model.states,
-        model.layout.n_algebraic,
-    )
+    algebraic = of_model(model, p, u)
     y, s, cut = y.copy(), s.copy(), algebraic.cut
     algebraic.solve(t, y)
     algebraic.check_index(t, y)
@@ -302,3 +300,23 @@ def solve_start(
         residual = along[:, cut:].T.copy()
         s[cut:] = -algebraic.linearised(t, y)[1] @ residual
     return y, s
+
+
+def solve_states(model: CompiledModel, t: float, p: Array, u: Array, y: Array) -> Array:
+    """Solve for the algebraic unknowns of a point; see :func:`solve_start`."""
+    if model.layout.n_algebraic:
+        y = y.copy()
+        of_model(model, p, u).solve(t, y)
+    return y
+
+
+def of_model(model: CompiledModel, p: Array, u: Array | None) -> Algebraic:
+    """Give the algebraic unknowns of a model at fixed parameters and inputs."""
+    none = np.zeros(0)
+    rhs, jacobian = model.bound("rhs", p), model.bound_jacobian(p)
+    return Algebraic(
+        lambda t, y: rhs(t, y, none, u),
+        lambda t, y: jacobian(t, y, u),
+        model.states,
+        model.layout.n_algebraic,
+    )

@@ -26,8 +26,13 @@ Function = Callable[[Array], Array]
 #: Rounding of the equations moves unknowns by this share of their scale.
 ROUNDING = 4 * float(np.finfo(np.float64).eps)
 
-#: Steps below this share that no longer halve can only be rounding: Newton squares its errors.
+#: Steps below this share of an unknown that no longer halve can only be rounding, since Newton's
+#: method squares its errors; or, where unknowns are zero but for rounding, this share of scales.
 SMALL = 1e-8
+_STALLED = 1e4 * float(np.finfo(np.float64).eps)
+
+_MET = 1e-3
+_TINY = 1e-290
 
 # Far from the root of an exponential each step is one unit of its argument, and the argument may
 # begin some hundreds too high.
@@ -81,21 +86,55 @@ class Equation:
         self.slope = slope
         self.held = held
 
-    def linearised(self, z: Array) -> tuple[Array, Array]:
-        """Give the inverse matrix at a point and the scales of the unknowns.
-
-        An unknown's scale is its own size, or what the terms of the equations, each changed by its
-        own size, would change it by.
+    def linearised(self, z: Array) -> Linear:
+        """Give what a Newton step from a point needs.
 
         Raises
         ------
         LinAlgError
             If the matrix is singular or not finite.
         """
-        return invert(self.slope(z), z, self.held)
+        return linearise(self.slope(z), z, self.held)
 
 
-def invert(slope: Array, z: Array, held: Array) -> tuple[Array, Array]:
+@dataclass(frozen=True)
+class Linear:
+    """The matrix of a point.
+
+    Attributes
+    ----------
+    inverse : ndarray, shape (n, n)
+        Of the derivatives by the unknowns.
+    scale : ndarray, shape (n,)
+        Of each unknown: its own size and what it would change by if each term of the equations
+        changed by its own size. Rounding moves it by this times that of a number.
+    sizes : ndarray, shape (n,)
+        Of the terms of each equation.
+    """
+
+    inverse: Array
+    scale: Array
+    sizes: Array
+
+    def share(self, step: Array) -> float:
+        """Give the largest entry of a step as a share of the scales, 1 at the most."""
+        size = np.abs(step)
+        return float(np.max(size / np.maximum(np.maximum(self.scale, size), _TINY), initial=0.0))
+
+    def is_stalled(self, z: Array, step: Array) -> bool:
+        """Whether a step that does not become shorter may be taken for rounding."""
+        floor = np.maximum(SMALL * np.abs(z), _STALLED * self.scale)
+        return bool(np.all(np.abs(step) <= floor))
+
+    def is_met(self, g: Array) -> bool:
+        """Whether residuals are what is left of larger terms.
+
+        Where the matrix is nearly singular scales are so large that any step looks short.
+        """
+        return bool((np.abs(g) <= _MET * self.sizes + _TINY).all())
+
+
+def linearise(slope: Array, z: Array, held: Array) -> Linear:
     """Invert the first columns of a slope; see :meth:`Equation.linearised`."""
     n = len(z)
     inverse: Array = np.asarray(np.linalg.inv(slope[:, :n]), dtype=np.float64)
@@ -103,14 +142,7 @@ def invert(slope: Array, z: Array, held: Array) -> tuple[Array, Array]:
     if not np.isfinite(np.vdot(inverse, inverse)) and not np.all(np.isfinite(inverse)):
         raise np.linalg.LinAlgError("not finite")
     sizes = np.abs(slope[:, :n]) @ np.abs(z) + np.abs(slope[:, n:]) @ np.abs(held)
-    scale: Array = np.abs(z) + np.abs(inverse) @ sizes
-    return inverse, scale
-
-
-def share(step: Array, scale: Array) -> float:
-    """Give the largest entry of a step as a share of the unknowns' scales, 1 at the most."""
-    size = np.abs(step)
-    return float(np.max(size / np.maximum(np.maximum(scale, size), 1e-300), initial=0.0))
+    return Linear(inverse, np.abs(z) + np.abs(inverse) @ sizes, sizes)
 
 
 def find_root(equation: Equation, guess: Array) -> Root:
@@ -157,7 +189,7 @@ def _starts(guess: Array) -> Iterator[Array]:
 
 
 def _size(g: Array) -> float:
-    size = float(np.max(np.abs(g), initial=0.0))
+    size = float(np.linalg.norm(g))
     return size if np.isfinite(size) else np.inf
 
 
@@ -171,34 +203,30 @@ def _dampings() -> Iterator[float]:
 def _by_natural_test(equation: Equation, z: Array, most: int = _MOST_STEPS) -> Root:
     """Take Newton steps, each shortened until the next one with its matrix is shorter still."""
     g = equation.value(z)
-    previous = np.inf
     for _ in range(most):
         try:
-            inverse, scale = equation.linearised(z)
+            linear = equation.linearised(z)
         except np.linalg.LinAlgError:
             break
-        step = -inverse @ g
-        size = share(step, scale)
-        if size <= ROUNDING:
-            return Root(z, g, np.isfinite(_size(g)))
-        weights = np.maximum(np.maximum(scale, np.abs(step)), 1e-300)
+        step = -linear.inverse @ g
+        size = linear.share(step)
+        if size <= ROUNDING and linear.is_met(g):
+            return Root(z, g, True)
+        weights = np.maximum(np.maximum(linear.scale, np.abs(step)), _TINY)
         length = float(np.max(np.abs(step) / weights))
         found = None
         for damping in _dampings():
             trial = z + damping * step
             residual = equation.value(trial)
-            after = float(np.max(np.abs(inverse @ residual) / weights))
+            after = float(np.max(np.abs(linear.inverse @ residual) / weights))
             if after <= (1.0 - damping / 4.0) * length:
                 found = trial, residual
                 break
-            if size < SMALL:  # what does not shrink here is rounding
-                return Root(z, g, np.isfinite(_size(g)))
+            if linear.is_stalled(z, step) and linear.is_met(g):
+                return Root(z, g, True)
         if found is None:
             break
         z, g = found
-        if size < SMALL and size > previous / 2:
-            return Root(z, g, True)
-        previous = size
     return Root(z, g, False)
 
 
@@ -207,15 +235,15 @@ def _by_residual_test(equation: Equation, z: Array) -> Root:
     g = equation.value(z)
     for _ in range(_MOST_STEPS):
         try:
-            inverse, scale = equation.linearised(z)
+            linear = equation.linearised(z)
         except np.linalg.LinAlgError:
             break
-        step = -inverse @ g
-        if share(step, scale) < SMALL:
+        step = -linear.inverse @ g
+        if linear.is_stalled(z, step):
             return _by_natural_test(equation, z)
         n = len(z)
-        columns = np.maximum(np.maximum(scale, np.abs(step)), 1e-300)
-        rows = 1.0 / np.maximum(np.max(np.abs(equation.slope(z)[:, :n] * columns), axis=1), 1e-300)
+        columns = np.maximum(np.maximum(linear.scale, np.abs(step)), _TINY)
+        rows = 1.0 / np.maximum(np.max(np.abs(equation.slope(z)[:, :n] * columns), axis=1), _TINY)
         before = float(np.linalg.norm(rows * g))
         for damping in _dampings():
             trial = z + damping * step
@@ -256,7 +284,7 @@ def _by_squares(equation: Equation, z: Array) -> Root:
     trust = 1e-3
     for _ in range(_MOST_TRIALS):
         slope = equation.slope(z)[:, :n] * columns
-        rows = 1.0 / np.maximum(np.max(np.abs(slope), axis=1), 1e-300)
+        rows = 1.0 / np.maximum(np.max(np.abs(slope), axis=1), _TINY)
         matrix = np.vstack([rows[:, None] * slope, trust * np.eye(n)])
         target = np.concatenate([-rows * g, np.zeros(n)])
         if not np.all(np.isfinite(matrix)) or not np.all(np.isfinite(target)):
@@ -265,9 +293,9 @@ def _by_squares(equation: Equation, z: Array) -> Root:
         trial = z + step
         residual = equation.value(trial)
         if float(np.linalg.norm(rows * residual)) < float(np.linalg.norm(rows * g)):
-            moved = share(step, np.abs(z))
+            is_small = bool(np.all(np.abs(step) <= SMALL * np.abs(z)))
             z, g, trust = trial, residual, trust / 4.0
-            if moved < SMALL:
+            if is_small:
                 break
         else:
             trust *= 4.0

@@ -1,10 +1,10 @@
 """Problems with algebraic unknowns, made fit for each method.
 
-In: a ``Problem`` M y' = rhs(t, y), whose last unknowns have no rates but residuals. Out, for methods
-of ordinary differential equations, the problem x' = f(t, x, z(t, x)) of the others: each evaluation
-solves for z, beginning with the last one found. Its sensitivities are those of x; those of z follow:
-S_z = -g_z^-1 (g_x S_x + g_p). IDA takes the problem as it is; z is solved for where it starts and in
-what it stores.
+In: a ``Problem`` M y' = rhs(t, y), whose last unknowns have no rates but residuals. Out, for
+methods of ordinary differential equations, the problem x' = f(t, x, z(t, x)) of the others: each
+evaluation solves for z, beginning with the last one found. Its sensitivities are those of x; those
+of z follow, S_z = -g_z^-1 (g_x S_x + g_p). IDA takes the problem as it is; z is solved for where it
+starts and in what it stores.
 
 Either way every stored value is a solution of the equations to rounding.
 """
