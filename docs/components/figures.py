@@ -7,13 +7,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import figures_of_chords
-import figures_of_joints
+import figures_of_chords  # noqa: F401  they enter their figures
+import figures_of_joints  # noqa: F401
 import matplotlib as mpl
-from drawing import Sheet
+from drawing import FIGURES, Sheet
 
 FOLDER = Path(__file__).resolve().parents[1] / "images" / "components"
-FIGURES = {**figures_of_joints.FIGURES, **figures_of_chords.FIGURES}
 
 
 def draw(name: str) -> Sheet:
