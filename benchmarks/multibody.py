@@ -1,18 +1,20 @@
-"""Multibody benchmarks: drift of energy, a spatial arm, growth with length, closed loops.
+"""Multibody benchmarks: energy, a spatial arm, growth with length, loops, singular positions.
 
-Run it with ``python benchmarks/multibody.py [energy] [arm] [chain] [loop] [--full]``; it prints
-Markdown, all tables where none is named. ``--full`` follows the energy over 10 000 periods of the
-fastest mode, which takes some minutes for each scene, in place of 100. Times are of this machine
-and this run; counts are exact.
+Run it with ``python benchmarks/multibody.py [energy] [arm] [chain] [loop] [singular] [--full]``; it
+prints Markdown, all tables where none is named. ``--full`` follows the energy over 10 000 periods
+of the fastest mode, which takes some minutes for each scene, in place of 100. Times are of this
+machine and this run; counts are exact.
 """
 
 from __future__ import annotations
 
 import platform
+import re
 import sys
 import time
+import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,6 +35,9 @@ if TYPE_CHECKING:
 TOLERANCES = (1e-6, 1e-8, 1e-10, 1e-13)
 #: Times at which the energy is looked at: few, since every one of them ends a step.
 SAMPLES = 101
+METHODS = ("RK45", "DOP853", "Radau", "BDF", "LSODA", "cvode", "ida")
+#: Steps after which a run counts as caught in a singular position: twice what any other takes.
+PATIENCE = 10_000
 BODY = ("m", "cx", "cy", "cz", "ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
 #: Joint axes, offset to the next joint, mass, centre of mass and principal inertia of six links.
@@ -262,7 +267,55 @@ def loops() -> str:
     )
 
 
-TABLES: dict[str, Callable[[], str]] = {"arm": arms, "chain": chains, "loop": loops}
+# ---- singular positions
+
+
+def passage(model: Model, rows: Sequence[dict[str, Any]], method: str, tolerance: float) -> str:
+    """Run through singular positions; give the error at the end of it, or where the run stops."""
+    t = [row["t"] for row in rows]
+    settings = {"method": method, "rtol": tolerance, "atol": tolerance, "max_steps": PATIENCE}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # what they say goes into the table
+        result = model.simulate((0.0, t[-1]), t, **settings)
+    print(method, tolerance, result.message, file=sys.stderr, flush=True)
+    if not result.success:
+        stop = re.search(r"stopped at t = (\S+)", result.message)
+        return f"stops at {float(stop[1]):.2f}"
+    errors = []
+    for name in rows[0]["values"]:
+        expected = np.array([row["values"][name] for row in rows])
+        errors.append(np.abs(result[name] - expected).max() / np.abs(expected).max())
+    mark = "*" if "crossed" in result.message else ""
+    return f"{max(errors):.0e}{mark}"
+
+
+def singular() -> str:
+    reference = read_reference("iftomm_a02_fourbar_N2")
+    scene = scene_of(reference)
+    models = {"joints": scene.compile(), "bodies": scene.compile(tree=absolute_tree(scene))}
+    head, columns = ["method"], []
+    for name, model in models.items():
+        for tolerance in (1e-6, 1e-8, 1e-10):
+            head.append(f"{name}, {tolerance:.0e}")
+            rows = reference["reference"]
+            columns.append([passage(model, rows, method, tolerance) for method in METHODS])
+    counts = [sum(not cell.startswith("stops") for cell in cells) for cells in columns]
+    through = ["through, of them", *counts]
+    lines = [[method, *cells] for method, *cells in zip(METHODS, *columns, strict=True)]
+    return (
+        f"The N-four-bar, 10 s with five outputs, rtol = atol, {PATIENCE} steps at most: the "
+        "largest error of a quantity, as a share of its largest value, or the time [s] at which "
+        "the run stops with a message. A star: it says that a stretch was crossed with a looser "
+        "tolerance.\n\n" + table(head, [*lines, through])
+    )
+
+
+TABLES: dict[str, Callable[[], str]] = {
+    "arm": arms,
+    "chain": chains,
+    "loop": loops,
+    "singular": singular,
+}
 
 if __name__ == "__main__":
     given = [arg for arg in sys.argv[1:] if arg != "--full"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from bare_models import compiled
 from constrained_scenes import CONSTRAINED
 from newton_euler import NewtonEuler
 from random_scenes import CLOSING, random_loop, random_mechanism, random_scene, restarted
@@ -27,7 +28,7 @@ RELATIVE = 1e-11
 
 def check_model(scene, tree=None, state=None, t=0.3):
     """Residuals of a model's rates at a state, or at the closed state near a random one."""
-    model = scene.compile(tree=tree, optimize="-O0")
+    model = compiled(scene, tree)
     oracle = NewtonEuler(scene, states=model.states)
     assert model.states == oracle.states
     if state is None:
@@ -87,7 +88,7 @@ def test_trees_of_every_joint_obey_the_principle(seed):
 def test_the_length_of_a_quaternion_is_of_no_account(seed):
     scene = random_mechanism(seed, has_joint_laws=False)
     oracle = NewtonEuler(scene, joints_and_arms(scene))
-    model, n = scene.compile(tree=oracle.branches, optimize="-O0"), len(oracle.coordinates)
+    model, n = compiled(scene, oracle.branches), len(oracle.coordinates)
     longer = oracle.start
     for i, name in enumerate(model.states[:n]):
         if name.rpartition(".")[2] in ("q0", "q1", "q2", "q3"):
