@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bare_models import evaluated
+from fast_and_slow import cases, seeds
 from newton_euler import NewtonEuler
 from random_scenes import random_loop, random_mechanism, random_scene
 from scene_kinematics import COORDINATES, turn
@@ -29,13 +30,6 @@ WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
 RIGID = ("arm", "weld")
 SILENT = (*RIGID, "rigid_body")
 DRIVES = ("torque", "force")
-
-
-def seeds(n_fast, n_slow):
-    return [
-        *range(n_fast),
-        *(pytest.param(i, marks=pytest.mark.slow) for i in range(n_fast, n_slow)),
-    ]
 
 
 def joints_and_arms(scene):
@@ -185,9 +179,7 @@ def test_what_edges_exert_moves_every_body_of_a_plane_loop(seed):
 
 
 # Other seeds have springs about joints whose angle a chord does not know.
-@pytest.mark.parametrize(
-    "seed", [0, *(pytest.param(i, marks=pytest.mark.slow) for i in (1, 3, 4, 8, 9))]
-)
+@pytest.mark.parametrize("seed", cases([0], [1, 3, 4, 8, 9]))
 def test_what_edges_exert_moves_every_body_in_absolute_coordinates(seed):
     scene = random_scene(seed, 2)
     bodies = [n for n, e in scene.edges.items() if e.component.name in SILENT]
