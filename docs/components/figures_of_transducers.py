@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from drawing import FIRST, FREEDOM, INK, METAL, SECOND, THROUGH, Sheet, ring
-from symbols import LIQUID, Figures
-
-FIGURES = Figures()
+from drawing import FIRST, FREEDOM, INK, METAL, SECOND, THROUGH, Sheet, figure, ring
+from symbols import LIQUID
 
 
 def _terminals(s: Sheet, x: float, letter: str) -> None:
@@ -26,7 +24,7 @@ def _shaft(s: Sheet, start: float) -> None:
     s.text((1.5, 0.55), "w", FREEDOM)
 
 
-@FIGURES.draw
+@figure
 def dc_motor(s: Sheet) -> None:
     """Draw a machine with brushes."""
     _terminals(s, 0.0, "i")
@@ -37,7 +35,7 @@ def dc_motor(s: Sheet) -> None:
     _shaft(s, 0.62)
 
 
-@FIGURES.draw
+@figure
 def hydraulic_cylinder(s: Sheet) -> None:
     """Draw a piston in its cylinder."""
     s.face([(-0.8, -0.4), (0.7, -0.4), (0.7, 0.4), (-0.8, 0.4)], ("#ffffff", INK))
@@ -55,7 +53,7 @@ def hydraulic_cylinder(s: Sheet) -> None:
     s.text((-0.05, 0.6), "area", size=10)
 
 
-@FIGURES.draw
+@figure
 def hydraulic_machine(s: Sheet) -> None:
     """Draw a circle with a triangle of flow."""
     _terminals(s, -0.35, "q")
@@ -65,7 +63,7 @@ def hydraulic_machine(s: Sheet) -> None:
     _shaft(s, 0.62)
 
 
-@FIGURES.draw
+@figure
 def solenoid(s: Sheet) -> None:
     """Draw a coil with its plunger."""
     _terminals(s, -0.7, "i")

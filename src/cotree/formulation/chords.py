@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from cotree.components import Freedom, FreeRotation, Role
 from cotree.dag import vector
 from cotree.errors import ExpressionError, FormulationError, nearest
-from cotree.formulation.contact import Rolling, Slip, Spin
+from cotree.formulation.contact import Rolling, Slip
 from cotree.formulation.ends import Carried, Ends
 from cotree.formulation.fields import plane_axes
 from cotree.formulation.measures import (
@@ -23,6 +23,7 @@ from cotree.formulation.measures import (
     CoordinateMeasure,
     Cosine,
     Distance,
+    Spin,
 )
 
 if TYPE_CHECKING:

@@ -1,6 +1,7 @@
 """Linearisation of a model about a state, by the sensitivity graphs of its states and inputs.
 
-In: equations, their derivatives along inputs, and numbers. Out: x' = A x + B u, y = C x + D u for small deviations.
+In: equations, their derivatives along inputs, and numbers. Out: x' = A x + B u, y = C x + D u for
+small deviations.
 """
 
 from __future__ import annotations
