@@ -36,16 +36,15 @@ RESISTOR = resistance(
 def _root(pressure: Any, transition: Any) -> Any:
     """Give the square root with the sign of the pressure; below the transition a polynomial.
 
-    It meets the root with its first two derivatives, so that the slope at zero is finite.
+    It meets the root with its first two derivatives, so that the slope at zero is finite. Beyond
+    the transition its argument is one, and so is its value.
     """
     import sympy
 
-    u = pressure / transition
-    is_small = sympy.Abs(pressure) < transition
-    near = sympy.sqrt(transition) * u * (45 - 18 * u**2 + 5 * u**4) / 32
-    # The root is formed where it is not taken too, and must have a value there.
-    size = sympy.Piecewise((transition, is_small), (sympy.Abs(pressure), True))
-    return sympy.Piecewise((near, is_small), (pressure / sympy.sqrt(size), True))
+    size = sympy.Abs(pressure)
+    size = (size + transition + sympy.Abs(size - transition)) / 2  # the larger of both
+    u = pressure / size
+    return sympy.sqrt(size) * u * (45 - 18 * u**2 + 5 * u**4) / 32
 
 
 def _orifice(across: Any, area: Any, coefficient: Any, density: Any, transition: Any) -> Any:

@@ -77,11 +77,17 @@ class Law:
 
     @cached_property
     def partials(self) -> dict[str, Any]:
-        """The pre-formed partial derivatives, by argument; those that vanish are absent."""
+        """The pre-formed partial derivatives, by argument; those that vanish are absent.
+
+        The derivative of a sign is zero.
+        """
         import sympy
 
         derivatives = {
-            name: self.expression.diff(sympy.Symbol(name, real=True)) for name in self.arguments
+            name: self.expression.diff(sympy.Symbol(name, real=True)).replace(
+                sympy.DiracDelta, lambda *_: sympy.Integer(0)
+            )
+            for name in self.arguments
         }
         return {name: value for name, value in derivatives.items() if value != 0}
 

@@ -1,0 +1,198 @@
+"""Laws of hydraulic, thermal and chemical components against independent computations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from cotree import Scene
+from cotree.components import COMPONENTS
+from cotree.errors import SceneError
+
+TIGHT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-14}
+
+
+def law_of(name, which, **values):
+    """Give a terminal equation as a function of its variable, in SymPy's numbers."""
+    law = getattr(COMPONENTS[name].ports[0], which)
+    import sympy
+
+    variable = {"across": "through", "through": "across"}[which]
+    rest = {sympy.Symbol(key, real=True): value for key, value in values.items()}
+    expression = law.expression.subs(rest)
+    return sympy.lambdify(sympy.Symbol(variable, real=True), expression, "numpy")
+
+
+def test_an_orifice_is_smooth_and_odd():
+    flow = law_of("orifice", "through", area=2e-4, coefficient=0.6, density=900.0, transition=2.0)
+    p = np.array([2.0, 3.0, 1e3, 1e7])
+    exact = 0.6 * 2e-4 * np.sqrt(2 * p / 900.0)
+    np.testing.assert_allclose(flow(p), exact, rtol=1e-14)
+    np.testing.assert_allclose(flow(-p), -exact, rtol=1e-14)
+    # Values, slopes and curvatures from both sides of the transition.
+    for order, h in ((1, 1e-6), (2, 1e-4)):
+        steps = h * np.arange(3)
+        below, above = (np.diff(flow(2.0 + side * steps), order)[0] for side in (-1, 1))
+        sign = -1 if order == 1 else 1
+        assert abs(below * sign - above) < 20 * h * abs(above)  # the next derivative's share
+    assert np.all(np.diff(flow(np.linspace(-4, 4, 4001))) > 0.0)
+
+
+def test_both_forms_of_a_pump_are_inverse():
+    fields = {"pressure": 1e5, "resistance": 2e5, "quadratic": 3e6}
+    rise, flow = law_of("pump", "across", **fields), law_of("pump", "through", **fields)
+    p = np.linspace(-2e5, 3e5, 101)
+    np.testing.assert_allclose(rise(flow(p)), p, rtol=1e-12, atol=1e-6)
+    straight = law_of("pump", "through", **{**fields, "quadratic": 0.0})
+    np.testing.assert_allclose(straight(p), (p - 1e5) / 2e5, rtol=1e-14)
+
+
+def test_radiation_between_two_bodies():
+    scene = Scene("bodies")
+    start = {"A": 900.0, "B": 300.0}
+    for name, temperature in start.items():
+        scene.edge(name, "heat_capacitor", name, "ground", capacity=5.0, initial={"T": temperature})
+        scene.output(f"T{name}", f"{name}.T")
+    scene.edge("R", "radiation", "A", "B", area=0.1, emissivity=0.7)
+    result = scene.compile().simulate((0, 20), t_eval=[5.0, 20.0], **TIGHT)
+
+    def rates(t, y):
+        heat = 5.670374419e-8 * 0.1 * 0.7 * (y[0] ** 4 - y[1] ** 4)
+        return [-heat / 5.0, heat / 5.0]
+
+    exact = solve_ivp(rates, (0, 20), [900.0, 300.0], t_eval=[5.0, 20.0], **TIGHT)
+    np.testing.assert_allclose([result["TA"], result["TB"]], exact.y, rtol=1e-10)
+
+
+def test_an_elastic_pipe_is_a_pipe_between_two_halves():
+    def final(is_one):
+        scene = Scene("line")
+        scene.edge("T", "accumulator", "a", "ground", capacity=1e-9, initial={"p": 1e6})
+        scene.edge("S", "hydraulic_resistor", "a", "b", resistance=1e8)
+        fields = {"resistance": 1e7, "inertance": 1e6}
+        if is_one:
+            scene.edge("P", "pipe", "b", "c", capacity=4e-10, **fields)
+        else:
+            scene.edge("P", "pipe", "b", "c", **fields)
+            for node in ("b", "c"):
+                scene.edge(f"half_{node}", "accumulator", node, "ground", capacity=2e-10)
+        scene.edge("R", "hydraulic_resistor", "c", "ground", resistance=2e8)
+        scene.output("p", "c.p")
+        model = scene.compile()
+        assert len(model.states) == 4
+        return model.simulate((0, 0.3), **TIGHT)["p"][-1]
+
+    # Both are the same equations in another order.
+    assert final(True) == pytest.approx(final(False), rel=1e-9)
+
+
+def test_an_elastic_pipe_into_the_ground_has_one_half():
+    scene = Scene("outlet")
+    scene.edge("P", "pipe", "a", "ground", inertance=1e6, capacity=4e-10)
+    scene.edge("S", "flow_source", "ground", "a", flow=1e-3)
+    assert scene.compile().states == ("P.q", "P.plus.p")
+
+
+def test_a_pump_works_where_its_curve_meets_the_pipe():
+    scene = Scene("duty")
+    scene.edge("pump", "pump", "a", "ground", pressure=1e5, resistance=1e5, quadratic=1e6)
+    scene.edge("P", "pipe", "a", "ground", resistance="4e6*abs(P.q)", inertance=1e4)
+    scene.output("q", "P.q")
+    q = scene.compile().simulate((0, 5), **TIGHT)["q"][-1]
+    exact = brentq(lambda q: 1e5 - 1e5 * q - 1e6 * q * q - 4e6 * q * q, 0.0, 1.0, xtol=1e-15)
+    assert q == pytest.approx(exact, rel=1e-9)
+
+
+def test_a_reversible_reaction_comes_to_its_equilibrium():
+    scene = Scene("equilibrium")
+    for name, start in {"A": 1.0, "B": 2.0, "C": 0.0}.items():
+        scene.edge(name, "species", name, "ground", volume=0.5, initial={"c": start})
+        scene.output(f"c{name}", f"{name}.c")
+    scene.edge(
+        *("R", "reaction"),
+        **{"reactants": ["A", "B", "B"], "products": ["C"], "rate": 3.0, "reverse_rate": 0.5},
+        volume=0.5,
+    )
+    scene.output("taken", "R.B.n")
+    scene.output("made", "-R.C.n")
+    result = scene.compile().simulate((0, 30), method="BDF", rtol=1e-10, atol=1e-12)
+    a, b, c = (result[f"c{name}"] for name in "ABC")
+    np.testing.assert_allclose(a + c, 1.0, atol=1e-9)
+    np.testing.assert_allclose(b + 2 * c, 2.0, atol=1e-9)
+    np.testing.assert_allclose(result["taken"], 2 * result["made"], atol=1e-12)
+    assert 3.0 * a[-1] * b[-1] ** 2 == pytest.approx(0.5 * c[-1], rel=1e-7)
+
+
+def test_a_catalyst_is_not_used_up():
+    scene = Scene("catalyst")
+    for name, start in {"A": 1.0, "K": 0.2}.items():
+        scene.edge(name, "species", name, "ground", volume=1.0, initial={"c": start})
+        scene.output(f"c{name}", f"{name}.c")
+    scene.edge("R", "reaction", reactants=["A", "K"], products=["K"], rate=4.0)
+    result = scene.compile().simulate((0, 2), **TIGHT)
+    np.testing.assert_allclose(result["cK"], 0.2, rtol=1e-15)
+    np.testing.assert_allclose(result["cA"], np.exp(-0.8 * result.t), rtol=1e-10)
+
+
+def test_michaelis_and_menten():
+    scene = Scene("enzyme")
+    scene.edge("S", "species", "S", "ground", volume=1.0, initial={"c": 2.0})
+    scene.edge("P", "species", "P", "ground", volume=1.0)
+    scene.edge("R", "reaction", reactants=["S"], products=["P"], rate="0.7/(0.4 + S.c)")
+    scene.output("s", "S.c")
+    result = scene.compile().simulate((0, 2), **TIGHT)
+    s = result["s"]
+    # K log(s / s0) + s - s0 = -V t
+    left = 0.4 * np.log(s / 2.0) + s - 2.0
+    np.testing.assert_allclose(left, -0.7 * result.t, atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({}, "needs reactants or products"),
+        ({"reactants": "A"}, "must be a list of names of nodes"),
+        ({"reactants": ["A", 3]}, "must be a list of names of nodes"),
+        ({"reactants": ["A"], "product": ["B"]}, "has no field 'product'"),
+        ({"reactants": ["ground"]}, "are both node 'ground'"),
+        ({"reactants": ["A b"]}, "A b"),
+    ],
+)
+def test_reactions_that_are_none(fields, message):
+    with pytest.raises(SceneError, match=message):
+        Scene("s").edge("R", "reaction", rate=1.0, **fields)
+
+
+def test_a_cell_by_a_table():
+    scene = Scene("cell")
+    curve = {"of": "U.soc", "x": [0.0, 1.0], "y": [3.0, 4.0]}
+    start = {"soc": 0.9}
+    scene.edge(
+        *("U", "open_circuit_voltage", "p", "ground"), voltage=curve, capacity=10.0, initial=start
+    )
+    scene.edge("R", "resistor", "p", "ground", resistance=2.0)
+    scene.output("v", "p.v")
+    scene.output("soc", "U.soc")
+    model = scene.compile(["U.soc"])
+    assert model.states == ("U.soc",)
+    result = model.simulate((0, 3), **TIGHT)
+    decay = np.exp(-result.t / 20.0)
+    np.testing.assert_allclose(result["v"], 3.9 * decay, rtol=1e-11)
+    np.testing.assert_allclose(result.sensitivity("v", "U.soc"), decay, rtol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ({"of": "t", "x": [0, 1]}, "give 'of', an expression"),
+        ({"of": "t", "x": [0, 1], "y": [1]}, "as many values as x"),
+        ({"of": "t", "x": [1, 0], "y": [1, 2]}, "x that increase"),
+        ({"of": "t", "x": [0, 1], "y": [1, "a"]}, "as many numbers each"),
+        ({"of": "t +", "x": [0, 1], "y": [1, 2]}, "is not an expression"),
+    ],
+)
+def test_tables_that_are_none(table, message):
+    with pytest.raises(SceneError.__mro__[1], match=message):
+        Scene("s").edge("V", "voltage_source", "a", "ground", voltage=table)
