@@ -1,7 +1,8 @@
 """Expression strings: parsed by a small grammar, never evaluated as Python.
 
-An expression may hold numbers, names, ``edge.coordinate``, ``+ - * / **``, parentheses and the
-functions of :data:`FUNCTIONS`. It is checked when a scene is made and turned into nodes later.
+An expression may hold numbers, names, ``edge.coordinate``, ``edge.port.variable``, ``+ - * / **``,
+parentheses and the functions of :data:`FUNCTIONS`. It is checked when a scene is made and turned
+into nodes later.
 """
 
 from __future__ import annotations
@@ -171,8 +172,8 @@ def _check(tree: ast.expr, names: set[str], depth: int) -> None:
                 raise ExpressionError(f"holds {_shown(value)}, which is no finite number")
         case ast.Name(id=name):
             names.add(name)
-        case ast.Attribute(value=ast.Name(id=edge), attr=attribute):
-            names.add(f"{edge}.{attribute}")
+        case ast.Attribute() if name := _dotted(tree):
+            names.add(name)
         case ast.BinOp(left=left, op=op, right=right):
             if type(op) not in _BINARY:
                 raise ExpressionError("holds an operator that is not one of + - * / **")
@@ -194,6 +195,16 @@ def _check(tree: ast.expr, names: set[str], depth: int) -> None:
             )
 
 
+def _dotted(tree: ast.expr) -> str:
+    """Give ``edge.variable`` or ``edge.port.variable``; nothing for other trees."""
+    match tree:
+        case ast.Attribute(value=ast.Name(id=edge), attr=variable):
+            return f"{edge}.{variable}"
+        case ast.Attribute(value=ast.Attribute(value=ast.Name(id=edge), attr=port), attr=variable):
+            return f"{edge}.{port}.{variable}"
+    return ""
+
+
 def _lower(tree: ast.expr, dag: Dag, resolve: Callable[[str], Node]) -> Node:
     """Turn a checked tree into a node."""
     match tree:
@@ -203,8 +214,8 @@ def _lower(tree: ast.expr, dag: Dag, resolve: Callable[[str], Node]) -> Node:
             return dag.constant(math.pi)
         case ast.Name(id=name):
             return resolve(name)
-        case ast.Attribute(value=ast.Name(id=edge), attr=attribute):
-            return resolve(f"{edge}.{attribute}")
+        case ast.Attribute():
+            return resolve(_dotted(tree))
         case ast.BinOp(left=left, op=op, right=right):
             return _BINARY[type(op)](_lower(left, dag, resolve), _lower(right, dag, resolve))
         case ast.UnaryOp(op=op, operand=operand):

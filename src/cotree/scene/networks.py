@@ -175,7 +175,9 @@ def _chosen(
                 raise
             return 0.0, None
         total += sum(weights[name] for name in trees[domain].branches)
-    wanted = {name for name, weight in choice.items() if weight == _ALWAYS}
+    # What must be a branch: one left out lies in a loop of its like, which contradicts itself.
+    given = float(Kind.ACROSS_SOURCE.value)
+    wanted = {name for name in weights if weights[name] in (_ALWAYS, given)}
     if not wanted <= {name for tree in trees.values() for name in tree.branches}:
         return 0.0, None
     return total, trees

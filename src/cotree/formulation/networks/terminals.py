@@ -135,9 +135,10 @@ class Terminals:
     def _residual(self, quantity: str, name: str) -> Rule:
         port = self.ports[name]
         terminal = port.terminal
-        if quantity == "across":
+        is_storage = port.kind in (Kind.ACROSS_STORAGE, Kind.THROUGH_STORAGE)
+        if quantity == "across" and not is_storage:
             return self._lawful(port, across_residual(terminal))
-        if quantity == "through":
+        if quantity == "through" and not is_storage:
             return self._lawful(port, through_residual(terminal))
         if name in self.states:
             return self._lawful(port, stored_residual(terminal, quantity == "across_rate"))
