@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from cotree.equations import spread
 from cotree.export.spelling import (
     acceleration_name,
     latex_subscript,
@@ -203,7 +204,7 @@ def symbolic_equations(equations: Equations) -> SymbolicEquations:
         own = names.known_along(equations, direction)
         along = to_sympy(direction.forcing, known | own)
         sensitivity[name] = _balances(matrix, names.unknowns(name), along, n_speeds)
-        values = to_sympy(direction.initial, known)
+        values = to_sympy(spread(direction.initial, len(names.states), equations.dag.zero), known)
         initial |= {(s, name): v for s, v in zip(names.states, values, strict=True)}
     return SymbolicEquations(
         governing=_balances(matrix, names.unknowns(), to_sympy(equations.forcing, known), n_speeds),

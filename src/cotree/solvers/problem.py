@@ -18,6 +18,8 @@ from cotree.errors import SolveError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from scipy.sparse import csc_matrix
+
 FloatArray = npt.NDArray[np.float64]
 
 
@@ -66,6 +68,9 @@ class Problem:
         with ``project``.
     constraints : tuple of str
         Names of the constraints' residuals.
+    sparse_jacobian : callable or None
+        ``sparse_jacobian(t, y)``, the same Jacobian in SciPy's CSC form, of one pattern at all
+        points; given where it has few entries, and then taken wherever a method can.
     singular : callable or None
         ``singular(t, z)`` names the edges whose constraints are nearly dependent at a point. With
         it the right-hand side is evaluated at projected points; see :mod:`cotree.solvers.passage`.
@@ -90,11 +95,20 @@ class Problem:
     residual: Callable[[float, FloatArray], FloatArray] | None = None
     constraints: tuple[str, ...] = ()
     singular: Callable[[float, FloatArray], tuple[str, ...]] | None = None
+    sparse_jacobian: Callable[[float, FloatArray], csc_matrix] | None = None
 
     @property
     def size(self) -> int:
         """Return the length of z."""
         return self.n_states * (1 + self.n_sensitivities)
+
+    @property
+    def is_sparse(self) -> bool:
+        """Return whether methods iterate with a sparse Jacobian.
+
+        Below the blocks of sensitivities stand differences, which are dense.
+        """
+        return self.sparse_jacobian is not None and self.n_sensitivities == 0
 
     @property
     def direction(self) -> float:
