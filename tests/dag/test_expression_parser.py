@@ -64,7 +64,7 @@ def test_names_are_collected():
 NASTY = [
     "__import__('os').system('true')",
     "__import__('os')",
-    "a.b.c",
+    "a.b.c.d",
     "a.b()",
     "().__class__",
     "x[0]",

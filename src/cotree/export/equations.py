@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from cotree.equations import spread
 from cotree.export.spelling import (
     acceleration_name,
     latex_subscript,
@@ -210,12 +211,13 @@ def symbolic_equations(equations: Equations) -> SymbolicEquations:
         name = direction.name
         own = names.known_along(equations, direction)
         along = to_sympy(direction.forcing, known | own)
-        rates = to_sympy(direction.rates[n:], known | own)
+        zero, n_states = equations.dag.zero, len(names.states)
+        rates = to_sympy(spread(direction.rates, n_states, zero)[n:], known | own)
         sensitivity[name] = (
             *_balances(matrix, names.unknowns(name), along, n_speeds),
             *names.network_balances(rates, name),
         )
-        values = to_sympy(direction.initial, known)
+        values = to_sympy(spread(direction.initial, n_states, zero), known)
         initial |= {(s, name): v for s, v in zip(names.states, values, strict=True)}
     return SymbolicEquations(
         governing=(

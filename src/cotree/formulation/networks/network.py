@@ -199,7 +199,7 @@ def _bind_fields(
     """Turn the fields of all components into nodes."""
     fields: dict[tuple[str, str], Node] = {}
     measured: dict[Node, Variable] = {}
-    guards: list[Guard] = []
+    guards: dict[tuple[Node, str], Guard] = {}
 
     def resolve(name: str) -> Node:
         variable = names.variable(name)
@@ -223,10 +223,11 @@ def _bind_fields(
             if row.sign and _is_constant(node):
                 guard = Guard(node, f"{field} of edge '{edge.name}'", row.sign == "positive")
                 if node.value is None:
-                    guards.append(guard)
+                    # Where several edges share a value, the first is named.
+                    guards.setdefault((node, row.sign), guard)
                 else:
                     guard.check(node.value)
-    return fields, measured, guards
+    return fields, measured, list(guards.values())
 
 
 def _is_constant(node: Node) -> bool:
