@@ -21,7 +21,8 @@ from cotree.errors import Error, FormulationError
 from cotree.model.kernels import PythonKernels
 from cotree.model.linearize import Linearizer
 from cotree.model.model import CompiledModel
-from cotree.pipeline import formulate, generate
+from cotree.pipeline import formulate
+from cotree.sensitivity.graphs import form_equations, generate, input_columns
 
 if TYPE_CHECKING:
     from cotree import Scene
@@ -115,7 +116,8 @@ def test_transfer_functions_of_random_networks(chunk):
             continue  # a storage is tied to it
         p = np.array([row.value for row in scene.parameters.values()])
         n_states = len(first.states)
-        linear = Linearizer(first).at(0.0, np.zeros(n_states), p, np.zeros(len(network.sources)))
+        linearizer = Linearizer(form_equations(first, ()), input_columns(first))
+        linear = linearizer.at(0.0, np.zeros(n_states), p, np.zeros(len(network.sources)))
         for s in (0.1 + 0.2j, 1.3j, 2.0 - 0.7j):
             inside = np.linalg.solve(s * np.eye(n_states) - linear.A, linear.B)
             expected = tableau.transfer(s)
