@@ -21,8 +21,8 @@ from cotree.errors import Error, FormulationError
 from cotree.model.kernels import PythonKernels
 from cotree.model.linearize import Linearizer
 from cotree.model.model import CompiledModel
-from cotree.pipeline import formulate
-from cotree.sensitivity.graphs import form_equations, generate, input_columns
+from cotree.pipeline import formulate, generate
+from cotree.sensitivity.graphs import form_equations, input_columns
 
 if TYPE_CHECKING:
     from cotree import Scene

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -162,7 +163,7 @@ def _make_cvode(evaluator: Evaluator, t: float, z: FloatArray) -> Any:
             values[pattern.entries] = evaluator.sparse_jacobian(t, z).data
 
         options["jacfn"] = sparse
-    solver = _sksundae("cvode").CVODE(rhs, **options)
+    solver = _made(_sksundae("cvode").CVODE, rhs, options)
     solver.init_step(t, z)
     return solver
 
@@ -214,9 +215,16 @@ def _make_ida(evaluator: Evaluator, t: float, z: FloatArray) -> Any:
             values[pattern.diagonal] += cj
 
         options["jacfn"] = sparse
-    solver = _sksundae("ida").IDA(residual, **options)
+    solver = _made(_sksundae("ida").IDA, residual, options)
     solver.init_step(t, z, mass * evaluator.rhs(t, z))
     return solver
+
+
+def _made(make: Any, function: Any, options: dict[str, Any]) -> Any:
+    with warnings.catch_warnings():
+        # It says that the pattern is not used for differences, which nobody asked for.
+        warnings.filterwarnings("ignore", "Custom sparse Jacobian")
+        return make(function, **options)
 
 
 def _options(problem: Problem) -> dict[str, Any]:
