@@ -105,7 +105,7 @@ class Scene(SceneDescription):
             warnings.warn(sentence, RuntimeWarning, stacklevel=2)
         for name in model.unreached:
             warnings.warn(
-                f"no state depends on parameter '{name}': its sensitivities are all zero",
+                f"no state or output depends on parameter '{name}': its sensitivities are all zero",
                 RuntimeWarning,
                 stacklevel=2,
             )

@@ -104,7 +104,8 @@ def draw_graphs(
     if not mechanics.edges:
         graphs, trees = {}, {}
     _, networks, normal = draw_networks(scene)
-    return {**graphs, **networks}, {**trees, **normal}
+    across = {domain: tree.across for domain, tree in normal.items()}
+    return {**graphs, **networks}, {**trees, **across}
 
 
 def check_edges(scene: SceneDescription) -> None:

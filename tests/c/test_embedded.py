@@ -267,3 +267,20 @@ def test_a_short_pulse_of_an_input_table_is_not_stepped_over(compiler: str, tmp_
     # The pulse is piecewise linear between stops, where order 5 is exact but for rounding.
     assert float(lines["j.s_dot"]) == pytest.approx(1.0, abs=1e-9)
     assert float(lines["j.s"]) == pytest.approx(10.0 - 5.005, abs=1e-9)
+
+
+def test_a_short_pulse_of_every_period_is_not_stepped_over(compiler: str, tmp_path: Path) -> None:
+    """1 kg at rest, a blow of 1 N s within a microsecond at 0.1, 0.35, 0.6 and 0.85 s."""
+    scene = SceneDescription("blows")
+    scene.parameter("period", 0.25)
+    scene.parameter("width", 1e-6)
+    force = "max(0, 1 - abs(mod(t - 0.1, period) - width)/width)/width"
+    scene.edge("j", "prismatic", "ground", "A", axis=[1, 0, 0], force=force)
+    scene.edge("b", "rigid_body", "ground", "A", mass=1.0)
+    program, _ = generate(formulate(scene, [], None)[1])
+    project = write_c_project(program, tmp_path, t_end=1.0, rtol=1e-8, atol=1e-10)
+    sources = [path.name for path in project.files if path.suffix == ".c"]
+    run([compiler, "-std=c99", "-O1", *STRICT, *SANITIZE, "-o", "blows", *sources, "-lm"], tmp_path)
+    lines = dict(line.split(" = ") for line in run(["./blows"], tmp_path).splitlines())
+    # Times have a rounding of 1e-16, which the width of 1e-6 makes 1e-10 of a blow.
+    assert float(lines["j.s_dot"]) == pytest.approx(4.0, abs=1e-8)

@@ -125,7 +125,7 @@ def test_run_warns_of_a_parameter_that_reaches_nothing(
     assert main(["run", forced, "--t-end", "1", "--input", "F=1", "-s", "idle", "-s", "a"]) == 0
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1
-    assert lines[0].startswith("cotree: warning: no state depends on parameter 'idle'")
+    assert lines[0].startswith("cotree: warning: no state or output depends on parameter 'idle'")
 
 
 def test_run_warns_where_there_is_no_compiler(

@@ -5,15 +5,19 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from cotree.components import (
+    battery,
     chemical,
     constraints,
     electrical,
+    electrical_couplings,
+    electrical_sources,
     electrochemical,
     forces,
     hydraulic,
     joints,
     mechanical,
     rigid_body,
+    semiconductors,
     thermal,
     transducers,
 )
@@ -29,6 +33,7 @@ from cotree.components.component import (
 )
 from cotree.components.law import Law
 from cotree.components.register import make_component
+from cotree.components.register_network import make_network_component
 from cotree.components.terminal import Integral, Kind, Terminal, integral_of
 from cotree.errors import SceneError
 
@@ -40,7 +45,8 @@ COMPONENTS: dict[str, Component] = {
     row.name: row
     for family in (
         *(rigid_body, joints, constraints, forces),
-        *(electrical, hydraulic, thermal, mechanical, chemical, electrochemical, transducers),
+        *(electrical, electrical_sources, electrical_couplings, semiconductors, battery),
+        *(hydraulic, thermal, mechanical, chemical, electrochemical, transducers),
     )
     for row in family.COMPONENTS
 }
@@ -48,16 +54,20 @@ COMPONENTS: dict[str, Component] = {
 
 def register_component(
     name: str,
-    law: Callable[..., Any],
+    law: Callable[..., Any] | Mapping[str, Callable[..., Any]],
     *,
+    domain: str = "",
     along: str = "line",
     units: Mapping[str, str] | None = None,
     doc: str = "",
+    **ports: Any,
 ) -> Component:
-    """Register a force element with a law of your own, for every scene made afterwards.
+    """Register a component with a law of your own, for every scene made afterwards.
 
-    Its sensitivity terminal equations come from the law; parameters as in
-    :func:`cotree.components.register.make_component`.
+    Its sensitivity terminal equations come from the law. Without ``domain`` it is a force element
+    of multibody systems, with parameters as in
+    :func:`cotree.components.register.make_component`. With one it is a component of that graph,
+    with parameters as in :func:`cotree.components.register_network.make_network_component`.
 
     Raises
     ------
@@ -69,10 +79,20 @@ def register_component(
     >>> drag = register_component("air_drag", lambda speed, c: -c * speed**2, along="velocity")
     >>> [field.name for field in drag.fields]
     ['c']
+    >>> lamp = register_component(
+    ...     "lamp", lambda across, k: k * across**3, domain="electrical", units={"k": "A/V^3"}
+    ... )
+    >>> lamp.ports[0].kind.name
+    'DISSIPATOR'
     """
     if name in OWN:
         raise SceneError(f"the component '{name}' comes with cotree: choose another name")
-    made = make_component(name, law, along=along, units=units, doc=doc)
+    if domain:
+        made = make_network_component(name, law, domain=domain, units=units, doc=doc, **ports)
+    elif ports or not callable(law):
+        raise SceneError(f"component '{name}' has ports: name the domain of their graph")
+    else:
+        made = make_component(name, law, along=along, units=units, doc=doc)
     COMPONENTS[name] = made
     return made
 

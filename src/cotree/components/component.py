@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from cotree.components.law import Law
-    from cotree.components.terminal import Terminal
+    from cotree.components.terminal import Measure, Terminal
 
 
 class Role(Enum):
@@ -41,6 +41,7 @@ class Shape(Enum):
     VECTOR = "vector"  # three components
     EXPRESSION = "expression"  # an expression of across variables, kept as it is written
     NAMES = "names"  # names of nodes, as often as they count
+    NUMBERS = "numbers"  # a list of numbers
     ROTATION = "rotation"  # roll, pitch and yaw about fixed axes, or a matrix of three rows
     INERTIA = "inertia"  # a scalar, three principal values, or a symmetric 3 by 3 tensor
 
@@ -140,6 +141,22 @@ class Plane:
     within: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True)
+class Demand:
+    """What the fields of a component must satisfy together, where parameters decide it.
+
+    Attributes
+    ----------
+    law : Law
+        Of fields; what it gives must be positive.
+    breach : str
+        What is wrong where it is not, after the name of the edge.
+    """
+
+    law: Law
+    breach: str
+
+
 #: See :attr:`Component.adapt`.
 Adapt = Callable[
     [str, Sequence[object], Mapping[str, Any]],
@@ -181,6 +198,10 @@ class Component:
         Where ports depend on what a scene says: takes the edge's name, its nodes as listed and
         its fields as given; gives the component as it is there, the nodes, and the fields that
         remain.
+    measures : tuple of Measure
+        Of a scalar component: sums of variables of its ports, under names of its own.
+    demands : tuple of Demand
+        What its fields must satisfy together.
     """
 
     name: str
@@ -196,6 +217,8 @@ class Component:
     terminals: tuple[str, ...] = ()
     loss: Law | None = None
     adapt: Adapt | None = None
+    measures: tuple[Measure, ...] = ()
+    demands: tuple[Demand, ...] = ()
 
     @property
     def n_freedoms(self) -> int:

@@ -1,114 +1,62 @@
-"""Electrical components: across is plus minus minus, through flows from plus to minus inside."""
+"""Electrical elements of two nodes: across is plus minus minus, through flows from plus to minus.
+
+Sources, couplings and semiconductors have modules of their own.
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
-from cotree.components.component import Component, Field, Role
 from cotree.components.law import Law
+from cotree.components.ports import across_storage, one_port, optional, resistance, value
 from cotree.components.terminal import Kind, Terminal
 
 _DOMAIN = "electrical"
 
-
-def _one_port(name: str, doc: str, fields: tuple[Field, ...], terminal: Terminal) -> Component:
-    return Component(
-        name, Role.NETWORK, doc, fields=fields, domains=(terminal.domain,), ports=(terminal,)
-    )
-
-
-def value(name: str, unit: str, doc: str, sign: str = "positive") -> Field:
-    """Make the field of a law: an expression of anything, of a sign where it is constant."""
-    return Field(name, unit, doc, required=True, constant=False, sign=sign)
-
-
-RESISTOR = _one_port(
-    "resistor",
-    "linear resistance",
-    (value("resistance", "ohm", "voltage per current"),),
-    Terminal(
-        _DOMAIN,
-        Kind.DISSIPATOR,
-        across=Law(lambda through, resistance: resistance * through),
-        through=Law(lambda across, resistance: across / resistance),
-    ),
+RESISTOR = resistance(
+    _DOMAIN, "resistor", "linear resistance", value("resistance", "ohm", "voltage per current")
 )
 
-CAPACITOR = _one_port(
+CAPACITOR = across_storage(
+    _DOMAIN,
     "capacitor",
     "linear capacitance, or one that depends on states",
-    (value("capacitance", "F", "current per rate of voltage"),),
-    Terminal(_DOMAIN, Kind.ACROSS_STORAGE, storage=Law(lambda capacitance: capacitance)),
+    value("capacitance", "F", "current per rate of voltage"),
 )
 
-INDUCTOR = _one_port(
+INDUCTOR = one_port(
     "inductor",
     "linear inductance, or one that depends on states",
     (value("inductance", "H", "voltage per rate of current"),),
     Terminal(_DOMAIN, Kind.THROUGH_STORAGE, storage=Law(lambda inductance: inductance)),
 )
 
-VOLTAGE_SOURCE = _one_port(
-    "voltage_source",
-    "given voltage",
-    (value("voltage", "V", "plus minus minus", sign=""),),
-    Terminal(_DOMAIN, Kind.ACROSS_SOURCE, across=Law(lambda voltage: voltage)),
-)
 
-CURRENT_SOURCE = _one_port(
-    "current_source",
-    "given current, from plus to minus inside",
-    (value("current", "A", "from plus to minus inside", sign=""),),
-    Terminal(_DOMAIN, Kind.THROUGH_SOURCE, through=Law(lambda current: current)),
-)
-
-
-def _diode(across: Any, saturation_current: Any, thermal_voltage: Any) -> Any:
+def _contact(closed: Any, on_resistance: Any, off_resistance: Any) -> Any:
+    """Give the resistance of a contact: a mean of logarithms between open and closed."""
     import sympy
 
-    return saturation_current * (sympy.exp(across / thermal_voltage) - 1)
+    share = sympy.Piecewise((0, closed <= 0), (1, closed >= 1), (closed, True))
+    return off_resistance * sympy.exp(share * sympy.log(on_resistance / off_resistance))
 
 
-DIODE = _one_port(
-    "diode",
-    "Shockley diode: I (exp(v / V) - 1)",
+def _switch_voltage(through: Any, closed: Any, on_resistance: Any, off_resistance: Any) -> Any:
+    return _contact(closed, on_resistance, off_resistance) * through
+
+
+def _switch_current(across: Any, closed: Any, on_resistance: Any, off_resistance: Any) -> Any:
+    return across / _contact(closed, on_resistance, off_resistance)
+
+
+SWITCH = one_port(
+    "switch",
+    "resistance between open and closed",
     (
-        value("saturation_current", "A", "I"),
-        Field("thermal_voltage", "V", "V", default=0.02585, constant=False, sign="positive"),
+        value("closed", "1", "open up to 0, closed from 1 on, between them in between", ""),
+        optional("on_resistance", "ohm", "where it is closed", 1e-3, "positive"),
+        optional("off_resistance", "ohm", "where it is open", 1e9, "positive"),
     ),
-    Terminal(_DOMAIN, Kind.DISSIPATOR, through=Law(_diode)),
+    Terminal(_DOMAIN, Kind.DISSIPATOR, across=Law(_switch_voltage), through=Law(_switch_current)),
 )
 
-TRANSFORMER = Component(
-    "transformer",
-    Role.NETWORK,
-    "ideal transformer: voltage of the primary is ratio times that of the secondary",
-    fields=(value("ratio", "1", "turns of the primary for each of the secondary", sign=""),),
-    domains=(_DOMAIN,),
-    ports=(
-        Terminal(
-            _DOMAIN,
-            Kind.COUPLED,
-            "primary",
-            across=Law(lambda across_secondary, ratio: ratio * across_secondary),
-            through=Law(lambda through_secondary, ratio: -through_secondary / ratio),
-        ),
-        Terminal(
-            _DOMAIN,
-            Kind.COUPLED,
-            "secondary",
-            across=Law(lambda across_primary, ratio: across_primary / ratio),
-            through=Law(lambda through_primary, ratio: -ratio * through_primary),
-        ),
-    ),
-)
-
-COMPONENTS = (
-    RESISTOR,
-    CAPACITOR,
-    INDUCTOR,
-    VOLTAGE_SOURCE,
-    CURRENT_SOURCE,
-    DIODE,
-    TRANSFORMER,
-)
+COMPONENTS = (RESISTOR, CAPACITOR, INDUCTOR, SWITCH)

@@ -79,14 +79,18 @@ class Law:
     def partials(self) -> dict[str, Any]:
         """The pre-formed partial derivatives, by argument; those that vanish are absent.
 
-        The derivative of a sign is zero.
+        The derivatives of a sign and of a floor are zero.
         """
         import sympy
 
+        # SymPy leaves the derivative of a floor as it is.
+        floors = {item: sympy.Dummy(real=True) for item in self.expression.atoms(sympy.floor)}
+        fixed = self.expression.subs(floors)
+        back = {dummy: item for item, dummy in floors.items()}
         derivatives = {
-            name: self.expression.diff(sympy.Symbol(name, real=True)).replace(
-                sympy.DiracDelta, lambda *_: sympy.Integer(0)
-            )
+            name: fixed.diff(sympy.Symbol(name, real=True))
+            .replace(sympy.DiracDelta, lambda *_: sympy.Integer(0))
+            .subs(back)
             for name in self.arguments
         }
         return {name: value for name, value in derivatives.items() if value != 0}

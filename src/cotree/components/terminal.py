@@ -14,7 +14,11 @@ from cotree.domains import DOMAINS
 
 
 class Kind(Enum):
-    """What an edge is to the normal tree: the first become branches before the last."""
+    """What an edge is to the normal tree: the first become branches before the last.
+
+    A nullator says that both of its variables are zero, a norator says nothing of either. Circuits
+    are drawn with the nullator as a branch and the norator as a chord, cutsets the other way.
+    """
 
     ACROSS_SOURCE = 0  # an across variable that is given; always a branch
     ACROSS_STORAGE = 1  # capacitors, tanks, masses: through = capacity * rate of across
@@ -23,6 +27,8 @@ class Kind(Enum):
     THROUGH_STORAGE = 4  # inductors: across = inertance * rate of through
     SPRING = 5  # through by the integral of across; a branch only among its like
     THROUGH_SOURCE = 6  # a through variable that is given; always a chord
+    NULLATOR = 7
+    NORATOR = 8
 
 
 @dataclass(frozen=True)
@@ -40,6 +46,23 @@ class Integral:
     name: str
     unit: str
     rate: Law
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A sum of variables of a component's ports that outputs and fields may name.
+
+    Attributes
+    ----------
+    name, unit : str
+        It is called ``edge.name``.
+    terms : tuple of (int, str, str)
+        Signs, ``across`` or ``through``, and ports.
+    """
+
+    name: str
+    unit: str
+    terms: tuple[tuple[int, str, str], ...]
 
 
 @dataclass(frozen=True)
@@ -73,7 +96,8 @@ class Terminal:
     is_passive : bool
         Whether linear equations made of it are symmetric and positive definite.
     between : tuple of str
-        Of a component whose ports share nodes: the terminals at head and tail; ``ground`` is one.
+        Of a component whose ports share nodes: the terminals at head and tail; ``ground`` is one,
+        and a name that is none stands for a node within the component.
     integral : Integral or None
         What ``stretch`` is; the integral of across, where the domain has a name for it.
     is_inertial : bool

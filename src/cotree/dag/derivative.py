@@ -66,6 +66,7 @@ PARTIALS: dict[str, tuple[Partial | None, ...]] = {
     "log": (lambda n: 1.0 / n.args[0],),
     "abs": (_d_abs,),
     "sign": (None,),
+    "floor": (None,),
     "atan2": (lambda n: n.args[1] / _norm2(n), lambda n: -(n.args[0] / _norm2(n))),
     "pow": (_d_pow_base, _d_pow_exponent),
     "select": (

@@ -15,6 +15,7 @@ _Maker = Callable[["Dag", Mapping[str, "Node"]], "Node"]
 _FUNCTIONS = {
     **{name: name for name in ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh")},
     **{"tanh": "tanh", "exp": "exp", "log": "log", "Abs": "abs", "sign": "sign", "atan2": "atan2"},
+    "floor": "floor",
 }
 
 
@@ -61,6 +62,8 @@ def _maker(expression: Any) -> _Maker:
     if expression.is_Pow:
         base, exponent = parts
         return lambda dag, arguments: base(dag, arguments) ** exponent(dag, arguments)
+    if name == "Heaviside":  # the derivative of Max and Min
+        return lambda dag, arguments: dag.select(parts[0](dag, arguments), dag.one, dag.zero)
     if name in ("Max", "Min"):
         return lambda dag, arguments: _extreme(name, [part(dag, arguments) for part in parts], dag)
     if name not in _FUNCTIONS:

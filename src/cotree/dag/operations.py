@@ -67,6 +67,10 @@ def _complex_atan2(y: complex, x: complex) -> complex:
     return math.atan2(y0, x0) + cmath.atan((x0 * y - y0 * x) / (x0 * x + y0 * y))
 
 
+def _complex_floor(x: complex) -> float:
+    return math.floor(complex(x).real)
+
+
 def _select(condition: float, accepted: float, refused: float) -> float:
     return accepted if condition >= 0.0 else refused
 
@@ -107,6 +111,7 @@ _ROWS = (
         np.sign,
         "(double)(({0} > 0.0) - ({0} < 0.0))",
     ),
+    Operation("floor", 1, lambda x: float(math.floor(x)), _complex_floor, np.floor, "floor({0})"),
     Operation("atan2", 2, math.atan2, _complex_atan2, np.arctan2, "atan2({0}, {1})"),
     Operation("pow", 2, math.pow, operator.pow, np.power, "pow({0}, {1})"),
     Operation(

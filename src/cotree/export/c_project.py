@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 from cotree.codegen.context import model_context
 from cotree.codegen.printer_c import literal
 from cotree.codegen.render import render, render_model
+from cotree.dag.evaluate import evaluate
 from cotree.errors import CodegenError, SceneError
 from cotree.model.kernels import PythonKernels
 from cotree.model.model import CompiledModel
@@ -72,8 +73,9 @@ class MainContext:
         C literals.
     guards : list of str
         A C string for each guard of ``prepare``: what it demands.
-    breakpoints : list of str
-        C literals of the times where inputs have kinks, ascending.
+    stops : list of str
+        A C initialiser for each time, or each row of times with a period, where something has a
+        kink: the first time, the period or zero, and one where none come before the first.
     has_sensitivities : bool
         Whether the unknowns are states and sensitivities, or states alone.
     start : list of str
@@ -95,7 +97,7 @@ class MainContext:
     rtol: str
     atol: str
     guards: list[str]
-    breakpoints: list[str]
+    stops: list[str]
     has_sensitivities: bool
     start: list[str]
     n_constraints: int
@@ -179,14 +181,24 @@ def _main_context(
         rtol=literal(rtol),
         atol=literal(atol),
         guards=[c_string(guard.demand) for guard in program.guards],
-        breakpoints=[
-            literal(t) for t in sorted({t for row in program.layout.breakpoints for t in row})
-        ],
+        stops=_stop_rows(program),
         has_sensitivities=bool(model.sensitivities),
         start=_start_lines(program),
         n_constraints=model.n_constraints,
         has_rows=bool(program.layout.constraint_edges),
     )
+
+
+def _stop_rows(program: Program) -> list[str]:
+    """Write when inputs and rates have kinks, at the program's parameter values."""
+    symbols = program.dag
+    values = {symbols.symbol("p", i): v for i, v in enumerate(program.layout.parameter_values)}
+    rows = set()
+    for stop in (stop for own in program.stops.values() for stop in own):
+        first = evaluate([stop.first], values)[0]
+        period = 0.0 if stop.period is None else abs(evaluate([stop.period], values)[0])
+        rows.add((first, period, float(stop.starts)))
+    return [f"{{{', '.join(map(literal, row))}}}" for row in sorted(rows)]
 
 
 def _start_lines(program: Program) -> list[str]:

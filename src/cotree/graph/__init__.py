@@ -6,6 +6,7 @@ Pure topology. What the edges mean is known to the rooms above.
 from __future__ import annotations
 
 from cotree.graph.checks import check_connected
+from cotree.graph.common_tree import select_common_trees
 from cotree.graph.linear_graph import GraphEdge, LinearGraph
 from cotree.graph.matrices import TopologyMatrix, f_circuit, f_cutset, incidence
 from cotree.graph.traversal import Step
@@ -24,6 +25,7 @@ __all__ = [
     "incidence",
     "named_tree",
     "prefix_sums",
+    "select_common_trees",
     "select_tree",
     "suffix_sums",
     "tree_walk",

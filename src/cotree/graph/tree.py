@@ -102,7 +102,7 @@ def select_tree(graph: LinearGraph, weights: Mapping[str, float]) -> Tree:
         f"connect {{them}} to '{graph.reference}' by one (in mechanics a joint, an arm or a body)",
     )
     # Kruskal's way: the lightest edge that joins two parts, first in edge order among equals.
-    parts = _Parts(graph.nodes)
+    parts = Parts(graph.nodes)
     chosen = {
         name
         for name in sorted(candidates, key=lambda name: weights[name])
@@ -132,7 +132,7 @@ def named_tree(graph: LinearGraph, names: Iterable[str]) -> Tree:
         If a name is unknown or occurs twice, the edges contain a circuit, or they do not reach
         every node.
     """
-    parts = _Parts(graph.nodes)
+    parts = Parts(graph.nodes)
     branches: set[str] = set()
     for name in names:
         edge = graph.edge(name)
@@ -153,7 +153,7 @@ def named_tree(graph: LinearGraph, names: Iterable[str]) -> Tree:
     return _tree_of(graph, branches)
 
 
-class _Parts:
+class Parts:
     """The connected parts of a growing forest."""
 
     def __init__(self, nodes: Iterable[str]) -> None:
@@ -161,11 +161,12 @@ class _Parts:
 
     def join(self, a: str, b: str) -> bool:
         """Join the parts of two nodes; False if they are in one part already."""
-        top, other = self._top(a), self._top(b)
+        top, other = self.top(a), self.top(b)
         self._above[other] = top
         return top != other
 
-    def _top(self, node: str) -> str:
+    def top(self, node: str) -> str:
+        """Name the node that stands for the part of a node."""
         above = self._above
         while above[node] != node:
             above[node] = node = above[above[node]]  # halves the path for the next search

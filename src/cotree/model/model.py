@@ -16,7 +16,7 @@ from cotree.model.start import Start, consistent_start, start_by_differences
 from cotree.scene.description import check_number
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Container, Mapping, Sequence
 
     from scipy.sparse import csc_matrix
 
@@ -73,9 +73,9 @@ class CompiledModel:
 
     @property
     def unreached(self) -> tuple[str, ...]:
-        """Parameters among :attr:`sensitivities` that no state depends on."""
+        """Parameters among :attr:`sensitivities` that no state or output depends on."""
         kernels = self._program.kernels
-        names = ("rhs", "initial", "inputs", "constraints", "start")
+        names = ("rhs", "initial", "inputs", "constraints", "start", "outputs")
         read = symbols_in([node for name in names for node in kernels[name].results])
         reached = {self.parameters[node.data[1]] for node in read if node.data[0] == "p"}
         return tuple(n for n in self.sensitivities if n in self.parameters and n not in reached)
@@ -101,6 +101,12 @@ class CompiledModel:
     def default_parameters(self) -> Array:
         """The scene's parameter values, shape (n_parameters,)."""
         return np.array(self.layout.parameter_values, dtype=float)
+
+    def stop_times(
+        self, p: Array, span: tuple[float, float], replaced: Container[str] = ()
+    ) -> list[float]:
+        """List when inputs and rates jump or have kinks; see :meth:`Program.stop_times`."""
+        return self._program.stop_times(p.tolist(), min(span), max(span), replaced)
 
     @property
     def initial_state(self) -> Array:

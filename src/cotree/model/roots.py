@@ -137,6 +137,8 @@ class Linear:
 def linearise(slope: Array, z: Array, held: Array) -> Linear:
     """Invert the first columns of a slope; see :meth:`Equation.linearised`."""
     n = len(z)
+    if not np.all(np.isfinite(slope)):  # its inverse may be finite
+        raise np.linalg.LinAlgError("not finite")
     inverse: Array = np.asarray(np.linalg.inv(slope[:, :n]), dtype=np.float64)
     # A sum of products is infinite or nan where one of its terms is.
     if not np.isfinite(np.vdot(inverse, inverse)) and not np.all(np.isfinite(inverse)):

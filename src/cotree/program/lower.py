@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from cotree.dag.traverse import reachable, substitute, symbols_in
+from cotree.dag.stops import find_stops
+from cotree.dag.traverse import substitute, symbols_in
 from cotree.equations import Quantity, spread
 from cotree.errors import ParameterError
 from cotree.formulation.elimination import solve_unknowns
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cotree.dag.nodes import Node
+    from cotree.dag.stops import Stop
     from cotree.equations import Equations
     from cotree.formulation.elimination import Solver
 
@@ -64,7 +66,16 @@ def lower(equations: Equations) -> Program:
         _layout(equations, starts, rows),
         {name: Kernel(spec, tuple(results[name]), {}) for name, spec in KERNELS.items()},
         equations.guards,
+        _stops(equations, results["rhs"]),
     )
+
+
+def _stops(equations: Equations, rates: Sequence[Node]) -> dict[str, tuple[Stop, ...]]:
+    """Find when inputs and rates have jumps or kinks."""
+    found = {"": find_stops(equations.dag, rates)}
+    for quantity, value in zip(equations.inputs, equations.input_values, strict=True):
+        found[quantity.name] = find_stops(equations.dag, [value])
+    return {name: stops for name, stops in found.items() if stops}
 
 
 def _check_sensitivities(equations: Equations) -> None:
@@ -143,7 +154,6 @@ def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
             tuple(row.name for row in equations.sensitivities if symbol in row.seed)
             for symbol in equations.input_symbols
         ),
-        breakpoints=tuple(_kinks(node) for node in equations.input_values),
         uncertain=tuple(
             state.name.removesuffix("_dot")
             for state, is_safe in zip(
@@ -167,9 +177,3 @@ def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
             not multipliers.isdisjoint(symbols_in([node])) for node in equations.output_values
         ),
     )
-
-
-def _kinks(node: Node) -> tuple[float, ...]:
-    """List the times where a value of time has kinks."""
-    tables = [item.data for item in reachable([node]) if item.op == "table"]
-    return tuple(sorted({at for table in tables for at in table.x}))

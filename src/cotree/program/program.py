@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+from cotree.dag.stops import stop_times
 from cotree.dag.traverse import reachable
+from cotree.errors import SolveError
 from cotree.program.counts import OperationCount, count_operations
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Container, Mapping, Sequence
 
     from cotree.dag.nodes import Dag, Node
+    from cotree.dag.stops import Stop
     from cotree.equations import Guard, Quantity
     from cotree.program.kernels import KernelSpec
 
@@ -69,8 +72,6 @@ class Layout:
         The Jacobian's pattern, compressed by columns.
     input_sensitivities : tuple of tuples of str
         For each input, which of ``sensitivities`` it has in the scene.
-    breakpoints : tuple of tuples of float
-        For each input, the times where it has a kink in the scene.
     uncertain : tuple of str
         Coordinates whose pivot is checked at run time.
     constraints : tuple of Quantity
@@ -105,7 +106,6 @@ class Layout:
     column_starts: tuple[int, ...]
     row_indices: tuple[int, ...]
     input_sensitivities: tuple[tuple[str, ...], ...]
-    breakpoints: tuple[tuple[float, ...], ...]
     uncertain: tuple[str, ...]
     constraints: tuple[Quantity, ...]
     constraint_edges: tuple[str, ...]
@@ -138,12 +138,42 @@ class Program:
         By name, in the registry's order.
     guards : tuple of Guard
         Checked by ``prepare``.
+    stops : mapping of str to tuple of Stop
+        When each input, by its name, has a jump or a kink in the scene; and when anything else
+        that the rates are made of has, by the empty name.
     """
 
     dag: Dag
     layout: Layout
     kernels: Mapping[str, Kernel]
     guards: tuple[Guard, ...]
+    stops: Mapping[str, tuple[Stop, ...]] = field(default_factory=dict)
+
+    def stop_times(
+        self, p: Sequence[float], low: float, high: float, replaced: Container[str] = ()
+    ) -> list[float]:
+        """List the times within a span where integration stops, for values of the parameters.
+
+        Parameters
+        ----------
+        p : sequence of float
+            Values of the parameters.
+        low, high : float
+            The span, both ends left out.
+        replaced : container of str
+            Inputs that a run gives otherwise.
+
+        Raises
+        ------
+        SolveError
+            If a period is far too short for the span.
+        """
+        stops = [stop for name, own in self.stops.items() if name not in replaced for stop in own]
+        symbols = {self.dag.symbol("p", i): float(value) for i, value in enumerate(p)}
+        try:
+            return stop_times(stops, symbols, low, high)
+        except ValueError as error:
+            raise SolveError(str(error)) from None
 
     @property
     def n_prepared(self) -> int:

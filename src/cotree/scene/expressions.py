@@ -28,8 +28,8 @@ _DEEPEST = 100  # nesting levels
 #: Functions by name, with their number of arguments.
 FUNCTIONS: dict[str, int] = {
     **dict.fromkeys(("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh"), 1),
-    **dict.fromkeys(("exp", "log", "sqrt", "abs", "sign"), 1),
-    **dict.fromkeys(("atan2", "min", "max"), 2),
+    **dict.fromkeys(("exp", "log", "sqrt", "abs", "sign", "floor"), 1),
+    **dict.fromkeys(("atan2", "min", "max", "mod"), 2),
 }
 
 _BINARY: dict[type[ast.operator], Callable[[Node, Node], Node]] = {
@@ -239,4 +239,6 @@ def _lower_call(dag: Dag, function: str, args: list[Node]) -> Node:
         return dag.select(args[0] - args[1], args[0], args[1])
     if function == "min":
         return dag.select(args[0] - args[1], args[1], args[0])
+    if function == "mod":
+        return args[0] - args[1] * dag.function("floor", args[0] / args[1])
     return dag.function(function, *args)

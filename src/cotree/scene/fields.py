@@ -5,6 +5,7 @@ In: values as given. Out: parsed expressions, alone, in threes, or in three rows
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,8 @@ from cotree.scene.expressions import parse
 from cotree.scene.tables import parse_lookup
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from cotree.components import Component, Field
     from cotree.scene.description import FieldValue
     from cotree.scene.expressions import Expression
@@ -85,7 +88,7 @@ def check_initial(
         raise SceneError(f"initial of edge '{edge}' must be a table of names and values")
     known = initial_names(component)
     initial: dict[str, FieldValue] = {}
-    for name, value in given.items():
+    for name, value in _by_port(component, given):
         if name not in known:
             raise SceneError(f"edge '{edge}' has no coordinate '{name}'{nearest(str(name), known)}")
         where = f"initial {name} of edge '{edge}'"
@@ -110,12 +113,29 @@ def initial_names(component: Component) -> list[str]:
     return list(dict.fromkeys(names))
 
 
+def _by_port(component: Component, given: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """List initial values, those in a table of a port as ``port.name``."""
+    ports = {port.port for port in component.ports}
+    for name, value in given.items():
+        if name in ports and isinstance(value, Mapping):
+            yield from ((f"{name}.{own}", item) for own, item in value.items())
+        else:
+            yield name, value
+
+
 def _network_names(component: Component) -> list[str]:
-    """List the variables of a scalar component that may be states."""
-    rows = [DOMAINS[port.domain] for port in component.ports]
-    names = [n for row in rows for n in (row.across_symbol, row.through_symbol)]
-    integrals = [made for port in component.ports if (made := integral_of(port))]
-    return list(dict.fromkeys([*names, *(integral.name for integral in integrals)]))
+    """List the variables of a scalar component that may be states.
+
+    A name that several ports have is that of the port before it: ``port.name``.
+    """
+    found: list[tuple[str, str]] = []
+    for port in component.ports:
+        row, integral = DOMAINS[port.domain], integral_of(port)
+        names = [row.across_symbol, row.through_symbol, *([integral.name] if integral else [])]
+        found += [(port.port, name) for name in names]
+    count = Counter(name for _, name in found)
+    alone = [name for _, name in found if count[name] == 1]
+    return [*alone, *(f"{port}.{name}" for port, name in found if port)]
 
 
 def check_vector(value: object, where: str) -> tuple[Expression, ...]:

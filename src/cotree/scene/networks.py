@@ -4,7 +4,8 @@ The normal tree takes across sources first, then across storages, dissipators an
 storages, never through sources, so that states are across variables of its storages and through
 variables of the cotree's (H. E. Koenig, Y. Tokad, H. K. Kesavan, Analysis of Discrete Physical
 Systems, 1967). Of the two ports of a transformer one is a branch and the other a chord; of a
-gyrator both are one or the other.
+gyrator both are one or the other. Circuits of a graph with ideal amplifiers follow a tree with
+their inputs, cutsets one with their outputs; all else is in both or in none.
 """
 
 from __future__ import annotations
@@ -16,14 +17,14 @@ from typing import TYPE_CHECKING
 from cotree.components import Kind, Role
 from cotree.domains import DOMAINS
 from cotree.errors import TopologyError
-from cotree.graph import GraphEdge, LinearGraph, Tree, select_tree
+from cotree.graph import GraphEdge, LinearGraph, Tree, select_common_trees, select_tree
 from cotree.graph.checks import listed
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from cotree.components import Terminal
-    from cotree.scene.description import Edge, SceneDescription
+    from cotree.scene.description import Edge, FieldValue, SceneDescription
     from cotree.scene.ports import Ends
 
 #: Weights of ports that an ideal coupling makes branches or chords.
@@ -31,6 +32,25 @@ _ALWAYS, _NEVER = -1.0, float("inf")
 
 # Couplings up to which all choices of their branches are tried.
 _FEW = 8
+
+
+@dataclass(frozen=True)
+class NormalTree:
+    """The tree that circuits follow and that which cutsets do; one but for ideal amplifiers.
+
+    Attributes
+    ----------
+    across, through : Tree
+        Of across and of through variables.
+    """
+
+    across: Tree
+    through: Tree
+
+    @property
+    def is_split(self) -> bool:
+        """Whether they differ."""
+        return self.across is not self.through
 
 
 @dataclass(frozen=True)
@@ -55,6 +75,16 @@ class Port:
     ends: Ends
 
     @property
+    def tail(self) -> str:
+        """The node where it begins."""
+        return self.ends.tail
+
+    @property
+    def head(self) -> str:
+        """The node where it ends, whose across variable is the greater."""
+        return self.ends.head
+
+    @property
     def is_coupling(self) -> bool:
         """Whether it acts on a multibody system in place of a scalar graph."""
         return bool(self.ends.acts_on)
@@ -63,6 +93,14 @@ class Port:
     def kind(self) -> Kind:
         """Its place in the normal tree."""
         return self.terminal.kind
+
+    @property
+    def initial(self) -> dict[str, FieldValue]:
+        """What the scene says of its start: ``name``, or ``port.name`` of several ports."""
+        given = self.edge.initial
+        own = f"{self.terminal.port}."
+        named = {key.removeprefix(own): v for key, v in given.items() if key.startswith(own)}
+        return {key: v for key, v in given.items() if "." not in key} | named
 
     def sibling(self, port: str) -> str:
         """Name another port of the same component, by its own name or its number."""
@@ -93,30 +131,36 @@ def scalar_graphs(ports: Mapping[str, Port]) -> dict[str, LinearGraph]:
     for domain, row in DOMAINS.items():
         own = [p for p in ports.values() if p.terminal.domain == domain and not p.is_coupling]
         if row.is_scalar and own:
-            ends = [(p, p.ends.tail, p.ends.head) for p in own]
-            nodes = dict.fromkeys(["ground", *(node for _, *pair in ends for node in pair)])
-            edges = (GraphEdge(p.name, a, b, p.edge.component.name) for p, a, b in ends)
+            nodes = dict.fromkeys(["ground", *(n for p in own for n in (p.tail, p.head))])
+            edges = (
+                GraphEdge(p.name, p.tail, p.head, p.edge.component.name)
+                for p in own
+                if p.tail != p.head  # the short-circuited junction of a transistor
+            )
             graphs[domain] = LinearGraph(domain, tuple(nodes), tuple(edges))
     return graphs
 
 
-def normal_trees(graphs: Mapping[str, LinearGraph], ports: Mapping[str, Port]) -> dict[str, Tree]:
+def normal_trees(
+    graphs: Mapping[str, LinearGraph], ports: Mapping[str, Port]
+) -> dict[str, NormalTree]:
     """Choose the normal tree of each scalar graph.
 
     Raises
     ------
     TopologyError
         If a part floats, across sources form a loop, only through sources reach a part, or ideal
-        transformers leave no choice of branches.
+        transformers or amplifiers leave no choice of branches.
     """
     weights = {name: _weight(port) for name, port in ports.items()}
     for graph in graphs.values():
-        _check_across_sources(graph, ports)
-        _check_reached(graph, weights)
+        for kind in (Kind.NULLATOR, Kind.NORATOR):
+            _check_across_sources(graph, ports, kind)
+            _check_reached(graph, ports, weights, kind)
     choices = _choices(ports)
     best = None
     for choice in _combinations(choices):
-        total, trees = _chosen(graphs, weights | choice, choice)
+        total, trees = _chosen(graphs, ports, weights | choice, choice)
         if trees is not None and (best is None or total < best[0]):
             best = (total, trees)
     if best is None:
@@ -134,10 +178,12 @@ def _weight(port: Port) -> float:
     if port.is_coupling:
         return _NEVER
     is_linear_spring = port.kind is Kind.SPRING and port.terminal.storage is not None
-    if port.kind is Kind.THROUGH_SOURCE or (port.kind is Kind.SPRING and not is_linear_spring):
+    if port.kind in (Kind.THROUGH_SOURCE, Kind.NULLATOR, Kind.NORATOR):
+        return _NEVER
+    if port.kind is Kind.SPRING and not is_linear_spring:
         return _NEVER
     own = float(port.kind.value)
-    row, initial = DOMAINS[port.terminal.domain], port.edge.initial
+    row, initial = DOMAINS[port.terminal.domain], port.initial
     if port.kind is Kind.ACROSS_STORAGE and row.across_symbol in initial:
         return own - 0.25  # a branch
     if port.kind is Kind.THROUGH_STORAGE and row.through_symbol in initial:
@@ -185,29 +231,60 @@ def _combinations(choices: Sequence[Sequence[dict[str, float]]]) -> Iterator[dic
 
 
 def _chosen(
-    graphs: Mapping[str, LinearGraph], weights: Mapping[str, float], choice: Mapping[str, float]
-) -> tuple[float, dict[str, Tree] | None]:
+    graphs: Mapping[str, LinearGraph],
+    ports: Mapping[str, Port],
+    weights: Mapping[str, float],
+    choice: Mapping[str, float],
+) -> tuple[float, dict[str, NormalTree] | None]:
     """Select trees, and add up what their branches weigh; None where the choice cannot be had."""
     trees, total = {}, 0.0
     for domain, graph in graphs.items():
         try:
-            trees[domain] = select_tree(graph, {name: weights[name] for name in graph.edge_names})
+            trees[domain] = _select(
+                graph, ports, {name: weights[name] for name in graph.edge_names}
+            )
         except TopologyError:
             if not choice:
                 raise
             return 0.0, None
         own = float(Kind.COUPLED.value)
-        total += sum(own if name in choice else weights[name] for name in trees[domain].branches)
+        branches = [n for n in trees[domain].across.branches if weights[n] != _NEVER]
+        total += sum(own if name in choice else weights[name] for name in branches)
     # What must be a branch: one left out lies in a loop of its like, which contradicts itself.
     given = float(Kind.ACROSS_SOURCE.value)
     wanted = {name for name in weights if weights[name] in (_ALWAYS, given)}
-    if not wanted <= {name for tree in trees.values() for name in tree.branches}:
+    if not wanted <= {name for tree in trees.values() for name in tree.across.branches}:
         return 0.0, None
     return total, trees
 
 
-def _check_across_sources(graph: LinearGraph, ports: Mapping[str, Port]) -> None:
-    """Refuse loops of across sources."""
+def _select(
+    graph: LinearGraph, ports: Mapping[str, Port], weights: Mapping[str, float]
+) -> NormalTree:
+    """Select the normal tree of a graph."""
+    kinds = {name: ports[name].kind for name in graph.edge_names}
+    inputs = [name for name, kind in kinds.items() if kind is Kind.NULLATOR]
+    outputs = [name for name, kind in kinds.items() if kind is Kind.NORATOR]
+    if not inputs:
+        tree = select_tree(graph, weights)
+        return NormalTree(tree, tree)
+    try:
+        made = NormalTree(*select_common_trees(graph, weights, inputs, outputs))
+    except TopologyError:
+        made = None
+    sources = {name for name, kind in kinds.items() if kind is Kind.ACROSS_SOURCE}
+    if made is None or not sources <= set(made.across.branches):
+        amplifiers = dict.fromkeys(ports[name].edge.name for name in inputs)
+        raise TopologyError(
+            f"the ideal amplifiers {listed(amplifiers)} leave their outputs undetermined, or "
+            "contradict a source: each needs feedback from its output to its input through "
+            "resistances or storages"
+        )
+    return made
+
+
+def _check_across_sources(graph: LinearGraph, ports: Mapping[str, Port], kind: Kind) -> None:
+    """Refuse loops of across sources, and of what an ideal amplifier has of this kind."""
     above: dict[str, str] = {node: node for node in graph.nodes}
     through: dict[str, list[tuple[str, str]]] = {node: [] for node in graph.nodes}
 
@@ -217,7 +294,7 @@ def _check_across_sources(graph: LinearGraph, ports: Mapping[str, Port]) -> None
         return node
 
     for edge in graph.edges:
-        if ports[edge.name].kind is not Kind.ACROSS_SOURCE:
+        if ports[edge.name].kind not in (Kind.ACROSS_SOURCE, kind):
             continue
         a, b = top(edge.tail), top(edge.head)
         if a == b:
@@ -250,7 +327,9 @@ def _route(neighbours: Mapping[str, Sequence[tuple[str, str]]], start: str, end:
     return found[::-1]
 
 
-def _check_reached(graph: LinearGraph, weights: Mapping[str, float]) -> None:
+def _check_reached(
+    graph: LinearGraph, ports: Mapping[str, Port], weights: Mapping[str, float], kind: Kind
+) -> None:
     """Refuse parts that nothing connects to the ground, or only through sources and springs."""
     everything = _reached(graph, graph.edge_names)
     if floating := [node for node in graph.nodes if node not in everything]:
@@ -258,7 +337,7 @@ def _check_reached(graph: LinearGraph, weights: Mapping[str, float]) -> None:
             f"the {graph.domain} part with the node {listed(floating)} floats: connect one of its "
             f"nodes to 'ground', where its {DOMAINS[graph.domain].across[0]} is measured from"
         )
-    allowed = [name for name in graph.edge_names if weights[name] != _NEVER]
+    allowed = [n for n in graph.edge_names if weights[n] != _NEVER or ports[n].kind is kind]
     reached = _reached(graph, allowed)
     if cut := [node for node in graph.nodes if node not in reached]:
         own = set(cut)

@@ -163,12 +163,17 @@ def _by_terminal(
     places = {**by_name, "ground": "ground"}
     ports = []
     for port in component.ports:
-        head, tail = port.between
-        if places[head] == places[tail]:
+        # Names that a scene cannot give are of nodes within.
+        head, tail = (places.get(name, f"{edge}.{name}") for name in port.between)
+        # A transistor may have one junction short-circuited.
+        if head == tail and (port.through is None or "ground" in port.between):
+            first, second = port.between
             raise SceneError(
-                f"{head} and {tail} of edge '{edge}' are both node '{places[head]}': name two"
+                f"{first} and {second} of edge '{edge}' are both node '{head}': name two"
             )
-        ports.append(Ends(places[tail], places[head]))
+        ports.append(Ends(tail, head))
+    if all(ends.head == ends.tail for ends in ports):
+        raise SceneError(f"edge '{edge}' has node '{ports[0].head}' only: name others")
     return tuple(dict.fromkeys(by_name.values())), tuple(ports), rest
 
 

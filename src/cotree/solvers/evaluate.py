@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cotree.dag.stops import SAME
 from cotree.errors import SingularSystemError, SolveError
 from cotree.model.algebraic import UnsolvedError
 from cotree.solvers.augmented import (
@@ -73,9 +74,12 @@ class Evaluator:
         # A pulse that begins at the end of a segment must not be seen by the last stage of this
         # segment's last step, nor one that ends at its start by the first: both sides of a jump
         # would meet in one step, and the error test would shrink it to nothing.
+        # The times of jumps are themselves rounded, hence the margin.
         low, high = self.problem.t_span
-        first = start if start == low else math.nextafter(start, end)
-        last = end if end == high else math.nextafter(end, start)
+        margin = min(SAME * max(abs(start), abs(end)), 0.25 * abs(end - start))
+        margin = math.copysign(margin, end - start)
+        first = start if start == low else start + margin
+        last = end if end == high else end - margin
         self._bounds = sorted((first, last))
 
     def step_done(self) -> None:

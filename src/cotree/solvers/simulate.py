@@ -102,7 +102,7 @@ def simulate(
         rtol=check_number(settings.rtol, "rtol"),
         atol=check_number(settings.atol, "atol"),
         error_test_sensitivities=settings.error_test_sensitivities,
-        breakpoints=(*_own_kinks(model, settings.inputs), *signals.breakpoints),
+        breakpoints=(*model.stop_times(p, t_span, settings.inputs), *signals.breakpoints),
         names=model.states,
         parameters=model.sensitivities,
         max_steps=settings.max_steps,
@@ -151,12 +151,6 @@ def simulate(
         drift=trajectory.drift,
         redundant=redundant,
     )
-
-
-def _own_kinks(model: CompiledModel, inputs: Mapping[str, Any]) -> list[float]:
-    """List the times where the scene's own inputs, as far as they stay, have kinks."""
-    kinks = zip(model.inputs, model.layout.breakpoints, strict=True)
-    return [at for name, times in kinks if name not in inputs for at in times]
 
 
 def _check_settings(settings: Settings) -> None:

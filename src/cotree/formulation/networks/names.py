@@ -32,6 +32,8 @@ class Names:
             for quantity, symbol in _symbols(port).items():
                 found[f"{port.name}.{symbol}"] = (quantity, port.name)
                 found[state_name(port, symbol)] = (quantity, port.name)
+            for row in port.edge.component.measures:
+                found[f"{port.edge.name}.{row.name}"] = ("measure", f"{port.edge.name}|{row.name}")
         return found
 
     def variable(self, name: str) -> Variable | None:

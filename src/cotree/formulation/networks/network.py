@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from cotree.formulation.networks.couplings import Coupling
     from cotree.formulation.networks.rules import Variable
     from cotree.formulation.networks.solved import Solved
-    from cotree.graph import LinearGraph, Tree
+    from cotree.graph import LinearGraph
     from cotree.scene.description import SceneDescription
-    from cotree.scene.networks import Port
+    from cotree.scene.networks import NormalTree, Port
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Network:
     ----------
     ports : mapping of str to Port
         The edges of all scalar graphs.
-    graphs, trees : mapping of str to LinearGraph and Tree
+    graphs, trees : mapping of str to LinearGraph and NormalTree
         The graphs and their normal trees, by domain.
     states : tuple of State
         States of storages and springs, then algebraic unknowns.
@@ -85,7 +85,7 @@ class Network:
 
     ports: Mapping[str, Port]
     graphs: Mapping[str, LinearGraph]
-    trees: Mapping[str, Tree]
+    trees: Mapping[str, NormalTree]
     states: tuple[State, ...]
     solved: Solved
     rates: tuple[Variable, ...]
@@ -105,7 +105,7 @@ class Network:
 
 def draw_networks(
     scene: SceneDescription,
-) -> tuple[dict[str, Port], dict[str, LinearGraph], dict[str, Tree]]:
+) -> tuple[dict[str, Port], dict[str, LinearGraph], dict[str, NormalTree]]:
     """List the ports of a scene, draw its scalar graphs and choose their normal trees."""
     ports = scalar_ports(scene)
     graphs = scalar_graphs(ports)
@@ -141,7 +141,11 @@ def form_network(
         If a field or an initial value is wrong.
     """
     ports, graphs, trees = draw_networks(scene)
-    topologies = {domain: Topology(domain, tree) for domain, tree in trees.items()}
+    topologies = {domain: Topology(domain, tree.across) for domain, tree in trees.items()}
+    cutsets = {
+        domain: Topology(domain, tree.through) if tree.is_split else topologies[domain]
+        for domain, tree in trees.items()
+    }
     names = Names(ports, topologies)
     held = held_variables(ports, topologies, {*wanted, *_used_by_fields(ports)})
     refuse_initials(ports, held)
@@ -150,7 +154,7 @@ def form_network(
     }
     fields, measured, guards = _bind_fields(ports, symbols, names, around)
     terminals = Terminals(
-        ports, topologies, symbols, fields, measured, around.time, around.couplings
+        ports, topologies, cutsets, symbols, fields, measured, around.time, around.couplings
     )
     rates = tuple(item.rate for item in held)
     observed = {name: found for name in wanted if (found := names.variable(name)) is not None}
@@ -160,7 +164,7 @@ def form_network(
         around.dag,
         plan,
         lambda i: around.dag.symbol("x", first + i),
-        lambda block: all(_is_passive(ports, v) for v in (*block.unknowns, *block.inner)),
+        lambda block: all(_is_passive(ports, trees, v) for v in (*block.unknowns, *block.inner)),
     )
     at = around.dag, around.of_parameters
     states = [state_of(item, symbols[item.variable], *at) for item in held]
@@ -185,9 +189,13 @@ def _used_by_fields(ports: Mapping[str, Port]) -> set[str]:
     return {name for value in values for name in value.names}  # type: ignore[union-attr]
 
 
-def _is_passive(ports: Mapping[str, Port], variable: Variable) -> bool:
+def _is_passive(
+    ports: Mapping[str, Port], trees: Mapping[str, NormalTree], variable: Variable
+) -> bool:
     port = ports.get(variable[1])
-    return port is None or port.terminal.is_passive
+    if port is None:
+        return True
+    return port.terminal.is_passive and not trees[port.terminal.domain].is_split
 
 
 def _bind_fields(
@@ -199,7 +207,7 @@ def _bind_fields(
     """Turn the fields of all components into nodes."""
     fields: dict[tuple[str, str], Node] = {}
     measured: dict[Node, Variable] = {}
-    guards: dict[tuple[Node, str], Guard] = {}
+    guards: dict[tuple[Node, bool, str], Guard] = {}
 
     def resolve(name: str) -> Node:
         variable = names.variable(name)
@@ -213,6 +221,13 @@ def _bind_fields(
             measured[symbol] = variable
         return known or symbol
 
+    def ask(guard: Guard) -> None:
+        if guard.value.value is None:
+            # Where several edges share a value, the first is named.
+            guards.setdefault((guard.value, guard.is_strict, guard.breach), guard)
+        else:
+            guard.check(guard.value.value)
+
     for edge in {port.edge.name: port.edge for port in ports.values()}.values():
         for field, value in edge.fields.items():
             row = edge.component.field(field)
@@ -221,12 +236,13 @@ def _bind_fields(
             node = value.lower(around.dag, resolver)  # type: ignore[union-attr]
             fields[edge.name, field] = node
             if row.sign and _is_constant(node):
-                guard = Guard(node, f"{field} of edge '{edge.name}'", row.sign == "positive")
-                if node.value is None:
-                    # Where several edges share a value, the first is named.
-                    guards.setdefault((node, row.sign), guard)
-                else:
-                    guard.check(node.value)
+                ask(Guard(node, f"{field} of edge '{edge.name}'", row.sign == "positive"))
+        for demand in edge.component.demands:
+            node = demand.law.value(
+                around.dag, {name: fields[edge.name, name] for name in demand.law.arguments}
+            )
+            if _is_constant(node):
+                ask(Guard(node, f"edge '{edge.name}'", True, demand.breach))
     return fields, measured, list(guards.values())
 
 

@@ -87,7 +87,7 @@ def held_variables(
         if integral is not None and not (port.kind is Kind.SPRING and is_branch):
             item = Held(port, "stretch", integral.name, integral.unit)
             names = {item.name, f"{port.name}.{item.short}"}
-            if _uses_stretch(port) or names & used or item.short in port.edge.initial:
+            if _uses_stretch(port) or names & used or item.short in port.initial:
                 found.append(item)
     return found
 
@@ -114,7 +114,7 @@ def _names(terminal: Terminal, argument: str) -> bool:
 def state_of(item: Held, symbol: Node, dag: Dag, of_parameters: Resolver) -> State:
     """Make the entry of a state."""
     initial = _initial(item, dag, of_parameters)
-    is_given = item.short in item.port.edge.initial
+    is_given = item.short in item.port.initial
     return State(item.name, item.unit, symbol, initial, is_given=is_given)
 
 
@@ -128,7 +128,7 @@ def algebraic_state(
 
 
 def _initial(item: Held, dag: Dag, of_parameters: Resolver) -> Node:
-    value = item.port.edge.initial.get(item.short)
+    value = item.port.initial.get(item.short)
     return dag.zero if value is None else value.lower(dag, of_parameters)  # type: ignore[union-attr]
 
 
@@ -152,7 +152,7 @@ def refuse_initials(ports: Mapping[str, Port], held: Iterable[Held]) -> None:
             continue
         integral = integral_of(port.terminal)
         short = integral.name if integral and quantity == "stretch" else _held(port, quantity).short
-        if short in port.edge.initial:
+        if short in port.initial:
             raise ParameterError(
                 f"edge '{port.name}' has no state '{short}' of its own, because others like it are "
                 "tied to it with nothing that dissipates between: its initial value follows from "

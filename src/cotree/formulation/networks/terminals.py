@@ -44,8 +44,8 @@ class Terminals:
     ----------
     ports : mapping of str to Port
         The edges of all scalar graphs.
-    topologies : mapping of str to Topology
-        The graphs with their trees, by domain.
+    topologies, cutsets : mapping of str to Topology
+        The graphs with the trees of across and of through variables, by domain.
     states : mapping of Variable to Node
         Symbols of the variables that are states.
     fields : mapping of (edge, field) to Node
@@ -60,6 +60,7 @@ class Terminals:
 
     ports: Mapping[str, Port]
     topologies: Mapping[str, Topology]
+    cutsets: Mapping[str, Topology]
     states: Mapping[Variable, Node]
     fields: Mapping[tuple[str, str], Node]
     measured: Mapping[Node, Variable]
@@ -67,11 +68,14 @@ class Terminals:
     couplings: Mapping[str, Coupling]
 
     def is_branch(self, name: str) -> bool:
-        """Say whether a port's edge is in its tree."""
+        """Say whether a port's edge is in the tree of across variables."""
         return name not in self.couplings and name in self._topology(name).branches
 
     def _topology(self, name: str) -> Topology:
         return self.topologies[self.ports[name].terminal.domain]
+
+    def _cutset(self, name: str) -> Topology:
+        return self.cutsets[self.ports[name].terminal.domain]
 
     def rule(self, variable: Variable) -> Rule:
         """Give the rule of a variable."""
@@ -86,7 +90,9 @@ class Terminals:
                 return self.topologies[domain].potential(node, rate)
             return self.topologies[domain].path(ancestor, node, rate)
         if base == "flow":
-            return self._topology(name).flow(name, rate)
+            return self._cutset(name).flow(name, rate)
+        if base == "measure":
+            return self._measure(name)
         if base == "field":
             return self._field(name, bool(rate))
         if base == "stretch":
@@ -94,6 +100,13 @@ class Terminals:
         if base == "across":
             return self._across(name, rate)
         return self._through(name, rate)
+
+    def _measure(self, name: str) -> Rule:
+        edge, _, own = name.partition("|")
+        ports = (port for port in self.ports.values() if port.edge.name == edge)
+        port = next(ports)
+        row = next(row for row in port.edge.component.measures if row.name == own)
+        return Sum(tuple((sign, (kind, port.sibling(at))) for sign, kind, at in row.terms))
 
     def _stretch(self, variable: Variable) -> Rule:
         quantity, name = variable
@@ -114,6 +127,8 @@ class Terminals:
         if name in self.couplings:
             motion = self.couplings[name]
             return Field(motion.acceleration if rate else motion.rate)
+        if port.head == port.tail:
+            return Sum(())
         if not self.is_branch(name):
             return self._topology(name).circuit(name, rate)
         if port.kind is Kind.ACROSS_STORAGE:
@@ -135,8 +150,8 @@ class Terminals:
 
     def _through(self, name: str, rate: str) -> Rule:
         port = self.ports[name]
-        if self.is_branch(name):
-            return self._topology(name).cutset(name, rate)
+        if name not in self.couplings and name in self._cutset(name).branches:
+            return self._cutset(name).cutset(name, rate)
         if port.kind is Kind.THROUGH_STORAGE:
             if rate:
                 return self._lawful(port, stored_rate(port.terminal, False))
@@ -232,7 +247,7 @@ class Terminals:
         one = self.time.dag.one
         moving: dict[Node, Node] = {self.time: one}
         rates: dict[Node, Variable] = {}
-        jumps = any(item.op in ("select", "sign") for item in reachable([node]))
+        jumps = any(item.op in ("select", "sign", "floor") for item in reachable([node]))
         is_known = True
         for symbol in symbols_in([node]):
             if symbol in self._changing:

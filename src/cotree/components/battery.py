@@ -1,0 +1,98 @@
+"""A battery cell: a store of charge with its open-circuit voltage, a resistance, and RC pairs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+from cotree.components.component import Component, Field, Role
+from cotree.components.law import Law
+from cotree.components.ports import value
+from cotree.components.terminal import Integral, Kind, Measure, Terminal
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+_DOMAIN = "electrical"
+_MOST_PAIRS = 3
+
+
+def _resistor(name: str, field: str, between: tuple[str, str]) -> Terminal:
+    return Terminal(
+        _DOMAIN,
+        Kind.DISSIPATOR,
+        name,
+        across=Law.taking(("through", field), lambda through, given: given * through),
+        through=Law.taking(("across", field), lambda across, given: across / given),
+        between=between,
+    )
+
+
+def _ports(pairs: Sequence[int]) -> tuple[Terminal, ...]:
+    """Chain the cell from plus to minus: resistance, pairs of R and C, store of charge."""
+    places = ["plus", *(f"n{i}" for i in range(len(pairs) + 1)), "minus"]
+    ports = [_resistor("series", "resistance", (places[0], places[1]))]
+    for i, between in zip(pairs, pairwise(places[1:]), strict=False):
+        storage = Law.taking((f"capacitance{i}",), lambda given: given)
+        ports += [
+            _resistor(f"resistor{i}", f"resistance{i}", between),
+            Terminal(_DOMAIN, Kind.ACROSS_STORAGE, f"pair{i}", storage=storage, between=between),
+        ]
+    store = Terminal(
+        _DOMAIN,
+        Kind.ACROSS_SOURCE,
+        "",
+        across=Law(lambda open_circuit_voltage: open_circuit_voltage),
+        between=(places[-2], "minus"),
+        integral=Integral("soc", "1", Law(lambda through, capacity: through / capacity)),
+    )
+    return (*ports, store)
+
+
+def _measures(pairs: Sequence[int]) -> tuple[Measure, ...]:
+    parts = ("series", *(f"pair{i}" for i in pairs), "")
+    return (
+        Measure("v", "V", tuple((1, "across", part) for part in parts)),
+        Measure("i", "A", ((1, "through", "series"),)),
+    )
+
+
+def _fields(pairs: Sequence[int]) -> tuple[Field, ...]:
+    own = [
+        value("open_circuit_voltage", "V", "by a table or an expression of NAME.soc", ""),
+        value("capacity", "C", "charge from empty to full"),
+        value("resistance", "ohm", "in series"),
+    ]
+    for i in pairs:
+        for name, unit in ((f"resistance{i}", "ohm"), (f"capacitance{i}", "F")):
+            doc = f"of pair {i}; both or none"
+            own.append(Field(name, unit, doc, constant=False, sign="positive"))
+    return tuple(own)
+
+
+def _as_given(
+    edge: str, nodes: Sequence[object], fields: Mapping[str, Any]
+) -> tuple[Component, Sequence[object], Mapping[str, Any]]:
+    """Leave out the pairs that a scene says nothing of."""
+    del edge
+    every = range(1, _MOST_PAIRS + 1)
+    pairs = [i for i in every if {f"resistance{i}", f"capacitance{i}"} & fields.keys()]
+    given = tuple(replace(row, required=True) for row in _fields(pairs))
+    own = replace(BATTERY_CELL, fields=given, ports=_ports(pairs), measures=_measures(pairs))
+    return own, nodes, fields
+
+
+BATTERY_CELL = Component(
+    "battery_cell",
+    Role.NETWORK,
+    "open-circuit voltage by the state of charge, a resistance and up to three RC pairs",
+    fields=_fields(range(1, _MOST_PAIRS + 1)),
+    domains=(_DOMAIN,),
+    ports=_ports(range(1, _MOST_PAIRS + 1)),
+    terminals=("plus", "minus"),
+    measures=_measures(range(1, _MOST_PAIRS + 1)),
+    adapt=_as_given,
+)
+
+COMPONENTS = (BATTERY_CELL,)

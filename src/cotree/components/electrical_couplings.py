@@ -1,0 +1,172 @@
+"""Electrical components of two ports: transformers, gyrators, controlled sources, op-amps."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cotree.components.component import Component, Demand, Role
+from cotree.components.law import Law
+from cotree.components.ports import ideal_coupling, value
+from cotree.components.terminal import Kind, Terminal
+
+_DOMAIN = "electrical"
+
+TRANSFORMER = ideal_coupling(
+    "transformer",
+    "ideal transformer: voltage of the primary is ratio times that of the secondary",
+    value("ratio", "1", "turns of the primary for each of the secondary", ""),
+    (_DOMAIN, "primary"),
+    (_DOMAIN, "secondary"),
+)
+
+
+def _mutual(other: str) -> Law:
+    """Give the voltage that the current of another winding induces."""
+
+    def law(inductance1: Any, inductance2: Any, coupling: Any, rate: Any) -> Any:
+        import sympy
+
+        return coupling * sympy.sqrt(inductance1 * inductance2) * rate
+
+    arguments = ("inductance1", "inductance2", "coupling", f"through_rate_{other}")
+    return Law.taking(arguments, law)
+
+
+COUPLED_INDUCTORS = Component(
+    "coupled_inductors",
+    Role.NETWORK,
+    "two windings that share a part of their flux",
+    fields=(
+        value("inductance1", "H", "of the primary alone"),
+        value("inductance2", "H", "of the secondary alone"),
+        value("coupling", "1", "mutual inductance, by the root of the product of the two", ""),
+    ),
+    domains=(_DOMAIN,),
+    ports=(
+        Terminal(
+            _DOMAIN,
+            Kind.THROUGH_STORAGE,
+            "primary",
+            storage=Law(lambda inductance1: inductance1),
+            across=_mutual("secondary"),
+        ),
+        Terminal(
+            _DOMAIN,
+            Kind.THROUGH_STORAGE,
+            "secondary",
+            storage=Law(lambda inductance2: inductance2),
+            across=_mutual("primary"),
+        ),
+    ),
+    demands=(
+        Demand(
+            Law(lambda coupling: 1 - coupling**2),
+            "couples its windings completely: give a coupling between -1 and 1, or an ideal "
+            "transformer with an inductor",
+        ),
+    ),
+)
+
+GYRATOR = Component(
+    "gyrator",
+    Role.NETWORK,
+    "current of each port in proportion to the voltage of the other, without losses",
+    fields=(value("conductance", "S", "current of the primary per voltage of the secondary", ""),),
+    domains=(_DOMAIN,),
+    ports=(
+        Terminal(
+            _DOMAIN,
+            Kind.COUPLED,
+            "primary",
+            across=Law(lambda through_secondary, conductance: -through_secondary / conductance),
+            through=Law(lambda across_secondary, conductance: conductance * across_secondary),
+            is_passive=False,
+        ),
+        Terminal(
+            _DOMAIN,
+            Kind.COUPLED,
+            "secondary",
+            across=Law(lambda through_primary, conductance: through_primary / conductance),
+            through=Law(lambda across_primary, conductance: -conductance * across_primary),
+            is_passive=False,
+        ),
+    ),
+)
+
+#: What a voltage or a current is measured with: an open port, or a closed one.
+_VOLTMETER = Terminal(
+    _DOMAIN, Kind.THROUGH_SOURCE, "control", through=Law(lambda: 0), is_passive=False
+)
+_AMMETER = Terminal(_DOMAIN, Kind.ACROSS_SOURCE, "control", across=Law(lambda: 0), is_passive=False)
+
+
+def _controlled(
+    name: str, by_voltage: bool, gives_voltage: bool, field: tuple[str, str, str]
+) -> Component:
+    """Make a controlled source."""
+    measured = "across_control" if by_voltage else "through_control"
+    law = Law.taking((measured, field[0]), lambda control, factor: factor * control)
+    if gives_voltage:
+        output = Terminal(_DOMAIN, Kind.ACROSS_SOURCE, "output", across=law, is_passive=False)
+    else:
+        output = Terminal(_DOMAIN, Kind.THROUGH_SOURCE, "output", through=law, is_passive=False)
+    given, by = ("voltage", "current")[not gives_voltage], ("voltage", "current")[not by_voltage]
+    return Component(
+        name,
+        Role.NETWORK,
+        f"{given} in proportion to a {by} elsewhere",
+        fields=(value(*field, ""),),
+        domains=(_DOMAIN,),
+        ports=(_VOLTMETER if by_voltage else _AMMETER, output),
+    )
+
+
+VCVS = _controlled("vcvs", True, True, ("gain", "1", "voltage per voltage"))
+VCCS = _controlled("vccs", True, False, ("transconductance", "S", "current per voltage"))
+CCVS = _controlled("ccvs", False, True, ("transresistance", "ohm", "voltage per current"))
+CCCS = _controlled("cccs", False, False, ("gain", "1", "current per current"))
+
+
+def _nullor(name: str, doc: str, **places: Any) -> Component:
+    input_, output = places.get("between", (("", ""), ("", "")))
+    return Component(
+        name,
+        Role.NETWORK,
+        doc,
+        domains=(_DOMAIN,),
+        ports=(
+            Terminal(
+                _DOMAIN,
+                Kind.NULLATOR,
+                "input",
+                across=Law(lambda: 0),
+                through=Law(lambda: 0),
+                is_passive=False,
+                between=input_,
+            ),
+            Terminal(_DOMAIN, Kind.NORATOR, "output", is_passive=False, between=output),
+        ),
+        terminals=places.get("terminals", ()),
+    )
+
+
+IDEAL_OP_AMP = _nullor(
+    "ideal_op_amp",
+    "operational amplifier of infinite gain, with feedback",
+    terminals=("plus", "minus", "output"),
+    between=(("plus", "minus"), ("output", "ground")),
+)
+
+NULLOR = _nullor("nullor", "ideal amplifier whose output may float")
+
+COMPONENTS = (
+    TRANSFORMER,
+    COUPLED_INDUCTORS,
+    GYRATOR,
+    VCVS,
+    VCCS,
+    CCVS,
+    CCCS,
+    IDEAL_OP_AMP,
+    NULLOR,
+)

@@ -1,0 +1,204 @@
+"""Scalar components that users register, with laws in SymPy.
+
+What a port is follows from what its law is a function of: of the rate of a variable it is a
+storage, of ``stretch`` a spring, of its own other variable a dissipator, of neither a source.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from cotree.components.component import Component, Field, Role
+from cotree.components.law import Law
+from cotree.components.terminal import Kind, Terminal
+from cotree.domains import domain as domain_of
+from cotree.errors import SceneError, nearest
+from cotree.naming import check_name
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+#: What laws may be functions of besides variables of ports and fields.
+_GIVEN = frozenset({"t", "stretch", "potential_head", "potential_tail"})
+_VARIABLES = ("across_rate", "through_rate", "across", "through")
+
+#: A law, or that of each port by name.
+Laws = Callable[..., Any] | Mapping[str, Callable[..., Any]]
+
+
+def make_network_component(
+    name: str,
+    laws: Laws,
+    *,
+    domain: str,
+    gives: str = "",
+    terminals: Sequence[str] = (),
+    between: Mapping[str, Sequence[str]] | None = None,
+    units: Mapping[str, str] | None = None,
+    doc: str = "",
+) -> Component:
+    """Make a scalar component from its laws.
+
+    Parameters
+    ----------
+    name : str
+        Its ``type`` in scenes.
+    laws : callable, or mapping of str to callable
+        The law of its port, or of each by its name: takes SymPy symbols and gives the through
+        variable of the port as a function of ``across``, ``across_rate`` or ``stretch``, or its
+        across variable as one of ``through`` or ``through_rate``. Other arguments are
+        ``across_<port>`` and ``through_<port>`` of the other ports, the potentials of its own nodes
+        ``potential_head`` and ``potential_tail``, the time ``t``, and any others: these become
+        fields.
+    domain : str
+        The graph of its ports: ``electrical``, ``hydraulic``, ``thermal``, ...
+    gives : {'', 'across', 'through'}
+        What laws give that are functions of none of these: those of sources.
+    terminals : sequence of str
+        Names of its nodes, where ports share them; else each port has two of its own.
+    between : mapping of str to pair of str
+        With ``terminals``: from which to which node each port runs.
+    units : mapping of str to str, optional
+        Units of the fields.
+    doc : str
+        One line on what it models.
+
+    Raises
+    ------
+    SceneError
+        If a name or an argument is not allowed, or a law gives no expression.
+    """
+    check_name("component", name)
+    domain_of(domain)
+    named = dict(laws) if isinstance(laws, Mapping) else {"": laws}
+    for port in named:
+        if port or len(named) > 1:
+            check_name("port", port)
+    places = _places(name, named, terminals, between or {})
+    made = {port: _law(name, law) for port, law in named.items()}
+    ports = tuple(
+        _terminal(name, domain, port, law, gives, places.get(port, ("", "")))
+        for port, law in made.items()
+    )
+    fields = dict.fromkeys(
+        argument
+        for law in made.values()
+        for argument in law.arguments
+        if argument not in _GIVEN and not _is_variable(argument, named)
+    )
+    for field in fields:
+        check_name("field", field)
+    return Component(
+        name,
+        Role.NETWORK,
+        doc or "a user's law",
+        fields=tuple(
+            Field(field, (units or {}).get(field, ""), "", required=True, constant=False)
+            for field in fields
+        ),
+        domains=(domain,),
+        ports=ports,
+        terminals=tuple(terminals),
+    )
+
+
+def _places(
+    name: str,
+    ports: Iterable[str],
+    terminals: Sequence[str],
+    between: Mapping[str, Sequence[str]],
+) -> dict[str, tuple[str, str]]:
+    """Check between which of the named nodes each port runs."""
+    if not terminals:
+        return {}
+    places = {}
+    for port in ports:
+        pair = tuple(between.get(port, ()))
+        for node in pair:
+            if node not in terminals and node != "ground":
+                raise SceneError(
+                    f"port '{port}' of component '{name}' runs to '{node}', which is none of its "
+                    f"terminals{nearest(str(node), terminals)}"
+                )
+        if len(pair) != 2:
+            raise SceneError(f"component '{name}' must say between which two nodes '{port}' runs")
+        places[port] = (pair[0], pair[1])
+    return places
+
+
+def _law(name: str, function: Callable[..., Any]) -> Law:
+    """Make a law, and see that it gives an expression of its arguments."""
+    law = Law(function)
+    try:
+        arguments = tuple(inspect.signature(function).parameters)
+        free = {str(symbol) for symbol in law.expression.free_symbols}
+    except Exception as error:
+        raise SceneError(f"a law of component '{name}' gives no expression: {error}") from None
+    if odd := sorted(free - set(arguments)):
+        raise SceneError(
+            f"a law of component '{name}' uses {', '.join(odd)}, which is no argument of it"
+        )
+    return law
+
+
+def _is_variable(argument: str, ports: Iterable[str]) -> bool:
+    """Say whether an argument is a variable of a port, its own or another."""
+    siblings = {f"{variable}_{port}" for variable in _VARIABLES for port in ports if port}
+    return argument in _VARIABLES or argument in siblings
+
+
+def _terminal(
+    name: str, domain: str, port: str, law: Law, gives: str, between: tuple[str, str]
+) -> Terminal:
+    """Make the terminal equation that a law is."""
+    own = [v for v in ("across", "across_rate", "stretch") if v in law.arguments]
+    dual = [v for v in ("through", "through_rate") if v in law.arguments]
+    if own and dual:
+        raise SceneError(
+            f"a law of component '{name}' is a function of {own[0]} and {dual[0]} of its own port: "
+            "give one variable as a function of the other"
+        )
+    found = "through" if own else "across" if dual else gives
+    if found not in ("across", "through"):
+        raise SceneError(
+            f"what a law of component '{name}' gives does not follow from its arguments: add "
+            "gives='across' or gives='through'"
+        )
+    is_through = found == "through"
+    rate = "across_rate" if is_through else "through_rate"
+    storage = None
+    if rate in law.arguments:
+        kind = Kind.ACROSS_STORAGE if is_through else Kind.THROUGH_STORAGE
+        storage, law = _linear(name, law, rate)
+    elif "stretch" in law.arguments:
+        kind = Kind.SPRING
+    elif own or dual:
+        kind = Kind.DISSIPATOR
+    else:
+        kind = Kind.THROUGH_SOURCE if is_through else Kind.ACROSS_SOURCE
+    return Terminal(
+        domain,
+        kind,
+        port,
+        across=None if is_through else law,
+        through=law if is_through else None,
+        storage=storage,
+        is_passive=False,
+        between=between,
+    )
+
+
+def _linear(name: str, law: Law, rate: str) -> tuple[Law, Law]:
+    """Split a law into the factor of a rate and the rest."""
+    import sympy
+
+    symbol = sympy.Symbol(rate, real=True)
+    factor = sympy.diff(law.expression, symbol)
+    if symbol in factor.free_symbols:
+        raise SceneError(
+            f"a law of component '{name}' is not linear in {rate}: give the product of a storage "
+            f"and {rate}, and what is added to it"
+        )
+    return Law.of(factor), Law.of(law.expression.subs(symbol, 0))

@@ -1,0 +1,241 @@
+"""Times where values jump or have a kink, found from the nodes that they are made of.
+
+A condition of time and parameters alone (what a selection, a sign, an absolute value, a floor or a
+table looks at) changes at times that are known before a run, if it is linear in time, or linear in
+time since the last whole period. Integration stops there, so that no pulse is stepped over and no
+step has a kink within. Other conditions are left to the error test.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import product
+from typing import TYPE_CHECKING
+
+from cotree.dag.evaluate import evaluate
+from cotree.dag.traverse import reachable
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from cotree.dag.nodes import Dag, Node
+
+#: Stops closer than this share of their size are one: a few roundings of what they are made of.
+SAME = 8 * 2.0**-52
+
+#: What looks at its first argument.
+_LOOKING = frozenset({"select", "sign", "abs", "floor", "table"})
+
+#: What may be more lines than this, one after another, is left to the error test.
+_MOST_PIECES = 16
+
+#: A run is not cut more often than this: a period far below the span is a mistake in units.
+_MOST = 10_000_000
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Times ``first + k * period`` with whole k.
+
+    Attributes
+    ----------
+    first : Node
+        Of parameters.
+    period : Node or None
+        Of parameters; None for one time only.
+    starts : bool
+        Whether there are none before ``first``, k from zero on.
+    """
+
+    first: Node
+    period: Node | None = None
+    starts: bool = False
+
+
+@dataclass(frozen=True)
+class _Count:
+    """``floor(offset + rate * t)``, from zero on where it ``starts``."""
+
+    offset: Node
+    rate: Node
+    starts: bool
+
+
+@dataclass(frozen=True)
+class _Line:
+    """``offset + rate * t + step * count``; zero before its root where it ``starts``.
+
+    A selection between lines is each of them at some time: it stops where any of them would,
+    which is once too often at times, but never too seldom.
+    """
+
+    offset: Node
+    rate: Node
+    step: Node
+    count: _Count | None = None
+    starts: bool = False
+
+
+def find_stops(dag: Dag, roots: Iterable[Node]) -> tuple[Stop, ...]:
+    """List when what values look at changes, as far as time and parameters decide it.
+
+    Parameters
+    ----------
+    dag : Dag
+        Their arena.
+    roots : iterable of Node
+        The values.
+    """
+    order = reachable(roots)
+    if not any(node.op in _LOOKING for node in order):
+        return ()
+    pieces: dict[Node, tuple[_Line, ...]] = {}
+    found: dict[Stop, None] = {}
+    for node in order:
+        own = _pieces(dag, node, pieces)
+        if 0 < len(own) <= _MOST_PIECES:
+            pieces[node] = own
+        if node.op in _LOOKING:
+            for line in pieces.get(node.args[0], ()):
+                found |= dict.fromkeys(_stops(node, line))
+    return tuple(found)
+
+
+def _pieces(dag: Dag, node: Node, pieces: Mapping[Node, tuple[_Line, ...]]) -> tuple[_Line, ...]:
+    """Write a node as lines, one of which it is at any time; as nothing where it is none."""
+    zero = dag.zero
+    if node.value is not None or (node.op == "symbol" and node.data[0] == "p"):
+        return (_Line(node, zero, zero),)
+    if node.op == "symbol":
+        return (_Line(zero, dag.one, zero),) if node.data[0] == "t" else ()
+    if node.op == "select":
+        return _branches(dag, node, pieces)
+    if not node.args or not all(arg in pieces for arg in node.args):
+        return ()
+    rows = [pieces[arg] for arg in node.args]
+    if all(_is_fixed(line) for row in rows for line in row) and node.op != "result":
+        return (_Line(node, zero, zero),)
+    if node.op == "abs":
+        return (*rows[0], *(_scaled(line, -dag.one) for line in rows[0]))
+    if node.op == "sign":
+        return tuple(_Line(dag.constant(value), zero, zero) for value in (-1.0, 0.0, 1.0))
+    made = [_line(dag, node, choice) for choice in product(*rows)]
+    return tuple(dict.fromkeys(line for line in made if line is not None))
+
+
+def _branches(dag: Dag, node: Node, pieces: Mapping[Node, tuple[_Line, ...]]) -> tuple[_Line, ...]:
+    """Write a selection as the lines of its branches."""
+    condition, accepted, refused = node.args
+    if condition is accepted and refused.is_zero and len(pieces.get(accepted, ())) == 1:
+        (clipped,) = pieces[accepted]
+        if clipped.count is None and not clipped.starts:
+            return (_Line(clipped.offset, clipped.rate, dag.zero, starts=True),)
+    own = (*pieces.get(accepted, ()), *pieces.get(refused, ()))
+    return tuple(dict.fromkeys(own))
+
+
+def _line(dag: Dag, node: Node, rows: Sequence[_Line]) -> _Line | None:
+    """Write an operation on lines as a line, if it is one."""
+    if node.op in ("add", "sub"):
+        return _added(rows[0], rows[1], 1.0 if node.op == "add" else -1.0)
+    if node.op == "neg":
+        return _scaled(rows[0], -dag.one)
+    if node.op == "mul" and _is_fixed(rows[0]):
+        return _scaled(rows[1], rows[0].offset)
+    if node.op == "mul" and _is_fixed(rows[1]):
+        return _scaled(rows[0], rows[1].offset)
+    if node.op == "div" and _is_fixed(rows[1]) and not rows[1].offset.is_zero:
+        return _scaled(rows[0], 1.0 / rows[1].offset)
+    if node.op == "floor" and rows[0].count is None:
+        count = _Count(rows[0].offset, rows[0].rate, rows[0].starts)
+        return _Line(dag.zero, dag.zero, dag.one, count)
+    return None
+
+
+def _is_fixed(line: _Line) -> bool:
+    return line.rate.is_zero and line.count is None
+
+
+def _added(a: _Line, b: _Line, sign: float) -> _Line | None:
+    counts = {line.count for line in (a, b) if line.count is not None}
+    if len(counts) > 1 or a.starts or b.starts:
+        return None
+    return _Line(
+        a.offset + b.offset * sign,
+        a.rate + b.rate * sign,
+        a.step + b.step * sign,
+        next(iter(counts), None),
+    )
+
+
+def _scaled(line: _Line, factor: Node) -> _Line:
+    scaled = (line.offset * factor, line.rate * factor, line.step * factor)
+    return _Line(*scaled, line.count, line.starts)
+
+
+def _stops(node: Node, line: _Line) -> list[Stop]:
+    """Give the times where what a node looks at is zero, whole, or a place of its table."""
+    if line.rate.is_zero:
+        return []  # a count alone: its floor has been seen to already
+    if node.op == "floor" and line.count is None:
+        return [Stop(-line.offset / line.rate, 1.0 / line.rate, line.starts)]
+    places = node.data.x if node.op == "table" else (0.0,)
+    firsts = [(place - line.offset) / line.rate for place in places]
+    if line.count is None:
+        return [Stop(first) for first in firsts]
+    period = -line.step / line.rate
+    return [Stop(first, period, line.count.starts) for first in firsts]
+
+
+def stop_times(
+    stops: Sequence[Stop], values: Mapping[Node, float], low: float, high: float
+) -> list[float]:
+    """List the times of some stops within a span, ascending.
+
+    Parameters
+    ----------
+    stops : sequence of Stop
+        The stops.
+    values : mapping of Node to float
+        Values of the parameters' symbols.
+    low, high : float
+        The span, both ends left out.
+
+    Raises
+    ------
+    ValueError
+        If a period is so short that there are too many.
+    """
+    found: set[float] = set()
+    for stop in stops:
+        first, period = _number(stop.first, values), _number(stop.period, values)
+        if not math.isfinite(first):
+            continue
+        if stop.period is None or not math.isfinite(period) or period == 0.0:
+            found.add(first)
+            continue
+        ends = sorted((at - first) / period for at in (low, high))
+        start, end = math.ceil(ends[0]), math.floor(ends[1])
+        start = max(start, 0) if stop.starts else start
+        if end - start > _MOST:
+            raise ValueError(
+                f"a period of {period:.6g} s passes {end - start} times in the span: it is too "
+                "short for this run; check its unit"
+            )
+        found |= {first + k * period for k in range(start, end + 1)}
+    kept: list[float] = []
+    for at in sorted(at for at in found if low < at < high):
+        if not kept or at - kept[-1] > SAME * max(abs(at), abs(kept[-1])):
+            kept.append(at)
+    return kept
+
+
+def _number(node: Node | None, values: Mapping[Node, float]) -> float:
+    """Evaluate a node; nan where it has no value."""
+    if node is None:
+        return math.nan
+    try:
+        return float(evaluate([node], values)[0])
+    except (ArithmeticError, ValueError):
+        return math.nan

@@ -1,0 +1,78 @@
+"""Times of jumps and kinks, found from nodes."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from cotree.dag.nodes import Dag
+from cotree.dag.stops import find_stops, stop_times
+from cotree.scene.expressions import parse
+
+
+def _times(text, low=0.0, high=10.0, **parameters):
+    dag = Dag()
+    symbols = {name: dag.symbol("p", i) for i, name in enumerate(parameters)}
+    known = {"t": dag.symbol("t", 0), "x": dag.symbol("x", 0), **symbols}
+    stops = find_stops(dag, [parse(text, "a test").lower(dag, known.__getitem__)])
+    values = {symbols[name]: value for name, value in parameters.items()}
+    return stop_times(stops, values, low, high)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("sin(t)*x + t**2", []),
+        ("sign(t - 3)", [3.0]),
+        ("abs(1 - 2*t)", [0.5]),
+        ("max(t, 4)*x", [4.0]),
+        ("sign(x - t)", []),  # depends on a state: the error test sees to it
+        ("sign(t**2 - 9)", []),  # not linear in time
+        ("sign(11 - t)", []),  # after the end
+        ("floor((t - 1)/4)", [1.0, 5.0, 9.0]),
+        ("mod(t, 3)", [3.0, 6.0, 9.0]),
+        ("sign(mod(t - 1, 4) - 1.5)", [1.0, 2.5, 5.0, 6.5, 9.0]),
+        ("sin(sign(t - 1)) + sign(t - 1)", [1.0]),
+        ("max(0, 1 - abs(t - 2)/0.5)", [1.5, 2.0, 2.5]),
+        ("max(0, min(t - 1, 4 - t))", [1.0, 2.5, 4.0]),
+        ("x*sign(sign(t - 1) + t - 3)", [1.0, 2.0, 3.0, 4.0]),
+    ],
+)
+def test_times_of_expressions(text, expected):
+    assert _times(text) == pytest.approx(expected, rel=1e-15)
+
+
+def test_times_follow_the_parameters():
+    text = "sign(mod(t - delay, period) - width)"
+    found = _times(text, high=2.0, delay=0.5, period=1.0, width=0.25)
+    assert found == [0.5, 0.75, 1.5, 1.75]
+    assert _times(text, high=1.0, delay=0.5, period=2.0, width=math.nan) == [0.5]
+
+
+def test_what_starts_has_no_times_before():
+    dag = Dag()
+    t = dag.symbol("t", 0)
+    passed = (t - 2.0) / 3.0
+    count = dag.function("floor", dag.select(passed, passed, dag.zero))
+    phase = t - 2.0 - 3.0 * count
+    stops = find_stops(dag, [dag.function("abs", phase - 1.0)])
+    assert stop_times(stops, {}, -10.0, 10.0) == [2.0, 3.0, 5.0, 6.0, 8.0, 9.0]
+
+
+def test_times_that_differ_by_roundings_are_one():
+    assert len(_times("sign(t - 0.3) + sign(t - 0.1*3) + sign(10*t - 3)")) == 1
+
+
+def test_tables_of_time_stop_at_their_points():
+    from cotree.dag.several import Table, table
+
+    dag = Dag()
+    t = dag.symbol("t", 0)
+    value, _ = table(dag, Table((0.0, 1.0, 4.0), (0.0, 2.0, 1.0)), 2.0 * t - 1.0)
+    assert stop_times(find_stops(dag, [value]), {}, 0.0, 10.0) == [0.5, 1.0, 2.5]
+
+
+def test_a_period_far_too_short_is_refused():
+    with pytest.raises(ValueError, match=r"period of 1e-12 s passes"):
+        _times("mod(t, 1e-12)")

@@ -1,0 +1,71 @@
+"""Circuits, built from their elements, against reference solutions."""
+
+from __future__ import annotations
+
+import circuits
+import numpy as np
+import pytest
+from reference_scenes import read_reference
+
+pytestmark = pytest.mark.compiler
+
+TIGHT = {"rtol": 1e-11, "atol": 1e-13}
+
+
+def _run(scene, data, method):
+    sensitivities = list(data.get("sensitivities", {"values": {}})["values"])
+    times = [row["t"] for row in data["reference"]]
+    return scene.compile(sensitivities).simulate(
+        (0.0, data["t_end"]), t_eval=times, method=method, throw=True, **TIGHT
+    )
+
+
+def _check(result, data, output_of, digits=8):
+    """Compare values and sensitivities, relative to the largest of each quantity over time.
+
+    What is zero, or next to nothing, is left with rounding: it is compared with a millionth of the
+    largest of all quantities.
+    """
+    tables = {"": data["reference"], **data.get("sensitivities", {"values": {}})["values"]}
+    for parameter, rows in tables.items():
+        largest = max(abs(value) for row in rows for value in row["values"].values())
+        for quantity in rows[0]["values"]:
+            expected = np.array([row["values"][quantity] for row in rows])
+            name = output_of(quantity)
+            found = result.sensitivity(name, parameter) if parameter else result[name]
+            scale = max(np.max(np.abs(expected)), 1e-6 * largest)
+            assert np.max(np.abs(found - expected)) <= 10.0**-digits * scale, (quantity, parameter)
+
+
+@pytest.mark.parametrize("method", ["DOP853", "BDF", "cvode"])
+def test_rlc_series(method):
+    data = read_reference("rlc_series")
+    scene = circuits.circuit("rlc_series")
+    result = _run(scene, data, method)
+    # BDF's errors of a step add up over its few thousand steps.
+    _check(result, data, circuits.output_of, 8 if method != "BDF" else 6)
+
+
+def test_rlc_ladder():
+    data = read_reference("spice_rlc_ladder50")
+    result = _run(circuits.circuit("spice_rlc_ladder50"), data, "DOP853")
+    _check(result, data, circuits.output_of)
+
+
+@pytest.mark.parametrize("method", ["DOP853", "LSODA", "auto"])
+def test_battery_with_a_switched_current(method):
+    data = read_reference("battery_2rc")
+    result = _run(circuits.battery(), data, method)
+    _check(result, data, lambda name: name)
+
+
+def test_rectifier():
+    data = read_reference("spice_rectifier")
+    result = _run(circuits.circuit("spice_rectifier"), data, "auto")
+    _check(result, data, circuits.output_of)
+
+
+def test_transistor_amplifier():
+    data = read_reference("ivp_transistor_amplifier")
+    result = _run(circuits.circuit("ivp_transistor_amplifier"), data, "auto")
+    _check(result, data, circuits.output_of)
