@@ -54,8 +54,11 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 @pytest.fixture(autouse=True, scope="session")
 def _session_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Keep the user's cache out of the tests, and the tests out of it."""
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent  # what one worker compiled serves the others
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("COTREE_CACHE_DIR", str(tmp_path_factory.mktemp("cache")))
+        patch.setenv("COTREE_CACHE_DIR", str(folder / "cache"))
         yield
 
 

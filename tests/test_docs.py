@@ -6,6 +6,7 @@ import re
 import shlex
 import subprocess
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -33,10 +34,25 @@ def page(name):
     return (PAGES / f"{name}.md").read_text(encoding="utf-8")
 
 
-def test_the_readme_example_runs(tmp_path, monkeypatch):
+@pytest.fixture
+def own_types():
+    """Take back what an example registers."""
+    with patch.dict(COMPONENTS):
+        yield
+
+
+@pytest.mark.usefixtures("own_types")
+@pytest.mark.parametrize("block", blocks(README, "python"), ids=["first", "loops"])
+def test_the_readme_examples_run(block, tmp_path, monkeypatch):
+    """Files go where it runs; numbers in its comments are what the expressions before them give."""
     monkeypatch.chdir(tmp_path)
-    exec(compile(blocks(README, "python")[0], "README.md", "exec"), {})
-    assert (tmp_path / "slider_pendulum_c" / "main.c").is_file()
+    names: dict = {}
+    exec(compile(block, "README.md", "exec"), names)
+    for folder in re.findall(r'model\.write\("(.*)"\)', block):
+        assert (tmp_path / folder / "main.c").is_file()
+    for expression, number in re.findall(r"^(\S.*)  # (\d+\.\d+) ", block, re.MULTILINE):
+        half_a_digit = 0.5 * 10.0 ** -len(number.partition(".")[2])
+        assert abs(eval(expression, names) - float(number)) <= half_a_digit, expression
 
 
 def test_the_scene_page_says_the_same_in_toml_and_python():
@@ -102,12 +118,10 @@ def test_the_example_of_every_component_shows_its_closed_form(component):
         assert np.max(np.abs(result[name] - exact)) <= 1e-8 * np.max(np.abs(exact))
 
 
+@pytest.mark.usefixtures("own_types")
 def test_the_example_of_an_own_component_runs():
     names: dict = {}
-    try:
-        exec(compile(blocks(INDEX, "python")[0], "components/README.md", "exec"), names)
-    finally:
-        COMPONENTS.pop("air_drag", None)
+    exec(compile(blocks(INDEX, "python")[0], "components/README.md", "exec"), names)
     final = np.sqrt(0.5 * 9.81 / 0.02)
     exact = -final * np.tanh(9.81 * 3 / final)
     # The default tolerance is 1e-8; a few tens of steps.

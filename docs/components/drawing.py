@@ -6,13 +6,16 @@ Later strokes cover earlier ones.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from scipy.spatial import ConvexHull
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 Array = npt.NDArray[np.float64]
 
@@ -287,3 +290,13 @@ class Sheet:
 def _lighter(color: str) -> str:
     levels = [int(color[i : i + 2], 16) for i in (1, 3, 5)]
     return "#" + "".join(f"{(level + 255) // 2:02x}" for level in levels)
+
+
+#: Drawings by the name of their component type.
+FIGURES: dict[str, Callable[[Sheet], None]] = {}
+
+
+def figure(draw: Callable[[Sheet], None]) -> Callable[[Sheet], None]:
+    """Enter a drawing under its function's name."""
+    FIGURES[draw.__name__] = draw
+    return draw

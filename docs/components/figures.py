@@ -7,24 +7,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import figures_of_chords
-import figures_of_circuits
-import figures_of_fluids
-import figures_of_joints
-import figures_of_motion
-import figures_of_reactions
+import figures_of_chords  # noqa: F401  they enter their figures
+import figures_of_circuits  # noqa: F401
+import figures_of_fluids  # noqa: F401
+import figures_of_joints  # noqa: F401
+import figures_of_motion  # noqa: F401
+import figures_of_reactions  # noqa: F401
+import figures_of_transducers  # noqa: F401
 import matplotlib as mpl
-from drawing import Sheet
+from drawing import FIGURES, Sheet
 
 FOLDER = Path(__file__).resolve().parents[1] / "images" / "components"
-FIGURES = {
-    **figures_of_joints.FIGURES,
-    **figures_of_chords.FIGURES,
-    **figures_of_circuits.FIGURES,
-    **figures_of_fluids.FIGURES,
-    **figures_of_motion.FIGURES,
-    **figures_of_reactions.FIGURES,
-}
 
 
 def draw(name: str) -> Sheet:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from drawing import (
     FIRST,
@@ -15,23 +13,13 @@ from drawing import (
     Sheet,
     blob,
     circle,
+    figure,
     flat,
     moved,
     ring,
     turned,
     unit,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-FIGURES: dict[str, Callable[[Sheet], None]] = {}
-
-
-def figure(draw: Callable[[Sheet], None]) -> Callable[[Sheet], None]:
-    """Enter a drawing under its function's name."""
-    FIGURES[draw.__name__] = draw
-    return draw
 
 
 def _two_bodies(s: Sheet, left: float = -1.35, right: float = 1.35) -> None:

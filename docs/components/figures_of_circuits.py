@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from drawing import FREEDOM, INK, METAL, THROUGH, Sheet, ring
-from symbols import Figures, rectangle, source, wires
-
-FIGURES = Figures()
+from drawing import FREEDOM, INK, METAL, THROUGH, Sheet, figure, ring
+from symbols import rectangle, source, wires
 
 _PAPER = ("#ffffff", INK)
 
@@ -83,7 +81,7 @@ _PULSE = [
 _POINTS = [(0, 0.1), (0.2, 0.1), (0.4, 1), (0.65, 0.4), (0.85, 0.7), (1, 0.7)]
 
 
-@FIGURES.draw
+@figure
 def resistor(s: Sheet) -> None:
     """Draw a box."""
     wires(s, 0.6, through="i", across="v")
@@ -91,7 +89,7 @@ def resistor(s: Sheet) -> None:
     s.text((0.0, 0.42), "resistance", size=10)
 
 
-@FIGURES.draw
+@figure
 def capacitor(s: Sheet) -> None:
     """Draw two plates."""
     wires(s, 0.09, through="i", across="v")
@@ -100,7 +98,7 @@ def capacitor(s: Sheet) -> None:
     s.text((0.0, 0.6), "capacitance", size=10)
 
 
-@FIGURES.draw
+@figure
 def inductor(s: Sheet) -> None:
     """Draw a coil."""
     wires(s, 0.7, through="i", across="v")
@@ -108,7 +106,7 @@ def inductor(s: Sheet) -> None:
     s.text((0.0, 0.45), "inductance", size=10)
 
 
-@FIGURES.draw
+@figure
 def switch(s: Sheet) -> None:
     """Draw a contact."""
     wires(s, 0.45, through="i", across="v")
@@ -119,57 +117,57 @@ def switch(s: Sheet) -> None:
     s.text((0.0, 0.66), "closed", FREEDOM, size=10)
 
 
-@FIGURES.draw
+@figure
 def voltage_source(s: Sheet) -> None:
     """Draw a circle with a line."""
     wires(s, 0.36, through="i", across="v")
     source(s, "voltage", True)
 
 
-@FIGURES.draw
+@figure
 def current_source(s: Sheet) -> None:
     """Draw a circle with an arrow."""
     wires(s, 0.36, through="i", across="v")
     source(s, "current", False)
 
 
-@FIGURES.draw
+@figure
 def sine_voltage(s: Sheet) -> None:
     """Draw a source of voltage with a sine."""
     _waveform(s, True, _SINE, "amplitude")
 
 
-@FIGURES.draw
+@figure
 def sine_current(s: Sheet) -> None:
     """Draw a source of current with a sine."""
     _waveform(s, False, _SINE, "amplitude")
 
 
-@FIGURES.draw
+@figure
 def pulse_voltage(s: Sheet) -> None:
     """Draw a source of voltage with two pulses."""
     _waveform(s, True, _PULSE, "high, width")
 
 
-@FIGURES.draw
+@figure
 def pulse_current(s: Sheet) -> None:
     """Draw a source of current with two pulses."""
     _waveform(s, False, _PULSE, "high, width")
 
 
-@FIGURES.draw
+@figure
 def piecewise_voltage(s: Sheet) -> None:
     """Draw a source of voltage with a line through points."""
     _waveform(s, True, _POINTS, "times, values")
 
 
-@FIGURES.draw
+@figure
 def piecewise_current(s: Sheet) -> None:
     """Draw a source of current with a line through points."""
     _waveform(s, False, _POINTS, "times, values")
 
 
-@FIGURES.draw
+@figure
 def transformer(s: Sheet) -> None:
     """Draw two windings on a core."""
     _port(s, -1.5, "primary", -1, 1.2)
@@ -181,7 +179,7 @@ def transformer(s: Sheet) -> None:
     s.text((0.0, -0.85), "ratio", size=10)
 
 
-@FIGURES.draw
+@figure
 def coupled_inductors(s: Sheet) -> None:
     """Draw two windings with a bow between."""
     _port(s, -1.5, "primary", -1, 1.1)
@@ -194,7 +192,7 @@ def coupled_inductors(s: Sheet) -> None:
     s.text((0.0, 0.98), "coupling", FREEDOM, size=10)
 
 
-@FIGURES.draw
+@figure
 def gyrator(s: Sheet) -> None:
     """Draw two half circles back to back."""
     _port(s, -1.5, "primary", -1, 1.3)
@@ -206,31 +204,31 @@ def gyrator(s: Sheet) -> None:
     s.text((0.0, -0.88), "conductance", size=10)
 
 
-@FIGURES.draw
+@figure
 def vcvs(s: Sheet) -> None:
     """Draw a voltage that makes a voltage."""
     _controlled(s, True, True, "gain · v")
 
 
-@FIGURES.draw
+@figure
 def vccs(s: Sheet) -> None:
     """Draw a voltage that makes a current."""
     _controlled(s, True, False, "transconductance · v")
 
 
-@FIGURES.draw
+@figure
 def ccvs(s: Sheet) -> None:
     """Draw a current that makes a voltage."""
     _controlled(s, False, True, "transresistance · i")
 
 
-@FIGURES.draw
+@figure
 def cccs(s: Sheet) -> None:
     """Draw a current that makes a current."""
     _controlled(s, False, False, "gain · i")
 
 
-@FIGURES.draw
+@figure
 def ideal_op_amp(s: Sheet) -> None:
     """Draw the triangle of an amplifier."""
     for y, sign, name in ((0.35, "+", "plus"), (-0.35, "−", "minus")):
@@ -247,7 +245,7 @@ def ideal_op_amp(s: Sheet) -> None:
     s.text((-1.22, 0.0), "0", FREEDOM, size=10)
 
 
-@FIGURES.draw
+@figure
 def nullor(s: Sheet) -> None:
     """Draw an ellipse and two circles."""
     _port(s, -1.5, "input", -1, 0.8)
@@ -262,7 +260,7 @@ def nullor(s: Sheet) -> None:
     s.text((0.34, 0.0), "v, i", THROUGH, size=9.5)
 
 
-@FIGURES.draw
+@figure
 def diode(s: Sheet) -> None:
     """Draw a triangle against a bar."""
     wires(s, 0.3, through="i", across="v")
@@ -289,13 +287,13 @@ def _bipolar(s: Sheet, is_npn: bool) -> None:
         s.text((0.86, 0.5 * side), name, THROUGH)
 
 
-@FIGURES.draw
+@figure
 def bjt_npn(s: Sheet) -> None:
     """Draw a transistor whose arrow points outwards."""
     _bipolar(s, True)
 
 
-@FIGURES.draw
+@figure
 def bjt_pnp(s: Sheet) -> None:
     """Draw a transistor whose arrow points inwards."""
     _bipolar(s, False)
@@ -317,19 +315,19 @@ def _field_effect(s: Sheet, is_n: bool) -> None:
     s.text((0.86, -0.65 * lower), "id", THROUGH)
 
 
-@FIGURES.draw
+@figure
 def mosfet_n(s: Sheet) -> None:
     """Draw a field-effect transistor with its source below."""
     _field_effect(s, True)
 
 
-@FIGURES.draw
+@figure
 def mosfet_p(s: Sheet) -> None:
     """Draw a field-effect transistor with its source above."""
     _field_effect(s, False)
 
 
-@FIGURES.draw
+@figure
 def battery_cell(s: Sheet) -> None:
     """Draw a resistor, a pair and a store of charge in a row."""
     s.line([(-1.9, 0.0), (1.9, 0.0)], lw=1.5)

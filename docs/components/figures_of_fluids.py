@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from drawing import FIRST, FREEDOM, INK, METAL, SECOND, THROUGH, Sheet, ring
-from symbols import HOT, LIQUID, Figures, rectangle, source, wires
-
-FIGURES = Figures()
+from drawing import FIRST, FREEDOM, INK, METAL, SECOND, THROUGH, Sheet, figure, ring
+from symbols import HOT, LIQUID, rectangle, source, wires
 
 
-@FIGURES.draw
+@figure
 def hydraulic_resistor(s: Sheet) -> None:
     """Draw a thin tube with the profile of laminar flow."""
     wires(s, 0.9, through="q", across="p")
@@ -24,7 +22,7 @@ def hydraulic_resistor(s: Sheet) -> None:
         )
 
 
-@FIGURES.draw
+@figure
 def orifice(s: Sheet) -> None:
     """Draw a plate with a hole in a tube."""
     wires(s, 0.9, through="q", across="p")
@@ -35,7 +33,7 @@ def orifice(s: Sheet) -> None:
     s.text((0.0, 0.56), "area", size=10)
 
 
-@FIGURES.draw
+@figure
 def valve(s: Sheet) -> None:
     """Draw two triangles with a stem."""
     wires(s, 0.55, through="q", across="p")
@@ -47,7 +45,7 @@ def valve(s: Sheet) -> None:
     s.text((0.95, 0.55), "opening", FREEDOM, size=10)
 
 
-@FIGURES.draw
+@figure
 def tank(s: Sheet) -> None:
     """Draw an open tank."""
     s.face([(-0.7, -0.55), (0.7, -0.55), (0.7, 0.35), (-0.7, 0.35)], LIQUID)
@@ -65,7 +63,7 @@ def tank(s: Sheet) -> None:
     s.text((0.62, -0.92), "minus", italic=False, size=10)
 
 
-@FIGURES.draw
+@figure
 def accumulator(s: Sheet) -> None:
     """Draw a vessel with a membrane."""
     s.line([(-1.75, -0.5), (0.0, -0.5)], lw=1.5)
@@ -80,7 +78,7 @@ def accumulator(s: Sheet) -> None:
     s.text((1.4, 0.22), "capacity", size=10)
 
 
-@FIGURES.draw
+@figure
 def inertance(s: Sheet) -> None:
     """Draw a column in a frictionless tube."""
     wires(s, 0.95, through="q", across="p")
@@ -89,7 +87,7 @@ def inertance(s: Sheet) -> None:
     s.arrow([(-0.4, 0.0), (0.45, 0.0)], THROUGH, 1.9)
 
 
-@FIGURES.draw
+@figure
 def pipe(s: Sheet) -> None:
     """Draw a long tube with flanges."""
     wires(s, 1.15, through="q", across="p")
@@ -100,7 +98,7 @@ def pipe(s: Sheet) -> None:
     s.text((0.0, 0.46), "resistance, inertance", size=10)
 
 
-@FIGURES.draw
+@figure
 def pump(s: Sheet) -> None:
     """Draw a circle with a triangle that points to the delivery."""
     wires(s, 0.45, through="q", across="p")
@@ -110,21 +108,21 @@ def pump(s: Sheet) -> None:
     s.text((1.3, -0.5), "suction", italic=False, size=9)
 
 
-@FIGURES.draw
+@figure
 def pressure_source(s: Sheet) -> None:
     """Draw a source of pressure."""
     wires(s, 0.36, through="q", across="p")
     source(s, "pressure", True)
 
 
-@FIGURES.draw
+@figure
 def flow_source(s: Sheet) -> None:
     """Draw a source of flow."""
     wires(s, 0.36, across="p")
     source(s, "flow", False)
 
 
-@FIGURES.draw
+@figure
 def heat_capacitor(s: Sheet) -> None:
     """Draw a warm block."""
     s.line([(-1.75, 0.1), (-0.6, 0.1)], lw=1.5)
@@ -137,7 +135,7 @@ def heat_capacitor(s: Sheet) -> None:
     s.text((0.08, -0.75), "minus: the ground, 0 K", italic=False, size=9)
 
 
-@FIGURES.draw
+@figure
 def thermal_resistor(s: Sheet) -> None:
     """Draw a wall with the temperature through it."""
     wires(s, 0.45, through="q", across="T")
@@ -146,7 +144,7 @@ def thermal_resistor(s: Sheet) -> None:
     s.text((0.0, 0.72), "resistance", size=10)
 
 
-@FIGURES.draw
+@figure
 def convection(s: Sheet) -> None:
     """Draw a surface in a flow."""
     wires(s, 0.5, through="q", across="T")
@@ -158,7 +156,7 @@ def convection(s: Sheet) -> None:
     s.text((0.2, 0.78), "coefficient, area", size=10)
 
 
-@FIGURES.draw
+@figure
 def radiation(s: Sheet) -> None:
     """Draw rays between two surfaces."""
     wires(s, 0.75, through="q")
@@ -172,14 +170,14 @@ def radiation(s: Sheet) -> None:
     s.text((1.1, -0.6), "T at minus", FREEDOM, size=10)
 
 
-@FIGURES.draw
+@figure
 def temperature_source(s: Sheet) -> None:
     """Draw a source of temperature."""
     wires(s, 0.36, through="q", across="T")
     source(s, "temperature", True)
 
 
-@FIGURES.draw
+@figure
 def heat_source(s: Sheet) -> None:
     """Draw a source of heat."""
     wires(s, 0.36, across="T")

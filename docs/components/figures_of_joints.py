@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from drawing import (
     FIRST,
@@ -14,22 +12,12 @@ from drawing import (
     Sheet,
     blob,
     circle,
+    figure,
     flat,
     moved,
     ring,
     turned,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-FIGURES: dict[str, Callable[[Sheet], None]] = {}
-
-
-def figure(draw: Callable[[Sheet], None]) -> Callable[[Sheet], None]:
-    """Enter a drawing under its function's name."""
-    FIGURES[draw.__name__] = draw
-    return draw
 
 
 @figure

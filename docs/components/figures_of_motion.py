@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from drawing import FIRST, FREEDOM, INK, METAL, SECOND, THROUGH, Sheet, ring
-from symbols import FIRST_SECOND, Figures, rectangle, source, wheel, wires
-
-FIGURES = Figures()
+from drawing import FIRST, FREEDOM, INK, METAL, SECOND, THROUGH, Sheet, figure, ring
+from symbols import FIRST_SECOND, rectangle, source, wheel, wires
 
 
-@FIGURES.draw
+@figure
 def translational_mass(s: Sheet) -> None:
     """Draw a block on rollers."""
     s.ground((0.0, -0.62), 3.4)
@@ -25,7 +23,7 @@ def translational_mass(s: Sheet) -> None:
     s.text((-0.65, -1.08), "s", FREEDOM, size=10)
 
 
-@FIGURES.draw
+@figure
 def rotational_inertia(s: Sheet) -> None:
     """Draw a flywheel on a shaft."""
     s.line([(-1.5, 0.0), (1.5, 0.0)], METAL[0], 6.0)
@@ -41,14 +39,14 @@ def _pulled(s: Sheet, half: float, through: str, across: str) -> None:
     wires(s, half, FIRST_SECOND, through, across)
 
 
-@FIGURES.draw
+@figure
 def translational_spring(s: Sheet) -> None:
     """Draw a coil."""
     _pulled(s, 0.8, "f", "v, s")
     s.coil((-0.8, 0.0), (0.8, 0.0))
 
 
-@FIGURES.draw
+@figure
 def rotational_spring(s: Sheet) -> None:
     """Draw a spiral."""
     _pulled(s, 0.55, "tau", "w, theta")
@@ -59,14 +57,14 @@ def rotational_spring(s: Sheet) -> None:
     s.face(ring((0.0, 0.0), 0.07), METAL)
 
 
-@FIGURES.draw
+@figure
 def translational_damper(s: Sheet) -> None:
     """Draw a cup and its piston."""
     _pulled(s, 0.7, "f", "v")
     s.dashpot((-0.9, 0.0), (0.9, 0.0), 0.24)
 
 
-@FIGURES.draw
+@figure
 def rotational_damper(s: Sheet) -> None:
     """Draw a disc in oil."""
     _pulled(s, 0.4, "tau", "w")
@@ -86,7 +84,7 @@ def _gap(s: Sheet) -> None:
         s.line([(x, 0.3), (x, 0.5)], lw=0.8)
 
 
-@FIGURES.draw
+@figure
 def translational_stop(s: Sheet) -> None:
     """Draw a block in a gap."""
     _pulled(s, 0.85, "f", "v, s")
@@ -94,7 +92,7 @@ def translational_stop(s: Sheet) -> None:
     s.line([(0.16, 0.0), (0.9, 0.0)], lw=1.5)
 
 
-@FIGURES.draw
+@figure
 def rotational_stop(s: Sheet) -> None:
     """Draw a claw in a gap."""
     _pulled(s, 0.7, "tau", "w, theta")
@@ -106,7 +104,7 @@ def rotational_stop(s: Sheet) -> None:
     s.text((0.72, 0.62), "lower", size=10)
 
 
-@FIGURES.draw
+@figure
 def translational_friction(s: Sheet) -> None:
     """Draw a block that slides."""
     _pulled(s, 0.7, "f", "v")
@@ -116,7 +114,7 @@ def translational_friction(s: Sheet) -> None:
     s.line([(-0.7, 0.0), (-0.7, -0.2)], lw=1.5)
 
 
-@FIGURES.draw
+@figure
 def rotational_friction(s: Sheet) -> None:
     """Draw a disc with a brake."""
     _pulled(s, 0.6, "tau", "w")
@@ -132,33 +130,33 @@ def _driven(s: Sheet, letter: str, across: str) -> None:
     s.text((0.0, 0.54), letter, THROUGH)
 
 
-@FIGURES.draw
+@figure
 def force_source(s: Sheet) -> None:
     """Draw a source of force."""
     _driven(s, "force on second", "v")
 
 
-@FIGURES.draw
+@figure
 def torque_source(s: Sheet) -> None:
     """Draw a source of torque."""
     _driven(s, "torque on second", "w")
 
 
-@FIGURES.draw
+@figure
 def velocity_source(s: Sheet) -> None:
     """Draw a source of velocity."""
     _pulled(s, 0.36, "f", "v")
     source(s, "velocity", True)
 
 
-@FIGURES.draw
+@figure
 def speed_source(s: Sheet) -> None:
     """Draw a source of speed."""
     _pulled(s, 0.36, "tau", "w")
     source(s, "speed", True)
 
 
-@FIGURES.draw
+@figure
 def shaft(s: Sheet) -> None:
     """Draw a twisted shaft."""
     _pulled(s, 1.0, "tau", "w, theta")
@@ -168,7 +166,7 @@ def shaft(s: Sheet) -> None:
     s.text((0.0, 0.44), "stiffness, damping", size=10)
 
 
-@FIGURES.draw
+@figure
 def lever(s: Sheet) -> None:
     """Draw a beam on a pivot."""
     s.face([(0.45, -0.12), (0.25, -0.6), (0.65, -0.6)], FIRST)
@@ -182,7 +180,7 @@ def lever(s: Sheet) -> None:
     s.text((-0.4, 0.35), "ratio < 0", size=10)
 
 
-@FIGURES.draw
+@figure
 def ideal_gear(s: Sheet) -> None:
     """Draw two wheels in mesh."""
     wheel(s, (-0.35, 0.0), 0.42, 16, FIRST)
@@ -196,7 +194,7 @@ def ideal_gear(s: Sheet) -> None:
     s.text((-1.35, -0.75), "ratio < 0", size=10)
 
 
-@FIGURES.draw
+@figure
 def rack_and_pinion(s: Sheet) -> None:
     """Draw a wheel on a toothed bar."""
     teeth = [

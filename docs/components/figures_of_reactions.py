@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from drawing import FREEDOM, INK, METAL, THROUGH, Sheet, ring
-from symbols import LIQUID, Figures, curve, rectangle, source, wires
-
-FIGURES = Figures()
+from drawing import FREEDOM, INK, METAL, THROUGH, Sheet, figure, ring
+from symbols import LIQUID, curve, rectangle, source, wires
 
 
 def _flask(s: Sheet, x: float, name: str) -> None:
@@ -15,7 +13,7 @@ def _flask(s: Sheet, x: float, name: str) -> None:
     s.text((x, -0.15), name, size=12)
 
 
-@FIGURES.draw
+@figure
 def species(s: Sheet) -> None:
     """Draw a stirred vessel."""
     _flask(s, 0.2, "c")
@@ -28,7 +26,7 @@ def species(s: Sheet) -> None:
     s.text((1.15, -0.15), "volume", size=10)
 
 
-@FIGURES.draw
+@figure
 def reaction(s: Sheet) -> None:
     """Draw what comes and what goes."""
     rectangle(s, 0.5, 0.4, LIQUID)
@@ -42,14 +40,14 @@ def reaction(s: Sheet) -> None:
     s.text((1.4, 0.45), "products", size=10)
 
 
-@FIGURES.draw
+@figure
 def molar_flow_source(s: Sheet) -> None:
     """Draw a source of molar flow."""
     wires(s, 0.36, across="c")
     source(s, "flow", False)
 
 
-@FIGURES.draw
+@figure
 def open_circuit_voltage(s: Sheet) -> None:
     """Draw a cell with its curve."""
     wires(s, 0.1, through="i", across="v")
@@ -62,7 +60,7 @@ def open_circuit_voltage(s: Sheet) -> None:
     s.text((0.75, 0.72), "soc", FREEDOM, size=10)
 
 
-@FIGURES.draw
+@figure
 def butler_volmer(s: Sheet) -> None:
     """Draw a box with the curve of the kinetics."""
     wires(s, 0.55, through="i", across="v")
@@ -73,7 +71,7 @@ def butler_volmer(s: Sheet) -> None:
     s.line(curve(x, np.sinh(6 * (x - 0.5)) / np.sinh(3), (0.0, 0.0), 0.42, 0.44), THROUGH, 1.8)
 
 
-@FIGURES.draw
+@figure
 def double_layer(s: Sheet) -> None:
     """Draw ions before a metal."""
     wires(s, 0.5, through="i", across="v")
@@ -86,7 +84,7 @@ def double_layer(s: Sheet) -> None:
     s.text((0.0, 0.68), "area", size=10)
 
 
-@FIGURES.draw
+@figure
 def nernst(s: Sheet) -> None:
     """Draw an electrode with two sides."""
     wires(s, 0.36, through="i", across="v")

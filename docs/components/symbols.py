@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from drawing import FREEDOM, INK, THROUGH, Array, Sheet, ring
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 Point = tuple[float, float]
 
@@ -19,15 +14,6 @@ FIRST_SECOND = ("first", "second")
 
 LIQUID = ("#d5e8f7", "#5a8fb8")
 HOT = ("#f6d9cf", "#b86a4b")
-
-
-class Figures(dict[str, "Callable[[Sheet], None]"]):
-    """Drawings by the name of their component."""
-
-    def draw(self, draw: Callable[[Sheet], None]) -> Callable[[Sheet], None]:
-        """Enter a drawing under its function's name."""
-        self[draw.__name__] = draw
-        return draw
 
 
 def wires(

@@ -14,6 +14,7 @@ from cotree.errors import ParameterError, SingularSystemError
 from cotree.model.algebraic import solve_states
 from cotree.model.model import CompiledModel, as_array
 from cotree.scene.description import SceneDescription, check_number
+from cotree.scene.inertias import impossible_inertias
 from cotree.scene.toml_file import load_scene
 from cotree.solvers.simulate import Settings, simulate
 
@@ -100,6 +101,8 @@ class Scene(SceneDescription):
         options = BuildOptions(optimize=optimize, native=native)
         model = Model(compile_scene(self, names, tree, options, rate), self)
         model.check_start()
+        for sentence in impossible_inertias(self):
+            warnings.warn(sentence, RuntimeWarning, stacklevel=2)
         for name in model.unreached:
             warnings.warn(
                 f"no state or output depends on parameter '{name}': its sensitivities are all zero",
@@ -121,7 +124,7 @@ class Scene(SceneDescription):
 
         costs = count_trees(self)
         if tree is None and costs:
-            tree = list(costs[0].branches)
+            tree = list(costs[0].trees.branches)
         return graph_report(*draw_graphs(self, tree), costs)
 
     def equations(

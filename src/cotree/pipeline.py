@@ -11,7 +11,7 @@ import gc
 import os
 import time
 import warnings
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -24,7 +24,13 @@ from cotree.model.kernels import CKernels, PythonKernels
 from cotree.passes.recipe import run_passes
 from cotree.program.lower import lower
 from cotree.program.strategy import choose_first_graph
-from cotree.scene.graphs import candidate_trees, choose_trees, joint_tree, linear_graphs
+from cotree.scene.graphs import (
+    candidate_trees,
+    choose_trees,
+    joint_tree,
+    linear_graphs,
+    separate_trees,
+)
 from cotree.sensitivity.graphs import form_equations
 from cotree.version import ABI_VERSION
 
@@ -41,6 +47,7 @@ if TYPE_CHECKING:
     from cotree.program.strategy import Alternative
     from cotree.scene.description import SceneDescription
     from cotree.scene.graphs import TreeChoice
+    from cotree.scene.trees import Trees
 
 
 @dataclass(frozen=True)
@@ -120,8 +127,8 @@ def formulate(
         return first, form_equations(first, sensitivities), alternatives
 
 
-def trees_to_try(scene: SceneDescription, tree: TreeChoice) -> list[Tree]:
-    """List the tree that is named, or those among which operations are counted."""
+def trees_to_try(scene: SceneDescription, tree: TreeChoice) -> list[Trees]:
+    """List the trees that are named, or those among which operations are counted."""
     check_edges(scene)
     mechanics = scene.mechanics
     if tree is None:
@@ -132,7 +139,8 @@ def trees_to_try(scene: SceneDescription, tree: TreeChoice) -> list[Tree]:
 def count_trees(scene: SceneDescription) -> tuple[Alternative, ...]:
     """Count what the equations of each tree cost, the cheapest first; one line for each tree.
 
-    A scene that has no equations yet has none of it.
+    Trees that translation and rotation do not share come last: they are taken only where they are
+    named. A scene that has no equations yet has none of it.
 
     Raises
     ------
@@ -140,14 +148,17 @@ def count_trees(scene: SceneDescription) -> tuple[Alternative, ...]:
         If the scene has no edges, or a node is floating.
     """
     trees = trees_to_try(scene, None)
-    try:
-        with _no_collection():
-            _, alternatives = choose_first_graph(scene, trees, ())
-    except Error:
-        return ()
-    cheapest: dict[tuple[str, ...], Alternative] = {}
+    with _no_collection():
+        try:
+            alternatives = choose_first_graph(scene, trees, ())[1]
+        except Error:
+            return ()
+        for pair in separate_trees(scene.mechanics):
+            with suppress(Error):
+                alternatives += choose_first_graph(scene, [pair], ())[1]
+    cheapest: dict[str, Alternative] = {}
     for row in alternatives:
-        cheapest.setdefault(row.branches, row)
+        cheapest.setdefault(row.trees.listed(), row)
     return tuple(cheapest.values())
 
 
@@ -221,7 +232,7 @@ def _load(
     library = build_library(
         files,
         abi_version=ABI_VERSION,
-        n_operations=max(kernel.n_operations for kernel in context.kernels),
+        n_operations=max(kernel.n_written for kernel in context.kernels),
         options=options,
         toolchain=toolchain,
     )

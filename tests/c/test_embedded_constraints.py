@@ -25,6 +25,14 @@ pytestmark = [
     pytest.mark.skipif(sys.platform == "win32", reason="needs a POSIX compiler"),
 ]
 
+# A program with its sanitizers is built for seconds; the other tests of this folder try both.
+mostly_gcc = pytest.mark.parametrize(
+    "compiler",
+    ["gcc", pytest.param("clang", marks=pytest.mark.slow)],
+    indirect=True,
+    scope="module",
+)
+
 DOCUMENT = Path(__file__).parents[2] / "docs" / "c.md"
 OK, PROJECTION_FAILED = 0, 7
 
@@ -92,6 +100,7 @@ def residuals_of_sensitivities(model: Model, t: float, values: dict[str, float])
     return kernel(t, y, np.array(s), None).copy()
 
 
+@mostly_gcc
 @pytest.mark.parametrize(
     ("scene", "sensitivities"),
     [
@@ -120,6 +129,7 @@ def test_a_constrained_motion_ends_as_in_python(
         assert np.max(np.abs(residuals_of_sensitivities(model, 2.0, values))) < 100 * PRINTED
 
 
+@mostly_gcc
 @pytest.mark.parametrize("scene", [four_bar, spherical_pendulum])
 def test_the_start_is_consistent_where_initial_is_not(
     compiler: str, tmp_path: Path, scene: Callable[[], Scene]
@@ -135,6 +145,7 @@ def test_the_start_is_consistent_where_initial_is_not(
     assert "static const double start[N_UNKNOWNS]" in (tmp_path / "main.c").read_text()
 
 
+@mostly_gcc
 def test_a_loose_tolerance_leaves_no_residual(compiler: str, tmp_path: Path) -> None:
     """Left to itself the motion drifts by about the tolerance."""
     model = four_bar().compile()
@@ -150,6 +161,7 @@ def test_a_loose_tolerance_leaves_no_residual(compiler: str, tmp_path: Path) -> 
     assert residuals[1] > 1e-7
 
 
+@mostly_gcc
 def test_a_loop_that_cannot_close_is_reported(compiler: str, tmp_path: Path) -> None:
     """The crank is driven away until coupler and rocker are one line, at infinite rates."""
     model = four_bar(a=2.0, motion="1 + t").compile()
@@ -168,6 +180,7 @@ def test_a_loop_that_cannot_close_is_reported(compiler: str, tmp_path: Path) -> 
     assert found[2] in reasons
 
 
+@mostly_gcc
 def test_constraints_that_cannot_be_satisfied_are_reported(compiler: str, tmp_path: Path) -> None:
     """Somebody gives a bar another length, with which the loop does not close."""
     project = write(four_bar().compile(), tmp_path)

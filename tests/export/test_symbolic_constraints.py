@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -65,6 +65,10 @@ def skate() -> Scene:
     return scene
 
 
+def shared(rows: list[sympy.Expr]) -> Any:
+    return sympy.cse(rows, order="none", list=False)
+
+
 def solved(
     equations: SymbolicEquations, name: str | None, values: Mapping[Key, float]
 ) -> np.ndarray:
@@ -73,7 +77,8 @@ def solved(
     keys = (*equations.accelerations, *equations.multipliers)
     unknowns = [equations.symbols[(key, name) if name else key] for key in keys]
     known = {equations.symbols[key]: value for key, value in values.items()}
-    evaluate = sympy.lambdify([*known, *unknowns], rows)
+    # Shared subexpressions are printed once: written out they take half a minute.
+    evaluate = sympy.lambdify([*known, *unknowns], rows, cse=shared)
     rest = np.array(evaluate(*known.values(), *np.zeros(len(keys))), dtype=float)
     columns = [evaluate(*known.values(), *unit) - rest for unit in np.eye(len(keys))]
     return np.linalg.solve(np.array(columns).T, -rest)

@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bare_models import evaluated
+from fast_and_slow import cases, seeds
 from newton_euler import NewtonEuler
 from random_scenes import random_loop, random_mechanism, random_scene
 from scene_kinematics import COORDINATES, turn
@@ -14,10 +16,7 @@ from scene_values import numbers
 from cotree import Scene
 from cotree.dag.evaluate import evaluate
 from cotree.formulation.first_graph import form_first_graph
-from cotree.model.kernels import PythonKernels
-from cotree.model.model import CompiledModel
-from cotree.pipeline import draw_graphs, formulate
-from cotree.program.lower import lower
+from cotree.pipeline import draw_graphs
 from cotree.scene.expressions import parse
 from cotree.scene.graphs import joint_tree
 
@@ -33,22 +32,8 @@ SILENT = (*RIGID, "rigid_body")
 DRIVES = ("torque", "force")
 
 
-def seeds(n_fast, n_slow):
-    return [
-        *range(n_fast),
-        *(pytest.param(i, marks=pytest.mark.slow) for i in range(n_fast, n_slow)),
-    ]
-
-
 def joints_and_arms(scene):
     return [n for n, e in scene.edges.items() if e.component.name in COORDINATES and n != "tie"]
-
-
-def evaluated(scene, tree=None):
-    """The model, evaluated in Python: it is looked at a few times only."""
-    equations = replace(formulate(scene, (), tree)[1], columns=())  # no Jacobian
-    program = lower(equations)
-    return CompiledModel(program, PythonKernels(program))
 
 
 def with_edges(scene, edges, **changes):
@@ -194,9 +179,7 @@ def test_what_edges_exert_moves_every_body_of_a_plane_loop(seed):
 
 
 # Other seeds have springs about joints whose angle a chord does not know.
-@pytest.mark.parametrize(
-    "seed", [0, *(pytest.param(i, marks=pytest.mark.slow) for i in (1, 3, 4, 8, 9))]
-)
+@pytest.mark.parametrize("seed", cases([0], [1, 3, 4, 8, 9]))
 def test_what_edges_exert_moves_every_body_in_absolute_coordinates(seed):
     scene = random_scene(seed, 2)
     bodies = [n for n, e in scene.edges.items() if e.component.name in SILENT]

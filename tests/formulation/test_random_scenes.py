@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from fast_and_slow import seeds
 from random_scenes import random_scene
 
 from cotree import Scene
 from cotree.dag.derivative import tangents
 from cotree.dag.evaluate import evaluate
 from cotree.dag.traverse import symbols_in
+from cotree.equations import spread
 from cotree.formulation.first_graph import form_first_graph
 from cotree.pipeline import draw_graphs
 from cotree.scene.graphs import joint_tree
@@ -58,7 +60,7 @@ def test_mass_matrix_is_the_derivative_of_the_balances(seed, own_axes):
     assert np.allclose(residual, value(eqs.balances), rtol=RELATIVE, atol=RELATIVE)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", seeds(4, 12))
 @pytest.mark.parametrize("own_axes", AXES)
 def test_sensitivity_graphs_agree_with_differentiated_equations(seed, own_axes):
     scene = random_scene(seed, is_planar=seed % 2 == 0)
@@ -70,10 +72,11 @@ def test_sensitivity_graphs_agree_with_differentiated_equations(seed, own_axes):
         assert np.abs(direct + value(row.forcing)).max() <= RELATIVE * scale, row.name
         direct = value(tangents(eqs.output_values, row.seed))
         scale = max(1.0, np.abs(direct).max())
-        assert np.abs(direct - value(row.outputs)).max() <= RELATIVE * scale, row.name
+        outputs = value(spread(row.outputs, len(eqs.outputs), eqs.dag.zero))
+        assert np.abs(direct - outputs).max() <= RELATIVE * scale, row.name
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", seeds(4, 8))
 def test_every_choice_of_axes_gives_the_same_equations(seed):
     found = []
     for own_axes in AXES:

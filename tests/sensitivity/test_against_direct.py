@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fast_and_slow import cases
 from jointed_scenes import (
     BODY_TREE,
     CHAIN_TREE,
@@ -54,8 +55,9 @@ class Assembled:
         if is_along_tree:
             first = replace(first, links=tree_links(first))
         self.equations = form_equations(first, WANTED)
-        self.kernels = {k: v.results for k, v in lower(self.equations).kernels.items()}
-        self.layout = lower(self.equations).layout
+        program = lower(self.equations)
+        self.kernels = {k: v.results for k, v in program.kernels.items()}
+        self.layout = program.layout
         dag, n = self.equations.dag, len(self.equations.states)
         self.values = {dag.symbol("t", 0): TIME}
         names = [row.name for row in self.equations.parameters]
@@ -163,7 +165,14 @@ def test_every_joint_of_a_tree(kind, is_inward, own_axes):
 # The last body does not reach the point that the others would hold it at; loops of these joints
 # are checked against Newton's and Euler's equations in tests/formulation/test_newton_euler.py.
 FAR = ("spherical", "revolute", "universal", "weld", "arm", "prismatic", "free", "screw")
-TIES = [kind for kind in FIELDS if kind not in FAR]
+# Loops in a plane have some of them too.
+IN_PLANE = ("revolute", "prismatic", "slot", "distance", "gear", "knife_edge", "constraint")
+NEAR = [kind for kind in FIELDS if kind not in FAR]
+TIES = cases(
+    [kind for kind in NEAR if kind not in IN_PLANE], [kind for kind in NEAR if kind in IN_PLANE]
+)
+# What holds or acts on positions and on turns alike.
+TIES_OF_BOTH = ["rolling_disc", "knife_edge", "cylindrical", "hardening"]
 
 
 @axes
@@ -185,11 +194,55 @@ def test_absolute_coordinates_in_space(tie):
 
 
 @pytest.mark.parametrize("tree", [None, FOUR_BAR_BODIES], ids=["joints", "bodies"])
-@pytest.mark.parametrize(
-    "tie", ["revolute", "prismatic", "slot", "distance", "gear", "knife_edge", "constraint"]
-)
+@pytest.mark.parametrize("tie", IN_PLANE)
 def test_planar_loops(tie, tree):
     check(Assembled(four_bar(tie), tree))
+
+
+BARS, BAR_ARMS = ["A", "B", "C"], ["la", "ca", "lb", "cb", "lc", "cc", "g0"]
+CHAIN_ARMS = ["la", "lb", "lc", "g0"]
+
+
+def separate(translation, rotation, arms):
+    return {"translation": [*translation, *arms], "rotation": [*rotation, *arms]}
+
+
+@pytest.mark.parametrize("tie", ["revolute", "prismatic", "gear", "knife_edge"])
+def test_loops_with_trees_of_their_own_for_rotation(tie):
+    check(Assembled(four_bar(tie), separate(BARS, ["ba", "bb", "C"], BAR_ARMS)))
+
+
+@pytest.mark.parametrize(
+    ("translation", "rotation"),
+    [(["ba", "bb", "bc"], BARS), (BARS, ["A", "B", "tie"]), (["A", "B", "tie"], BARS)],
+    ids=["bodies-joints", "turned by the tie", "placed by the tie"],
+)
+def test_separate_trees_of_a_loop(translation, rotation):
+    check(Assembled(four_bar("revolute"), separate(translation, rotation, BAR_ARMS)))
+
+
+@pytest.mark.parametrize(
+    "tie", ["bushing", *(pytest.param(tie, marks=pytest.mark.slow) for tie in TIES_OF_BOTH)]
+)
+def test_separate_trees_in_space(tie):
+    mixed = separate(["A", "bb", "C"], ["ba", "B", "bc"], CHAIN_ARMS)
+    check(Assembled(spatial_chain(tie), mixed))
+
+
+@pytest.mark.parametrize("is_inward", [False, True], ids=["outward", "inward"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "prismatic",
+        "spherical",
+        *(pytest.param(k, marks=pytest.mark.slow) for k in ("cylindrical", "universal", "planar")),
+    ],
+)
+def test_every_joint_of_separate_trees(kind, is_inward):
+    joints, bodies, arms = ["j1", "j2"], ["b1", "b2"], ["w0", "w1", "w2"]
+    scene = two_joints(kind, is_inward)
+    check(Assembled(scene, separate(joints, bodies, arms)))
+    check(Assembled(scene, separate(bodies, joints, arms)))
 
 
 @pytest.mark.parametrize(

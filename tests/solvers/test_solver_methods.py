@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from fast_and_slow import cases
 from ivp_cases import (
     oscillator,
     oscillator_exact,
@@ -18,6 +19,8 @@ from cotree.errors import SolveError
 from cotree.solvers import METHODS, integrate, solver_for
 
 ALL = list(METHODS)
+LONG = ("RK23", "Radau")  # many steps at tight tolerances
+SHORT = [name for name in ALL if name not in LONG]
 IMPLICIT = [name for name, row in METHODS.items() if row.implicit]
 
 
@@ -27,7 +30,7 @@ def _error(trajectory) -> float:
 
 
 @pytest.mark.parametrize("damped", [True, False])
-@pytest.mark.parametrize("method", [m for m in ALL if m != "RK23"])
+@pytest.mark.parametrize("method", cases(SHORT, ["Radau"]))
 def test_closed_form_at_tight_tolerance(method, damped, monkeypatch):
     if not damped:
         monkeypatch.setattr("ivp_cases.DAMPING", 0.0)
@@ -85,7 +88,7 @@ def test_backwards_in_time(method):
     np.testing.assert_allclose(result.z[0], np.exp(2 - times), rtol=1e-4)
 
 
-@pytest.mark.parametrize("method", ALL)
+@pytest.mark.parametrize("method", cases(SHORT, LONG))
 @pytest.mark.parametrize(
     "times", [[0.0], [5.0], [0.0, 5.0], [2.5], [0.0, 1e-12, 1.0, np.nextafter(1.0, 2.0), 5.0]]
 )
@@ -149,7 +152,7 @@ def test_sensitivities_outside_the_error_test_survive_a_stiff_problem(method):
     np.testing.assert_allclose(result.z[[0, 3], -1], exact, rtol=2e-4)
 
 
-@pytest.mark.parametrize("method", ALL)
+@pytest.mark.parametrize("method", cases(SHORT, LONG))
 def test_error_test_off_keeps_the_accuracy_of_states(method):
     times = np.linspace(0, 5, 21)
     tested = integrate(oscillator(times), method)

@@ -35,15 +35,18 @@ PROBLEMS = (
     "slider_pendulum",
 )
 
+LONG = (("ivp_andrews", "absolute"), ("heavy_top", "absolute"))
+
 each_coordinates = pytest.mark.parametrize("coordinates", ["joint", "absolute"])
 
 
 def in_both_coordinates(*names: str) -> pytest.MarkDecorator:
-    """Try each problem in both; absolute Andrews, compiled for seconds, only where asked for."""
-    long = ("ivp_andrews", "absolute")
-    cases = [(name, coordinates) for name in names for coordinates in ("joint", "absolute")]
-    marked = [pytest.param(*case, marks=[pytest.mark.slow] * (case == long)) for case in cases]
-    return pytest.mark.parametrize(("name", "coordinates"), marked)
+    """Try each problem in both; those that take seconds in absolute ones only where asked for."""
+    pairs = [(name, coordinates) for name in names for coordinates in ("joint", "absolute")]
+    long = [pair for pair in pairs if pair in LONG]
+    short = [pair for pair in pairs if pair not in LONG]
+    marked = [pytest.param(*pair, marks=pytest.mark.slow) for pair in long]
+    return pytest.mark.parametrize(("name", "coordinates"), [*short, *marked])
 
 
 def described(name: str, coordinates: str) -> tuple[Scene, list[str] | None]:

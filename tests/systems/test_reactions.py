@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
+import bare_models
 import numpy as np
 import pytest
 from random_scenes import random_scene
@@ -11,10 +10,6 @@ from random_scenes import random_scene
 import cotree
 from cotree import Scene
 from cotree.errors import ParameterError
-from cotree.model.kernels import PythonKernels
-from cotree.model.model import CompiledModel
-from cotree.pipeline import formulate
-from cotree.program.lower import lower
 
 # Each value is a few dozen products of order one to a hundred, each rounded to 1e-16.
 ROUNDING = 1e-12
@@ -28,11 +23,8 @@ def tree_of(scene, coordinates):
 
 
 def evaluated(scene, coordinates="joint", wanted=()):
-    """The model, evaluated in Python: it is looked at a few times only."""
     trees = tree_of(scene, coordinates) if coordinates in ("joint", "absolute") else coordinates
-    equations = replace(formulate(scene, wanted, trees)[1], columns=())  # no Jacobian
-    program = lower(equations)
-    return CompiledModel(program, PythonKernels(program))
+    return bare_models.evaluated(scene, trees, wanted)
 
 
 def at(model, t=0.0):

@@ -107,3 +107,68 @@ def test_the_inertia_of_a_thin_rod_in_oblique_axes():
     tensor = (tensor + tensor.T) / 2.0
     scene.edge("b2", "rigid_body", "ground", "B", mass=1.0, inertia=tensor)
     assert scene.compile().states
+
+
+def top(inertia, **parameters):
+    """A body on a ball joint, in space."""
+    scene = cotree.Scene("top", gravity=[0, 0, -9.81])
+    for name, value in parameters.items():
+        scene.parameter(name, value)
+    scene.edge("ball", "spherical", "ground", "P")
+    scene.edge("axle", "arm", "P", "C", vector=[0, 0, 0.3])
+    scene.edge("b", "rigid_body", "ground", "C", mass=1.0, inertia=inertia)
+    return scene
+
+
+def turned(principal):
+    """A tensor in oblique axes, symmetric to the last bit."""
+    axes, _ = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))
+    tensor = axes @ np.diag(principal) @ axes.T
+    return (tensor + tensor.T) / 2.0
+
+
+@pytest.mark.parametrize(
+    ("inertia", "parameters"),
+    [
+        ([0.1, 0.2, 0.5], {}),
+        ([0.5, 0.1, 0.2], {}),
+        (turned([0.1, 0.2, 0.5]), {}),
+        (["A", "2*A", "5*A"], {"A": 0.1}),
+        # Its minors of two rows are positive, its determinant is not.
+        ([[1, 0.9, -0.9], [0.9, 1, 0.9], [-0.9, 0.9, 1]], {}),
+    ],
+    ids=["numbers", "permuted", "oblique", "parameters", "negative"],
+)
+def test_moments_of_inertia_that_break_the_triangle_rule_are_named(inertia, parameters):
+    with pytest.warns(RuntimeWarning, match="inertia of edge 'b' is that of no body"):
+        top(inertia, **parameters).compile()
+
+
+@pytest.mark.parametrize(
+    "inertia",
+    [
+        0.3,
+        [0.1, 0.2, 0.3],  # a plate
+        [0.333333, 0.333333, 0.666667],  # a plate's, written with six digits
+        turned([0.1, 0.2, 0.3]),
+        [0.2, 0.2, 0],  # a rod
+        turned([0.2, 0.2, 0]),
+        [0, 0, 0],
+    ],
+    ids=str,
+)
+def test_rods_plates_and_points_keep_the_triangle_rule(inertia):
+    scene = top(inertia)
+    scene.edge("rest", "rigid_body", "ground", "C", mass=0.1, inertia=0.1)
+    assert scene.compile().states  # warnings are errors here
+
+
+def test_moments_about_one_axis_alone_are_no_tensor():
+    """A moment about the axis of a joint in space, and what a plane scene never reads."""
+    wheel = cotree.Scene("wheel", gravity=[1, 2, 3])
+    wheel.edge("h", "revolute", "ground", "A", axis=[0, 0, 1])
+    wheel.edge("b", "rigid_body", "ground", "A", mass=1.0, inertia=[0, 0, 0.2])
+    plane = pendulum()
+    plane.edge("b2", "rigid_body", "ground", "B", mass=1.0, inertia=[0.1, 0, 0.5])
+    assert wheel.compile().states
+    assert plane.compile().states

@@ -244,9 +244,9 @@ def _steps(scene: Scene, sensitivities: Sequence[str], choice: TreeChoice) -> st
     first = None
     if choice is None or all(names == branches[0] for names in branches):
         first = choose_first_graph(scene, trees_to_try(scene, choice), sensitivities)[0]
-        if set(first.system.tree.branches) != branches[0]:
+        if set(first.system.trees.branches) != branches[0]:
             # Another tree costs less, and its equations are those that are shown elsewhere.
-            graphs, trees = draw_graphs(scene, list(first.system.tree.branches))
+            graphs, trees = draw_graphs(scene, list(first.system.trees.branches))
     names: list[str | None] = [*sensitivities] or [None]
     return "\n".join(formulation_steps(scene, graphs, trees, first, name) for name in names)
 

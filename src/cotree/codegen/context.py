@@ -7,6 +7,7 @@ import textwrap
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from cotree.codegen.loops import roll
 from cotree.codegen.printer_c import Printed, literal, print_nodes
 from cotree.dag.operations import OPERATIONS
 from cotree.dag.several import Function, Table
@@ -57,6 +58,12 @@ class KernelContext:
     unused: list[str]
     lines: list[str]
     uses_status: bool
+
+    @property
+    def n_written(self) -> int:
+        """About how many operations stand in the text: those of a loop stand there once."""
+        whole = max(1, self.n_statements + self.n_results)
+        return self.n_operations * min(whole, len(self.lines)) // whole
 
 
 @dataclass(frozen=True)
@@ -200,7 +207,7 @@ def _kernel_context(
         n_operations=operations,
         n_statements=printed.n_statements,
         unused=unused,
-        lines=lines,
+        lines=roll(lines),
         uses_status=printed.uses_status,
     )
 

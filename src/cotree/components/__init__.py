@@ -19,6 +19,7 @@ from cotree.components import (
     rigid_body,
     semiconductors,
     thermal,
+    transducers,
 )
 from cotree.components.component import (
     Acts,
@@ -45,7 +46,7 @@ COMPONENTS: dict[str, Component] = {
     for family in (
         *(rigid_body, joints, constraints, forces),
         *(electrical, electrical_sources, electrical_couplings, semiconductors, battery),
-        *(hydraulic, thermal, mechanical, chemical, electrochemical),
+        *(hydraulic, thermal, mechanical, chemical, electrochemical, transducers),
     )
     for row in family.COMPONENTS
 }

@@ -190,6 +190,8 @@ class Component:
         Along what a user's law acts.
     ports : tuple of Terminal
         The terminal equations of a scalar component, one for each edge that it has in the graphs.
+    loss : Law or None
+        Of a scalar component: the power that it turns into heat, [W].
     terminals : tuple of str
         Of a scalar component whose ports share nodes: names of its nodes, in order.
     adapt : callable or None
@@ -213,6 +215,7 @@ class Component:
     acts: Acts = Acts.LINE
     ports: tuple[Terminal, ...] = ()
     terminals: tuple[str, ...] = ()
+    loss: Law | None = None
     adapt: Adapt | None = None
     measures: tuple[Measure, ...] = ()
     demands: tuple[Demand, ...] = ()

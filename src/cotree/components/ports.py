@@ -100,3 +100,38 @@ def ideal_coupling(
             ),
         ),
     )
+
+
+def ideal_gyration(
+    name: str, doc: str, field: Field, first: tuple[str, str], second: tuple[str, str]
+) -> Component:
+    """Make two ports: through of each is ``field`` times across of the other, without losses.
+
+    What flows into the first drives the second. Ports are given as their domain and name.
+    """
+    there, back = first[1], second[1]
+    return Component(
+        name,
+        Role.NETWORK,
+        doc,
+        fields=(field,),
+        domains=tuple(dict.fromkeys((first[0], second[0]))),
+        ports=(
+            Terminal(
+                first[0],
+                Kind.COUPLED,
+                there,
+                across=Law.taking((f"through_{back}", field.name), lambda f, k: -f / k),
+                through=Law.taking((f"across_{back}", field.name), lambda v, k: k * v),
+                is_passive=False,  # what couples across to through makes no symmetric equations
+            ),
+            Terminal(
+                second[0],
+                Kind.COUPLED,
+                back,
+                across=Law.taking((f"through_{there}", field.name), lambda f, k: f / k),
+                through=Law.taking((f"across_{there}", field.name), lambda v, k: -k * v),
+                is_passive=False,
+            ),
+        ),
+    )

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from cotree.dag.nodes import Dag, Node
+
+#: What forms the node of an expression from those of its symbols.
+_Maker = Callable[["Dag", Mapping[str, "Node"]], "Node"]
 
 _FUNCTIONS = {
     **{name: name for name in ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh")},
@@ -34,29 +37,48 @@ def from_sympy(expression: Any, dag: Dag, arguments: Mapping[str, Node]) -> Node
         If the expression holds a function that the program has no operation for, or a symbol
         without a node.
     """
+    return _maker(expression)(dag, arguments)
+
+
+@lru_cache(maxsize=4096)
+def _maker(expression: Any) -> _Maker:
+    """Take an expression apart once: thousands of edges may have the same law."""
     if expression.is_Symbol:
-        if expression.name not in arguments:
-            raise ValueError(f"the law uses '{expression.name}', which is not one of its arguments")
-        return arguments[expression.name]
+        return _symbol(expression.name)
     if expression.is_number:
-        return dag.constant(float(expression))
+        value = float(expression)
+        return lambda dag, arguments: dag.constant(value)
     name = type(expression).__name__
     if name == "Piecewise":
-        return _piecewise(expression, dag, arguments)
-    args = [from_sympy(arg, dag, arguments) for arg in expression.args]
+        return _piecewise(expression)
+    parts = [_maker(arg) for arg in expression.args]
     if expression.is_Add:
-        return _sum(args)
+        return lambda dag, arguments: _sum([part(dag, arguments) for part in parts])
     if expression.is_Mul:
-        return _product(expression, args, dag)
+        inverted = [factor.is_Pow and factor.exp == -1 for factor in expression.args]
+        return lambda dag, arguments: _product(
+            dag, inverted, [part(dag, arguments) for part in parts]
+        )
     if expression.is_Pow:
-        return args[0] ** args[1]
+        base, exponent = parts
+        return lambda dag, arguments: base(dag, arguments) ** exponent(dag, arguments)
     if name == "Heaviside":  # the derivative of Max and Min
-        return dag.select(args[0], dag.one, dag.zero)
+        return lambda dag, arguments: dag.select(parts[0](dag, arguments), dag.one, dag.zero)
     if name in ("Max", "Min"):
-        return _extreme(name, args, dag)
+        return lambda dag, arguments: _extreme(name, [part(dag, arguments) for part in parts], dag)
     if name not in _FUNCTIONS:
         raise ValueError(f"the law uses the function '{name}', which cotree has no operation for")
-    return dag.function(_FUNCTIONS[name], *args)
+    function = _FUNCTIONS[name]
+    return lambda dag, arguments: dag.function(function, *[part(dag, arguments) for part in parts])
+
+
+def _symbol(name: str) -> _Maker:
+    def make(dag: Dag, arguments: Mapping[str, Node]) -> Node:
+        if name not in arguments:
+            raise ValueError(f"the law uses '{name}', which is not one of its arguments")
+        return arguments[name]
+
+    return make
 
 
 def _sum(args: list[Node]) -> Node:
@@ -66,11 +88,11 @@ def _sum(args: list[Node]) -> Node:
     return total
 
 
-def _product(expression: Any, args: list[Node], dag: Dag) -> Node:
+def _product(dag: Dag, inverted: list[bool], args: list[Node]) -> Node:
     """Multiply, dividing by what has a negative integer power instead of inverting it."""
     above, below = dag.one, dag.one
-    for factor, arg in zip(expression.args, args, strict=True):
-        if factor.is_Pow and factor.exp == -1:
+    for is_inverted, arg in zip(inverted, args, strict=True):
+        if is_inverted:
             below = below * arg.args[1] if arg.op == "div" else below / arg
         else:
             above = above * arg
@@ -85,7 +107,7 @@ def _extreme(name: str, args: list[Node], dag: Dag) -> Node:
     return best
 
 
-def _piecewise(expression: Any, dag: Dag, arguments: Mapping[str, Node]) -> Node:
+def _piecewise(expression: Any) -> _Maker:
     """Turn branches on comparisons into selections, last branch first."""
     import sympy
 
@@ -93,32 +115,35 @@ def _piecewise(expression: Any, dag: Dag, arguments: Mapping[str, Node]) -> Node
     value, condition = pairs[-1]
     if condition is not sympy.true:
         raise ValueError("the last branch of a Piecewise must hold everywhere else")
-    result = from_sympy(value, dag, arguments)
+    result = _maker(value)
     for value, condition in reversed(pairs[:-1]):
-        branch = from_sympy(value, dag, arguments)
-        result = _choice(condition, branch, result, dag, arguments)
+        result = _choice(condition, _maker(value), result)
     return result
 
 
-def _choice(
-    condition: Any, accepted: Node, refused: Node, dag: Dag, arguments: Mapping[str, Node]
-) -> Node:
+def _choice(condition: Any, accepted: _Maker, refused: _Maker) -> _Maker:
     """Select by a comparison, or by several that SymPy has joined."""
     import sympy
 
     if isinstance(condition, sympy.Or):
         for part in reversed(condition.args):
-            refused = _choice(part, accepted, refused, dag, arguments)
+            refused = _choice(part, accepted, refused)
         return refused
     if isinstance(condition, sympy.And):
         for part in reversed(condition.args):
-            accepted = _choice(part, accepted, refused, dag, arguments)
+            accepted = _choice(part, accepted, refused)
         return accepted
     if isinstance(condition, sympy.Not):
-        return _choice(condition.args[0], refused, accepted, dag, arguments)
+        return _choice(condition.args[0], refused, accepted)
     if not isinstance(condition, (sympy.Ge, sympy.Gt, sympy.Le, sympy.Lt)):
         raise ValueError("a Piecewise may only branch on <, <=, > or >=")
-    difference = from_sympy(condition.gts - condition.lts, dag, arguments)
-    if isinstance(condition, (sympy.Gt, sympy.Lt)):  # strict: refuse equality
-        return dag.select(-difference, refused, accepted)
-    return dag.select(difference, accepted, refused)
+    difference = _maker(condition.gts - condition.lts)
+    is_strict = isinstance(condition, (sympy.Gt, sympy.Lt))
+
+    def make(dag: Dag, arguments: Mapping[str, Node]) -> Node:
+        yes, no = accepted(dag, arguments), refused(dag, arguments)
+        excess = difference(dag, arguments)
+        # Strict comparisons refuse equality.
+        return dag.select(-excess, no, yes) if is_strict else dag.select(excess, yes, no)
+
+    return make

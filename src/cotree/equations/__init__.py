@@ -10,6 +10,16 @@ from cotree.equations.equations import (
     Link,
     Quantity,
     State,
+    spread,
 )
 
-__all__ = ["ConstraintSet", "Derivative", "Equations", "Guard", "Link", "Quantity", "State"]
+__all__ = [
+    "ConstraintSet",
+    "Derivative",
+    "Equations",
+    "Guard",
+    "Link",
+    "Quantity",
+    "State",
+    "spread",
+]

@@ -57,9 +57,17 @@ class State:
     is_algebraic: bool = False
 
 
+def spread(row: Mapping[int, Node], n: int, zero: Node) -> list[Node]:
+    """Write a row of ``n`` values out, zeros in the places that it leaves out."""
+    return [row.get(i, zero) for i in range(n)]
+
+
 @dataclass(frozen=True)
 class Derivative:
     """Derivatives of the equations along one direction.
+
+    Of states and outputs there may be many thousands, each direction changing a few: their
+    derivatives are kept by place, those that vanish left out.
 
     Attributes
     ----------
@@ -69,11 +77,11 @@ class Derivative:
         Tangents of the symbols.
     forcing : tuple of Node
         Right-hand side of ``A w_p = forcing``, unknowns held fixed.
-    rates : tuple of Node
+    rates : mapping of int to Node
         Derivatives of the state rates, in terms of :attr:`Equations.unknown_tangents`.
-    outputs : tuple of Node
+    outputs : mapping of int to Node
         Derivatives of the outputs.
-    initial : tuple of Node
+    initial : mapping of int to Node
         Derivatives of the initial values.
     held, held_rates : tuple of Node
         Derivatives of the constraints and of their rates.
@@ -84,9 +92,9 @@ class Derivative:
     name: str
     seed: Mapping[Node, Node]
     forcing: tuple[Node, ...]
-    rates: tuple[Node, ...]
-    outputs: tuple[Node, ...]
-    initial: tuple[Node, ...]
+    rates: Mapping[int, Node]
+    outputs: Mapping[int, Node]
+    initial: Mapping[int, Node]
     held: tuple[Node, ...]
     held_rates: tuple[Node, ...]
     start: tuple[Node, ...]

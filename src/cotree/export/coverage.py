@@ -79,8 +79,8 @@ def chord_beyond(trees: Mapping[str, Tree], first: FirstGraph | None) -> str | N
     first_tree, *others = trees.values()
     if any(set(tree.branches) != set(first_tree.branches) for tree in others):
         return (
-            "translation and rotation have different trees, and coordinates are formed from one "
-            "that both share; name the same edges for both, or leave the tree to cotree"
+            "translation and rotation have different trees, and the projections are written for "
+            "branches of both; name the same edges for both, or leave the tree to cotree"
         )
     if first is None:
         return "no equations could be formed in the coordinates of this tree"

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from cotree.equations import spread
 from cotree.export.spelling import (
     acceleration_name,
     latex_subscript,
@@ -42,21 +43,25 @@ class SymbolicEquations:
     ----------
     governing : tuple of sympy.Eq
         One for each speed, ``... = 0``, then one for each constraint: its second derivative, or
-        the first of one on rates.
+        the first of one on rates; then one for each state and algebraic unknown of the networks.
     sensitivity : mapping of str to tuple of sympy.Eq
         The equations of the sensitivity graph of each requested parameter (or of each state whose
         initial value is meant).
     states : tuple of str
-        Names of the states: coordinates, then speeds.
+        Names of the states: coordinates, speeds, then those of networks.
     accelerations : tuple of str
         Names of the rates of the speeds: ``"j1.s_ddot"`` for the rate of ``"j1.s_dot"``, where
         that is the rate of a coordinate ``"j1.s"``, and ``"b.w1_dot"`` for that of any other
         speed, such as the angular velocity ``"b.w1"`` or the velocity ``"b.vx"``.
     multipliers : tuple of str
         Names of the constraints (``"D4.x"``), which their multipliers go by.
+    rates : tuple of str
+        Names of the rates of the networks' states: ``"C1.v_dot"``.
+    n_coordinates : int
+        How many of the states, which come first, are coordinates.
     symbols : mapping of str or (str, str) to sympy.Symbol
-        By name: states, accelerations, multipliers (spelt ``lambda_D4_x``), parameters, inputs
-        and ``"t"``; the sensitivity of each of the first three by a pair such as
+        By name: states, accelerations, rates, multipliers (spelt ``lambda_D4_x``), parameters,
+        inputs and ``"t"``; the sensitivity of each of the first four by a pair such as
         ``("j1.s_dot", "L")``.
     initial : mapping of str or (str, str) to sympy.Expr
         Initial values of the states and of their sensitivities.
@@ -69,6 +74,8 @@ class SymbolicEquations:
     states: tuple[str, ...]
     accelerations: tuple[str, ...]
     multipliers: tuple[str, ...]
+    rates: tuple[str, ...]
+    n_coordinates: int
     symbols: Mapping[Key, Any]
     initial: Mapping[Key, Any]
     latex_names: Mapping[Any, str]
@@ -108,8 +115,9 @@ class SymbolicEquations:
     def _line(self, equation: Any, spell: Callable[[Any], str], name: str | None) -> str:
         """Write an equation with the terms of the highest derivatives first."""
         order: list[Any] = []
-        n = len(self.states) - len(self.accelerations)
-        for rows in (self.accelerations, self.multipliers, self.states[n:], self.states[:n]):
+        n = self.n_coordinates
+        highest = (*self.accelerations, *self.rates, *self.multipliers)
+        for rows in (highest, self.states[n:], self.states[:n]):
             order += [] if name is None else [self.symbols[row, name] for row in rows]
             order += [self.symbols[row] for row in rows]
 
@@ -190,6 +198,7 @@ def symbolic_equations(equations: Equations) -> SymbolicEquations:
     known = names.known(equations)
     matrix = _matrix(equations, known)
     n_speeds = len(names.accelerations)
+    n = equations.n_coordinates + n_speeds
     initial: dict[Key, Any] = dict(
         zip(
             names.states,
@@ -202,15 +211,25 @@ def symbolic_equations(equations: Equations) -> SymbolicEquations:
         name = direction.name
         own = names.known_along(equations, direction)
         along = to_sympy(direction.forcing, known | own)
-        sensitivity[name] = _balances(matrix, names.unknowns(name), along, n_speeds)
-        values = to_sympy(direction.initial, known)
+        zero, n_states = equations.dag.zero, len(names.states)
+        rates = to_sympy(spread(direction.rates, n_states, zero)[n:], known | own)
+        sensitivity[name] = (
+            *_balances(matrix, names.unknowns(name), along, n_speeds),
+            *names.network_balances(rates, name),
+        )
+        values = to_sympy(spread(direction.initial, n_states, zero), known)
         initial |= {(s, name): v for s, v in zip(names.states, values, strict=True)}
     return SymbolicEquations(
-        governing=_balances(matrix, names.unknowns(), to_sympy(equations.forcing, known), n_speeds),
+        governing=(
+            *_balances(matrix, names.unknowns(), to_sympy(equations.forcing, known), n_speeds),
+            *names.network_balances(to_sympy(equations.rates[n:], known)),
+        ),
         sensitivity=sensitivity,
         states=names.states,
         accelerations=names.accelerations,
         multipliers=names.multipliers,
+        rates=names.rates,
+        n_coordinates=equations.n_coordinates,
         symbols=names.symbols,
         initial=initial,
         latex_names=names.latex,
@@ -269,12 +288,14 @@ def _tidied(entry: Any) -> Any:
 class _Names:
     """Symbols by name, and how LaTeX spells those of the unknowns and states.
 
-    ``accelerations`` and ``multipliers`` are the unknowns, in their order.
+    ``accelerations`` and ``multipliers`` are the unknowns, in their order; ``rates`` belong to the
+    states of networks.
     """
 
     states: tuple[str, ...]
     accelerations: tuple[str, ...]
     multipliers: tuple[str, ...]
+    rates: tuple[str, ...]
     symbols: dict[Key, Any]
     latex: dict[Any, str]
 
@@ -284,12 +305,17 @@ class _Names:
         states = tuple(state.name for state in equations.states)
         multipliers = tuple(row.name for row in equations.constraints.rows)
         n_speeds = len(equations.unknowns) - len(multipliers)
-        coordinates, speeds = states[: len(states) - n_speeds], states[len(states) - n_speeds :]
+        n = equations.n_coordinates + n_speeds
+        coordinates, speeds = states[: equations.n_coordinates], states[n - n_speeds : n]
         accelerations = tuple(acceleration_name(speed, coordinates) for speed in speeds)
         given = [row.name for row in (*equations.parameters, *equations.inputs)]
-        of_states = spell_states(coordinates, speeds, given)
+        # States of networks are rates of nothing, as angular velocities are.
+        stored = states[n : n + equations.n_network_states]
+        others = states[n + len(stored) :]
+        of_states = spell_states((*coordinates, *others), (*speeds, *stored), given)
         spelt = of_states | spell_multipliers(multipliers)
-        names = cls(states, accelerations, multipliers, {}, {})
+        rates = tuple(acceleration_name(name, ()) for name in stored)
+        names = cls(states, accelerations, multipliers, rates, {}, {})
         used = {*given, "t"}
         for name in (*given, "t"):
             names.symbols[name] = real_symbol(name)
@@ -322,4 +348,18 @@ class _Names:
     def known_along(self, equations: Equations, direction: Derivative) -> dict[Node, Any]:
         """Give the SymPy symbols of one sensitivity graph."""
         tangents = {state.name: direction.seed[state.symbol] for state in equations.states}
-        return {node: self.symbols[name, direction.name] for name, node in tangents.items()}
+        known = {node: self.symbols[name, direction.name] for name, node in tangents.items()}
+        return known | dict(
+            zip(equations.unknown_tangents, self.unknowns(direction.name), strict=True)
+        )
+
+    def network_balances(self, rates: Sequence[Any], along: str | None = None) -> tuple[Any, ...]:
+        """Write the equations of networks: rates of their states, then what must be zero."""
+        import sympy
+
+        own = [self.symbols[row if along is None else (row, along)] for row in self.rates]
+        left = own + [sympy.Integer(0)] * (len(rates) - len(own))
+        return tuple(
+            sympy.Eq(a - b if a != 0 else b, 0, evaluate=False)
+            for a, b in zip(left, rates, strict=True)
+        )

@@ -28,7 +28,8 @@ class GraphReport:
     incidence, f_cutset, f_circuit : mapping of str to TopologyMatrix
         Integer matrices with the names of their rows and columns.
     costs : tuple of Alternative
-        What the right-hand side of each tree that was counted costs, the cheapest first.
+        What the right-hand side of each tree that was counted costs, the cheapest first, then of
+        trees that translation and rotation do not share.
     """
 
     graphs: Mapping[str, LinearGraph]
@@ -63,9 +64,12 @@ class GraphReport:
             parts += [graph.summary(), self.trees[name].summary()]
             parts += ["f-cutsets", self.f_cutset[name].summary()]
             parts += ["f-circuits", self.f_circuit[name].summary(), ""]
-        if self.costs:
-            parts.append("trees counted, by operations of the right-hand side; the first is taken")
-            parts += [f"  {row.summary()}" for row in self.costs]
+        for is_one, head in (
+            (True, "trees counted, by operations of the right-hand side; the first is taken"),
+            (False, "different trees for translation and rotation, taken only where named"),
+        ):
+            rows = [f"  {row.summary()}" for row in self.costs if row.trees.is_one == is_one]
+            parts += [head, *rows] if rows else []
         return "\n".join(parts)
 
     def __str__(self) -> str:

@@ -130,13 +130,13 @@ def short_names(coordinates: Sequence[str], taken: Collection[str]) -> dict[str,
     >>> short_names(["j1.s", "h2.theta", "h3.theta"], {"m", "L"})
     {'j1.s': 's', 'h2.theta': 'theta_h2', 'h3.theta': 'theta_h3'}
     """
-    own = [name.partition(".")[2] for name in coordinates]
+    own = [name.rpartition(".")[2] for name in coordinates]
     chosen: dict[str, str] = {}
     used = set(taken) | {"t"}
     for name in coordinates:
-        edge, _, short = name.partition(".")
+        edge, _, short = name.rpartition(".")
         if own.count(short) > 1 or not used.isdisjoint(_derived(short)):
-            short = f"{short}_{edge}"
+            short = f"{short}_{edge.replace('.', '_')}"
         while not used.isdisjoint(_derived(short)):
             short += "_"
         used.update(_derived(short))

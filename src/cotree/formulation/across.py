@@ -119,19 +119,20 @@ def move(system: System, clusters: Clusters, own_axes: Collection[int]) -> Motio
         with system.dag.labelled(f"f-circuits, geometry of {branch.edge}"):
             own = resolve_branch(system, frames, branch)
             geometry.append(own)
-            total = vector.add(omega[branch.parent], relative_spin(own))
+            total = vector.add(omega[branch.turn_parent], relative_spin(own))
             omega.append(frames.down(branch.child, total))
     return Motion(system, clusters, frames, tuple(geometry), tuple(omega))
 
 
 def relative_spin(geometry: Geometry) -> Vector:
     """Form the angular velocity across a branch."""
-    return weighted(geometry.turning, [v.symbol for v in geometry.branch.speeds])
+    zero = vector.zeros(geometry.from_parent[0].dag)
+    return weighted(zero, geometry.turning, [v.symbol for v in geometry.branch.speeds])
 
 
-def weighted(vectors: Sequence[Vector], factors: Sequence[Node]) -> Vector:
+def weighted(zero: Vector, vectors: Sequence[Vector], factors: Sequence[Node]) -> Vector:
     """Sum vectors with factors."""
-    total = vector.zeros(factors[0].dag)
+    total = zero
     for item, factor in zip(vectors, factors, strict=True):
         total = vector.add(total, vector.scale(factor, item))
     return total
@@ -139,8 +140,8 @@ def weighted(vectors: Sequence[Vector], factors: Sequence[Node]) -> Vector:
 
 def carrier_spin(motion: Motion, branch: Branch) -> Vector:
     """Give the angular velocity of a branch's carrier, in the basis of its parent."""
-    if branch.carrier == branch.parent:
-        return motion.omega[branch.parent]
+    if branch.carrier != branch.child:
+        return motion.omega[branch.carrier]
     return motion.frames.up(branch.child, motion.omega[branch.child])
 
 
@@ -155,7 +156,8 @@ def accelerate(motion: Motion, rates: Sequence[Node]) -> Accelerations:
         Rates of the speeds, in their order.
     """
     system, frames = motion.system, motion.frames
-    alpha = [vector.zeros(system.dag)]
+    zero = vector.zeros(system.dag)
+    alpha = [zero]
     matrix = [vector.angular_acceleration_matrix(alpha[0], alpha[0])]
     origin = [vector.neg(system.gravity)]
     steps = []
@@ -166,14 +168,14 @@ def accelerate(motion: Motion, rates: Sequence[Node]) -> Accelerations:
         with system.dag.labelled(f"f-circuits, acceleration of {branch.edge}"):
             spin = carrier_spin(motion, branch)
             turn = vector.add(
-                weighted(geometry.turning, own), vector.cross(spin, relative_spin(geometry))
+                weighted(zero, geometry.turning, own), vector.cross(spin, relative_spin(geometry))
             )
-            alpha.append(frames.down(branch.child, vector.add(alpha[branch.parent], turn)))
+            alpha.append(frames.down(branch.child, vector.add(alpha[branch.turn_parent], turn)))
             matrix.append(vector.angular_acceleration_matrix(motion.omega[branch.child], alpha[-1]))
             sliding = geometry.sliding
             across = vector.times(matrix[branch.parent], geometry.from_parent)
-            across = vector.add(across, weighted(sliding, own))
-            coriolis = vector.cross(spin, weighted(sliding, speeds))
+            across = vector.add(across, weighted(zero, sliding, own))
+            coriolis = vector.cross(spin, weighted(zero, sliding, speeds))
             across = vector.add(across, vector.add(coriolis, coriolis))
             if not vector.is_zero(geometry.from_child):
                 carried = vector.times(matrix[-1], frames.down(branch.child, geometry.from_child))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from cotree.components import Freedom, FreeRotation, Role
 from cotree.dag import vector
 from cotree.errors import ExpressionError, FormulationError, nearest
-from cotree.formulation.contact import Rolling, Slip, Spin
+from cotree.formulation.contact import Rolling, Slip
 from cotree.formulation.ends import Carried, Ends
 from cotree.formulation.fields import plane_axes
 from cotree.formulation.measures import (
@@ -23,6 +23,7 @@ from cotree.formulation.measures import (
     CoordinateMeasure,
     Cosine,
     Distance,
+    Spin,
 )
 
 if TYPE_CHECKING:
@@ -62,12 +63,11 @@ class Row:
 def constraint_rows(motion: Motion) -> list[Row]:
     """List the rows of every chord joint, constraint and prescribed motion."""
     rows: list[Row] = []
-    branches = set(motion.system.tree.branches)
     for edge in motion.system.edges.values():
         role = edge.component.role
         if role is Role.CONSTRAINT:
             rows += _CONSTRAINTS[edge.component.name](motion, edge)
-        elif role in (Role.JOINT, Role.ARM) and edge.name not in branches:
+        elif role in (Role.JOINT, Role.ARM):
             rows += joint_rows(motion, edge)
         if role is Role.JOINT and "motion" in edge.scalars:
             rows.append(_prescribed(motion, edge))
@@ -81,9 +81,12 @@ def chord_ends(motion: Motion, edge: BoundEdge) -> Ends:
 
 
 def joint_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
-    """Hold the across variables of a chord joint along its reaction space."""
-    yield from _translation_rows(motion, edge)
-    yield from _rotation_rows(motion, edge)
+    """Hold the across variables of a joint along its reaction space, in each graph's cotree."""
+    trees = motion.system.trees
+    if not trees.is_branch(edge.name, rotates=False):
+        yield from _translation_rows(motion, edge)
+    if not trees.is_branch(edge.name, rotates=True):
+        yield from _rotation_rows(motion, edge)
 
 
 def _named(edge: BoundEdge, place: str, unit: str, measure: Measure) -> Row:
@@ -180,7 +183,7 @@ def whole_angle(motion: Motion, edge: BoundEdge) -> Angle:
     if angle.sum is None:
         raise FormulationError(
             f"the angle of joint '{edge.name}' is needed, but the joint is a chord of the tree "
-            f"({', '.join(motion.system.tree.branches)}) and turns out of one plane, so that its "
+            f"({motion.system.trees.listed()}) and turns out of one plane, so that its "
             "angle is only known within half a turn: name a tree that holds it"
         )
     return angle
@@ -214,10 +217,9 @@ def node_angle(motion: Motion, point: Point, plane: str) -> Node:
     """Sum the turns about the normal of a plane, from the ground to a node."""
     n = "xyz".index(plane)
     total = motion.system.dag.zero
-    for branch in motion.clusters.path(point.cluster):
-        if branch.turns:
-            along = vector.signed(branch.sign, branch.axes[0])[n]
-            total = total + along * branch.position
+    for branch in motion.clusters.turning_path(point.cluster):
+        along = vector.signed(branch.sign, branch.axes[0])[n]
+        total = total + along * branch.position
     if point.turn is not None:
         i, j = (n + 1) % 3, (n + 2) % 3
         total = total + motion.system.dag.function("atan2", point.turn[j][i], point.turn[i][i])

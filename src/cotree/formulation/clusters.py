@@ -2,7 +2,8 @@
 
 Such branches give no equation. Their across variables are constant in the cluster's frame, so
 their circuit sums are formed once, of parameters only, and the inertias beyond them are lumped at
-the cluster's origin. What remains between clusters are the branches that move.
+the cluster's origin. What remains between clusters are the branches that move; where the trees of
+translation and rotation differ, a cluster's origin and its axes are reached from different ones.
 """
 
 from __future__ import annotations
@@ -10,16 +11,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.components import Freedom, Role
+from cotree.components import Freedom
 from cotree.dag import vector
-from cotree.errors import SceneError
-from cotree.graph import tree_walk
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from cotree.dag.nodes import Node
     from cotree.dag.vector import Matrix, Vector
-    from cotree.formulation.fields import BoundEdge
-    from cotree.formulation.system import Speed, Step, System
+    from cotree.formulation.system import Coordinate, Speed, Step
 
 
 @dataclass(frozen=True)
@@ -60,54 +60,79 @@ class Branch:
         +1 if the edge points away from the ground, else -1.
     parent, child : int
         The clusters. The child's origin is the branch's outer node.
+    turn_parent : int
+        The cluster that the child's axes are turned from: the parent, unless the trees differ.
     carrier : int
         The cluster in whose axes the motion space is constant: that of the edge's first node, of
         the second for angular velocities.
     anchor : Vector
         Position of the branch's inner node in the parent's axes.
-    step : Step
-        Its coordinates and speeds.
+    step : Step or None
+        Its coordinates and speeds; None where it only brings together the child's origin and axes.
     axes : tuple of Vector
         The direction of each speed, in the carrier's frame.
     slides : tuple of Node
         How far a unit of each speed moves along its axis: one for a translation, zero for a
         rotation, the pitch of a screw.
     mount : Matrix or None
-        Of a free rotation: the axes that it starts from, in the parent's.
+        Of a free rotation: the axes that it starts from, in the turn parent's.
     """
 
     edge: str
     sign: int
     parent: int
+    turn_parent: int
     child: int
     carrier: int
     anchor: Vector
-    step: Step
+    step: Step | None
     axes: tuple[Vector, ...]
     slides: tuple[Node, ...]
     mount: Matrix | None = None
 
     @property
+    def coordinates(self) -> tuple[Coordinate, ...]:
+        """The coordinates along the motion space."""
+        return () if self.step is None else self.step.coordinates
+
+    @property
     def speeds(self) -> tuple[Speed, ...]:
         """The speeds along the motion space."""
-        return self.step.speeds
+        return () if self.step is None else self.step.speeds
 
     @property
     def turns(self) -> bool:
         """Whether it rotates its child."""
-        return self.step.kind.rotates
+        return self.step is not None and self.step.kind.rotates
 
     @property
     def position(self) -> Node:
         """The only coordinate of a branch along one axis."""
-        return self.step.coordinates[0].symbol
+        return self.coordinates[0].symbol
 
     @property
     def quaternion(self) -> tuple[Node, ...] | None:
         """The coordinates of a free rotation."""
-        if isinstance(self.step.kind, Freedom):
+        if self.step is None or isinstance(self.step.kind, Freedom):
             return None
-        return tuple(c.symbol for c in self.step.coordinates)
+        return tuple(c.symbol for c in self.coordinates)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """The way by which a tree reaches a cluster from another.
+
+    Attributes
+    ----------
+    sign : int
+        +1 if the edge points away from the ground, else -1.
+    first, last : int
+        The clusters that the innermost and the outermost of its branches carry.
+    """
+
+    sign: int
+    first: int
+    last: int
 
 
 @dataclass(frozen=True)
@@ -131,11 +156,14 @@ class Clusters:
         The branch that carries each cluster; None for the ground.
     inertias : tuple of Inertia or None
         The lumped inertia of each cluster; None where there is none.
+    entries : mapping of str to mapping of str to Entry
+        Of each graph: where the branches of an edge with a motion space are.
     """
 
     points: dict[str, Point]
     branches: tuple[Branch | None, ...]
     inertias: tuple[Inertia | None, ...]
+    entries: Mapping[str, Mapping[str, Entry]]
 
     def path(self, cluster: int, ancestor: int = 0) -> list[Branch]:
         """List the branches from an ancestor out to a cluster."""
@@ -147,6 +175,17 @@ class Clusters:
             cluster = branch.parent
         return found[::-1]
 
+    def turning_path(self, cluster: int) -> list[Branch]:
+        """List the branches that turn a cluster, from the ground out."""
+        found: list[Branch] = []
+        while cluster:
+            branch = self.branches[cluster]
+            assert branch is not None
+            if branch.turns:
+                found.append(branch)
+            cluster = branch.turn_parent
+        return found[::-1]
+
     def common_ancestor(self, a: int, b: int) -> int:
         """Give the outermost cluster on both paths to the ground."""
         while a != b:  # parents have smaller numbers than their children
@@ -154,108 +193,6 @@ class Clusters:
             assert branch is not None
             a, b = min(a, b), branch.parent
         return a
-
-
-def lump(system: System) -> Clusters:
-    """Group the nodes into rigid clusters and lump their inertias.
-
-    Raises
-    ------
-    SceneError
-        If a body does not begin at the ground, where accelerations are measured from.
-    """
-    dag = system.dag
-    points = {"ground": Point(0, vector.zeros(dag))}
-    branches: list[Branch | None] = [None]
-    for step in tree_walk(system.tree):
-        edge = system.edges[step.edge]
-        start = points[step.parent]
-        if edge.component.role is Role.ARM:
-            points[step.child] = _fixed_point(edge, step.sign, start)
-            continue
-        for own in system.steps.get(step.edge, ())[:: step.sign]:
-            branch, start = _moving(edge, own, step.sign, start, len(branches))
-            branches.append(branch)
-        points[step.child] = start
-    return Clusters(points, tuple(branches), _inertias(system, points, len(branches)))
-
-
-def _fixed_point(edge: BoundEdge, sign: int, start: Point) -> Point:
-    """Place the other node of an arm or a weld."""
-    arm = edge.vectors.get("vector")
-    if sign > 0:
-        local = start.local if arm is None else vector.add(start.local, start.resolved(arm))
-        return Point(start.cluster, local, _product(start.turn, edge.rotation))
-    turned = None if edge.rotation is None else vector.transpose(edge.rotation)
-    first = Point(start.cluster, start.local, _product(start.turn, turned))
-    local = start.local if arm is None else vector.sub(start.local, first.resolved(arm))
-    return Point(start.cluster, local, first.turn)
-
-
-def _product(a: Matrix | None, b: Matrix | None) -> Matrix | None:
-    if a is None or b is None:
-        return a if b is None else b
-    return vector.matmul(a, b)
-
-
-def _moving(
-    edge: BoundEdge, own: Step, sign: int, start: Point, child: int
-) -> tuple[Branch, Point]:
-    """Make one branch of a joint, and its outer node."""
-    dag = own.speeds[0].symbol.dag
-    zero, units = vector.zeros(dag), vector.identity(dag)
-    inner, outer = start.cluster, Point(child, zero, start.turn)
-    if isinstance(own.kind, Freedom):
-        axis = {**dict(zip("xyz", units, strict=True)), **edge.vectors}
-        slide = dag.zero if own.kind.rotates else dag.one
-        branch = Branch(
-            edge.name,
-            sign,
-            inner,
-            child,
-            inner if sign > 0 else child,
-            start.local,
-            own,
-            (start.resolved(axis[own.kind.axis]),),
-            (edge.scalars[own.kind.pitch] if own.kind.pitch else slide,),
-        )
-        return branch, outer
-    # The outer node's axes become the child's.
-    axes = units if sign > 0 else tuple(start.resolved(unit) for unit in units)
-    carrier = child if sign > 0 else inner
-    branch = Branch(
-        edge.name,
-        sign,
-        inner,
-        child,
-        carrier,
-        start.local,
-        own,
-        axes,
-        (dag.zero, dag.zero, dag.zero),
-        start.turn,
-    )
-    return branch, Point(child, zero)
-
-
-def _inertias(
-    system: System, points: dict[str, Point], n_clusters: int
-) -> tuple[Inertia | None, ...]:
-    inertias: list[Inertia | None] = [None] * n_clusters
-    for body in system.bodies:
-        if body.first != "ground":
-            raise SceneError(
-                f"rigid body '{body.name}' begins at node '{body.first}': inertia is measured "
-                f'from the ground, write nodes = ["ground", "{body.second}"]'
-            )
-        point = points[body.second]
-        with system.dag.labelled(f"inertia of {body.name}"):
-            tensor = body.inertia
-            if tensor is not None and point.turn is not None:
-                tensor = vector.congruence(point.turn, tensor)
-            own = shifted(body.scalars["mass"], point.local, tensor)
-            inertias[point.cluster] = combined(inertias[point.cluster], own)
-    return tuple(inertias)
 
 
 def shifted(mass: Node, offset: Vector, tensor: Matrix | None) -> Inertia:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.dag import vector
 from cotree.dag.dual import function
-from cotree.formulation.ends import Carried, Ends, Pull, pair_pull
+from cotree.formulation.ends import Carried, Ends, Pull, pull_in_place
 
 if TYPE_CHECKING:
     from cotree.dag.nodes import Node
@@ -53,35 +53,7 @@ class Slip:
 
     def pull(self, view: View) -> Pull:
         """Act with a force across the blade."""
-        arm = vector.add(self.ends.arm(view, 0), self.ends.reach(view))
-        arms = (arm, self.ends.arm(view, 1))
-        return pair_pull(view, self.ends, self.axis.value(view), None, arms)
-
-
-@dataclass(frozen=True)
-class Spin:
-    """Relative angular velocity about an axis that the second node carries."""
-
-    ends: Ends
-    axis: Carried
-
-    def value(self, view: View) -> Any:
-        """Give nothing: there is no such coordinate."""
-        return None
-
-    def rate(self, view: View) -> Any:
-        """Give e.spin."""
-        return vector.dot(self.axis.value(view), self.ends.spin(view))
-
-    def acceleration(self, view: View) -> Any:
-        """Give the rate of that."""
-        return vector.dot(self.axis.value(view), self.ends.turn(view)) + vector.dot(
-            self.axis.rate(view), self.ends.spin(view)
-        )
-
-    def pull(self, view: View) -> Pull:
-        """Act with a torque about the axis."""
-        return pair_pull(view, self.ends, None, self.axis.value(view))
+        return pull_in_place(view, self.ends, self.axis)
 
 
 @dataclass(frozen=True)
@@ -170,7 +142,4 @@ class Rolling:
 
     def pull(self, view: View) -> Pull:
         """Act with a force at the contact."""
-        contact = self._contact(view)
-        second = vector.add(self.ends.arm(view, 1), contact)
-        first = vector.add(vector.add(self.ends.arm(view, 0), self.ends.reach(view)), contact)
-        return pair_pull(view, self.ends, self.direction.value(view), None, (first, second))
+        return pull_in_place(view, self.ends, self.direction, beyond=self._contact(view))

@@ -36,6 +36,12 @@ class Wrench:
         return Wrench(vector.add(self.force, other.force), vector.add(self.torque, other.torque))
 
 
+def gather(totals: list[Wrench | None], cluster: int, wrench: Wrench) -> None:
+    """Add a wrench to what is known on a cluster."""
+    known = totals[cluster]
+    totals[cluster] = wrench if known is None else known.plus(wrench)
+
+
 @dataclass(frozen=True)
 class Action:
     """What an element does to its second node; the first gets the reaction.

@@ -162,3 +162,14 @@ def pair_pull(
             )
         )
     return Pull(tuple(found))
+
+
+def pull_in_place(view: View, ends: Ends, axis: Carried, beyond: Any | None = None) -> Pull:
+    """Put a force on the second node and its opposite on the first's body, at the same place.
+
+    ``beyond`` is the vector from the second node to that place, where it is not the node.
+    """
+    arms = vector.add(ends.arm(view, 0), ends.reach(view)), ends.arm(view, 1)
+    if beyond is not None:
+        arms = vector.add(arms[0], beyond), vector.add(arms[1], beyond)
+    return pair_pull(view, ends, axis.value(view), None, arms)

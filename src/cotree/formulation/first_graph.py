@@ -7,7 +7,7 @@ motion spaces.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from cotree.components import FreeRotation, Role
@@ -17,9 +17,10 @@ from cotree.dag.rotation import quaternion_rates
 from cotree.equations import Link, State
 from cotree.errors import ExpressionError
 from cotree.formulation.across import accelerate, move
-from cotree.formulation.clusters import lump
+from cotree.formulation.augmented import augmented_mass_matrix
 from cotree.formulation.laws import applied_laws
-from cotree.formulation.networks.network import Surroundings, form_network
+from cotree.formulation.lumping import lump
+from cotree.formulation.networks.attached import attach_network
 from cotree.formulation.observed import Observer, observe_motion
 from cotree.formulation.outputs import form_outputs
 from cotree.formulation.pulls import form_constraints, multiplier_loads
@@ -43,8 +44,8 @@ if TYPE_CHECKING:
     from cotree.formulation.start import Condition
     from cotree.formulation.system import System
     from cotree.formulation.through import Balance, Loads
-    from cotree.graph import Tree
     from cotree.scene.description import SceneDescription
+    from cotree.scene.trees import Trees
 
 
 @dataclass(frozen=True)
@@ -83,8 +84,8 @@ class FirstGraph:
         The outputs.
     network : Network or None
         The scalar networks, whose states come after the speeds.
-    observed : mapping of str to Node
-        What names of the networks in outputs and fields stand for.
+    has_far_inertia : bool
+        Whether storages of the networks are tied to joints, so that the mass matrix holds them.
     links : tuple of Link
         The tree, where the unknowns are to be eliminated along it; see :func:`tree_links`.
     """
@@ -107,7 +108,7 @@ class FirstGraph:
     rates: tuple[Node, ...]
     outputs: Outputs
     network: Network | None = None
-    observed: Mapping[str, Node] = field(default_factory=dict)
+    has_far_inertia: bool = False
     links: tuple[Link, ...] = ()
 
     @property
@@ -118,20 +119,20 @@ class FirstGraph:
 
 def form_first_graph(
     scene: SceneDescription,
-    tree: Tree,
+    trees: Trees,
     own_axes: Collection[int] = (),
     baumgarte: float = 0.0,
 ) -> FirstGraph:
-    """Form the governing equations of a scene in the coordinates of its tree's joints.
+    """Form the governing equations of a scene in the coordinates of its branches.
 
     Parameters
     ----------
     scene : SceneDescription
         The scene.
-    tree : Tree
-        The tree of its joints and arms.
+    trees : Trees
+        The trees of its translation and rotation graphs.
     own_axes : collection of int
-        The clusters whose vectors are resolved in their own axes; see
+        The clusters whose vectors are resolved in their own axes, none where the trees differ; see
         :mod:`cotree.formulation.frames`.
     baumgarte : float
         Rate, [1/s], at which violated constraints decay; zero leaves them to projection. With
@@ -149,21 +150,23 @@ def form_first_graph(
     """
     dag = Dag()
     whole, scene = scene, scene.mechanics
-    starts = body_starts(scene, tree, motion_spaces(scene).of, dag)
-    system = bind(scene, tree, dag, starts, names=_network_names(whole))
-    network, observed = _form_network(whole, system)
+    starts = body_starts(scene, trees, motion_spaces(scene).of, dag)
+    system = bind(scene, trees, dag, starts, names=_network_names(whole))
     clusters = lump(system)
     motion = move(system, clusters, own_axes)
     still = FirstView(motion, accelerate(motion, [dag.zero] * len(system.speeds)))
-    laws = applied_laws(motion, still)
+    accelerations = tuple(v.acceleration for v in system.speeds)
+    view = FirstView(motion, accelerate(motion, accelerations))
+    attached = attach_network(whole, view)
+    network, observed = attached.network, attached.observed
+    laws = [*applied_laws(motion, still), *attached.loads]
     loads = load(motion).plus(multiplier_loads(laws))
     constraints, idle = form_constraints(motion, still, baumgarte)
     idle_guards = met_where_idle(idle, still)
-    mass = mass_matrix(motion, loads)
+    own = mass_matrix(motion, loads) if trees.is_one else augmented_mass_matrix(motion)
+    mass = attached.with_inertia(own, motion)
     check_inertia(system, mass, constraints.gradient)
     at_rest = balance(motion, loads, still.across)
-    accelerations = tuple(v.acceleration for v in system.speeds)
-    view = FirstView(motion, accelerate(motion, accelerations))
     applied = (*laws, *constraints.applied)
     values = {
         symbol: scene.parameters[name].value
@@ -202,7 +205,7 @@ def form_first_graph(
         ),
         outputs=form_outputs(observer, scene.outputs),
         network=network,
-        observed=observed,
+        has_far_inertia=bool(attached.slopes),
     )
 
 
@@ -210,23 +213,6 @@ def _network_names(scene: SceneDescription) -> frozenset[str]:
     """List the names of edges and nodes that belong to scalar networks."""
     edges = [e for e in scene.edges.values() if e.component.role is Role.NETWORK]
     return frozenset(name for edge in edges for name in (edge.name, *edge.nodes))
-
-
-def _form_network(
-    scene: SceneDescription, system: System
-) -> tuple[Network | None, dict[str, Node]]:
-    """Form the scalar networks, where there are any, beside the bound multibody system."""
-    if not any(edge.component.role is Role.NETWORK for edge in scene.edges.values()):
-        return None, {}
-    names = {name for output in scene.outputs.values() for name in output.names}
-    around = Surroundings(
-        system.dag,
-        system.time,
-        len(system.coordinates) + len(system.speeds),
-        system.of_parameters,
-        system.of_everything,
-    )
-    return form_network(scene, around, sorted(names | system.measured.keys()))
 
 
 def _measured(motion: Motion, observed: Mapping[str, Node]) -> dict[Node, Node]:
@@ -252,8 +238,13 @@ def _measured(motion: Motion, observed: Mapping[str, Node]) -> dict[Node, Node]:
 
 
 def tree_links(first: FirstGraph) -> tuple[Link, ...]:
-    """Describe the tree for elimination along it; nothing where a pivot may vanish."""
+    """Describe the tree for elimination along it.
+
+    Nothing where a pivot may vanish, or where translation and rotation have each their own.
+    """
     n = len(first.system.speeds)
+    if first.has_far_inertia or not first.system.trees.is_one:
+        return ()
     if not all(first.is_safe[:n]):
         return ()
     links = []

@@ -2,8 +2,8 @@
 
 A cluster's vectors stand either in its parent's axes or in its own. Ground axes throughout suit
 planar chains, where a turn adds its angle to the one before; own axes suit spatial arms, whose
-inertias are then constant. Both give the same values; :mod:`cotree.formulation.strategy` counts
-what they cost.
+inertias are then constant. Both give the same values; :mod:`cotree.program.strategy` counts
+what they cost. Where the trees differ a cluster has two parents, and ground axes suit both.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ class Frames:
 
     def carrier_axes(self, branch: Branch) -> Matrix:
         """Give the axes of a branch's carrier, resolved in the parent's basis."""
-        if branch.carrier == branch.parent:
-            return self.rotations[branch.parent].matrix
+        if branch.carrier != branch.child:
+            return self.rotations[branch.carrier].matrix
         step = self.steps[branch.child]
         own = self.rotations[branch.child].matrix
         return own if step is None else vector.matmul(step, own)
@@ -62,11 +62,12 @@ class Frames:
 
 def choose_frames(system: System, clusters: Clusters, own_axes: Collection[int]) -> Frames:
     """Resolve the clusters of ``own_axes`` in their own axes, the others in their parent's."""
+    assert system.trees.is_one or not own_axes  # of two parents neither basis would do
     rotations = [no_rotation(system.dag)]
     steps: list[Matrix | None] = [None]
     for branch in clusters.branches[1:]:
         assert branch is not None
-        relative = _turned(rotations[branch.parent], branch)
+        relative = _turned(rotations[branch.turn_parent], branch)
         if branch.turns and branch.child in own_axes:
             rotations.append(no_rotation(system.dag))
             steps.append(relative.matrix)
@@ -77,7 +78,7 @@ def choose_frames(system: System, clusters: Clusters, own_axes: Collection[int])
 
 
 def _turned(parent: Rotation, branch: Branch) -> Rotation:
-    """Turn the parent's axes by a branch."""
+    """Turn the axes of the turn parent by a branch."""
     if not branch.turns:
         return parent
     if branch.quaternion is None:

@@ -72,12 +72,11 @@ def _seen(arguments: Mapping[Node, tuple[Measure, bool]], view: View) -> dict[No
 
 def applied_laws(motion: Motion, view: FirstView) -> list[Applied]:
     """Evaluate the laws that act along measures."""
-    branches = set(motion.system.tree.branches)
     found: list[Applied] = []
     for edge in motion.system.edges.values():
         role = edge.component.role
         with motion.system.dag.labelled(f"terminal equation of {edge.name}"):
-            if role is Role.JOINT and edge.name not in branches:
+            if role is Role.JOINT:
                 found += _chord_joint(motion, edge, view)
             elif role is Role.BUSHING:
                 found += _bushing(motion, edge, view)
@@ -110,12 +109,14 @@ def _symbols(motion: Motion) -> tuple[Node, Node]:
 
 
 def _chord_joint(motion: Motion, edge: BoundEdge, view: FirstView) -> Iterator[Applied]:
-    """Evaluate the law of a chord joint along its coordinate."""
+    """Evaluate the law of a joint along its coordinate where that is of a chord."""
     law = edge.component.law
     if law is None:
         return
     step = edge.component.motion_space[0]
     assert isinstance(step, Freedom)
+    if motion.system.trees.is_branch(edge.name, step.rotates):
+        return
     measure = chord_measure(motion, edge, step.name)
     value, rate = _symbols(motion)
     if measure is None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from cotree.dag import vector
 from cotree.dag.derivative import tangents
 from cotree.dag.dual import function
-from cotree.formulation.ends import Carried, Ends, Pull, pair_pull
+from cotree.formulation.ends import Carried, Ends, Pull, pair_pull, pull_in_place
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -128,9 +128,7 @@ class AxisLength:
 
     def pull(self, view: View) -> Pull:
         """Act with a force along the axis at the second node, and its reaction there too."""
-        arm = vector.add(self.ends.arm(view, 0), self.ends.reach(view))
-        arms = (arm, self.ends.arm(view, 1))
-        return pair_pull(view, self.ends, self.axis.value(view), None, arms)
+        return pull_in_place(view, self.ends, self.axis)
 
 
 @dataclass(frozen=True)
@@ -197,36 +195,15 @@ class Cosine:
 
 
 @dataclass(frozen=True)
-class Angle:
-    """The angle of the second node about an axis of the first that is an axis of both.
-
-    Attributes
-    ----------
-    ends : Ends
-        The nodes.
-    axis : Carried
-        Unit axis of the first node.
-    reference, mark : Carried
-        Directions perpendicular to the axis, of the first node and of the second, which agree at
-        angle zero.
-    sum : Node or None
-        The angle itself where everything turns about one axis; else it is found between -pi and
-        pi.
-    """
+class Spin:
+    """Relative angular velocity about an axis that a node carries."""
 
     ends: Ends
     axis: Carried
-    reference: Carried
-    mark: Carried
-    sum: Node | None = None
 
     def value(self, view: View) -> Any:
-        """Give the angle."""
-        if self.sum is not None:
-            return view.scalar(self.sum)
-        reference, mark = self.reference.value(view), self.mark.value(view)
-        sine = vector.dot(self.axis.value(view), vector.cross(reference, mark))
-        return function("atan2", sine, vector.dot(reference, mark))
+        """Give nothing: turns about an axis that moves add up to no coordinate."""
+        return None
 
     def rate(self, view: View) -> Any:
         """Give the relative spin about the axis."""
@@ -241,6 +218,33 @@ class Angle:
     def pull(self, view: View) -> Pull:
         """Act with a torque about the axis."""
         return pair_pull(view, self.ends, None, self.axis.value(view))
+
+
+@dataclass(frozen=True)
+class Angle(Spin):
+    """The angle of the second node about a unit axis of the first that is an axis of both.
+
+    Attributes
+    ----------
+    reference, mark : Carried
+        Directions perpendicular to the axis, of the first node and of the second, which agree at
+        angle zero.
+    sum : Node or None
+        The angle itself where everything turns about one axis; else it is found between -pi and
+        pi.
+    """
+
+    reference: Carried
+    mark: Carried
+    sum: Node | None = None
+
+    def value(self, view: View) -> Any:
+        """Give the angle."""
+        if self.sum is not None:
+            return view.scalar(self.sum)
+        reference, mark = self.reference.value(view), self.mark.value(view)
+        sine = vector.dot(self.axis.value(view), vector.cross(reference, mark))
+        return function("atan2", sine, vector.dot(reference, mark))
 
 
 @dataclass(frozen=True)

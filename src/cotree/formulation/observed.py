@@ -232,16 +232,22 @@ class Observer:
 
     def _on_second(self, edge: BoundEdge) -> Wrench:
         """Form force and torque of an edge on its second node, about it, in ground axes."""
-        branches = [g.branch for g in self.motion.geometry if g.branch.edge == edge.name]
-        if edge.component.role is Role.ARM and edge.name in self.motion.system.tree.branches:
+        if edge.component.role is Role.ARM and edge.name in self.motion.system.trees.branches:
             raise ExpressionError(
                 f"asks what '{edge.name}' transmits, but what it holds is lumped to one body: "
                 "let a joint hold it where the reaction is wanted"
             )
-        if edge.component.role in (Role.JOINT, Role.BODY) and branches:
-            return self._transmitted(edge)
+        pushing = self._transmitted(edge, "translation")
+        turning = self._transmitted(edge, "rotation")
+        if pushing is not None and turning is not None:
+            return Wrench(pushing.force, turning.torque)
         second = self.motion.clusters.points[edge.second]
         total = self._pulled(edge, second)
+        zero = vector.zeros(self.motion.system.dag)
+        if pushing is not None:
+            total = total.plus(Wrench(pushing.force, zero))
+        if turning is not None:
+            total = total.plus(Wrench(zero, turning.torque))
         for action in self.loads.actions:
             if action.edge.name == edge.name:
                 inward = (action.force, action.torque)
@@ -278,19 +284,21 @@ class Observer:
         arm = vector.sub(origin, self.motion.position(second))
         return Wrench(force, vector.add(torque, vector.cross(arm, force)))
 
-    def _transmitted(self, edge: BoundEdge) -> Wrench:
-        """Give what a tree joint transmits to its second node."""
-        own = [g for g in self.motion.geometry if g.branch.edge == edge.name]
-        geometry = own[-1] if own[0].branch.sign > 0 else own[0]
+    def _transmitted(self, edge: BoundEdge, domain: str) -> Wrench | None:
+        """Give the cutset sum of a branch, on its second node; None of a chord."""
+        entry = self.motion.clusters.entries[domain].get(edge.name)
+        if entry is None:
+            return None
+        geometry = self.motion.to(entry.last if entry.sign > 0 else entry.first)
         branch = geometry.branch
         wrench = self.balance.beyond[branch.child - 1]
-        if branch.sign < 0:  # the second node is the inner one: it feels the reaction
+        if entry.sign < 0:  # the second node is the inner one: it feels the reaction
             anchor = self.motion.frames.resolved(branch.parent, branch.anchor)
             to_inner = vector.sub(geometry.offset, anchor)
             wrench = shifted(wrench, to_inner)
         return Wrench(
-            vector.signed(branch.sign, _in_ground(self.motion, wrench.force, branch.parent)),
-            vector.signed(branch.sign, _in_ground(self.motion, wrench.torque, branch.parent)),
+            vector.signed(entry.sign, _in_ground(self.motion, wrench.force, branch.parent)),
+            vector.signed(entry.sign, _in_ground(self.motion, wrench.torque, branch.parent)),
         )
 
     def _kinetic(self) -> Node:

@@ -9,7 +9,7 @@ from cotree.dag import vector
 from cotree.formulation.chords import constraint_rows
 from cotree.formulation.elements import Wrench
 from cotree.formulation.laws import Applied
-from cotree.formulation.through import project, shifted
+from cotree.formulation.through import hand_on, project
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -161,15 +161,17 @@ def _along_speeds(
     totals = [dag.zero] * len(motion.system.speeds)
     for index, effort in pull.efforts.items():
         totals[index] = totals[index] + of_effort(effort)
-    for cluster, force, torque in pull.wrenches:
-        wrench = Wrench(force, torque)
-        while cluster:
+    for pulled, force, torque in pull.wrenches:
+        on_cluster: list[Wrench | None] = [None] * pulled + [Wrench(force, torque)]
+        for cluster in range(pulled, 0, -1):
+            wrench = on_cluster[cluster]
+            if wrench is None:
+                continue
             geometry = motion.to(cluster)
             wrench = Wrench(frames.up(cluster, wrench.force), frames.up(cluster, wrench.torque))
             for i, speed in enumerate(geometry.branch.speeds):
                 totals[speed.index] = totals[speed.index] + projected(geometry, i, wrench)
-            wrench = shifted(wrench, geometry.offset)
-            cluster = geometry.branch.parent
+            hand_on(on_cluster, geometry.branch, wrench, (geometry.offset, wrench.force))
     return totals
 
 

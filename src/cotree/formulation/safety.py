@@ -104,11 +104,12 @@ def safe_pivots(
     """
     safe: dict[str, bool] = {}
     guards: list[Guard] = []
-    for edge, branches in _by_joint(clusters).items():
+    for branches in _by_cluster(clusters):
         own = _own_inertias(system, clusters, branches)
         is_safe = bool(own) and all(_is_positive(node, value) for node in own)
         if is_safe:
-            what = f"the inertia that joint '{edge}' carries itself"
+            edges = " and ".join(f"'{name}'" for name in dict.fromkeys(b.edge for b in branches))
+            what = f"the inertia that joint {edges} carries itself"
             guards += [Guard(node, what, is_strict=True) for node in own if node.value is None]
         for branch in branches:
             for speed in branch.speeds:
@@ -123,12 +124,17 @@ def _is_positive(node: Node, value: Callable[[Node], float]) -> bool:
         return False
 
 
-def _by_joint(clusters: Clusters) -> dict[str, list[Branch]]:
-    """Gather the branches of each joint, from the ground outwards."""
-    found: dict[str, list[Branch]] = {}
+def _by_cluster(clusters: Clusters) -> list[list[Branch]]:
+    """Gather the branches into each cluster that holds nodes, from the ground outwards."""
+    held = {point.cluster for point in clusters.points.values()}
+    found: list[list[Branch]] = []
+    own: list[Branch] = []
     for branch in clusters.branches[1:]:
         assert branch is not None
-        found.setdefault(branch.edge, []).append(branch)
+        own.append(branch)
+        if branch.child in held:
+            found.append(own)
+            own = []
     return found
 
 
@@ -138,7 +144,8 @@ def _own_inertias(system: System, clusters: Clusters, branches: Sequence[Branch]
     Nothing is listed where no such values of parameters only are known.
     """
     inertia = clusters.inertias[branches[-1].child]
-    if inertia is None or inertia.mass.is_zero:
+    branches = [branch for branch in branches if branch.speeds]
+    if inertia is None or inertia.mass.is_zero or not branches:
         return []
     with system.dag.labelled("guards"):
         if len(branches) == 1 and branches[0].quaternion is None:

@@ -17,7 +17,7 @@ from cotree.dag.rotation import quaternion_of_nodes
 from cotree.errors import SceneError
 from cotree.formulation.across import move
 from cotree.formulation.chords import chord_measure, node_angle
-from cotree.formulation.clusters import lump
+from cotree.formulation.lumping import lump
 from cotree.formulation.pulls import along_speeds
 from cotree.formulation.system import bind
 from cotree.scene.expressions import Expression
@@ -30,19 +30,23 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
     from cotree.formulation.across import Motion
     from cotree.formulation.measures import Measure
+    from cotree.formulation.system import System
     from cotree.formulation.views import FirstView
-    from cotree.graph import Tree
     from cotree.scene.description import SceneDescription
+    from cotree.scene.trees import Trees
+
+#: What a scene may give of a free rotation.
+_TURN = ("rotation", "q0", "q1", "q2", "q3")
 
 
 def body_starts(
-    scene: SceneDescription, tree: Tree, spaces: Mapping[str, Sequence[MotionStep]], dag: Dag
+    scene: SceneDescription, trees: Trees, spaces: Mapping[str, Sequence[MotionStep]], dag: Dag
 ) -> dict[str, dict[str, Node]]:
     """Find where bodies in the tree start, by short names of coordinates and rates.
 
     Bodies that no joints reach are left out: they start where the scene says.
     """
-    placed = [name for name in tree.branches if _is_body(scene, name)]
+    placed = [name for name in trees.branches if _is_body(scene, name)]
     if not placed:
         return {}
     reference = joint_branches(scene)
@@ -131,26 +135,33 @@ def start_conditions(
         If it gives a coordinate that a chord has not.
     """
     system = motion.system
-    chords = [e for e in scene.edges.values() if e.initial and not system.tree.is_branch(e.name)]
-    if not chords:
-        return ()
-    placing = joint_branches(scene).branches
+    given = [
+        (edge, name, value)
+        for edge in scene.edges.values()
+        for name, value in edge.initial.items()
+        if not _is_state(system, edge.name, name)
+    ]
+    placing = joint_branches(scene).branches if given else ()
     found = []
-    for edge in chords:
+    for edge, name, value in given:
+        if name in _TURN and edge.name in placing:
+            continue  # the bodies start there
+        measure = chord_measure(motion, system.edges[edge.name], name)
+        if measure is None or name in _TURN or not isinstance(value, Expression):
+            raise SceneError(
+                f"initial {name} of edge '{edge.name}' cannot be used: the edge is a chord in "
+                f"the tree ({system.trees.listed()}); give initial values of "
+                "branches, or name a tree that holds it"
+            )
         coordinates = [n for step in edge.component.motion_space for n, _ in step.coordinates]
-        for name, given in edge.initial.items():
-            is_turn = name in ("rotation", "q0", "q1", "q2", "q3")
-            if is_turn and edge.name in placing:
-                continue  # the bodies start there
-            measure = chord_measure(motion, system.edges[edge.name], name)
-            if measure is None or is_turn or not isinstance(given, Expression):
-                raise SceneError(
-                    f"initial {name} of edge '{edge.name}' cannot be used: the edge is a chord in "
-                    f"the tree ({', '.join(system.tree.branches)}); give initial values of "
-                    "branches, or name a tree that holds it"
-                )
-            gradient = tuple(along_speeds(motion, measure.pull(view)))
-            node = given.lower(system.dag, system.of_parameters)
-            is_rate = name not in coordinates
-            found.append(Condition(f"{edge.name}.{name}", measure, is_rate, node, gradient))
+        gradient = tuple(along_speeds(motion, measure.pull(view)))
+        node = value.lower(system.dag, system.of_parameters)
+        is_rate = name not in coordinates
+        found.append(Condition(f"{edge.name}.{name}", measure, is_rate, node, gradient))
     return tuple(found)
+
+
+def _is_state(system: System, edge: str, name: str) -> bool:
+    """Whether an initial value is that of a state, or of the four of a rotation."""
+    state = "q0" if name == "rotation" else name
+    return f"{edge}.{state}" in system.names

@@ -1,6 +1,6 @@
 """A scene bound to nodes: every symbol, coordinate and field as a value of one program.
 
-In: a scene and the tree of its joints. Out: a :class:`System`, which the walks of
+In: a scene and its trees. Out: a :class:`System`, which the walks of
 :mod:`cotree.formulation` and :mod:`cotree.sensitivity` read.
 """
 
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from cotree.dag.vector import Vector
     from cotree.equations import Guard
     from cotree.formulation.fields import BoundEdge
-    from cotree.graph import Tree
     from cotree.scene.description import SceneDescription
+    from cotree.scene.trees import Trees
 
 
 @dataclass(frozen=True)
@@ -102,14 +102,15 @@ class System:
     parameters, inputs : mapping of str to Node
         Symbols (or numbers, for parameters that are not tunable) by name.
     steps : mapping of str to tuple of Step
-        The motion space of each branch that has one, in the order of the scene's edges.
+        The motion space of each branch that has one, in the order of the scene's edges: of an edge
+        in one tree only, its translations or its rotations.
     plane : str
         The normal of the plane that everything moves in: ``x``, ``y``, ``z`` or nothing.
     edges : mapping of str to BoundEdge
         The bound edges.
     gravity : Vector
         Acceleration of free fall, in ground axes.
-    tree : Tree
+    trees : Trees
         The branches.
     guards : tuple of Guard
         What parameter values must satisfy.
@@ -131,7 +132,7 @@ class System:
     plane: str
     edges: Mapping[str, BoundEdge]
     gravity: Vector
-    tree: Tree
+    trees: Trees
     guards: tuple[Guard, ...]
     input_values: tuple[Node, ...]
     of_parameters: Resolver
@@ -162,7 +163,7 @@ class System:
 
 def bind(
     scene: SceneDescription,
-    tree: Tree,
+    trees: Trees,
     dag: Dag,
     starts: Mapping[str, Mapping[str, Node]] | None = None,
     is_start: bool = False,
@@ -174,8 +175,8 @@ def bind(
     ----------
     scene : SceneDescription
         The scene.
-    tree : Tree
-        The tree of its joints.
+    trees : Trees
+        Its trees.
     dag : Dag
         The arena to make the nodes in.
     starts : mapping of str to mapping of str to Node, optional
@@ -203,7 +204,7 @@ def bind(
     of_time = _resolver([parameters, {"t": time}], "parameters and t")
     spaces = motion_spaces(scene)
     with dag.labelled("initial values"):
-        steps = _steps(scene, tree, spaces.of, dag, of_parameters, starts or {})
+        steps = _steps(scene, trees, spaces.of, dag, of_parameters, starts or {})
     if is_start:
         steps = {name: tuple(_at_start(step) for step in own) for name, own in steps.items()}
     kept = [step for own in steps.values() for step in own]
@@ -248,7 +249,7 @@ def bind(
         plane=spaces.plane,
         edges=edges,
         gravity=lower_vector(scene.gravity, dag, of_parameters),
-        tree=tree,
+        trees=trees,
         guards=tuple(guards),
         input_values=tuple(
             table(dag, row.value, time)[0]
@@ -291,22 +292,26 @@ def _resolver(known: Sequence[Mapping[str, Node]], allowed: str) -> Resolver:
 
 def _steps(
     scene: SceneDescription,
-    tree: Tree,
+    trees: Trees,
     spaces: Mapping[str, tuple[MotionStep, ...]],
     dag: Dag,
     resolve: Resolver,
     starts: Mapping[str, Mapping[str, Node]],
 ) -> dict[str, tuple[Step, ...]]:
     """Give every branch its coordinates and speeds, numbered, with their initial values."""
-    moving = [e for e in scene.edges.values() if e.name in set(tree.branches) and spaces[e.name]]
-    n_coordinates = sum(len(kind.coordinates) for e in moving for kind in spaces[e.name])
+    kept = {
+        name: [kind for kind in spaces[name] if trees.is_branch(name, kind.rotates)]
+        for name in scene.edges
+    }
+    moving = [edge for edge in scene.edges.values() if kept[edge.name]]
+    n_coordinates = sum(len(kind.coordinates) for kinds in kept.values() for kind in kinds)
     found: dict[str, tuple[Step, ...]] = {}
     i = j = 0
     for edge in moving:
         start = starts.get(edge.name, {})
         initial = initial_values(edge, spaces[edge.name], dag, resolve, start)
         own = []
-        for kind in spaces[edge.name]:
+        for kind in kept[edge.name]:
             coordinates = []
             for name, unit in kind.coordinates:
                 symbol = dag.symbol("x", i)

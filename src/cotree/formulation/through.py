@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from cotree.components import Role
 from cotree.dag import vector
 from cotree.formulation.clusters import Inertia, combined
-from cotree.formulation.elements import Wrench, actions, wrenches
+from cotree.formulation.elements import Wrench, actions, gather, wrenches
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Node
     from cotree.dag.vector import Matrix, Vector
     from cotree.formulation.across import Accelerations, Motion
+    from cotree.formulation.clusters import Branch
     from cotree.formulation.elements import Action
     from cotree.formulation.ends import Pull
     from cotree.formulation.frames import Geometry
@@ -64,8 +65,7 @@ class Loads:
         on_cluster, along = list(self.on_cluster), list(self.along)
         for pull in pulls:
             for cluster, force, torque in pull.wrenches:
-                known, wrench = on_cluster[cluster], Wrench(force, torque)
-                on_cluster[cluster] = wrench if known is None else known.plus(wrench)
+                gather(on_cluster, cluster, Wrench(force, torque))
             for index, effort in pull.efforts.items():
                 along[index] = along[index] + effort
         return replace(self, on_cluster=tuple(on_cluster), along=tuple(along))
@@ -95,8 +95,7 @@ def load(motion: Motion) -> Loads:
     for action in elements:
         with motion.system.dag.labelled(f"terminal equation of {action.edge.name}"):
             for cluster, wrench in wrenches(motion, action):
-                known = on_cluster[cluster]
-                on_cluster[cluster] = wrench if known is None else known.plus(wrench)
+                gather(on_cluster, cluster, wrench)
     with motion.system.dag.labelled("terminal equations of joints"):
         efforts = tuple(joint_efforts(motion))
     with motion.system.dag.labelled("inertias"):
@@ -176,9 +175,7 @@ def balance(motion: Motion, loads: Loads, across: Accelerations) -> Balance:
             )
             for i, speed in enumerate(branch.speeds):
                 residual[speed.name] = project(geometry, i, carried)
-            at_parent = shifted(carried, geometry.offset)
-            known = totals[branch.parent]
-            totals[branch.parent] = at_parent if known is None else known.plus(at_parent)
+            hand_on(totals, branch, carried, (geometry.offset, carried.force))
         beyond.append(carried)
     with system.dag.labelled("projection on motion spaces"):
         rows = tuple(
@@ -221,6 +218,24 @@ def project(geometry: Geometry, i: int, wrench: Wrench) -> Node:
 def shifted(wrench: Wrench, arm: Vector) -> Wrench:
     """Move a wrench back along an arm: an arm adds r x F to the torque."""
     return Wrench(wrench.force, vector.add(wrench.torque, vector.cross(arm, wrench.force)))
+
+
+def hand_on(
+    totals: list[Wrench | None], branch: Branch, wrench: Wrench, *moments: tuple[Vector, Vector]
+) -> None:
+    """Add what a branch transmits to its parents: the force with its moments, and the torque.
+
+    Each moment is an arm and a force. Where the trees differ the torque goes the way of the
+    rotation graph.
+    """
+    torque = wrench.torque
+    if branch.parent != branch.turn_parent:
+        zero = vector.zeros(torque[0].dag)
+        gather(totals, branch.turn_parent, Wrench(zero, torque))
+        torque = zero
+    for arm, force in moments:
+        torque = vector.add(torque, vector.cross(arm, force))
+    gather(totals, branch.parent, Wrench(wrench.force, torque))
 
 
 def mass_matrix(motion: Motion, loads: Loads) -> list[list[Node]]:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from cotree.dag.evaluate import evaluate
 from cotree.dag.several import results
 from cotree.dag.traverse import reachable, substitute
+from cotree.equations import spread
 from cotree.errors import SingularSystemError
 from cotree.formulation.elimination import solve_unknowns
 from cotree.model.algebraic import eliminated
@@ -134,9 +135,11 @@ def _without_algebraic(whole: Array, cut: int, equations: Equations) -> Array:
 def _solved(equations: Equations, columns: Sequence[Derivative]) -> list[Node]:
     """Form the derivatives of the rates and of the outputs along each column."""
     factors, solved = solve_unknowns(equations)
+    zero, n, k = equations.dag.zero, len(equations.states), len(equations.outputs)
     found: list[Node] = []
     for column in columns:
         forcing = substitute(column.forcing, solved)
         tangents = dict(zip(equations.unknown_tangents, factors.solve(forcing), strict=True))
-        found += substitute([*column.rates, *column.outputs], {**solved, **tangents})
+        rows = [*spread(column.rates, n, zero), *spread(column.outputs, k, zero)]
+        found += substitute(rows, {**solved, **tangents})
     return found

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.stops import find_stops
 from cotree.dag.traverse import substitute, symbols_in
-from cotree.equations import Quantity
+from cotree.equations import Quantity, spread
 from cotree.errors import ParameterError
 from cotree.formulation.elimination import solve_unknowns
 from cotree.program.kernels import KERNELS
@@ -14,7 +14,7 @@ from cotree.program.program import Kernel, Layout, Program
 from cotree.program.projection import constraint_quantities, projection_kernels
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from cotree.dag.nodes import Node
     from cotree.dag.stops import Stop
@@ -41,13 +41,17 @@ def lower(equations: Equations) -> Program:
     factors, solved = solve_unknowns(equations)
     rates = substitute(equations.rates, solved)
     outputs = substitute(equations.output_values, solved)
-    along, columns, output_tangents = _solve_derivatives(equations, factors, solved)
-    sensitivity_rates = [node for row in along for node in row]
+    along, columns, observed = _solve_derivatives(equations, factors, solved)
+    zero, n, m = equations.dag.zero, len(equations.states), len(equations.outputs)
+    sensitivity_rates = [node for row in along for node in spread(row, n, zero)]
+    output_tangents = [node for row in observed for node in spread(row, m, zero)]
     starts, rows, values = _compress(columns)
     results: dict[str, list[Node]] = {
         "prepare": [],
         "initial": [state.initial for state in equations.states],
-        "initial_sensitivity": [node for row in equations.sensitivities for node in row.initial],
+        "initial_sensitivity": [
+            node for row in equations.sensitivities for node in spread(row.initial, n, zero)
+        ],
         "inputs": list(equations.input_values),
         "rhs": rates,
         "jacobian": values,
@@ -87,7 +91,7 @@ def _check_sensitivities(equations: Equations) -> None:
 
 def _solve_derivatives(
     equations: Equations, factors: Solver, solved: dict[Node, Node]
-) -> tuple[list[list[Node]], list[list[Node]], list[Node]]:
+) -> tuple[list[dict[int, Node]], list[dict[int, Node]], list[dict[int, Node]]]:
     """Form the derivatives of the rates along each sensitivity and each state, and of outputs."""
     directions = (*equations.sensitivities, *equations.columns)
     n = len(equations.sensitivities)
@@ -97,28 +101,34 @@ def _solve_derivatives(
             [
                 node
                 for i, row in enumerate(directions)
-                for node in (*row.forcing, *row.rates, *(row.outputs if i < n else ()))
+                for node in (
+                    *row.forcing,
+                    *row.rates.values(),
+                    *(row.outputs.values() if i < n else ()),
+                )
             ],
             solved,
         )
     )
-    rates, outputs = [], []
+    rates: list[dict[int, Node]] = []
+    outputs: list[dict[int, Node]] = []
     for i, row in enumerate(directions):
         forcing = [next(known) for _ in row.forcing]
         unsolved = [next(known) for _ in row.rates]
         observed = [next(known) for _ in row.outputs] if i < n else []
         unknowns = factors.solve(forcing)
         tangents = dict(zip(equations.unknown_tangents, unknowns, strict=True))
-        rates.append(substitute(unsolved, tangents))
-        outputs += substitute(observed, tangents)
+        rates.append(dict(zip(row.rates, substitute(unsolved, tangents), strict=True)))
+        if i < n:
+            outputs.append(dict(zip(row.outputs, substitute(observed, tangents), strict=True)))
     return rates[:n], rates[n:], outputs
 
 
-def _compress(columns: Sequence[Sequence[Node]]) -> tuple[list[int], list[int], list[Node]]:
+def _compress(columns: Sequence[Mapping[int, Node]]) -> tuple[list[int], list[int], list[Node]]:
     """List the nonzeros by columns."""
     starts, rows, values = [0], [], []
     for column in columns:
-        for i, node in enumerate(column):
+        for i, node in sorted(column.items()):
             if not node.is_zero:
                 rows.append(i)
                 values.append(node)

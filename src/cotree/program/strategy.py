@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
     from cotree.equations import Link
     from cotree.formulation.first_graph import FirstGraph
-    from cotree.graph import Tree
     from cotree.scene.description import SceneDescription
+    from cotree.scene.trees import Trees
 
 _LONG = 5  # moving branches from which elimination along the tree is counted too
 _FEW = 3  # turning clusters up to which every choice is tried
@@ -34,8 +34,8 @@ class Alternative:
 
     Attributes
     ----------
-    branches : tuple of str
-        The tree.
+    trees : Trees
+        The trees of the translation and rotation graphs.
     own_axes : tuple of int
         The clusters resolved in their own axes.
     is_along_tree : bool
@@ -46,7 +46,7 @@ class Alternative:
         Estimated operations of the right-hand side with all sensitivities.
     """
 
-    branches: tuple[str, ...]
+    trees: Trees
     own_axes: tuple[int, ...]
     is_along_tree: bool
     n_states: int
@@ -59,13 +59,13 @@ class Alternative:
         return (
             f"{self.n_operations:8} operations, {self.n_states:3} states, "
             f"{self.n_multipliers:3} multipliers, {way},"
-            f" tree {{{', '.join(self.branches)}}}"
+            f" tree {{{self.trees.listed()}}}"
         )
 
 
 def choose_first_graph(
     scene: SceneDescription,
-    trees: Sequence[Tree],
+    trees: Sequence[Trees],
     sensitivities: Sequence[str],
     baumgarte: float = 0.0,
 ) -> tuple[FirstGraph, tuple[Alternative, ...]]:
@@ -75,7 +75,7 @@ def choose_first_graph(
     ----------
     scene : SceneDescription
         The scene.
-    trees : sequence of Tree
+    trees : sequence of Trees
         The trees to try.
     sensitivities : sequence of str
         What sensitivities are wanted to.
@@ -96,25 +96,25 @@ def choose_first_graph(
     """
     first, *others = trees
     found = _tried(scene, first, sensitivities, baumgarte)
-    for tree in others:
+    for other in others:
         # What only another tree cannot do is no fault of the scene.
         with contextlib.suppress(ModelError, FormulationError):
-            found += _tried(scene, tree, sensitivities, baumgarte)
+            found += _tried(scene, other, sensitivities, baumgarte)
     found.sort(key=lambda item: item[0].n_operations)
     return found[0][1], tuple(item[0] for item in found)
 
 
 def _tried(
-    scene: SceneDescription, tree: Tree, sensitivities: Sequence[str], baumgarte: float
+    scene: SceneDescription, trees: Trees, sensitivities: Sequence[str], baumgarte: float
 ) -> list[tuple[Alternative, FirstGraph]]:
     """Form the first graph of one tree in several axes."""
     found = []
-    for own_axes in _choices(scene, tree):
-        formed = form_first_graph(scene, tree, own_axes, baumgarte)
+    for own_axes in _choices(scene, trees):
+        formed = form_first_graph(scene, trees, own_axes, baumgarte)
         for links in _eliminations(formed):
             first = replace(formed, links=links)
             alternative = Alternative(
-                tuple(tree.branches),
+                trees,
                 own_axes,
                 bool(links),
                 len(first.states),
@@ -133,11 +133,14 @@ def _eliminations(first: FirstGraph) -> list[tuple[Link, ...]]:
     return [(), links] if links else [()]
 
 
-def _choices(scene: SceneDescription, tree: Tree) -> Iterator[tuple[int, ...]]:
-    """List sets of clusters: all sets of a few, else none and all."""
+def _choices(scene: SceneDescription, trees: Trees) -> Iterator[tuple[int, ...]]:
+    """List sets of clusters: all sets of a few, else none and all; none where the trees differ."""
+    if not trees.is_one:
+        yield ()
+        return
     turning, spaces = [], motion_spaces(scene.mechanics).of
     cluster = 0  # numbered as the walk meets the freedoms that carry them
-    for step in tree_walk(tree):
+    for step in tree_walk(trees.translation):
         for kind in spaces[step.edge][:: step.sign]:
             cluster += 1
             if kind.rotates:

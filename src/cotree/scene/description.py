@@ -12,7 +12,7 @@ from cotree.errors import ParameterError, SceneError, nearest
 from cotree.naming import check_name, check_scene_name
 from cotree.scene.expressions import Expression, parse
 from cotree.scene.fields import check_fields, check_initial, check_vector
-from cotree.scene.ports import check_ports
+from cotree.scene.ports import check_heat, check_ports
 from cotree.scene.tables import make_table
 
 if TYPE_CHECKING:
@@ -265,6 +265,7 @@ class SceneDescription:
         given: Mapping[str, Any] = fields
         if component.adapt is not None:
             component, listed, given = component.adapt(name, nodes, given)
+        component = check_heat(name, component, given)
         names, ports, rest = check_ports(name, component, listed, given)
         self.edges[name] = Edge(
             name,

@@ -1,7 +1,8 @@
 """Expression strings: parsed by a small grammar, never evaluated as Python.
 
-An expression may hold numbers, names, ``edge.coordinate``, ``+ - * / **``, parentheses and the
-functions of :data:`FUNCTIONS`. It is checked when a scene is made and turned into nodes later.
+An expression may hold numbers, names, ``edge.coordinate``, ``edge.port.variable``, ``+ - * / **``,
+parentheses and the functions of :data:`FUNCTIONS`. It is checked when a scene is made and turned
+into nodes later.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import math
 import numbers
 import warnings
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from cotree.errors import ExpressionError, nearest
@@ -125,17 +127,24 @@ def _parse_text(text: str, where: str) -> Expression:
     if len(text) > _LONGEST:
         raise ExpressionError(f"{where} is longer than {_LONGEST} characters: split it")
     try:
+        tree, names = _tree_of(text)
+    except ExpressionError as error:
+        raise ExpressionError(f"{where}: '{_short(text)}' {error}") from None
+    return Expression(text, where, tree, names)
+
+
+@lru_cache(maxsize=1024)
+def _tree_of(text: str) -> tuple[ast.expr, frozenset[str]]:
+    """Parse and check a text once: thousands of edges may have the same."""
+    try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SyntaxWarning)  # what it warns of is refused below
             tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
-        raise ExpressionError(f"{where}: '{_short(text)}' is not an expression") from None
+        raise ExpressionError("is not an expression") from None
     names: set[str] = set()
-    try:
-        _check(tree, names, 0)
-    except ExpressionError as error:
-        raise ExpressionError(f"{where}: '{_short(text)}' {error}") from None
-    return Expression(text, where, tree, frozenset(names))
+    _check(tree, names, 0)
+    return tree, frozenset(names)
 
 
 def _short(text: str) -> str:

@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING
 
 from cotree.components import Role
 from cotree.domains import DOMAINS
-from cotree.errors import FormulationError, TopologyError
-from cotree.graph import GraphEdge, LinearGraph, Tree, named_tree, select_tree
+from cotree.errors import TopologyError
+from cotree.graph import GraphEdge, LinearGraph, Tree, named_tree, select_tree, tree_walk
 from cotree.scene.motion_spaces import motion_spaces
+from cotree.scene.trees import Trees, check_coupled
 
 if TYPE_CHECKING:
+    from cotree.components import MotionStep
     from cotree.scene.description import SceneDescription
 
 # Bodies up to which a scene is counted in absolute coordinates too.
@@ -94,7 +96,7 @@ def _weights(
     return weights
 
 
-def candidate_trees(scene: SceneDescription) -> list[Tree]:
+def candidate_trees(scene: SceneDescription) -> list[Trees]:
     """List the trees worth counting: of the joints, cut here or there, and of the bodies.
 
     Open chains of many bodies are not counted in absolute coordinates: each joint would add up to
@@ -108,7 +110,8 @@ def candidate_trees(scene: SceneDescription) -> list[Tree]:
     joints = joint_branches(scene)
     n_bodies = sum(edge.component.role is Role.BODY for edge in scene.edges.values())
     is_open = not any(
-        scene.edges[name].component.role in (Role.JOINT, Role.CONSTRAINT) for name in joints.chords
+        scene.edges[name].component.role in (Role.JOINT, Role.CONSTRAINT)
+        for name in joints.translation.chords
     )
     if n_bodies > (_FEW_OPEN if is_open else _FEW_CLOSED):
         return [joints]
@@ -122,7 +125,54 @@ def candidate_trees(scene: SceneDescription) -> list[Tree]:
     return list({frozenset(tree.branches): tree for tree in reversed(found)}.values())[::-1]
 
 
-def _shallow_tree(scene: SceneDescription, graphs: Mapping[str, LinearGraph]) -> Tree:
+def separate_trees(scene: SceneDescription) -> list[Trees]:
+    """List trees that translation and rotation do not share, to be counted beside the others.
+
+    In a plane: positions along the joints, angles of the bodies themselves, so that no angle
+    depends on those before it. Where joints that hold a rotation close a loop, or many bodies
+    make the counting long, there are none.
+
+    Raises
+    ------
+    TopologyError
+        If the scene has no edges, or a node is floating.
+    """
+    n_bodies = sum(edge.component.role is Role.BODY for edge in scene.edges.values())
+    if n_bodies > _FEW_CLOSED or not motion_spaces(scene).plane:
+        return []
+    graphs = linear_graphs(scene)
+    found = {}
+    for joints in (joint_branches(scene), _shallow_tree(scene, graphs)):
+        rotation = _tree_of_angles(scene, graphs["rotation"], joints.translation)
+        held = (scene.edges[name].component for name in rotation.chords)
+        if any(c.role in (Role.JOINT, Role.ARM) and not _turns(c.motion_space) for c in held):
+            continue
+        pair = joint_tree(scene, {"translation": joints.translation, "rotation": rotation})
+        if not pair.is_one:
+            found[pair.translation.branches] = pair
+    return list(found.values())
+
+
+def _turns(steps: Sequence[MotionStep]) -> bool:
+    return any(step.rotates for step in steps)
+
+
+def _tree_of_angles(scene: SceneDescription, graph: LinearGraph, translation: Tree) -> Tree:
+    """Give the rotation tree of what cannot turn, and of one body for each part that can."""
+    spaces = motion_spaces(scene).of
+    order = {step.child: i for i, step in enumerate(tree_walk(translation))}
+    weights = {}
+    for name in graph.edge_names:
+        component = scene.edges[name].component
+        if component.role is Role.BODY:
+            # Of the bodies that turn together that which the translation tree reaches first.
+            weights[name] = 0.5 + 0.4 * order[scene.edges[name].nodes[1]] / len(order)
+        elif component.tree_weight is not None:
+            weights[name] = 1.0 if _turns(spaces[name]) else 0.1 * bool(spaces[name])
+    return select_tree(graph, weights)
+
+
+def _shallow_tree(scene: SceneDescription, graphs: Mapping[str, LinearGraph]) -> Trees:
     """Give the tree of joints that cuts loops far from the ground: what is short costs less."""
     trees = {}
     for domain, graph in graphs.items():
@@ -157,23 +207,20 @@ def _check_branches(scene: SceneDescription, names: Sequence[str]) -> None:
             )
 
 
-def joint_tree(scene: SceneDescription, trees: Mapping[str, Tree]) -> Tree:
-    """Give the one tree that coordinates are formed from.
+def joint_tree(scene: SceneDescription, trees: Mapping[str, Tree]) -> Trees:
+    """Give the trees that coordinates are formed from.
 
     Raises
     ------
     FormulationError
-        If the trees differ.
+        If they part an arm's translation from its rotation, or a screw's.
     """
-    tree = trees["translation"]
-    if set(tree.branches) != set(trees["rotation"].branches):
-        raise FormulationError(
-            "translation and rotation have different trees: name the same joints and arms for both"
-        )
-    return tree
+    pair = Trees(trees["translation"], trees["rotation"])
+    check_coupled(scene, pair)
+    return pair
 
 
-def joint_branches(scene: SceneDescription) -> Tree:
-    """Give the tree that reaches bodies by joints and arms wherever there are any."""
+def joint_branches(scene: SceneDescription) -> Trees:
+    """Give the trees that reach bodies by joints and arms wherever there are any."""
     graphs = linear_graphs(scene)
     return joint_tree(scene, choose_trees(scene, graphs, None))

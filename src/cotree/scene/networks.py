@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from cotree.components import Terminal
     from cotree.scene.description import Edge, FieldValue, SceneDescription
+    from cotree.scene.ports import Ends
 
 #: Weights of ports that an ideal coupling makes branches or chords.
 _ALWAYS, _NEVER = -1.0, float("inf")
@@ -64,15 +65,29 @@ class Port:
         The component in the scene.
     terminal : Terminal
         Its terminal equation.
-    tail, head : str
-        Its nodes.
+    ends : Ends
+        Its nodes, or what it acts on in a multibody system.
     """
 
     name: str
     edge: Edge
     terminal: Terminal
-    tail: str
-    head: str
+    ends: Ends
+
+    @property
+    def tail(self) -> str:
+        """The node where it begins."""
+        return self.ends.tail
+
+    @property
+    def head(self) -> str:
+        """The node where it ends, whose across variable is the greater."""
+        return self.ends.head
+
+    @property
+    def is_coupling(self) -> bool:
+        """Whether it acts on a multibody system in place of a scalar graph."""
+        return bool(self.ends.acts_on)
 
     @property
     def kind(self) -> Kind:
@@ -106,7 +121,7 @@ def scalar_ports(scene: SceneDescription) -> dict[str, Port]:
         if edge.component.role is Role.NETWORK:
             for terminal, ends in zip(edge.component.ports, edge.ports, strict=True):
                 name = port_name(edge, terminal.port)
-                found[name] = Port(name, edge, terminal, ends.tail, ends.head)
+                found[name] = Port(name, edge, terminal, ends)
     return found
 
 
@@ -114,7 +129,7 @@ def scalar_graphs(ports: Mapping[str, Port]) -> dict[str, LinearGraph]:
     """Draw the scalar graphs that have edges."""
     graphs = {}
     for domain, row in DOMAINS.items():
-        own = [port for port in ports.values() if port.terminal.domain == domain]
+        own = [p for p in ports.values() if p.terminal.domain == domain and not p.is_coupling]
         if row.is_scalar and own:
             nodes = dict.fromkeys(["ground", *(n for p in own for n in (p.tail, p.head))])
             edges = (
@@ -160,6 +175,8 @@ def normal_trees(
 
 def _weight(port: Port) -> float:
     """Order the kinds; among its like, a storage with an initial value keeps its state."""
+    if port.is_coupling:
+        return _NEVER
     is_linear_spring = port.kind is Kind.SPRING and port.terminal.storage is not None
     if port.kind in (Kind.THROUGH_SOURCE, Kind.NULLATOR, Kind.NORATOR):
         return _NEVER
@@ -193,7 +210,10 @@ def _choices(ports: Mapping[str, Port]) -> list[list[dict[str, float]]]:
             if is_gyrator
             else ((_ALWAYS, _NEVER), (_NEVER, _ALWAYS))
         )
-        found.append([{first.name: a, second.name: b} for a, b in pairs])
+        coupled = {p.name for p in (first, second) if p.is_coupling}
+        options = [{first.name: a, second.name: b} for a, b in pairs]
+        # What acts on a multibody system takes its motion as it is: a chord.
+        found.append([row for row in options if all(row[name] == _NEVER for name in coupled)])
     return found
 
 
@@ -206,7 +226,8 @@ def _combinations(choices: Sequence[Sequence[dict[str, float]]]) -> Iterator[dic
     base = {name: weight for row in choices for name, weight in row[0].items()}
     yield base
     for row in choices:
-        yield base | row[1]
+        for other in row[1:]:
+            yield base | other
 
 
 def _chosen(
@@ -230,8 +251,12 @@ def _chosen(
             if not choice:
                 raise
             return nothing
-        total += sum(weights[n] for n in trees[domain].across.branches if weights[n] != _NEVER)
-    wanted = {name for name, weight in choice.items() if weight == _ALWAYS}
+        own = float(Kind.COUPLED.value)
+        chosen = [n for n in trees[domain].across.branches if weights[n] != _NEVER]
+        total += sum(own if name in choice else weights[name] for name in chosen)
+    # What must be a branch: one left out lies in a loop of its like, which contradicts itself.
+    given = float(Kind.ACROSS_SOURCE.value)
+    wanted = {name for name in weights if weights[name] in (_ALWAYS, given)}
     branches = {name for tree in trees.values() for name in tree.across.branches}
     if not wanted <= branches:
         return nothing

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from cotree.components import Kind, Role
+from cotree.components.heat import HEAT, loss_of, with_heat
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError
 from cotree.naming import check_name
 
 if TYPE_CHECKING:
     from cotree.components import Component, Terminal
+
+#: Domains whose ports may act on a multibody system.
+_MECHANICAL = ("translational", "rotational")
 
 
 @dataclass(frozen=True)
@@ -22,11 +26,15 @@ class Ends:
     Attributes
     ----------
     tail, head : str
-        The nodes.
+        The nodes; empty where the port acts on a multibody system.
+    acts_on : tuple of str
+        The coordinate of a joint, or two nodes of a multibody system, that the port acts on or
+        along the line of; empty otherwise.
     """
 
     tail: str
     head: str
+    acts_on: tuple[str, ...] = ()
 
 
 def check_ports(
@@ -63,6 +71,15 @@ def check_ports(
     if component.role is not Role.NETWORK:
         first, second = _pair(edge, nodes, f"edge '{edge}'")
         return (first, second), (), rest
+    if component.ports[-1].port == HEAT:
+        sink = _heat_nodes(edge, rest.pop(HEAT))
+        own = replace(component, ports=component.ports[:-1])
+        found, ports, rest = check_ports(edge, own, nodes, rest)
+        return (
+            tuple(dict.fromkeys((*found, *sink))),
+            (*ports, _ends(component.ports[-1], sink, edge)),
+            rest,
+        )
     if component.terminals:
         return _by_terminal(edge, component, nodes, rest)
     if len(component.ports) == 1:
@@ -79,14 +96,54 @@ def check_ports(
             port.port: _from_ground(port, node)
             for port, node in zip(component.ports, nodes, strict=True)
         }
-    found: list[str] = []
-    ports = []
+    listed: list[str] = []
+    placed = []
     for port in component.ports:
         where = f"{port.port} of edge '{edge}'"
+        if port.domain in _MECHANICAL and port.port not in rest and rest.keys() & {"joint", "line"}:
+            placed.append(_multibody(edge, rest))
+            continue
         pair = _pair(edge, rest.pop(port.port, ()), where)
-        found += pair
-        ports.append(_ends(port, pair, where))
-    return tuple(dict.fromkeys(found)), tuple(ports), rest
+        listed += pair
+        placed.append(_ends(port, pair, where))
+    return tuple(dict.fromkeys(listed)), tuple(placed), rest
+
+
+def check_heat(edge: str, component: Component, fields: Mapping[str, Any]) -> Component:
+    """Give a component its thermal port, where the scene says what it heats.
+
+    Raises
+    ------
+    SceneError
+        If it has no loss.
+    """
+    if (
+        HEAT not in fields
+        or component.field(HEAT) is not None
+        or component.role is not Role.NETWORK
+    ):
+        return component
+    if loss_of(component) is None:
+        raise SceneError(
+            f"edge '{edge}' of type '{component.name}' turns nothing into heat: only dissipators "
+            f"and machines with a loss take '{HEAT}'"
+        )
+    return with_heat(component)
+
+
+def _heat_nodes(edge: str, value: object) -> tuple[str, str]:
+    """Accept the thermal node that is heated, or the two that it is heated between."""
+    pair = (value, "ground") if isinstance(value, str) else value
+    return _pair(edge, pair, f"{HEAT} of edge '{edge}'")
+
+
+def _multibody(edge: str, rest: dict[str, Any]) -> Ends:
+    """Take what a port acts on in a multibody system: a joint, or the line of two nodes."""
+    if "joint" in rest:
+        joint, dot, coordinate = str(rest.pop("joint")).partition(".")
+        name = check_name("joint", joint)
+        return Ends("", "", (f"{name}.{check_name('coordinate', coordinate)}" if dot else name,))
+    return Ends("", "", _pair(edge, rest.pop("line"), f"line of edge '{edge}'"))
 
 
 def _by_terminal(
@@ -108,13 +165,15 @@ def _by_terminal(
     for port in component.ports:
         # Names that a scene cannot give are of nodes within.
         head, tail = (places.get(name, f"{edge}.{name}") for name in port.between)
-        if head == tail and port.kind not in (Kind.DISSIPATOR, Kind.THROUGH_SOURCE):
+        # A transistor may have one junction short-circuited, or its gate tied to its source.
+        may_be_one = port.kind in (Kind.DISSIPATOR, Kind.THROUGH_SOURCE)
+        if head == tail and (not may_be_one or "ground" in port.between):
             first, second = port.between
             raise SceneError(
                 f"{first} and {second} of edge '{edge}' are both node '{head}': name two"
             )
         ports.append(Ends(tail, head))
-    if len(by_name) > 1 and len(set(by_name.values())) == 1:
+    if all(ends.head == ends.tail for ends in ports):
         raise SceneError(f"edge '{edge}' has node '{ports[0].head}' only: name others")
     return tuple(dict.fromkeys(by_name.values())), tuple(ports), rest
 

@@ -105,8 +105,9 @@ class MotionTangent:
             return result
         result = vector.add(result, vector.cross(self.motion.omega[branch.parent], own.offset))
         speeds = [v.symbol for v in branch.speeds]
-        result = vector.add(result, weighted(own.shifting, speeds))
-        return vector.add(result, weighted(first.shifting, [self.seed.of(v) for v in speeds]))
+        result = vector.add(result, weighted(self.zero, own.shifting, speeds))
+        d_speeds = [self.seed.of(v) for v in speeds]
+        return vector.add(result, weighted(self.zero, first.shifting, d_speeds))
 
     def arm(self, point: Point) -> Vector:
         """Differentiate a point's position from its cluster's origin."""
@@ -157,10 +158,11 @@ def move_tangent(motion: Motion, seed: Seed) -> MotionTangent:
     geometry: list[GeometryTangent | None] = [None] * len(motion.geometry)
     for first in motion.geometry:
         branch = first.branch
-        if phi[branch.parent] is None and not _is_seeded(branch, seed):
+        reached = (phi[branch.parent], phi[branch.turn_parent])
+        if reached == (None, None) and not _is_seeded(branch, seed):
             continue
         with motion.system.dag.labelled(f"f-circuits, derivative of {branch.edge}"):
-            own = _branch_tangent(motion, seed, first, phi[branch.parent], omega[branch.parent])
+            own = _branch_tangent(motion, seed, first, reached, omega[branch.turn_parent])
             geometry[branch.child - 1] = own
             phi[branch.child] = motion.frames.down(branch.child, own.phi)
             omega[branch.child] = motion.frames.down(branch.child, own.omega)
@@ -169,7 +171,7 @@ def move_tangent(motion: Motion, seed: Seed) -> MotionTangent:
 
 def _is_seeded(branch: Branch, seed: Seed) -> bool:
     """Whether anything of the branch itself depends on the seed."""
-    symbols = [c.symbol for c in branch.step.coordinates] + [v.symbol for v in branch.speeds]
+    symbols = [c.symbol for c in branch.coordinates] + [v.symbol for v in branch.speeds]
     if any(not seed.of(node).is_zero for node in (*symbols, *branch.slides)):
         return True
     fields = (branch.anchor, *branch.axes, *(branch.mount or ()))
@@ -180,28 +182,30 @@ def _branch_tangent(
     motion: Motion,
     seed: Seed,
     first: Geometry,
-    phi_parent: Vector | None,
+    parents: tuple[Vector | None, Vector | None],
     omega_parent: Vector | None,
 ) -> GeometryTangent:
-    """Differentiate a branch: its motion space, its offset, and what it adds to phi and omega."""
+    """Differentiate a branch: its motion space, its offset, and what it adds to phi and omega.
+
+    ``parents`` are phi of the parent and of the turn parent.
+    """
     branch, frames = first.branch, motion.frames
     zero = vector.zeros(motion.system.dag)
-    phi, omega = phi_parent or zero, omega_parent or zero
+    phi, omega = parents[1] or zero, omega_parent or zero
     # A turn about the axis leaves the axis itself alone: the parent's axes serve both carriers,
     # but not for a free rotation, whose axes are constant in the second node's.
     phi_child = vector.add(phi, _turn(motion, seed, first))
     is_childs = branch.quaternion is not None and branch.carrier == branch.child
     phi_axes = phi_child if is_childs else phi
-    d_axes = [frames.resolved(branch.parent, seed.vector(axis)) for axis in branch.axes]
+    d_axes = [frames.resolved(branch.turn_parent, seed.vector(axis)) for axis in branch.axes]
     d_slides = [seed.of(length) for length in branch.slides]
-    d_position = seed.of(branch.position)
     anchor = frames.resolved(branch.parent, seed.vector(branch.anchor))
-    from_parent = vector.add(vector.cross(phi, first.from_parent), anchor)
+    from_parent = vector.add(vector.cross(parents[0] or zero, first.from_parent), anchor)
     from_child, slide = zero, zero
     for axis, d_axis, length, d_length in zip(
         first.axes, d_axes, branch.slides, d_slides, strict=True
     ):
-        d_reach = length * d_position + d_length * branch.position
+        d_reach = length * seed.of(branch.position) + d_length * branch.position
         slide = vector.add(slide, vector.scale(d_reach, axis))
         slide = vector.add(slide, vector.scale(length * branch.position, d_axis))
     if branch.sign > 0:
@@ -220,7 +224,8 @@ def _branch_tangent(
         shifting.append(vector.add(moved, sliding[-1]))
     speeds = [v.symbol for v in branch.speeds]
     d_spin = vector.add(
-        weighted(turning, speeds), weighted(first.turning, [seed.of(v) for v in speeds])
+        weighted(zero, turning, speeds),
+        weighted(zero, first.turning, [seed.of(v) for v in speeds]),
     )
     return GeometryTangent(
         from_parent,
@@ -240,7 +245,7 @@ def _turn(motion: Motion, seed: Seed, first: Geometry) -> Vector:
     if not branch.turns:
         return zero
     if branch.quaternion is None:
-        d_axis = frames.resolved(branch.parent, seed.vector(branch.axes[0]))
+        d_axis = frames.resolved(branch.turn_parent, seed.vector(branch.axes[0]))
         own = vector.scale(seed.of(branch.position), first.turning[0])
         return vector.add(own, _tilt(first, d_axis))
     d = [seed.of(entry) for entry in branch.quaternion]
@@ -250,7 +255,7 @@ def _turn(motion: Motion, seed: Seed, first: Geometry) -> Vector:
         own = vector.signed(branch.sign, own)
     if branch.mount is not None:
         own = vector.add(vector.times(branch.mount, own), _mounting(branch.mount, seed))
-    return frames.resolved(branch.parent, own)
+    return frames.resolved(branch.turn_parent, own)
 
 
 def _mounting(mount: Matrix, seed: Seed) -> Vector:
@@ -307,7 +312,7 @@ def accelerate_tangent(
             continue
         with system.dag.labelled(f"f-circuits, derivative of {branch.edge}"):
             own_rates = [rates[v.index] for v in branch.speeds]
-            d_alpha = _turn_tangent(moved, geometry, own, own_rates, alpha[parent])
+            d_alpha = _turn_tangent(moved, geometry, own, own_rates, alpha[branch.turn_parent])
             alpha[child] = motion.frames.down(child, d_alpha)
             matrix[child] = vector.angular_acceleration_tangent(
                 motion.omega[child], moved.omega_of(child), alpha[child] or moved.zero
@@ -321,8 +326,8 @@ def accelerate_tangent(
 
 def _carrier_tangent(moved: MotionTangent, branch: Branch) -> Vector:
     """Differentiate the angular velocity of a branch's carrier."""
-    if branch.carrier == branch.parent:
-        return moved.omega_of(branch.parent)
+    if branch.carrier != branch.child:
+        return moved.omega_of(branch.carrier)
     return moved.motion.frames.up(branch.child, moved.omega_of(branch.child))
 
 
@@ -337,8 +342,11 @@ def _turn_tangent(
     motion, branch = moved.motion, geometry.branch
     speeds = [v.symbol for v in branch.speeds]
     d_speeds = [moved.seed.of(v) for v in speeds]
-    d_relative = vector.add(weighted(own.turning, speeds), weighted(geometry.turning, d_speeds))
-    total = vector.add(alpha_parent or moved.zero, weighted(own.turning, rates))
+    zero = moved.zero
+    d_relative = vector.add(
+        weighted(zero, own.turning, speeds), weighted(zero, geometry.turning, d_speeds)
+    )
+    total = vector.add(alpha_parent or zero, weighted(zero, own.turning, rates))
     total = vector.add(
         total, vector.cross(_carrier_tangent(moved, branch), relative_spin(geometry))
     )
@@ -361,11 +369,12 @@ def _shift_tangent(
     if d_parent is not None:
         total = vector.add(total, vector.times(d_parent, geometry.from_parent))
     sliding, d_sliding = geometry.sliding, own.sliding
-    total = vector.add(total, weighted(d_sliding, rates))
+    total = vector.add(total, weighted(moved.zero, d_sliding, rates))
     speeds = [v.symbol for v in branch.speeds]
-    slip = weighted(sliding, speeds)
+    slip = weighted(moved.zero, sliding, speeds)
     d_slip = vector.add(
-        weighted(d_sliding, speeds), weighted(sliding, [moved.seed.of(v) for v in speeds])
+        weighted(moved.zero, d_sliding, speeds),
+        weighted(moved.zero, sliding, [moved.seed.of(v) for v in speeds]),
     )
     coriolis = vector.add(
         vector.cross(_carrier_tangent(moved, branch), slip),

@@ -7,8 +7,8 @@ initial-value sensitivities differ in their seed only.
 
 from __future__ import annotations
 
-from collections import Counter
-from dataclasses import replace
+from collections import Counter, defaultdict
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from cotree.components import FreeRotation
@@ -26,7 +26,7 @@ from cotree.sensitivity.through import balance_tangent
 from cotree.sensitivity.views import TangentView
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from cotree.dag.nodes import Node
     from cotree.formulation.first_graph import FirstGraph
@@ -47,13 +47,70 @@ def differentiate(
     support : Support
         Shared by all directions.
     """
+    reach = _Reach.of(first, support)
     if first.network is None:
-        return [_along(first, name, row, support, {}, ()) for name, row in directions.items()]
-    networks = network_tangents(first.network, list(directions.values()), support)
+        return [
+            _along(first, name, row, support, reach, {}, {}) for name, row in directions.items()
+        ]
+    # Fields of the networks may use across variables of the multibody system.
+    ahead = [{**row, **_measured_tangents(first, row)} for row in directions.values()]
+    networks = network_tangents(first.network, ahead, support)
     return [
-        _along(first, name, row, support, networks.seed(i), networks.rates_along(i))
-        for i, (name, row) in enumerate(directions.items())
+        _along(
+            first,
+            name,
+            row,
+            support,
+            reach,
+            networks.seeds.get(i, {}),
+            networks.rates_along.get(i, {}),
+        )
+        for i, (name, row) in enumerate(zip(directions, ahead, strict=True))
     ]
+
+
+@dataclass(frozen=True)
+class _Reach:
+    """Which of many values depend on a symbol, so that a direction looks at no others.
+
+    Attributes
+    ----------
+    outputs, initial : mapping of Node to list of int
+        Places of outputs and initial values, by symbol.
+    moving : tuple of int
+        Places of outputs that depend on unknowns, which every direction may change.
+    starts : tuple of Node
+        The initial values.
+    """
+
+    outputs: Mapping[Node, list[int]]
+    initial: Mapping[Node, list[int]]
+    moving: tuple[int, ...]
+    starts: tuple[Node, ...]
+
+    @classmethod
+    def of(cls, first: FirstGraph, support: Support) -> _Reach:
+        outputs = _by_symbol(first.outputs.values, support)
+        moving = {i for symbol in first.unknowns for i in outputs.get(symbol, ())}
+        starts = tuple(state.initial for state in first.states)
+        return cls(outputs, _by_symbol(starts, support), tuple(moving), starts)
+
+
+def _by_symbol(nodes: Sequence[Node], support: Support) -> dict[Node, list[int]]:
+    found: defaultdict[Node, list[int]] = defaultdict(list)
+    for i, node in enumerate(nodes):
+        for symbol in support.of(node):
+            found[symbol].append(i)
+    return dict(found)
+
+
+def _tangents_at(
+    nodes: Sequence[Node], places: Iterable[int], seed: Mapping[Node, Node]
+) -> dict[int, Node]:
+    """Differentiate the nodes at some places; those whose derivative vanishes are left out."""
+    chosen = sorted(set(places))
+    along = tangents([nodes[i] for i in chosen], seed)
+    return {i: d for i, d in zip(chosen, along, strict=True) if not d.is_zero}
 
 
 def _along(
@@ -61,8 +118,9 @@ def _along(
     name: str,
     symbols: Mapping[Node, Node],
     support: Support,
+    reach: _Reach,
     of_networks: Mapping[Node, Node],
-    network_rates: Sequence[tuple[int, Node]],
+    network_rates: Mapping[int, Node],
 ) -> Derivative:
     """Run the multibody formulation over one sensitivity graph, beside that of the networks."""
     dag = first.system.dag
@@ -79,20 +137,24 @@ def _along(
     with dag.labelled("derivatives of rates and outputs"):
         of_unknowns = dict(zip(first.unknowns, unknown_tangents(first), strict=True))
         n = len(first.rates) - (len(first.network.rates) if first.network else 0)
-        rates = tangents(first.rates[:n], {**symbols, **of_unknowns})
-        rates += [dag.zero] * (len(first.rates) - n)
-        for i, changed in network_rates:
-            rates[n + i] = changed
+        rates = _tangents_at(first.rates, range(n), {**symbols, **of_unknowns})
+        rates |= {n + i: changed for i, changed in network_rates.items()}
         of_nodes = {**of_networks, **output_seed(moved, first.outputs)}
-        outputs = tangents(first.outputs.values, {**symbols, **of_unknowns, **of_nodes})
-        initial = tangents([state.initial for state in first.states], symbols)
+        touched = [i for symbol in symbols for i in reach.outputs.get(symbol, ())]
+        outputs = _tangents_at(
+            first.outputs.values,
+            [*touched, *reach.moving],
+            {**symbols, **of_unknowns, **of_nodes},
+        )
+        started = [i for symbol in symbols for i in reach.initial.get(symbol, ())]
+        initial = _tangents_at(reach.starts, started, symbols)
     return Derivative(
         name,
         dict(symbols),
         (*(-row for row in residual), *(acceleration for _, _, acceleration in held)),
-        tuple(rates),
-        tuple(outputs),
-        tuple(initial),
+        rates,
+        outputs,
+        initial,
         tuple(value for value, _, _ in held),
         tuple(rate for _, rate, _ in held),
         tuple(
@@ -189,9 +251,8 @@ def _of_parameter(first: FirstGraph, parameter: Node) -> dict[Node, Node]:
 
 def _initial_value(direction: Derivative, first: FirstGraph) -> Derivative:
     """Start a direction with one in its own state and zero elsewhere."""
-    dag = first.system.dag
-    initial = tuple(dag.one if state.name == direction.name else dag.zero for state in first.states)
-    return replace(direction, initial=initial)
+    own = next(i for i, state in enumerate(first.states) if state.name == direction.name)
+    return replace(direction, initial={own: first.system.dag.one})
 
 
 def unknown_tangents(first: FirstGraph) -> tuple[Node, ...]:
@@ -249,17 +310,22 @@ def form_equations(first: FirstGraph, sensitivities: Sequence[str]) -> Equations
 
 def _closed(equations: Equations, measured: Mapping[Node, Node]) -> Equations:
     """Put across variables in the place of their symbols in fields."""
+    # What is measured of networks may use what is measured of the multibody system.
+    known = dict(zip(measured, substitute(list(measured.values()), measured), strict=True))
 
     def closed(nodes: Sequence[Node]) -> tuple[Node, ...]:
-        return tuple(substitute(nodes, measured))
+        return tuple(substitute(nodes, known))
 
+    # Loads of inertia that is tied to joints stand in the matrix.
+    still = {unknown: equations.dag.zero for unknown in equations.unknowns}
     return replace(
         equations,
-        forcing=closed(equations.forcing),
+        forcing=tuple(substitute(closed(equations.forcing), still)),
+        rates=closed(equations.rates),
         balances=closed(equations.balances),
         output_values=closed(equations.output_values),
-        sensitivities=tuple(_closed_row(row, measured) for row in equations.sensitivities),
-        columns=tuple(_closed_row(row, measured) for row in equations.columns),
+        sensitivities=tuple(_closed_row(row, known) for row in equations.sensitivities),
+        columns=tuple(_closed_row(row, known) for row in equations.columns),
     )
 
 
@@ -267,8 +333,13 @@ def _closed_row(row: Derivative, measured: Mapping[Node, Node]) -> Derivative:
     return replace(
         row,
         forcing=tuple(substitute(row.forcing, measured)),
-        outputs=tuple(substitute(row.outputs, measured)),
+        rates=_closed_at(row.rates, measured),
+        outputs=_closed_at(row.outputs, measured),
     )
+
+
+def _closed_at(row: Mapping[int, Node], measured: Mapping[Node, Node]) -> dict[int, Node]:
+    return dict(zip(row, substitute(list(row.values()), measured), strict=True))
 
 
 def _constraints(first: FirstGraph) -> ConstraintSet:

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from functools import cached_property
+from typing import TYPE_CHECKING, TypeVar
 
 from cotree.dag.derivative import tangents
 from cotree.formulation.networks.solved import differentiate_plan
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Mapping, Sequence
+    from collections.abc import Hashable, Iterable, Mapping, Sequence
 
     from cotree.dag.nodes import Node
     from cotree.formulation.networks.network import Network
     from cotree.formulation.networks.rules import Tangent
     from cotree.sensitivity.seed import Support
+
+_Key = TypeVar("_Key")
 
 
 @dataclass(frozen=True)
@@ -33,13 +36,24 @@ class NetworkTangents:
     rates: tuple[Tangent, ...]
     observed: Mapping[Node, Tangent]
 
-    def rates_along(self, direction: int) -> list[tuple[int, Node]]:
-        """List the rates that change along a direction, with their places among the rates."""
-        return [(i, row[direction]) for i, row in enumerate(self.rates) if direction in row]
+    @cached_property
+    def rates_along(self) -> Mapping[Hashable, dict[int, Node]]:
+        """The rates that change along each direction, by their places among the rates."""
+        return _turned(enumerate(self.rates))
 
-    def seed(self, direction: int) -> dict[Node, Node]:
-        """Give the derivatives of observed values along a direction."""
-        return {node: row[direction] for node, row in self.observed.items() if direction in row}
+    @cached_property
+    def seeds(self) -> Mapping[Hashable, dict[Node, Node]]:
+        """The derivatives of observed values along each direction that they change along."""
+        return _turned(self.observed.items())
+
+
+def _turned(rows: Iterable[tuple[_Key, Tangent]]) -> Mapping[Hashable, dict[_Key, Node]]:
+    """Sort derivatives by direction first."""
+    found: defaultdict[Hashable, dict[_Key, Node]] = defaultdict(dict)
+    for key, row in rows:
+        for direction, node in row.items():
+            found[direction][key] = node
+    return found
 
 
 @dataclass

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from cotree.components.law import chain
 from cotree.dag import vector
-from cotree.formulation.elements import Wrench
-from cotree.formulation.through import spin_torque
+from cotree.formulation.elements import Wrench, gather
+from cotree.formulation.through import hand_on, spin_torque
 from cotree.sensitivity.elements import wrench_tangents
 from cotree.sensitivity.pulls import pull_tangent
 
@@ -74,10 +74,11 @@ def balance_tangent(
                 )
             for i, speed in enumerate(branch.speeds):
                 residual[speed.name] = _project_tangent(geometry, own, i, wrench, d_wrench)
-            if branch.parent:
-                d_parent = _shift_tangent(geometry, own, wrench, d_wrench)
-                known = totals[branch.parent]
-                totals[branch.parent] = d_parent if known is None else known.plus(d_parent)
+            if branch.parent or branch.turn_parent:
+                moments = [(geometry.offset, d_wrench.force)]
+                if own is not None:
+                    moments.append((own.offset, wrench.force))
+                hand_on(totals, branch, d_wrench, *moments)
     with system.dag.labelled("projection on motion spaces, derivative"):
         return [
             residual.get(speed.name, system.dag.zero) - d_effort
@@ -90,9 +91,7 @@ def _add_pull(pull: Pull, totals: list[Wrench | None], along: list[Node]) -> Non
     for cluster, force, torque in pull.wrenches:
         if vector.is_zero(force) and vector.is_zero(torque):
             continue
-        reaction = Wrench(vector.neg(force), vector.neg(torque))
-        known = totals[cluster]
-        totals[cluster] = reaction if known is None else known.plus(reaction)
+        gather(totals, cluster, Wrench(vector.neg(force), vector.neg(torque)))
     for index, effort in pull.efforts.items():
         along[index] = along[index] + effort
 
@@ -110,16 +109,6 @@ def _project_tangent(
     return total
 
 
-def _shift_tangent(
-    geometry: Geometry, own: GeometryTangent | None, wrench: Wrench, d_wrench: Wrench
-) -> Wrench:
-    """Differentiate a wrench moved back along a branch."""
-    torque = vector.add(d_wrench.torque, vector.cross(geometry.offset, d_wrench.force))
-    if own is not None:
-        torque = vector.add(torque, vector.cross(own.offset, wrench.force))
-    return Wrench(d_wrench.force, torque)
-
-
 def _cluster_tangents(
     moved: MotionTangent, loads: Loads, across: Accelerations, d_across: AccelerationTangent
 ) -> list[Wrench | None]:
@@ -134,8 +123,7 @@ def _cluster_tangents(
         with dag.labelled(f"terminal equation of {action.edge.name}, derivative"):
             for cluster, applied in wrench_tangents(moved, action):
                 reaction = Wrench(vector.neg(applied.force), vector.neg(applied.torque))
-                known = totals[cluster]
-                totals[cluster] = reaction if known is None else known.plus(reaction)
+                gather(totals, cluster, reaction)
     return totals
 
 

@@ -59,7 +59,7 @@ class Evaluator:
         self.njev = 0
         self.not_finite = ""
         self.correction = 0.0
-        self._last_jacobian: FloatArray | None = None
+        self._last_jacobian: Any = None
         self._bounds = sorted(problem.t_span)
         self._deadline = math.inf
         if problem.time_limit is not None:
@@ -181,8 +181,10 @@ class Evaluator:
         """
         self.njev += 1
         n_states = self.problem.n_states
+        checked: FloatArray
         if self.problem.jacobian is None:
-            return self._checked(t, self._differences(t, z)[:n_states])
+            checked = self._checked(t, self._differences(t, z)[:n_states])
+            return checked
         self._check_budgets()
         point = np.ascontiguousarray(z[:n_states], dtype=np.float64)
         try:
@@ -192,7 +194,20 @@ class Evaluator:
         except UnsolvedError as error:
             self.not_finite = self.not_finite or str(error)
             matrix = np.full((n_states, n_states), np.nan)
-        return self._checked(t, np.array(matrix, dtype=np.float64))
+        checked = self._checked(t, np.array(matrix, dtype=np.float64))
+        return checked
+
+    def sparse_jacobian(self, t: float, z: FloatArray) -> Any:
+        """Return the same in SciPy's CSC form; see :attr:`Problem.sparse_jacobian`."""
+        assert self.problem.sparse_jacobian is not None
+        self.njev += 1
+        self._check_budgets()
+        point = np.ascontiguousarray(z[: self.problem.n_states], dtype=np.float64)
+        try:
+            matrix = self.problem.sparse_jacobian(self._inside(t), point)
+        except SingularSystemError as error:
+            raise IntegrationStopError(FAILED, str(error)) from None
+        return self._checked(t, matrix)
 
     def first_columns(self, t: float, z: FloatArray) -> FloatArray:
         """Return the derivatives of z' by the states, shape (size, n_states)."""
@@ -215,6 +230,8 @@ class Evaluator:
 
     def sized_jacobian(self, t: float, z: FloatArray) -> Any:
         """Return the Jacobian of z, in SciPy's CSC form where that is cheaper."""
+        if self.problem.is_sparse:
+            return self.sparse_jacobian(t, z)
         is_sparse = self.problem.n_sensitivities and self.problem.size > DENSE_LIMIT
         assemble = assemble_sparse if is_sparse else assemble_dense
         return assemble(self.first_columns(t, z), self.problem.n_states)
@@ -247,16 +264,17 @@ class Evaluator:
         point = np.array(z, dtype=np.float64)
         return difference_columns(self.problem, lambda shifted: self._call(t, shifted), point)
 
-    def _checked(self, t: float, matrix: FloatArray) -> FloatArray:
+    def _checked(self, t: float, matrix: Any) -> Any:
         n_states = self.problem.n_states
         if matrix.shape != (n_states, n_states):
             raise SolveError(
                 f"The Jacobian has shape {matrix.shape} where ({n_states}, {n_states}) is needed."
             )
-        if np.all(np.isfinite(matrix)):
+        entries = matrix if isinstance(matrix, np.ndarray) else matrix.data
+        if np.all(np.isfinite(entries)):
             self._last_jacobian = matrix.copy()
             return matrix
-        row, column = (int(i) for i in np.argwhere(~np.isfinite(matrix))[0])
+        row, column = _first_not_finite(matrix)
         of, by = describe_entry(self.problem, row), describe_entry(self.problem, column)
         phrase = (
             f"the derivative of {of} differentiated by {by} is {matrix[row, column]} "
@@ -284,3 +302,13 @@ class Evaluator:
                 f"the derivative of {describe_entry(self.problem, index)} is {dz[index]} "
                 f"at t = {float(t):.10g}"
             )
+
+
+def _first_not_finite(matrix: Any) -> tuple[int, int]:
+    """Find an entry of a dense or sparse matrix that is not finite."""
+    if isinstance(matrix, np.ndarray):
+        row, column = np.argwhere(~np.isfinite(matrix))[0]
+    else:
+        place = np.flatnonzero(~np.isfinite(matrix.data))[0]
+        row, column = matrix.indices[place], np.searchsorted(matrix.indptr, place, "right") - 1
+    return int(row), int(column)

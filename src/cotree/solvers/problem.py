@@ -18,6 +18,8 @@ from cotree.errors import SolveError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from scipy.sparse import csc_matrix
+
 FloatArray = npt.NDArray[np.float64]
 
 
@@ -77,6 +79,9 @@ class Problem:
     complete : callable or None
         ``complete(t, z)`` gives what is stored in place of z: more values than are integrated.
         Raises as ``project``. None where z is stored as it is.
+    sparse_jacobian : callable or None
+        ``sparse_jacobian(t, y)``, the same Jacobian in SciPy's CSC form, of one pattern at all
+        points; given where it has few entries, and then taken wherever a method can.
     singular : callable or None
         ``singular(t, z)`` names the edges whose constraints are nearly dependent at a point. With
         it the right-hand side is evaluated at projected points; see :mod:`cotree.solvers.passage`.
@@ -104,11 +109,20 @@ class Problem:
     n_algebraic: int = 0
     state_rhs: Callable[[float, FloatArray], FloatArray] | None = None
     complete: Callable[[float, FloatArray], FloatArray] | None = None
+    sparse_jacobian: Callable[[float, FloatArray], csc_matrix] | None = None
 
     @property
     def size(self) -> int:
         """Return the length of z."""
         return self.n_states * (1 + self.n_sensitivities)
+
+    @property
+    def is_sparse(self) -> bool:
+        """Return whether methods iterate with a sparse Jacobian.
+
+        Below the blocks of sensitivities stand differences, which are dense.
+        """
+        return self.sparse_jacobian is not None and self.n_sensitivities == 0
 
     @property
     def direction(self) -> float:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.util
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from cotree.solvers.methods import method_row, solver_for
 from cotree.solvers.problem import check_problem
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
+
     from cotree.solvers.base import Trajectory
     from cotree.solvers.problem import FloatArray, Problem
 
@@ -28,6 +30,10 @@ _STIFF_TIME_CONSTANTS = 2000.0
 
 _PROBE_STEPS = 20
 _PROBE_RTOL = 1e-3
+
+# Eigenvalues of a sparse Jacobian that are looked for, and how exactly: only their size counts.
+_FEW = 6
+_ROUGH = 1e-2
 
 
 def integrate(problem: Problem, method: str = "auto") -> Trajectory:
@@ -121,11 +127,37 @@ def _probe(problem: Problem) -> list[tuple[float, FloatArray]]:
 
 def _fastest_decay(problem: Problem, t: float, z: FloatArray) -> float:
     """Return the largest decay rate among modes that decay faster than they oscillate, [1/s]."""
+    evaluator = Evaluator(problem)
     try:
-        matrix = Evaluator(problem).state_jacobian(t, z)
+        if problem.sparse_jacobian is not None:
+            matrix = evaluator.sparse_jacobian(t, z)
+        else:
+            matrix = evaluator.state_jacobian(t, z)
     except IntegrationStopError:
         return 0.0
     # Integrated backwards in time, what grows forwards decays.
-    eigenvalues = problem.direction * np.linalg.eigvals(matrix)
+    eigenvalues = problem.direction * _eigenvalues(matrix, problem.direction)
     decays = -eigenvalues.real[np.abs(eigenvalues.imag) <= np.abs(eigenvalues.real)]
     return float(np.max(decays, initial=0.0))
+
+
+def _eigenvalues(matrix: Any, direction: float) -> npt.NDArray[np.complex128]:
+    """Return the eigenvalues, of a sparse matrix a few of those that decay fastest.
+
+    Where the iteration for these does not converge, the sums of the entries' sizes bound them.
+    """
+    if isinstance(matrix, np.ndarray):
+        return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)
+    import scipy.sparse.linalg
+
+    start = np.random.default_rng(0).normal(size=matrix.shape[0])  # the same at every run
+    which = "SR" if direction > 0 else "LR"
+    try:
+        found = scipy.sparse.linalg.eigs(
+            matrix, k=_FEW, which=which, v0=start, tol=_ROUGH, return_eigenvectors=False
+        )
+    except scipy.sparse.linalg.ArpackNoConvergence:
+        rows = abs(matrix).sum(axis=1).max()
+        columns = abs(matrix).sum(axis=0).max()
+        found = np.array([-direction * min(rows, columns)])
+    return np.asarray(found, dtype=np.complex128)

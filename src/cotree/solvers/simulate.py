@@ -13,6 +13,7 @@ import numpy as np
 from cotree.errors import ParameterError, SolveError
 from cotree.model.signals import Signals, read_signals
 from cotree.scene.description import check_number
+from cotree.solvers.augmented import DENSE_LIMIT
 from cotree.solvers.methods import METHODS
 from cotree.solvers.problem import Problem
 from cotree.solvers.project import Projection
@@ -22,10 +23,15 @@ from cotree.solvers.select import integrate
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from scipy.sparse import csc_matrix
+
     from cotree.model.model import CompiledModel
     from cotree.solvers.base import Drift, Trajectory
     from cotree.solvers.problem import FloatArray
 
+
+# Share of a Jacobian's entries beyond which sparse matrices cost more than dense ones.
+_LARGEST_SHARE = 0.1
 
 # Corrections beyond this many times the tolerance are none of integration.
 _LARGEST_CORRECTION = 1e5
@@ -107,6 +113,7 @@ def simulate(
         singular=projection.singular if projection and projection.has_rows else None,
         n_algebraic=model.layout.n_algebraic,
         state_rhs=_state_rhs(model, p, u),
+        sparse_jacobian=_sparse_jacobian(model, p, u),
     )
     method = settings.method
     if method == "auto" and signals.has_function:
@@ -232,6 +239,18 @@ def _state_rhs(
     """Give the rates of the states as a function."""
     kernel, nothing = model.bound("rhs", p), np.zeros(0)
     return lambda t, y: kernel(t, y, nothing, u(t))
+
+
+def _sparse_jacobian(
+    model: CompiledModel, p: FloatArray, u: Callable[[float], FloatArray | None]
+) -> Callable[[float, FloatArray], csc_matrix] | None:
+    """Give the Jacobian as a sparse matrix, where it is large and has few entries."""
+    n = len(model.states)
+    if model.layout.n_algebraic or n <= DENSE_LIMIT:
+        return None
+    if len(model.layout.row_indices) > _LARGEST_SHARE * n * n:
+        return None
+    return lambda t, y: model.jacobian_sparse(t, y, p, u(t))
 
 
 def _start(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +27,8 @@ from cotree.solvers.problem import check_problem
 if TYPE_CHECKING:
     from collections.abc import Callable
     from types import ModuleType
+
+    import numpy.typing as npt
 
     from cotree.solvers.base import Trajectory
     from cotree.solvers.evaluate import Evaluator
@@ -106,6 +109,37 @@ class SundialsStepper:
             return self._solver.step(t_bound, "onestep", t_bound)
 
 
+@dataclass(frozen=True, eq=False)
+class _Pattern:
+    """The pattern of a sparse Jacobian with the whole diagonal, which iterations add to.
+
+    Attributes
+    ----------
+    options : dict
+        What SUNDIALS is told of it.
+    entries, diagonal : ndarray of int
+        Places of the Jacobian's own entries, and of the diagonal, among the pattern's.
+    """
+
+    options: dict[str, Any]
+    entries: npt.NDArray[np.intp]
+    diagonal: npt.NDArray[np.intp]
+
+    @classmethod
+    def of(cls, matrix: Any) -> _Pattern:
+        from scipy.sparse import csc_matrix, identity
+
+        n = matrix.shape[0]
+        own = csc_matrix((np.ones_like(matrix.data), matrix.indices, matrix.indptr), matrix.shape)
+        whole = csc_matrix(own + 2.0 * identity(n, format="csc"))
+        whole.sort_indices()
+        return cls(
+            {"linsolver": "sparse", "sparsity": whole},
+            np.flatnonzero(whole.data != 2.0),
+            np.flatnonzero(whole.data >= 2.0),
+        )
+
+
 def _make_cvode(evaluator: Evaluator, t: float, z: FloatArray) -> Any:
     def rhs(t: float, z: FloatArray, dz: FloatArray) -> None:
         dz[:] = evaluator.rhs(t, z)
@@ -120,7 +154,16 @@ def _make_cvode(evaluator: Evaluator, t: float, z: FloatArray) -> Any:
 
     options = _options(evaluator.problem)
     options["jacfn"] = banded if options["linsolver"] == "band" else dense
-    solver = _sksundae("cvode").CVODE(rhs, **options)
+    if evaluator.problem.is_sparse:
+        pattern = _Pattern.of(evaluator.sparse_jacobian(t, z))
+        options |= pattern.options
+
+        def sparse(t: float, z: FloatArray, dz: FloatArray, values: FloatArray) -> None:
+            values[:] = 0.0
+            values[pattern.entries] = evaluator.sparse_jacobian(t, z).data
+
+        options["jacfn"] = sparse
+    solver = _made(_sksundae("cvode").CVODE, rhs, options)
     solver.init_step(t, z)
     return solver
 
@@ -155,9 +198,33 @@ def _make_ida(evaluator: Evaluator, t: float, z: FloatArray) -> Any:
         # they are tested, most of them in iterations that fail, and 3200 where they are not.
         options["atol"] = np.where(mass > 0.0, options["atol"], UNTESTED)
         options["algebraic_idx"] = np.flatnonzero(mass == 0.0)
-    solver = _sksundae("ida").IDA(residual, **options)
+    if problem.is_sparse:
+        pattern = _Pattern.of(evaluator.sparse_jacobian(t, z))
+        options |= pattern.options
+
+        def sparse(
+            t: float,
+            z: FloatArray,
+            dz: FloatArray,
+            result: FloatArray,
+            cj: float,
+            values: FloatArray,
+        ) -> None:
+            values[:] = 0.0
+            values[pattern.entries] = -evaluator.sparse_jacobian(t, z).data
+            values[pattern.diagonal] += cj
+
+        options["jacfn"] = sparse
+    solver = _made(_sksundae("ida").IDA, residual, options)
     solver.init_step(t, z, mass * evaluator.rhs(t, z))
     return solver
+
+
+def _made(make: Any, function: Any, options: dict[str, Any]) -> Any:
+    with warnings.catch_warnings():
+        # It says that the pattern is not used for differences, which nobody asked for.
+        warnings.filterwarnings("ignore", "Custom sparse Jacobian")
+        return make(function, **options)
 
 
 def _options(problem: Problem) -> dict[str, Any]:

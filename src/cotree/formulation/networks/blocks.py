@@ -69,10 +69,20 @@ def factorise_block(dag: Dag, matrix: Sequence[Mapping[int, Node]], is_safe: boo
     matrix : sequence of mapping of int to Node
         The rows; absent entries are zero.
     is_safe : bool
-        Whether it is symmetric and positive definite for every state.
+        Whether it is positive definite for every state, if it is symmetric.
     """
     n = len(matrix)
     full = tuple(tuple(row.get(j, dag.zero) for j in range(n)) for row in matrix)
-    if is_safe or n == 0:
+    if is_safe and _is_symmetric(matrix):
         return factorise(dag, full, [True] * n)
     return _at_run_time(dag, full)
+
+
+def _is_symmetric(matrix: Sequence[Mapping[int, Node]]) -> bool:
+    """Whether entries across the diagonal are the same nodes.
+
+    Where branches and chords are torn together they are each other's negatives.
+    """
+    return all(
+        matrix[j].get(i) is entry for i, row in enumerate(matrix) for j, entry in row.items()
+    )

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING
 
-from cotree.components import integral_of
-from cotree.domains import DOMAINS
 from cotree.equations import Guard
+from cotree.formulation.networks.names import Names
 from cotree.formulation.networks.plan import make_plan
 from cotree.formulation.networks.solved import solve_plan
 from cotree.formulation.networks.states import (
@@ -27,6 +25,7 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
     from cotree.equations import State
     from cotree.formulation.fields import Resolver
+    from cotree.formulation.networks.couplings import Coupling
     from cotree.formulation.networks.rules import Variable
     from cotree.formulation.networks.solved import Solved
     from cotree.graph import LinearGraph
@@ -50,6 +49,8 @@ class Surroundings:
         Gives the node of a parameter's name.
     of_everything : callable
         Gives the node of any other name that a field may use.
+    couplings : mapping of str to Coupling
+        The ports that act on the multibody system.
     """
 
     dag: Dag
@@ -57,6 +58,7 @@ class Surroundings:
     n_states: int
     of_parameters: Resolver
     of_everything: Resolver
+    couplings: Mapping[str, Coupling]
 
 
 @dataclass(frozen=True)
@@ -144,14 +146,16 @@ def form_network(
         domain: Topology(domain, tree.through) if tree.is_split else topologies[domain]
         for domain, tree in trees.items()
     }
-    names = _Names(ports, topologies)
+    names = Names(ports, topologies)
     held = held_variables(ports, topologies, {*wanted, *_used_by_fields(ports)})
     refuse_initials(ports, held)
     symbols = {
         item.variable: around.dag.symbol("x", around.n_states + i) for i, item in enumerate(held)
     }
     fields, measured, guards = _bind_fields(ports, symbols, names, around)
-    terminals = Terminals(ports, topologies, cutsets, symbols, fields, measured, around.time)
+    terminals = Terminals(
+        ports, topologies, cutsets, symbols, fields, measured, around.time, around.couplings
+    )
     rates = tuple(item.rate for item in held)
     observed = {name: found for name in wanted if (found := names.variable(name)) is not None}
     plan = make_plan(terminals, [*rates, *observed.values()])
@@ -179,40 +183,6 @@ def form_network(
     return network, {name: solved.values[variable] for name, variable in observed.items()}
 
 
-@dataclass(frozen=True)
-class _Names:
-    """What names of nodes and edges stand for."""
-
-    ports: Mapping[str, Port]
-    topologies: Mapping[str, Topology]
-
-    @cached_property
-    def measures(self) -> dict[str, set[str]]:
-        """Names of the measures of each component."""
-        edges = (port.edge for port in self.ports.values())
-        return {edge.name: {row.name for row in edge.component.measures} for edge in edges}
-
-    def variable(self, name: str) -> Variable | None:
-        """Find the variable of ``edge.symbol``, ``edge.port.symbol`` or ``node.symbol``."""
-        first, _, symbol = name.rpartition(".")
-        port = self.ports.get(first)
-        if symbol in self.measures.get(first, ()):
-            return "measure", f"{first}|{symbol}"
-        if port is not None:
-            row = DOMAINS[port.terminal.domain]
-            if symbol == row.across_symbol:
-                return "across", first
-            if symbol == row.through_symbol:
-                return "through", first
-            integral = integral_of(port.terminal)
-            return ("stretch", first) if integral and symbol == integral.name else None
-        for domain, topology in self.topologies.items():
-            graph = topology.tree.graph
-            if symbol == DOMAINS[domain].across_symbol and first in graph.nodes:
-                return "potential", f"{domain}|{graph.reference}|{first}"
-        return None
-
-
 def _used_by_fields(ports: Mapping[str, Port]) -> set[str]:
     """List the names in the fields of all components."""
     values = (value for port in ports.values() for value in port.edge.fields.values())
@@ -231,13 +201,13 @@ def _is_passive(
 def _bind_fields(
     ports: Mapping[str, Port],
     symbols: Mapping[Variable, Node],
-    names: _Names,
+    names: Names,
     around: Surroundings,
 ) -> tuple[dict[tuple[str, str], Node], dict[Node, Variable], list[Guard]]:
     """Turn the fields of all components into nodes."""
     fields: dict[tuple[str, str], Node] = {}
     measured: dict[Node, Variable] = {}
-    guards: list[Guard] = []
+    guards: dict[tuple[Node, bool, str], Guard] = {}
 
     def resolve(name: str) -> Node:
         variable = names.variable(name)
@@ -253,7 +223,8 @@ def _bind_fields(
 
     def ask(guard: Guard) -> None:
         if guard.value.value is None:
-            guards.append(guard)
+            # Where several edges share a value, the first is named.
+            guards.setdefault((guard.value, guard.is_strict, guard.breach), guard)
         else:
             guard.check(guard.value.value)
 
@@ -272,7 +243,7 @@ def _bind_fields(
             )
             if _is_constant(node):
                 ask(Guard(node, f"edge '{edge.name}'", True, demand.breach))
-    return fields, measured, guards
+    return fields, measured, list(guards.values())
 
 
 def _is_constant(node: Node) -> bool:

@@ -9,10 +9,13 @@ from cotree.components import Kind, integral_of
 from cotree.domains import DOMAINS
 from cotree.equations import State
 from cotree.errors import ParameterError
+from cotree.formulation.networks.names import state_name
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Mapping
+    from collections.abc import Iterable, Mapping
+    from collections.abc import Set as AbstractSet
 
+    from cotree.components import Terminal
     from cotree.dag.nodes import Dag, Node
     from cotree.formulation.fields import Resolver
     from cotree.formulation.networks.rules import Variable
@@ -42,7 +45,7 @@ class Held:
     @property
     def name(self) -> str:
         """The state's name."""
-        return f"{self.port.name}.{self.short}"
+        return state_name(self.port, self.short)
 
     @property
     def variable(self) -> Variable:
@@ -56,7 +59,7 @@ class Held:
 
 
 def held_variables(
-    ports: Mapping[str, Port], topologies: Mapping[str, Topology], used: Collection[str]
+    ports: Mapping[str, Port], topologies: Mapping[str, Topology], used: AbstractSet[str]
 ) -> list[Held]:
     """List the states of the networks.
 
@@ -66,12 +69,14 @@ def held_variables(
         The edges of all scalar graphs.
     topologies : mapping of str to Topology
         The graphs with their trees.
-    used : collection of str
+    used : set of str
         Names that fields and outputs use: integrals of across variables are states where they
         are used, or have an initial value.
     """
     found = []
     for port in ports.values():
+        if port.is_coupling:  # its motion is that of the multibody system
+            continue
         is_branch = port.name in topologies[port.terminal.domain].branches
         if port.kind is Kind.ACROSS_STORAGE and is_branch:
             found.append(_held(port, "across"))
@@ -81,7 +86,8 @@ def held_variables(
         # The stretch of a spring in a cutset of its like follows from theirs.
         if integral is not None and not (port.kind is Kind.SPRING and is_branch):
             item = Held(port, "stretch", integral.name, integral.unit)
-            if _uses_stretch(port) or item.name in used or item.short in port.initial:
+            names = {item.name, f"{port.name}.{item.short}"}
+            if _uses_stretch(port) or names & used or item.short in port.initial:
                 found.append(item)
     return found
 
@@ -94,8 +100,15 @@ def _held(port: Port, quantity: str) -> Held:
 
 
 def _uses_stretch(port: Port) -> bool:
-    laws = (port.terminal.across, port.terminal.through)
-    return any("stretch" in law.arguments for law in laws if law is not None)
+    if _names(port.terminal, "stretch"):
+        return True
+    siblings = port.edge.component.ports
+    return any(_names(other, f"stretch_{port.terminal.port}") for other in siblings)
+
+
+def _names(terminal: Terminal, argument: str) -> bool:
+    laws = (terminal.across, terminal.through, terminal.storage)
+    return any(argument in law.arguments for law in laws if law is not None)
 
 
 def state_of(item: Held, symbol: Node, dag: Dag, of_parameters: Resolver) -> State:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from cotree.components import Law
     from cotree.dag.nodes import Node
+    from cotree.formulation.networks.couplings import Coupling
     from cotree.formulation.networks.rules import Rule, Variable
     from cotree.formulation.networks.topology import Topology
     from cotree.scene.networks import Port
@@ -53,6 +54,8 @@ class Terminals:
         What symbols in fields stand for.
     time : Node
         The symbol of time.
+    couplings : mapping of str to Coupling
+        The motion of the ports that act on a multibody system.
     """
 
     ports: Mapping[str, Port]
@@ -62,10 +65,11 @@ class Terminals:
     fields: Mapping[tuple[str, str], Node]
     measured: Mapping[Node, Variable]
     time: Node
+    couplings: Mapping[str, Coupling]
 
     def is_branch(self, name: str) -> bool:
         """Say whether a port's edge is in the tree of across variables."""
-        return name in self._topology(name).branches
+        return name not in self.couplings and name in self._topology(name).branches
 
     def _topology(self, name: str) -> Topology:
         return self.topologies[self.ports[name].terminal.domain]
@@ -107,6 +111,9 @@ class Terminals:
     def _stretch(self, variable: Variable) -> Rule:
         quantity, name = variable
         port = self.ports[name]
+        if name in self.couplings:
+            motion = self.couplings[name]
+            return Field(motion.value if quantity == "stretch" else motion.rate)
         if quantity != "stretch":
             integral = integral_of(port.terminal)
             assert integral is not None
@@ -117,6 +124,9 @@ class Terminals:
 
     def _across(self, name: str, rate: str) -> Rule:
         port = self.ports[name]
+        if name in self.couplings:
+            motion = self.couplings[name]
+            return Field(motion.acceleration if rate else motion.rate)
         if port.head == port.tail:
             return Sum(())
         if not self.is_branch(name):
@@ -140,7 +150,7 @@ class Terminals:
 
     def _through(self, name: str, rate: str) -> Rule:
         port = self.ports[name]
-        if name in self._cutset(name).branches:
+        if name not in self.couplings and name in self._cutset(name).branches:
             return self._cutset(name).cutset(name, rate)
         if port.kind is Kind.THROUGH_STORAGE:
             if rate:
@@ -186,16 +196,18 @@ class Terminals:
 
     def _argument(self, port: Port, name: str) -> Variable:
         """Name the variable that an argument of a law stands for."""
-        first, _, rest = name.partition("_")
+        first, underscore, rest = name.partition("_")
         if first in ("across", "through") and rest != "rate" and not self._is_field(port, name):
             is_rate = rest.startswith("rate_")
             sibling = rest.removeprefix("rate_")
             quantity = f"{first}_rate" if is_rate else first
-            return quantity, port.sibling(sibling) if sibling else port.name
+            return quantity, port.sibling(sibling) if underscore else port.name
         if name in ("across_rate", "through_rate", "stretch", "stretch_rate"):
             return name, port.name
+        if first == "stretch" and underscore and not self._is_field(port, name):
+            return "stretch", port.sibling(rest)
         if first == "potential" and not self._is_field(port, name):
-            node = port.head if rest.startswith("head") else port.tail
+            node = port.ends.head if rest.startswith("head") else port.ends.tail
             domain = port.terminal.domain
             reference = self.topologies[domain].tree.graph.reference
             quantity = "potential_rate" if rest.endswith("_rate") else "potential"

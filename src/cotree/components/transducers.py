@@ -1,0 +1,160 @@
+"""Transducers: components with ports in several graphs, which they couple.
+
+A mechanical port runs between two nodes of its graph, or acts on a multibody system: on a joint, or
+along the line of two nodes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from cotree.components.component import Component, Role
+from cotree.components.law import Law
+from cotree.components.ports import ideal_gyration, optional, value
+from cotree.components.terminal import Kind, Terminal
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+
+def _winding(inductance: Law | None) -> Terminal:
+    """Give the electrical port of a motor: a storage of current, or without inductance none."""
+    if inductance is None:
+        return Terminal(
+            "electrical",
+            Kind.DISSIPATOR,
+            "electrical",
+            across=Law(
+                lambda through, resistance, constant, across_shaft: (
+                    resistance * through + constant * across_shaft
+                )
+            ),
+            through=Law(
+                lambda across, resistance, constant, across_shaft: (
+                    (across - constant * across_shaft) / resistance
+                )
+            ),
+            is_passive=False,  # with the shaft its equations are not symmetric
+        )
+    return Terminal(
+        "electrical",
+        Kind.THROUGH_STORAGE,
+        "electrical",
+        across=Law(
+            lambda through, resistance, constant, across_shaft: (
+                resistance * through + constant * across_shaft
+            )
+        ),
+        storage=inductance,
+        is_passive=False,
+    )
+
+
+_SHAFT = Terminal(
+    "rotational",
+    Kind.THROUGH_SOURCE,
+    "shaft",
+    through=Law(lambda constant, through_electrical: -constant * through_electrical),
+    is_passive=False,
+)
+
+_DC_MOTOR = Component(
+    "dc_motor",
+    Role.NETWORK,
+    "direct current motor or generator with a constant field",
+    fields=(
+        value("resistance", "ohm", "of the winding"),
+        optional("inductance", "H", "of the winding; none where absent", None, "positive"),
+        value("constant", "N m/A", "torque per current, and voltage per speed", ""),
+    ),
+    domains=("electrical", "rotational"),
+    ports=(_winding(Law(lambda inductance: inductance)), _SHAFT),
+    loss=Law(lambda through_electrical, resistance: resistance * through_electrical**2),
+)
+
+
+def _without_inductance(
+    edge: str, nodes: Sequence[object], given: Mapping[str, Any]
+) -> tuple[Component, Sequence[object], Mapping[str, Any]]:
+    """Take the winding's inductance away where none is given."""
+    if "inductance" in given:
+        return DC_MOTOR, nodes, given
+    return replace(DC_MOTOR, ports=(_winding(None), _SHAFT)), nodes, given
+
+
+DC_MOTOR = replace(_DC_MOTOR, adapt=_without_inductance)
+
+HYDRAULIC_CYLINDER = ideal_gyration(
+    "hydraulic_cylinder",
+    "ideal cylinder: pressure pushes the rod out with a force of pressure times area",
+    value("area", "m^2", "of the piston"),
+    ("hydraulic", "chamber"),
+    ("translational", "rod"),
+)
+
+HYDRAULIC_MACHINE = ideal_gyration(
+    "hydraulic_machine",
+    "ideal pump or motor: pressure turns the shaft with a torque of pressure times displacement",
+    value("displacement", "m^3/rad", "volume for each radian", ""),
+    ("hydraulic", "chamber"),
+    ("rotational", "shaft"),
+)
+
+
+def _inductance(stretch: Any, inductance: Any, gap: Any, leakage: Any) -> Any:
+    return leakage + inductance / (1 + stretch / gap)
+
+
+def _slope(stretch: Any, inductance: Any, gap: Any) -> Any:
+    return -inductance / (gap * (1 + stretch / gap) ** 2)
+
+
+def _solenoid_voltage(
+    through: Any,
+    resistance: Any,
+    stretch_plunger: Any,
+    across_plunger: Any,
+    inductance: Any,
+    gap: Any,
+) -> Any:
+    induced = _slope(stretch_plunger, inductance, gap) * across_plunger
+    return resistance * through + induced * through
+
+
+SOLENOID = Component(
+    "solenoid",
+    Role.NETWORK,
+    "coil that pulls a plunger in: inductance L(s) = leakage + inductance / (1 + s/gap)",
+    fields=(
+        value("resistance", "ohm", "of the coil"),
+        value("inductance", "H", "of the air gap where it is closed, s = 0"),
+        value("gap", "m", "opening at which that inductance is halved"),
+        optional("leakage", "H", "inductance that no motion changes", 0.0, "nonnegative"),
+    ),
+    domains=("electrical", "translational"),
+    ports=(
+        Terminal(
+            "electrical",
+            Kind.THROUGH_STORAGE,
+            "electrical",
+            across=Law(_solenoid_voltage),
+            storage=Law.taking(("stretch_plunger", "inductance", "gap", "leakage"), _inductance),
+            is_passive=False,
+        ),
+        Terminal(
+            "translational",
+            Kind.THROUGH_SOURCE,
+            "plunger",
+            through=Law(
+                lambda stretch, through_electrical, inductance, gap: (
+                    -0.5 * through_electrical**2 * _slope(stretch, inductance, gap)
+                )
+            ),
+            is_passive=False,
+        ),
+    ),
+    loss=Law(lambda through_electrical, resistance: resistance * through_electrical**2),
+)
+
+COMPONENTS = (DC_MOTOR, HYDRAULIC_CYLINDER, HYDRAULIC_MACHINE, SOLENOID)

@@ -1,0 +1,161 @@
+"""Ports of transducers that act on a multibody system: on a joint, or between two nodes.
+
+Their across variable is the rate of a measure, as that of a chord beside the joint; their through
+variable acts along it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.components import Freedom, Role
+from cotree.domains import DOMAINS
+from cotree.errors import SceneError, nearest
+from cotree.formulation.chords import named_measure
+from cotree.formulation.ends import Ends
+from cotree.formulation.laws import Applied
+from cotree.formulation.measures import Distance
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from cotree.dag.nodes import Node
+    from cotree.formulation.across import Motion
+    from cotree.formulation.ends import Pull
+    from cotree.formulation.measures import Measure
+    from cotree.formulation.views import FirstView
+    from cotree.scene.networks import Port
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """A port that acts on a multibody system.
+
+    Attributes
+    ----------
+    port : Port
+        The port.
+    measure : Measure
+        What it acts along.
+    value, rate, acceleration : Node
+        The integral of its across variable, that itself, and its rate.
+    pull : Pull
+        What a unit of its through variable does.
+    """
+
+    port: Port
+    measure: Measure
+    value: Node
+    rate: Node
+    acceleration: Node
+    pull: Pull
+
+
+def form_couplings(ports: Mapping[str, Port], view: FirstView) -> dict[str, Coupling]:
+    """Find what transducers act along.
+
+    Parameters
+    ----------
+    ports : mapping of str to Port
+        The edges of all scalar graphs.
+    view : FirstView
+        The multibody system, at the symbols of its accelerations.
+
+    Raises
+    ------
+    SceneError
+        If there is no such joint or node, or the port turns where the joint slides.
+    """
+    found = {}
+    for name, port in ports.items():
+        if port.is_coupling:
+            measure = _measure(port, view.motion)
+            found[name] = Coupling(
+                port,
+                measure,
+                measure.value(view),
+                measure.rate(view),
+                measure.acceleration(view),
+                measure.pull(view),
+            )
+    return found
+
+
+def _measure(port: Port, motion: Motion) -> Measure:
+    if len(port.ends.acts_on) == 2:
+        return _line(port, motion)
+    joint, _, wanted = port.ends.acts_on[0].partition(".")
+    edge = motion.system.edges.get(joint)
+    if edge is None or edge.component.role is not Role.JOINT:
+        known = [e.name for e in motion.system.edges.values() if e.component.role is Role.JOINT]
+        raise SceneError(
+            f"edge '{port.edge.name}' acts on '{joint}', which is no joint{nearest(joint, known)}"
+        )
+    turns = port.terminal.domain == "rotational"
+    names = [
+        step.name
+        for step in edge.component.motion_space
+        if isinstance(step, Freedom) and step.rotates is turns and wanted in ("", step.name)
+    ]
+    if len(names) != 1:
+        what = "angle" if turns else "length"
+        raise SceneError(
+            f"edge '{port.edge.name}' acts on joint '{joint}' of type '{edge.component.name}', "
+            f"which has {len(names) or 'no'} {what}{'s' if len(names) > 1 else ''} to act on: "
+            f'name one as joint = "{joint}.coordinate", or take another joint'
+        )
+    measure = named_measure(motion, f"{joint}.{names[0]}")
+    if measure is None:
+        raise SceneError(
+            f"edge '{port.edge.name}' acts on '{joint}.{names[0]}', which closes a loop and cannot "
+            "be measured there: name a tree that holds the joint"
+        )
+    return measure
+
+
+def _line(port: Port, motion: Motion) -> Measure:
+    points = motion.clusters.points
+    for node in port.ends.acts_on:
+        if node not in points:
+            raise SceneError(
+                f"edge '{port.edge.name}' acts between '{port.ends.acts_on[0]}' and "
+                f"'{port.ends.acts_on[1]}', but no multibody component has node '{node}'"
+                f"{nearest(node, points)}"
+            )
+    if port.terminal.domain == "rotational":
+        raise SceneError(
+            f"edge '{port.edge.name}' turns, so that it cannot act along a line: name a joint"
+        )
+    first, second = (points[node] for node in port.ends.acts_on)
+    return Distance(Ends.of(motion.clusters, first, second))
+
+
+def coupling_loads(
+    couplings: Mapping[str, Coupling], throughs: Mapping[str, Node]
+) -> list[Applied]:
+    """Put the through variables of couplings on the multibody system.
+
+    Parameters
+    ----------
+    couplings : mapping of str to Coupling
+        The ports.
+    throughs : mapping of str to Node
+        Symbols of their through variables.
+    """
+    return [
+        Applied(
+            coupling.port.edge.name,
+            f"{name}.law",
+            coupling.measure,
+            coupling.pull,
+            -throughs[name],
+            -throughs[name],
+        )
+        for name, coupling in couplings.items()
+    ]
+
+
+def through_name(port: Port) -> str:
+    """Name the through variable of a port as scenes do."""
+    return f"{port.name}.{DOMAINS[port.terminal.domain].through_symbol}"

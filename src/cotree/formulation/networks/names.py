@@ -1,0 +1,65 @@
+"""What the variables of networks are called in scenes: ``C1.v``, ``M.shaft.tau``, ``n3.v``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from cotree.components import integral_of
+from cotree.domains import DOMAINS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from cotree.formulation.networks.rules import Variable
+    from cotree.formulation.networks.topology import Topology
+    from cotree.scene.networks import Port
+
+
+@dataclass(frozen=True)
+class Names:
+    """What names of nodes and edges stand for."""
+
+    ports: Mapping[str, Port]
+    topologies: Mapping[str, Topology]
+
+    @cached_property
+    def _of_ports(self) -> dict[str, Variable]:
+        """Name the variables of the ports as scenes do: in full, and where clear by the edge."""
+        found: dict[str, Variable] = {}
+        for port in self.ports.values():
+            for quantity, symbol in _symbols(port).items():
+                found[f"{port.name}.{symbol}"] = (quantity, port.name)
+                found[state_name(port, symbol)] = (quantity, port.name)
+            for row in port.edge.component.measures:
+                found[f"{port.edge.name}.{row.name}"] = ("measure", f"{port.edge.name}|{row.name}")
+        return found
+
+    def variable(self, name: str) -> Variable | None:
+        """Find the variable of ``edge.symbol``, ``edge.port.symbol`` or ``node.symbol``."""
+        if name in self._of_ports:
+            return self._of_ports[name]
+        first, _, symbol = name.rpartition(".")
+        for domain, topology in self.topologies.items():
+            graph = topology.tree.graph
+            if symbol == DOMAINS[domain].across_symbol and first in graph.nodes:
+                return "potential", f"{domain}|{graph.reference}|{first}"
+        return None
+
+
+def _symbols(port: Port) -> dict[str, str]:
+    """Give the symbols of a port's variables by quantity."""
+    row = DOMAINS[port.terminal.domain]
+    found = {"across": row.across_symbol, "through": row.through_symbol}
+    integral = integral_of(port.terminal)
+    if integral is not None:
+        found["stretch"] = integral.name
+    return found
+
+
+def state_name(port: Port, symbol: str) -> str:
+    """Name a port's variable by its edge alone, where no other port has the same symbol."""
+    domains = [terminal.domain for terminal in port.edge.component.ports]
+    is_alone = domains.count(port.terminal.domain) == 1
+    return f"{port.edge.name if is_alone else port.name}.{symbol}"

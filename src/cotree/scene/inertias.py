@@ -1,0 +1,73 @@
+"""Inertia tensors that no body has.
+
+The moments of inertia of a body are sums over its mass, so that none of the principal ones exceeds
+the sum of the other two. Equations can be formed and solved without that, therefore it is said, not
+refused.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cotree.components import Shape
+from cotree.dag.nodes import Dag
+from cotree.scene.expressions import Expression
+from cotree.scene.motion_spaces import motion_spaces
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import numpy.typing as npt
+
+    from cotree.scene.description import FieldValue, SceneDescription
+
+# Thin rods and plates are at the limit, and their three values may be written with six digits.
+_WRITTEN = 2e-5
+
+
+def impossible_inertias(scene: SceneDescription) -> Iterator[str]:
+    """Name the bodies whose principal moments break the triangle rule, at the scene's values.
+
+    Nothing is said where only a moment about one axis is given, or read: in a plane scene.
+
+    Parameters
+    ----------
+    scene : SceneDescription
+        A scene whose equations could be formed.
+
+    Yields
+    ------
+    str
+        A sentence for each such body.
+    """
+    if motion_spaces(scene).plane:
+        return
+    for edge in scene.edges.values():
+        for row in edge.component.fields:
+            if row.shape is not Shape.INERTIA or row.name not in edge.fields:
+                continue
+            tensor = _numbers(scene, edge.fields[row.name])
+            least, middle, largest = np.linalg.eigvalsh(tensor)
+            if np.count_nonzero(tensor) > 1 and least + middle < (1.0 - _WRITTEN) * largest:
+                yield (
+                    f"{row.name} of edge '{edge.name}' is that of no body: of its principal "
+                    f"moments {least:.6g}, {middle:.6g} and {largest:.6g} {row.unit} the largest "
+                    "exceeds the sum of the others; check the numbers, the signs of the products "
+                    "of inertia, and that they are about the centre of mass"
+                )
+
+
+def _numbers(scene: SceneDescription, field: FieldValue) -> npt.NDArray[np.float64]:
+    """Evaluate a tensor, or three principal values, at the parameters' values."""
+    dag = Dag()
+
+    def number(entry: Expression) -> float:
+        node = entry.lower(dag, lambda name: dag.constant(scene.parameters[name].value))
+        assert node.value is not None  # there are but numbers in it
+        return node.value
+
+    rows = [number(row) if isinstance(row, Expression) else [*map(number, row)] for row in field]  # type: ignore[union-attr]
+    found = np.array(rows)
+    return np.diag(found) if found.ndim == 1 else found
