@@ -128,6 +128,16 @@ def test_the_example_of_an_own_component_runs():
     assert abs(names["result"]["speed"][-1] - exact) <= 1e-6 * abs(exact)
 
 
+def test_the_example_of_an_own_scalar_component_runs():
+    names: dict = {}
+    try:
+        exec(compile(blocks(INDEX, "python")[1], "components/README.md", "exec"), names)
+    finally:
+        COMPONENTS.pop("tunnel_diode", None)
+    # The time constant is that of R and C, 0.05 s; the default tolerance is 1e-8.
+    assert abs(names["result"]["C.v"][-1] - 0.5) <= 1e-6
+
+
 def test_links_of_the_component_pages_lead_somewhere():
     for file in PAGES.glob("*.md"):
         for target in re.findall(r"\]\(([^)#]+)", file.read_text(encoding="utf-8")):

@@ -280,6 +280,7 @@ static const cotree_model model = {
     8,
     7,
     0,
+    0,
     state_quantities,
     parameter_quantities,
     NULL,

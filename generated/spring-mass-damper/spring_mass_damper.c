@@ -195,6 +195,7 @@ static const cotree_model model = {
     3,
     2,
     0,
+    0,
     state_quantities,
     parameter_quantities,
     NULL,

@@ -332,10 +332,8 @@ class Model(CompiledModel):
     @cached_property
     def _linearizer(self) -> Linearizer:
         from cotree.model.linearize import Linearizer
-        from cotree.sensitivity.graphs import form_equations, input_columns
 
-        first = self._compiled.first
-        return Linearizer(form_equations(first, ()), input_columns(first))
+        return Linearizer.of(self._compiled.first)
 
     def linearize(
         self, t: float = 0.0, y: Any = None, p: Any = None, u: Any = None
@@ -347,8 +345,7 @@ class Model(CompiledModel):
         t : float
             Time, [s].
         y : array_like, shape (n_states,), optional
-            States; the consistent initial states where absent. Algebraic unknowns in it are
-            guesses: they are solved for, and eliminated.
+            States, of which algebraic unknowns are guesses; the initial ones where absent.
         p, u : array_like, shapes (n_parameters,) and (n_inputs,), optional
             Parameters and inputs; the scene's where absent.
 
@@ -370,8 +367,7 @@ class Model(CompiledModel):
         self.check_parameters(p)
         y = self.start(t, p).y if y is None else as_array(y, (len(self.states),), "the states")
         u = self.input_values(t, p) if u is None else as_array(u, (len(self.inputs),), "inputs")
-        y = solve_states(self, float(t), p, u, y)
-        return self._linearizer.at(float(t), y, p, u)
+        return self._linearizer.at(float(t), solve_states(self, float(t), p, u, y), p, u)
 
     def write(self, directory: str | Path) -> CProject:
         """Write model, header, integrator and a main program that need no Python.

@@ -65,7 +65,8 @@ def test_rectifier():
     _check(result, data, circuits.output_of)
 
 
-def test_transistor_amplifier():
+@pytest.mark.parametrize("method", ["cvode", pytest.param("auto", marks=pytest.mark.slow)])
+def test_transistor_amplifier(method):
     data = read_reference("ivp_transistor_amplifier")
-    result = _run(circuits.circuit("ivp_transistor_amplifier"), data, "auto")
+    result = _run(circuits.circuit("ivp_transistor_amplifier"), data, method)
     _check(result, data, circuits.output_of)

@@ -98,6 +98,7 @@ class ModelContext:
     n_guards: int
     n_nonzeros: int
     n_constraints: int
+    n_algebraic: int
 
 
 def model_context(program: Program) -> ModelContext:
@@ -153,6 +154,7 @@ def model_context(program: Program) -> ModelContext:
         n_guards=len(program.guards),
         n_nonzeros=len(layout.row_indices),
         n_constraints=len(layout.constraints),
+        n_algebraic=layout.n_algebraic,
     )
 
 

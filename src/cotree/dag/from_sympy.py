@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
 #: What forms the node of an expression from those of its symbols.
 _Maker = Callable[["Dag", Mapping[str, "Node"]], "Node"]
+_Chooser = Callable[["Dag", Mapping[str, "Node"], "Node", "Node"], "Node"]
 
 _FUNCTIONS = {
     **{name: name for name in ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh")},
@@ -116,21 +117,47 @@ def _piecewise(expression: Any) -> _Maker:
     if condition is not sympy.true:
         raise ValueError("the last branch of a Piecewise must hold everywhere else")
     last = _maker(value)
-    branches: list[tuple[_Maker, _Maker, bool]] = []
+    branches: list[tuple[_Maker, _Chooser]] = []
     for value, condition in reversed(pairs[:-1]):
-        if not isinstance(condition, (sympy.Ge, sympy.Gt, sympy.Le, sympy.Lt)):
-            raise ValueError("a Piecewise may only branch on <, <=, > or >=")
-        is_strict = isinstance(condition, (sympy.Gt, sympy.Lt))
-        branches.append((_maker(value), _maker(condition.gts - condition.lts), is_strict))
+        branches.append((_maker(value), _chooser(condition)))
 
     def make(dag: Dag, arguments: Mapping[str, Node]) -> Node:
         result = last(dag, arguments)
-        for value, difference, is_strict in branches:
-            branch, excess = value(dag, arguments), difference(dag, arguments)
-            if is_strict:  # refuse equality
-                result = dag.select(-excess, result, branch)
-            else:
-                result = dag.select(excess, branch, result)
+        for value, choose in branches:
+            result = choose(dag, arguments, value(dag, arguments), result)
         return result
 
     return make
+
+
+def _chooser(condition: Any) -> _Chooser:
+    """Select by a comparison, or by several that SymPy has joined."""
+    import sympy
+
+    if isinstance(condition, (sympy.Or, sympy.And)):
+        return _joined([_chooser(part) for part in condition.args], isinstance(condition, sympy.Or))
+    if isinstance(condition, sympy.Not):
+        inner = _chooser(condition.args[0])
+        return lambda dag, arguments, accepted, refused: inner(dag, arguments, refused, accepted)
+    if not isinstance(condition, (sympy.Ge, sympy.Gt, sympy.Le, sympy.Lt)):
+        raise ValueError("a Piecewise may only branch on <, <=, > or >=")
+    excess = _maker(condition.gts - condition.lts)
+    if isinstance(condition, (sympy.Gt, sympy.Lt)):  # strict: refuse equality
+        return lambda dag, arguments, accepted, refused: dag.select(
+            -excess(dag, arguments), refused, accepted
+        )
+    return lambda dag, arguments, accepted, refused: dag.select(
+        excess(dag, arguments), accepted, refused
+    )
+
+
+def _joined(parts: list[_Chooser], is_any: bool) -> _Chooser:
+    def choose(dag: Dag, arguments: Mapping[str, Node], accepted: Node, refused: Node) -> Node:
+        for part in reversed(parts):
+            if is_any:
+                refused = part(dag, arguments, accepted, refused)
+            else:
+                accepted = part(dag, arguments, accepted, refused)
+        return refused if is_any else accepted
+
+    return choose

@@ -3,6 +3,7 @@
 The folder holds the model, an integrator without dependencies, and a main program that integrates
 the model to its end time and prints the end state. The main program holds a model with constraints
 to them as ``solvers/project.py`` does, from a consistent start that is found here and written down.
+Algebraic unknowns are solved for at each evaluation, and the other states integrated.
 """
 
 from __future__ import annotations
@@ -83,6 +84,10 @@ class MainContext:
         satisfy more than its kernels of the initial state; empty for others.
     n_constraints : int
         How many constraints there are, with their rates and the norms of quaternions.
+    n_algebraic : int
+        How many of the states are algebraic unknowns.
+    n_nonzeros : int
+        How many entries the Jacobian has.
     has_rows : bool
         Whether there are constraints, and not only norms of quaternions.
     """
@@ -101,6 +106,8 @@ class MainContext:
     has_sensitivities: bool
     start: list[str]
     n_constraints: int
+    n_algebraic: int
+    n_nonzeros: int
     has_rows: bool
 
 
@@ -185,6 +192,8 @@ def _main_context(
         has_sensitivities=bool(model.sensitivities),
         start=_start_lines(program),
         n_constraints=model.n_constraints,
+        n_algebraic=model.n_algebraic,
+        n_nonzeros=model.n_nonzeros,
         has_rows=bool(program.layout.constraint_edges),
     )
 
@@ -204,7 +213,8 @@ def _stop_rows(program: Program) -> list[str]:
 def _start_lines(program: Program) -> list[str]:
     """Write the consistent start at the program's parameter values, where it has to be found."""
     layout = program.layout
-    if not layout.states or not (layout.constraints or layout.start_rows):
+    is_sought = layout.constraints or layout.start_rows or layout.n_algebraic
+    if not layout.states or not is_sought:
         return []
     # A few evaluations need no compiler, which a machine that only writes C may not have.
     start = CompiledModel(program, PythonKernels(program)).start()

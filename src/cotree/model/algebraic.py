@@ -69,6 +69,8 @@ class Algebraic:
         self._linear: Linear | None = None
         self._weights = np.ones(n_algebraic)
 
+    # Exponentials may overflow on the way: what is not finite is told by the tests below.
+    @np.errstate(invalid="ignore", over="ignore")
     def follow(self, t: float, y: Array) -> Array:
         """Solve for the algebraic unknowns, in place, from nearby values.
 

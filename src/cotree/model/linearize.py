@@ -1,7 +1,7 @@
 """Linearisation of a model about a state, by the sensitivity graphs of its states and inputs.
 
 In: equations, their derivatives along inputs, and numbers. Out: x' = A x + B u, y = C x + D u for
-small deviations.
+small deviations. Algebraic unknowns are eliminated.
 """
 
 from __future__ import annotations
@@ -19,12 +19,14 @@ from cotree.equations import spread
 from cotree.errors import SingularSystemError
 from cotree.formulation.elimination import solve_unknowns
 from cotree.model.algebraic import eliminated
+from cotree.sensitivity.graphs import form_equations, input_columns
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cotree.dag.nodes import Node
     from cotree.equations import Derivative, Equations
+    from cotree.formulation.first_graph import FirstGraph
 
 Array = npt.NDArray[np.float64]
 
@@ -59,6 +61,11 @@ class Linearizer:
         self._nodes = _solved(equations, (*equations.columns, *input_columns))
         solves = [node for node in reachable(self._nodes) if node.op == "solve"]
         self._accepted = [results(node, node.data.size + 2)[-1] for node in solves]
+
+    @classmethod
+    def of(cls, first: FirstGraph) -> Linearizer:
+        """Form the equations of a scene and their derivatives."""
+        return cls(form_equations(first, ()), input_columns(first))
 
     def at(self, t: float, y: Sequence[float] | Array, p: Array, u: Array) -> Linearization:
         """Evaluate them.

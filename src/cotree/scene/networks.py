@@ -235,9 +235,13 @@ def _chosen(
     ports: Mapping[str, Port],
     weights: Mapping[str, float],
     choice: Mapping[str, float],
-) -> tuple[float, dict[str, NormalTree] | None]:
-    """Select trees, and add up what their branches weigh; None where the choice cannot be had."""
+) -> tuple[tuple[int, float], dict[str, NormalTree] | None]:
+    """Select trees, and rate them; None where the choice cannot be had.
+
+    The best leave the fewest storages without a state of their own; then by weight.
+    """
     trees, total = {}, 0.0
+    nothing = (0, 0.0), None
     for domain, graph in graphs.items():
         try:
             trees[domain] = _select(
@@ -246,16 +250,19 @@ def _chosen(
         except TopologyError:
             if not choice:
                 raise
-            return 0.0, None
+            return nothing
         own = float(Kind.COUPLED.value)
-        branches = [n for n in trees[domain].across.branches if weights[n] != _NEVER]
-        total += sum(own if name in choice else weights[name] for name in branches)
+        chosen = [n for n in trees[domain].across.branches if weights[n] != _NEVER]
+        total += sum(own if name in choice else weights[name] for name in chosen)
     # What must be a branch: one left out lies in a loop of its like, which contradicts itself.
     given = float(Kind.ACROSS_SOURCE.value)
     wanted = {name for name in weights if weights[name] in (_ALWAYS, given)}
-    if not wanted <= {name for tree in trees.values() for name in tree.across.branches}:
-        return 0.0, None
-    return total, trees
+    branches = {name for tree in trees.values() for name in tree.across.branches}
+    if not wanted <= branches:
+        return nothing
+    excess = {True: Kind.THROUGH_STORAGE, False: Kind.ACROSS_STORAGE}
+    n_excess = sum(port.kind is excess[name in branches] for name, port in ports.items())
+    return (n_excess, total), trees
 
 
 def _select(

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from cotree.components import Role
+from cotree.components import Kind, Role
 from cotree.components.heat import HEAT, loss_of, with_heat
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError
@@ -166,7 +166,8 @@ def _by_terminal(
         # Names that a scene cannot give are of nodes within.
         head, tail = (places.get(name, f"{edge}.{name}") for name in port.between)
         # A transistor may have one junction short-circuited.
-        if head == tail and (port.through is None or "ground" in port.between):
+        may_be_short = port.kind in (Kind.DISSIPATOR, Kind.THROUGH_SOURCE)
+        if head == tail and not (may_be_short and "ground" not in port.between):
             first, second = port.between
             raise SceneError(
                 f"{first} and {second} of edge '{edge}' are both node '{head}': name two"

@@ -83,6 +83,7 @@ class _Reduction:
         self._algebraic = Algebraic(_state_rates(problem), jacobian, names, problem.n_algebraic)
         self._z = np.array(problem.z0[self.cut : self.n], dtype=np.float64)
         self._stored = self._z
+        self._completed = float(problem.t_span[0])
         self.residual_names = (*problem.constraints, *names[self.cut :])
 
     def without(self, full: FloatArray) -> FloatArray:
@@ -131,6 +132,7 @@ class _Reduction:
         if guess is not None:
             full[self.cut : self.n] = guess
         self._algebraic.solve(t, full[: self.n])
+        self._completed = t
         self._z = self._stored = full[self.cut : self.n].copy()
         if self._n_blocks > 1:
             slopes = self._sensitivities(t, full)[1]
@@ -139,7 +141,8 @@ class _Reduction:
 
     def residual(self, t: float, full: FloatArray) -> FloatArray:
         """Give what is left of constraints and algebraic equations."""
-        left = self._algebraic.residual(t, full[: self.n])
+        # At a breakpoint constraints hold as before it, algebraic equations at that very time.
+        left = self._algebraic.residual(self._completed, full[: self.n])
         if self._problem.residual is None:
             return left
         return np.concatenate([self._problem.residual(t, full), left])

@@ -169,7 +169,7 @@ class Evaluator:
         """Return what is left of the constraints at a stored value, empty where there are none."""
         if self.problem.residual is None:
             return np.zeros(0)
-        return np.array(self.problem.residual(t, z), dtype=np.float64)
+        return np.array(self.problem.residual(self._inside(t), z), dtype=np.float64)
 
     def state_jacobian(self, t: float, z: FloatArray) -> FloatArray:
         """Return the Jacobian of the states, dense, shape (n_states, n_states).

@@ -172,8 +172,9 @@ def _check_sizes(problem: Problem) -> None:
         )
     if problem.names and len(problem.names) != problem.n_states:
         raise SolveError(f"{len(problem.names)} names are given for {problem.n_states} states.")
-    if problem.project is not None and problem.residual is None:
-        raise SolveError("A constrained problem needs project and residual; residual is missing.")
+    if (problem.project is None) != (problem.residual is None) and problem.complete is None:
+        missing = "residual" if problem.residual is None else "project"
+        raise SolveError(f"A constrained problem needs project and residual; {missing} is missing.")
     if not 0 <= problem.n_algebraic <= problem.n_states:
         raise SolveError(
             f"{problem.n_algebraic} of {problem.n_states} states cannot be algebraic unknowns."
