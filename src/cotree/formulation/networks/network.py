@@ -145,7 +145,7 @@ def form_network(
     plan = make_plan(terminals, [*rates, *observed.values()])
     first = around.n_states + len(holders)
     solved = solve_plan(
-        around.dag,
+        terminals,
         plan,
         lambda i: around.dag.symbol("x", first + i),
         lambda block: all(_is_passive(ports, v) for v in (*block.unknowns, *block.inner)),
