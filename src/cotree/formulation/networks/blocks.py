@@ -32,9 +32,10 @@ class _AtRunTime:
     column_scales: tuple[Node, ...]
 
     def solve(self, rhs: Sequence[Node]) -> list[Node]:
-        """Solve for one right-hand side."""
-        if all(value.is_zero for value in rhs):
-            return list(rhs)
+        """Solve for one right-hand side.
+
+        One of zeros is solved too: that the solution is zero is to be checked with the rank.
+        """
         n = len(rhs)
         scaled = [value * scale for value, scale in zip(rhs, self.row_scales, strict=True)]
         found = solve(self.dag, self.matrix, scaled, self.dag.zero, SolveShape(n, n))

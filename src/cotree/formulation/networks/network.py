@@ -260,7 +260,8 @@ def _refuse_initials(ports: Mapping[str, Port], states: Mapping[str, Node]) -> N
 
 def _is_passive(ports: Mapping[str, Port], variable: Variable) -> bool:
     port = ports.get(variable[1])
-    return port is None or port.terminal.is_passive
+    # Pivots of ideal couplings may vanish at some ratios.
+    return port is None or (port.terminal.is_passive and port.kind is not Kind.COUPLED)
 
 
 def _bind_fields(
