@@ -14,7 +14,6 @@ from cotree.errors import ParameterError, SingularSystemError
 from cotree.model.algebraic import solve_states
 from cotree.model.model import CompiledModel, as_array
 from cotree.scene.description import SceneDescription, check_number
-from cotree.scene.inertias import impossible_inertias
 from cotree.scene.toml_file import load_scene
 from cotree.solvers.simulate import Settings, simulate
 
@@ -101,8 +100,6 @@ class Scene(SceneDescription):
         options = BuildOptions(optimize=optimize, native=native)
         model = Model(compile_scene(self, names, tree, options, rate), self)
         model.check_start()
-        for sentence in impossible_inertias(self):
-            warnings.warn(sentence, RuntimeWarning, stacklevel=2)
         for name in model.unreached:
             warnings.warn(
                 f"no state or output depends on parameter '{name}': its sensitivities are all zero",

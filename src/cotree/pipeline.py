@@ -31,6 +31,7 @@ from cotree.scene.graphs import (
     linear_graphs,
     separate_trees,
 )
+from cotree.scene.inertias import impossible_inertias
 from cotree.sensitivity.graphs import form_equations
 from cotree.version import ABI_VERSION
 
@@ -194,9 +195,16 @@ def compile_scene(
     ------
     ModelError, FormulationError, CodegenError, BuildError
         If a stage cannot do its work; the message says which edge, node or name is at fault.
+
+    Warns
+    -----
+    RuntimeWarning
+        If no body has the inertia of an edge, or there is no compiler.
     """
     marks = [time.perf_counter()]
     first, equations, alternatives = formulate(scene, sensitivities, tree, baumgarte)
+    for sentence in impossible_inertias(scene):
+        warnings.warn(sentence, RuntimeWarning, stacklevel=3)  # whoever asked for the model
     marks.append(time.perf_counter())
     program, reports = generate(equations)
     with _no_collection():

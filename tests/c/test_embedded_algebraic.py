@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 from c_programs import build, printed, run
-from hand_made import Made
+from hand_made import Made, model_of
+from loop_with_network import four_bar, with_a_network
 
 from cotree.export.c_project import write_c_project
+from cotree.pipeline import formulate
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -67,3 +69,18 @@ def test_ends_as_in_python(compiler: str, tmp_path: Path, sensitivities: tuple[s
             size = float(abs(result.s[:, sensitivities.index(parameter)]).max())
             key = f"d({name})/d({parameter})"
             assert values[key] == pytest.approx(expected, rel=1e-6, abs=1e-8 * size), name
+
+
+@pytest.mark.parametrize("sensitivities", [(), ("a",)])
+def test_with_constraints(compiler: str, tmp_path: Path, sensitivities: tuple[str, ...]) -> None:
+    model = model_of(with_a_network(formulate(four_bar(), sensitivities, None)[1]))
+    project = write_c_project(model._program, tmp_path, t_end=1.0, rtol=1e-11, atol=1e-12)
+    values = printed(run([build(project, compiler)], tmp_path))
+    result = model.simulate((0.0, 1.0), [1.0], "DOP853", 1e-12, 1e-13, throw=True)
+    # As for constraints alone: some hundred steps at 1e-11, enlarged by the motion.
+    for name in model.states:
+        assert values[name] == pytest.approx(float(result[name][-1]), abs=1e-7), name
+        for parameter in sensitivities:
+            expected = float(result.sensitivity(name, parameter)[-1])
+            found = values[f"d({name})/d({parameter})"]
+            assert found == pytest.approx(expected, abs=1e-6), name

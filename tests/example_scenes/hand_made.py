@@ -44,17 +44,23 @@ class Made:
         return _equations(self, sensitivities)[0]
 
     def model(self, sensitivities: Sequence[str] = (), t_end: float = 1.0) -> Model:
-        equations, input_columns = _equations(self, sensitivities)
-        program, reports = generate(equations)
-        context = model_context(program)
-        files = render_model(context)
-        kernels, cached = _load(program, context, files, BuildOptions())
-        compiled = Compiled(program, reports, (), context, files, kernels, cached, {}, None)
-        scene = Scene(self.name)
-        scene.simulation(t_end=t_end)
-        model = Model(compiled, scene)
-        model.__dict__["_linearizer"] = Linearizer(equations, input_columns)
-        return model
+        return model_of(*_equations(self, sensitivities), t_end=t_end)
+
+
+def model_of(
+    equations: Equations, input_columns: Sequence[Derivative] = (), t_end: float = 1.0
+) -> Model:
+    """Compile equations that no scene gives."""
+    program, reports = generate(equations)
+    context = model_context(program)
+    files = render_model(context)
+    kernels, cached = _load(program, context, files, BuildOptions())
+    compiled = Compiled(program, reports, (), context, files, kernels, cached, {}, None)
+    scene = Scene(equations.name)
+    scene.simulation(t_end=t_end)
+    model = Model(compiled, scene)
+    model.__dict__["_linearizer"] = Linearizer(equations, input_columns)
+    return model
 
 
 def _equations(made: Made, wanted: Sequence[str]) -> tuple[Equations, tuple[Derivative, ...]]:

@@ -49,7 +49,7 @@ def spherical_pendulum() -> Scene:
         scene.parameter(name, value)
     scene.edge("ball", "spherical", "ground", "A")
     scene.edge("rod", "arm", "A", "C", vector=[0, 0.1, "-L"])
-    scene.edge("bob", "rigid_body", "ground", "C", mass="m", inertia=[0.1, "0.2*L", 0.4])
+    scene.edge("bob", "rigid_body", "ground", "C", mass="m", inertia=[0.1, "0.2*L", 0.2])
     return scene
 
 
@@ -59,7 +59,7 @@ def skate() -> Scene:
     for name, value in {"g": 9.81, "L": 0.8, "m": 1.3}.items():
         scene.parameter(name, value)
     scene.edge("f", "free", "ground", "C", initial={"z": "-L"})
-    scene.edge("body", "rigid_body", "ground", "C", mass="m", inertia=[0.1, "0.2*L", 0.4])
+    scene.edge("body", "rigid_body", "ground", "C", mass="m", inertia=[0.1, "0.2*L", 0.2])
     scene.edge("blade", "knife_edge", "ground", "C", axis=[0, 1, 0])
     scene.edge("rod", "distance", "ground", "C", length="L + 0.1*t")
     return scene

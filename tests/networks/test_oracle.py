@@ -190,6 +190,18 @@ def test_currents_of_storages_in_loops_through_a_transformer():
         check_values(random_network(seed), seed)
 
 
+@pytest.mark.parametrize("n", [3, 12])
+def test_many_transformers_on_one_bus(n):
+    """More than all combinations of their ports are tried of; each primary is across the source."""
+    elements = [Element("V0", (("bus", "ground"),), 1.0)]
+    for i in range(1, n + 1):
+        load = (f"a{i}", "ground")
+        elements.append(Element(f"T{i}", (("bus", "ground"), load), 0.5 + 0.1 * i))
+        elements.append(Element(f"R{i}", (load,), 1.0))
+        elements.append(Element(f"L{i}", (load,), 1.0))
+    check_values(LinearNetwork(tuple(elements)), 0)
+
+
 def test_a_source_is_not_displaced_by_a_transformer_across_it():
     two = (("a", "ground"), ("ground", "a"))
     elements = (

@@ -7,10 +7,12 @@ import math
 import numpy as np
 import pytest
 from amplifier import AMPLIFIER, POTENTIALS, SENSITIVITIES, TIMES
-from hand_made import Made
+from hand_made import Made, model_of
+from loop_with_network import four_bar, with_a_network
 from scipy.special import lambertw
 
 from cotree.errors import ParameterError, SingularSystemError, SolveError
+from cotree.pipeline import formulate
 from cotree.solvers import METHODS, Problem, integrate
 from cotree.studies.check import check_sensitivities
 
@@ -333,3 +335,24 @@ def test_transistor_amplifier(method, tolerance):
         along = np.array([result.sensitivity(f"outv{i}", name) for i in range(1, 9)])
         # Nine digits of the reference, of the largest potential's sensitivity.
         np.testing.assert_allclose(along, expected, atol=1e-7 * np.max(np.abs(expected)))
+
+
+@pytest.mark.parametrize("method", ["DOP853", "BDF", "cvode", "ida"])
+def test_constraints_and_algebraic_unknowns_live_together(method):
+    alone = four_bar().compile(["a"])
+    model = model_of(with_a_network(formulate(four_bar(), ["a"], None)[1]))
+    layout, n = model.layout, len(alone.states)
+    assert (layout.n_coordinates, layout.n_speeds, layout.n_algebraic) == (n // 2, n // 2, 1)
+    times = np.linspace(0.0, 1.0, 6)
+    settings = {"rtol": 1e-9, "atol": 1e-11, "throw": True}
+    result = model.simulate((0.0, 1.0), times, method, **settings)
+    expected = alone.simulate((0.0, 1.0), times, "DOP853", 1e-12, 1e-13, throw=True)
+    # Some hundred steps at 1e-9 by multistep methods, enlarged some ten times by the motion.
+    np.testing.assert_allclose(result.y[:n], expected.y, atol=1e-5)
+    np.testing.assert_allclose(result.s[:n], expected.s, atol=1e-4)
+    z, theta = result["z"], result["crank.theta"]
+    np.testing.assert_allclose(z + z**3, theta, rtol=1e-14)
+    along = result.sensitivity("crank.theta", "a") / (1.0 + 3.0 * z**2)
+    np.testing.assert_allclose(result.sensitivity("z", "a"), along, rtol=1e-13, atol=1e-15)
+    assert result.drift.names == (*alone.constraints, "z")
+    assert result.drift.worst < 1e-12

@@ -140,8 +140,9 @@ def turned(principal):
     ids=["numbers", "permuted", "oblique", "parameters", "negative"],
 )
 def test_moments_of_inertia_that_break_the_triangle_rule_are_named(inertia, parameters):
-    with pytest.warns(RuntimeWarning, match="inertia of edge 'b' is that of no body"):
+    with pytest.warns(RuntimeWarning, match="inertia of edge 'b' is that of no body") as said:
         top(inertia, **parameters).compile()
+    assert [warning.filename for warning in said] == [__file__]
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
 #: What forms the node of an expression from those of its symbols.
 _Maker = Callable[["Dag", Mapping[str, "Node"]], "Node"]
+_Chooser = Callable[["Dag", Mapping[str, "Node"], "Node", "Node"], "Node"]
 
 _FUNCTIONS = {
     **{name: name for name in ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh")},
@@ -115,35 +116,48 @@ def _piecewise(expression: Any) -> _Maker:
     value, condition = pairs[-1]
     if condition is not sympy.true:
         raise ValueError("the last branch of a Piecewise must hold everywhere else")
-    result = _maker(value)
+    last = _maker(value)
+    branches: list[tuple[_Maker, _Chooser]] = []
     for value, condition in reversed(pairs[:-1]):
-        result = _choice(condition, _maker(value), result)
-    return result
+        branches.append((_maker(value), _chooser(condition)))
+
+    def make(dag: Dag, arguments: Mapping[str, Node]) -> Node:
+        result = last(dag, arguments)
+        for value, choose in branches:
+            result = choose(dag, arguments, value(dag, arguments), result)
+        return result
+
+    return make
 
 
-def _choice(condition: Any, accepted: _Maker, refused: _Maker) -> _Maker:
+def _chooser(condition: Any) -> _Chooser:
     """Select by a comparison, or by several that SymPy has joined."""
     import sympy
 
-    if isinstance(condition, sympy.Or):
-        for part in reversed(condition.args):
-            refused = _choice(part, accepted, refused)
-        return refused
-    if isinstance(condition, sympy.And):
-        for part in reversed(condition.args):
-            accepted = _choice(part, accepted, refused)
-        return accepted
+    if isinstance(condition, (sympy.Or, sympy.And)):
+        return _joined([_chooser(part) for part in condition.args], isinstance(condition, sympy.Or))
     if isinstance(condition, sympy.Not):
-        return _choice(condition.args[0], refused, accepted)
+        inner = _chooser(condition.args[0])
+        return lambda dag, arguments, accepted, refused: inner(dag, arguments, refused, accepted)
     if not isinstance(condition, (sympy.Ge, sympy.Gt, sympy.Le, sympy.Lt)):
         raise ValueError("a Piecewise may only branch on <, <=, > or >=")
-    difference = _maker(condition.gts - condition.lts)
-    is_strict = isinstance(condition, (sympy.Gt, sympy.Lt))
+    excess = _maker(condition.gts - condition.lts)
+    if isinstance(condition, (sympy.Gt, sympy.Lt)):  # strict: refuse equality
+        return lambda dag, arguments, accepted, refused: dag.select(
+            -excess(dag, arguments), refused, accepted
+        )
+    return lambda dag, arguments, accepted, refused: dag.select(
+        excess(dag, arguments), accepted, refused
+    )
 
-    def make(dag: Dag, arguments: Mapping[str, Node]) -> Node:
-        yes, no = accepted(dag, arguments), refused(dag, arguments)
-        excess = difference(dag, arguments)
-        # Strict comparisons refuse equality.
-        return dag.select(-excess, no, yes) if is_strict else dag.select(excess, yes, no)
 
-    return make
+def _joined(parts: list[_Chooser], is_any: bool) -> _Chooser:
+    def choose(dag: Dag, arguments: Mapping[str, Node], accepted: Node, refused: Node) -> Node:
+        for part in reversed(parts):
+            if is_any:
+                refused = part(dag, arguments, accepted, refused)
+            else:
+                accepted = part(dag, arguments, accepted, refused)
+        return refused if is_any else accepted
+
+    return choose

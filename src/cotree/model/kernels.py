@@ -34,6 +34,12 @@ SINGULAR = 1
 
 
 def _singular(layout: Layout) -> SingularSystemError:
+    if not layout.uncertain:
+        return SingularSystemError(
+            "the linear equations of the networks have no solution, or many, at these values of "
+            "parameters and states: ideal couplings such as transformers contradict each other or "
+            "leave something undetermined; change a ratio, or put a resistance between them"
+        )
     names = ", ".join(f"'{name}'" for name in layout.uncertain)
     return SingularSystemError(
         f"the mass matrix is singular in the present configuration: among {names}, whose joints "

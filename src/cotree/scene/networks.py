@@ -159,7 +159,8 @@ def normal_trees(
             _check_reached(graph, ports, weights, kind)
     choices = _choices(ports)
     best = None
-    for choice in _combinations(choices):
+    few = len(choices) <= _FEW
+    for choice in _combinations(choices) if few else [_one_by_one(graphs, ports, weights, choices)]:
         total, trees = _chosen(graphs, ports, weights | choice, choice)
         if trees is not None and (best is None or total < best[0]):
             best = (total, trees)
@@ -218,16 +219,26 @@ def _choices(ports: Mapping[str, Port]) -> list[list[dict[str, float]]]:
 
 
 def _combinations(choices: Sequence[Sequence[dict[str, float]]]) -> Iterator[dict[str, float]]:
-    """Try all combinations of a few couplings; of many, a change of each one in turn."""
-    if len(choices) <= _FEW:
-        for chosen in product(*choices):
-            yield {name: weight for row in chosen for name, weight in row.items()}
-        return
-    base = {name: weight for row in choices for name, weight in row[0].items()}
-    yield base
+    """List all combinations of a few couplings."""
+    for chosen in product(*choices):
+        yield {name: weight for row in chosen for name, weight in row.items()}
+
+
+def _one_by_one(
+    graphs: Mapping[str, LinearGraph],
+    ports: Mapping[str, Port],
+    weights: Mapping[str, float],
+    choices: Sequence[Sequence[dict[str, float]]],
+) -> dict[str, float]:
+    """Choose for one coupling after another what weighs least, those after it left open."""
+    chosen: dict[str, float] = {}
     for row in choices:
-        for other in row[1:]:
-            yield base | other
+        tried = []
+        for option in row:
+            total, trees = _chosen(graphs, ports, {**weights, **chosen, **option}, chosen | option)
+            tried.append((trees is None, total, option))
+        chosen |= min(tried, key=lambda item: item[:2])[2]
+    return chosen
 
 
 def _chosen(

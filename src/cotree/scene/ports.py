@@ -165,9 +165,9 @@ def _by_terminal(
     for port in component.ports:
         # Names that a scene cannot give are of nodes within.
         head, tail = (places.get(name, f"{edge}.{name}") for name in port.between)
-        # A transistor may have one junction short-circuited, or its gate tied to its source.
-        may_be_one = port.kind in (Kind.DISSIPATOR, Kind.THROUGH_SOURCE)
-        if head == tail and (not may_be_one or "ground" in port.between):
+        # A transistor may have one junction short-circuited.
+        may_be_short = port.kind in (Kind.DISSIPATOR, Kind.THROUGH_SOURCE)
+        if head == tail and not (may_be_short and "ground" not in port.between):
             first, second = port.between
             raise SceneError(
                 f"{first} and {second} of edge '{edge}' are both node '{head}': name two"

@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
 
 
+# Added to sizes that are divided by: changes none but zero, whose row the rank then shows.
+_TINY = 1e-290
+
+
 class Solver(Protocol):
     """Factorised equations."""
 
@@ -32,9 +36,10 @@ class _AtRunTime:
     column_scales: tuple[Node, ...]
 
     def solve(self, rhs: Sequence[Node]) -> list[Node]:
-        """Solve for one right-hand side."""
-        if all(value.is_zero for value in rhs):
-            return list(rhs)
+        """Solve for one right-hand side.
+
+        One of zeros is solved too: that the solution is zero is to be checked with the rank.
+        """
         n = len(rhs)
         scaled = [value * scale for value, scale in zip(rhs, self.row_scales, strict=True)]
         found = solve(self.dag, self.matrix, scaled, self.dag.zero, SolveShape(n, n))
@@ -53,7 +58,7 @@ def _at_run_time(dag: Dag, matrix: Sequence[Sequence[Node]]) -> _AtRunTime:
 
 
 def _size(dag: Dag, entries: Sequence[Node]) -> Node:
-    total = dag.zero
+    total = dag.constant(_TINY)
     for entry in entries:
         total = total + dag.function("abs", entry)
     return total

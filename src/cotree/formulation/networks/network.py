@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from cotree.components import Kind
 from cotree.equations import Guard
 from cotree.formulation.networks.names import Names
 from cotree.formulation.networks.plan import make_plan
@@ -161,7 +162,7 @@ def form_network(
     plan = make_plan(terminals, [*rates, *observed.values()])
     first = around.n_states + len(held)
     solved = solve_plan(
-        around.dag,
+        terminals,
         plan,
         lambda i: around.dag.symbol("x", first + i),
         lambda block: all(_is_passive(ports, trees, v) for v in (*block.unknowns, *block.inner)),
@@ -195,7 +196,10 @@ def _is_passive(
     port = ports.get(variable[1])
     if port is None:
         return True
-    return port.terminal.is_passive and not trees[port.terminal.domain].is_split
+    # Pivots of ideal couplings may vanish at some ratios.
+    is_own = port.terminal.is_passive and port.kind is not Kind.COUPLED
+    tree = trees.get(port.terminal.domain)
+    return is_own and not (tree is not None and tree.is_split)
 
 
 def _bind_fields(

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.traverse import substitute, symbols_in
 from cotree.formulation.networks.blocks import Solver, factorise_block
+from cotree.formulation.networks.nodal import factorise_nodal
 from cotree.formulation.networks.plan import Block
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
     from cotree.formulation.networks.plan import Plan
     from cotree.formulation.networks.rules import Given, Tangent, Variable
+    from cotree.formulation.networks.terminals import Terminals
 
 
 @dataclass(frozen=True)
@@ -71,14 +73,17 @@ class Solved:
 
 
 def solve_plan(
-    dag: Dag, plan: Plan, algebraic_symbol: Callable[[int], Node], is_safe: Callable[[Block], bool]
+    terminals: Terminals,
+    plan: Plan,
+    algebraic_symbol: Callable[[int], Node],
+    is_safe: Callable[[Block], bool],
 ) -> Solved:
     """Form the value of every variable.
 
     Parameters
     ----------
-    dag : Dag
-        The arena.
+    terminals : Terminals
+        Where the plan is from.
     plan : Plan
         Variables in order.
     algebraic_symbol : callable
@@ -86,10 +91,11 @@ def solve_plan(
     is_safe : callable
         Whether a block's linear equations are symmetric and positive definite by physics.
     """
+    dag = terminals.time.dag
     solved = Solved(dag, plan, {})
     for step in plan.steps:
         if isinstance(step, Block):
-            _solve_block(solved, step, algebraic_symbol, is_safe(step))
+            _solve_block(solved, terminals, step, algebraic_symbol, is_safe(step))
         else:
             solved.values[step] = plan.rules[step].value(dag, solved.values)
     return solved
@@ -100,7 +106,11 @@ def _nothing(node: Node) -> Tangent:
 
 
 def _solve_block(
-    solved: Solved, block: Block, algebraic_symbol: Callable[[int], Node], is_safe: bool
+    solved: Solved,
+    terminals: Terminals,
+    block: Block,
+    algebraic_symbol: Callable[[int], Node],
+    is_safe: bool,
 ) -> None:
     """Find which unknowns are linear, and solve for them."""
     dag, rules = solved.dag, solved.plan.rules
@@ -131,7 +141,10 @@ def _solve_block(
     matrix: list[dict[int, Node]] = [{} for _ in rows]
     for (i, j, _), entry in zip(flat, entries, strict=True):
         matrix[i][j] = entry
-    factors = factorise_block(dag, matrix, is_safe)
+    factors = None
+    if is_safe and linear and not nonlinear:
+        factors = factorise_nodal(terminals, block, rules, trial, d, len(flat))
+    factors = factors or factorise_block(dag, matrix, is_safe)
     found = factors.solve([-value for value in rest])
     known |= {symbols[u]: value for (u, _), value in zip(linear, found, strict=True)}
     for variable, symbol in symbols.items():

@@ -26,7 +26,7 @@ from cotree.formulation.networks.derived import (
 from cotree.formulation.networks.rules import Field, Lawful, Sum, Unknown
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from cotree.components import Law
     from cotree.dag.nodes import Node
@@ -76,6 +76,10 @@ class Terminals:
 
     def _cutset(self, name: str) -> Topology:
         return self.cutsets[self.ports[name].terminal.domain]
+
+    def above(self, branches: Sequence[str]) -> list[tuple[int, int]]:
+        """Give the sign of branches of one tree, and which of them leads to each."""
+        return self._topology(branches[0]).above(branches)
 
     def rule(self, variable: Variable) -> Rule:
         """Give the rule of a variable."""

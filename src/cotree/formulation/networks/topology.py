@@ -16,6 +16,8 @@ from cotree.formulation.networks.rules import Sum
 from cotree.graph import tree_walk
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from cotree.formulation.networks.rules import Variable
     from cotree.graph import Tree
 
@@ -122,6 +124,19 @@ class Topology:
     @cached_property
     def _signs(self) -> dict[str, int]:
         return {place.branch: place.sign for place in self._places.values()}
+
+    def above(self, branches: Sequence[str]) -> list[tuple[int, int]]:
+        """Give the sign of each of some branches, and which of them leads to it; -1 for none."""
+        numbers = {name: i for i, name in enumerate(branches)}
+        parents = {place.branch: self._places[place.parent] for place in self._places.values()
+                   if place.branch}  # fmt: skip
+        found = []
+        for name in branches:
+            before = parents[name]
+            while before.branch and before.branch not in numbers:
+                before = parents[before.branch]
+            found.append((self._signs[name], numbers.get(before.branch, -1)))
+        return found
 
     def cutset(self, branch: str, rate: str) -> Sum:
         """Give a branch's through variable from what flows out beyond it; or its rate."""

@@ -1,0 +1,113 @@
+"""Network benchmarks: ladders, grids and meshes of growing size, stage by stage.
+
+Run it with ``python benchmarks/networks.py [ladder] [other] [N ...]``; it prints Markdown, all
+tables where none is named. Sizes N are those of the ladder. Every model is compiled anew, in a
+cache folder of its own; a small one runs before, so that imports are not counted. ``total`` is
+the time on the clock from the first edge of the scene to the last output; ``CPU`` is that of this
+process and of the compiler, which other work on the machine does not lengthen.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import resource
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "example_scenes"))
+from network_scenes import rc_grid, rc_ladder, resistor_mesh, rlc_ladder
+
+import cotree
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from cotree import Scene
+
+SIZES = (5, 50, 500, 1000, 4000, 9000)
+#: Ten time constants of a stage, R C = 1 s, at 101 times.
+SPAN, SAMPLES = 10.0, 101
+
+OTHERS: tuple[tuple[str, Callable[[int], Scene], int], ...] = (
+    ("RLC ladder, 50 stages", rlc_ladder, 50),
+    ("RLC ladder, 1000 stages", rlc_ladder, 1000),
+    ("RC grid, 30 x 30", rc_grid, 30),
+    ("RC grid, 60 x 60", rc_grid, 60),
+    ("resistor mesh, 10 x 10", resistor_mesh, 10),
+    ("resistor mesh, 20 x 20", resistor_mesh, 20),
+)
+
+HEAD = (
+    "states",
+    "operations",
+    "scene s",
+    "formulate s",
+    "generate s",
+    "compile s",
+    "simulate s",
+    "total s",
+    "CPU s",
+)
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
+
+
+def processor_seconds() -> float:
+    """Time of the processor spent by this process and by those that it has waited for."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(row.ru_utime + row.ru_stime for row in used)
+
+
+def run(make: Callable[[int], Scene], n: int) -> list[object]:
+    """Take one network through all stages."""
+    used, marks = processor_seconds(), [time.perf_counter()]
+    scene = make(n)
+    marks.append(time.perf_counter())
+    model = scene.compile()
+    marks.append(time.perf_counter())
+    model.simulate((0.0, SPAN), np.linspace(0.0, SPAN, SAMPLES), throw=True)
+    marks.append(time.perf_counter())
+    stages = [model.times[stage] for stage in ("formulate", "generate", "compile")]
+    seconds = [
+        marks[1] - marks[0],
+        *stages,
+        marks[3] - marks[2],
+        marks[3] - marks[0],
+        processor_seconds() - used,
+    ]
+    counts: list[object] = [len(model.states), model.operations["rhs"].total]
+    return [*counts, *(f"{s:.2f}" for s in seconds)]
+
+
+def ladders(sizes: Sequence[int]) -> str:
+    rows = [[n, *run(rc_ladder, n)] for n in sizes]
+    return "RC ladder, from rest after a step.\n\n" + table(["n", *HEAD], rows)
+
+
+def others() -> str:
+    rows = [[name, *run(make, n)] for name, make, n in OTHERS]
+    return "Other networks, from rest after a step.\n\n" + table(["network", *HEAD], rows)
+
+
+if __name__ == "__main__":
+    names = [arg for arg in sys.argv[1:] if not arg.isdigit()]
+    chosen = [int(arg) for arg in sys.argv[1:] if arg.isdigit()]
+    print(
+        f"cotree {cotree.__version__}, Python {platform.python_version()}, {platform.machine()}\n"
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["COTREE_CACHE_DIR"] = folder
+        run(rc_ladder, 3)
+        if not names or "ladder" in names:
+            print(ladders(chosen or SIZES), "\n")
+        if not names or "other" in names:
+            print(others(), "\n")
