@@ -34,22 +34,15 @@ def with_a_network(equations):
     added = [z - q, z + z**3 - theta]
     zero, one = dag.zero, dag.one
 
-    def extended(row, seed, initial):
-        along = tangents(added, seed)
-        return replace(row, seed=seed, rates=(*row.rates, *along), initial=initial)
+    def extended(row, seed):
+        along = dict(enumerate(tangents(added, seed), start=n))
+        return replace(row, seed=seed, rates={**row.rates, **along})
 
     seeds = {q: dag.symbol("s", n), z: dag.symbol("s", n + 1)}
-    sensitivities = [
-        extended(row, {**row.seed, **seeds}, (*row.initial, zero, zero))
-        for row in equations.sensitivities
-    ]
-    columns = [extended(row, row.seed, (*row.initial, zero, zero)) for row in equations.columns]
-    nothing = replace(
-        columns[0],
-        rates=(zero,) * n,
-        forcing=(zero,) * len(equations.forcing),
-    )
-    columns += [extended(nothing, {symbol: one}, ()) for symbol in (q, z)]
+    sensitivities = [extended(row, {**row.seed, **seeds}) for row in equations.sensitivities]
+    columns = [extended(row, row.seed) for row in equations.columns]
+    nothing = replace(columns[0], rates={}, initial={}, forcing=(zero,) * len(equations.forcing))
+    columns += [extended(nothing, {symbol: one}) for symbol in (q, z)]
     states = (State("q", "", q, zero), State("z", "", z, one, is_algebraic=True))
     return replace(
         equations,
