@@ -229,6 +229,28 @@ def test_diode_charges_a_capacitor(method):
     np.testing.assert_allclose(result["D1.v"], THERMAL * np.log1p(current / SATURATION), rtol=1e-12)
 
 
+@pytest.mark.parametrize("method", ALL)
+def test_unknowns_alone(method):
+    """A divider of two resistors whose source follows the sine of time."""
+    made = Made(
+        "divider",
+        {},
+        {"v": 0.0, "i": 0.0},
+        {"R": 3.0, "Q": 1.0},
+        lambda v: [
+            function(v, "sin", v["t"]) - v["R"] * v["i"] - v["v"],
+            v["v"] - v["Q"] * v["i"],
+        ],
+    )
+    times = np.linspace(0.0, 9.0, 7)
+    model = made.model(["R"])
+    result = model.simulate((0.0, 9.0), times, method, throw=True)
+    # One linear system, solved to rounding.
+    np.testing.assert_allclose(result["v"], np.sin(times) / 4.0, atol=1e-15)
+    np.testing.assert_allclose(result.sensitivity("i", "R"), -np.sin(times) / 16.0, atol=1e-15)
+    assert model.linearize().A.shape == (0, 0)
+
+
 def exp_case(rates, guess=0.0, n=1):
     names = {f"D{i + 1}.v": guess for i in range(n)}
     return Made("start", {"x": 1.0}, names, {"p": 1.0}, rates).model()
@@ -322,7 +344,13 @@ def test_a_run_into_a_fold_stops_with_its_reason(method):
 
 
 @pytest.mark.parametrize(
-    ("method", "tolerance"), [("Radau", 1e-9), ("DOP853", 1e-9), ("cvode", 1e-11), ("auto", 1e-11)]
+    ("method", "tolerance"),
+    [
+        pytest.param("Radau", 1e-9, marks=pytest.mark.slow),
+        pytest.param("cvode", 1e-11, marks=pytest.mark.slow),
+        ("auto", 1e-9),
+        ("ida", 1e-11),
+    ],
 )
 def test_transistor_amplifier(method, tolerance):
     model = AMPLIFIER.model(list(SENSITIVITIES))
@@ -333,8 +361,8 @@ def test_transistor_amplifier(method, tolerance):
     np.testing.assert_allclose(found[0], POTENTIALS[0], atol=3e-8)
     for name, expected in SENSITIVITIES.items():
         along = np.array([result.sensitivity(f"outv{i}", name) for i in range(1, 9)])
-        # Nine digits of the reference, of the largest potential's sensitivity.
-        np.testing.assert_allclose(along, expected, atol=1e-7 * np.max(np.abs(expected)))
+        # Eight of the nine digits of the reference, of the largest potential's sensitivity.
+        np.testing.assert_allclose(along, expected, atol=1e-8 * np.max(np.abs(expected)))
 
 
 @pytest.mark.parametrize("method", ["DOP853", "BDF", "cvode", "ida"])

@@ -35,10 +35,12 @@ _MET = 1e-3
 _TINY = 1e-290
 
 # Far from the root of an exponential each step is one unit of its argument, and the argument may
-# begin some hundreds too high.
-_MOST_STEPS = 1000
-_MOST_STEPS_NEAR = 50
+# begin a hundred too high.
+_MOST_STEPS = 200
 _LEAST_DAMPING = 1e-25
+
+# Close to a root little damping is needed; where there is none, that is to be known soon.
+_MOST_STEPS_NEAR, _LEAST_DAMPING_NEAR = 30, 1.0 / 64.0
 _CORRECTIONS, _LEAST_ADVANCE, _MOST_ADVANCES = 8, 1e-6, 1000
 _MOST_TRIALS = 200
 
@@ -178,7 +180,7 @@ def find_root(equation: Equation, guess: Array) -> Root:
 def find_near(equation: Equation, guess: Array) -> Root:
     """Look for the root that a guess belongs to: damped Newton steps, nothing more."""
     with np.errstate(all="ignore"):
-        return _by_natural_test(equation, guess, _MOST_STEPS_NEAR)
+        return _by_natural_test(equation, guess, _MOST_STEPS_NEAR, _LEAST_DAMPING_NEAR)
 
 
 def _starts(guess: Array) -> Iterator[Array]:
@@ -195,14 +197,16 @@ def _size(g: Array) -> float:
     return size if np.isfinite(size) else np.inf
 
 
-def _dampings() -> Iterator[float]:
+def _dampings(least: float = _LEAST_DAMPING) -> Iterator[float]:
     damping = 1.0
-    while damping > _LEAST_DAMPING:
+    while damping >= least:
         yield damping
         damping *= 0.5 if damping > 1e-3 else 0.1
 
 
-def _by_natural_test(equation: Equation, z: Array, most: int = _MOST_STEPS) -> Root:
+def _by_natural_test(
+    equation: Equation, z: Array, most: int = _MOST_STEPS, least: float = _LEAST_DAMPING
+) -> Root:
     """Take Newton steps, each shortened until the next one with its matrix is shorter still."""
     g = equation.value(z)
     for _ in range(most):
@@ -217,7 +221,7 @@ def _by_natural_test(equation: Equation, z: Array, most: int = _MOST_STEPS) -> R
         weights = np.maximum(np.maximum(linear.scale, np.abs(step)), _TINY)
         length = float(np.max(np.abs(step) / weights))
         found = None
-        for damping in _dampings():
+        for damping in _dampings(least):
             trial = z + damping * step
             residual = equation.value(trial)
             after = float(np.max(np.abs(linear.inverse @ residual) / weights))

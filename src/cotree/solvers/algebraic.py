@@ -82,7 +82,6 @@ class _Reduction:
         assert jacobian is not None  # check_problem asks for it
         self._algebraic = Algebraic(_state_rates(problem), jacobian, names, problem.n_algebraic)
         self._z = np.array(problem.z0[self.cut : self.n], dtype=np.float64)
-        self._stored = self._z
         self._completed = float(problem.t_span[0])
         self.residual_names = (*problem.constraints, *names[self.cut :])
 
@@ -133,7 +132,7 @@ class _Reduction:
             full[self.cut : self.n] = guess
         self._algebraic.solve(t, full[: self.n])
         self._completed = t
-        self._z = self._stored = full[self.cut : self.n].copy()
+        self._z = full[self.cut : self.n].copy()
         if self._n_blocks > 1:
             slopes = self._sensitivities(t, full)[1]
             full.reshape(self._n_blocks, self.n)[1:, self.cut :] = slopes
@@ -153,12 +152,8 @@ class _Reduction:
         try:
             rates = self._algebraic.follow(t, y)
         except UnsolvedError:
-            try:
-                z[:] = self._z
-                rates = self._algebraic.approach(t, y)
-            except UnsolvedError:
-                z[:] = self._stored
-                rates = self._algebraic.approach(t, y)
+            z[:] = self._z
+            rates = self._algebraic.approach(t, y)
         self._z = z.copy()
         return rates
 

@@ -162,7 +162,7 @@ class Evaluator:
             return z
         try:
             return self.problem.complete(t, z)
-        except (SolveError, SingularSystemError) as error:
+        except (SolveError, SingularSystemError, UnsolvedError) as error:
             raise IntegrationStopError(FAILED, str(error).rstrip(".")) from None
 
     def residual(self, t: float, z: FloatArray) -> FloatArray:

@@ -69,7 +69,9 @@ def _solve(problem: Problem, method: str) -> Trajectory:
     if not problem.n_algebraic:
         return solver_for(method).solve(problem)
     check_problem(problem)
-    made_fit = complete_problem if method_row(method).takes_algebraic else reduce_problem
+    has_rates = problem.n_algebraic < problem.n_states
+    takes_them = method_row(method).takes_algebraic and has_rates
+    made_fit = complete_problem if takes_them else reduce_problem
     trajectory = solver_for(method).solve(made_fit(problem))
     if trajectory.t.size == 0:  # they were not even found at the start
         return dataclasses.replace(trajectory, z=np.zeros((problem.size, 0)))
