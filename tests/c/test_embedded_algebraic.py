@@ -54,7 +54,7 @@ def bridge() -> Made:
     )
 
 
-@pytest.mark.parametrize("sensitivities", [(), ("R", "Is")])
+@pytest.mark.parametrize("sensitivities", [(), pytest.param(("R", "Is"), marks=pytest.mark.slow)])
 def test_ends_as_in_python(compiler: str, tmp_path: Path, sensitivities: tuple[str, ...]) -> None:
     model = bridge().model(sensitivities)
     project = write_c_project(model._program, tmp_path, t_end=0.017, rtol=1e-11, atol=1e-13)

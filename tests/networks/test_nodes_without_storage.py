@@ -50,6 +50,7 @@ def test_a_radiation_shield_halves_the_heat_flow():
     assert np.max(np.abs(shielded["shield"])) < 1e-9
 
 
+@pytest.mark.slow
 def test_a_species_that_reacts_on_at_once():
     scene = Scene("quasi-steady")
     scene.parameter("k", 5.0)

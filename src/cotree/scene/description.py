@@ -239,9 +239,10 @@ class SceneDescription:
             A component type, see :data:`cotree.components.COMPONENTS`.
         *nodes : str
             Names of its nodes. Of multibody and one-dimensional mechanical components, from the
-            first to the second: across variables are second minus first, through variables act on
-            the second. Of electrical, hydraulic and thermal ones plus, then minus: across
-            variables are plus minus minus, through variables flow from plus to minus inside.
+            first to the second: across variables are second minus first. Of electrical, hydraulic
+            and thermal ones plus, then minus: across variables are plus minus minus, through
+            variables flow from plus to minus inside. Forces of multibody components are those on
+            the second node; of one-dimensional ones, through is positive where it takes up power.
         initial : mapping, optional
             Initial values of its coordinates and their rates, numbers or expressions of parameters.
         **fields
