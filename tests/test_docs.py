@@ -42,7 +42,7 @@ def own_types():
 
 
 @pytest.mark.usefixtures("own_types")
-@pytest.mark.parametrize("block", blocks(README, "python"), ids=["first", "loops"])
+@pytest.mark.parametrize("block", blocks(README, "python"), ids=["first", "loops", "networks"])
 def test_the_readme_examples_run(block, tmp_path, monkeypatch):
     """Files go where it runs; numbers in its comments are what the expressions before them give."""
     monkeypatch.chdir(tmp_path)

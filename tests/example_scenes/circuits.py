@@ -58,7 +58,7 @@ def _ladder(n: int) -> list[Element]:
     """List the elements of the ladder, which its file describes in words."""
     rows: list[tuple[str, str, str, str, str]] = [
         ("Vs", "V", "s", "0", "V0"),
-        ("Rsource", "R", "s", "n0", "Rs"),
+        ("R_source", "R", "s", "n0", "Rs"),
         ("Rload", "R", f"n{n}", "0", "RL"),
     ]
     for k in range(1, n + 1):

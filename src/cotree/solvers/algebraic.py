@@ -11,6 +11,7 @@ Either way every stored value is a solution of the equations to rounding.
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from cotree.solvers.problem import FloatArray, Problem
+
+#: How many solutions are remembered as guesses, and how many of them are tried.
+_REMEMBERED, _NEAREST = 200, 3
 
 
 def reduce_problem(problem: Problem) -> Problem:
@@ -82,6 +86,7 @@ class _Reduction:
         assert jacobian is not None  # check_problem asks for it
         self._algebraic = Algebraic(_state_rates(problem), jacobian, names, problem.n_algebraic)
         self._z = np.array(problem.z0[self.cut : self.n], dtype=np.float64)
+        self._found: deque[tuple[float, FloatArray]] = deque(maxlen=_REMEMBERED)
         self._completed = float(problem.t_span[0])
         self.residual_names = (*problem.constraints, *names[self.cut :])
 
@@ -133,6 +138,7 @@ class _Reduction:
         self._algebraic.solve(t, full[: self.n])
         self._completed = t
         self._z = full[self.cut : self.n].copy()
+        self._found.append((t, self._z))
         if self._n_blocks > 1:
             slopes = self._sensitivities(t, full)[1]
             full.reshape(self._n_blocks, self.n)[1:, self.cut :] = slopes
@@ -148,14 +154,27 @@ class _Reduction:
 
     def _follow(self, t: float, y: FloatArray) -> FloatArray:
         """Solve for the algebraic unknowns, in place; begin again where that leads nowhere."""
-        z = y[self.cut :]
         try:
             rates = self._algebraic.follow(t, y)
         except UnsolvedError:
-            z[:] = self._z
-            rates = self._algebraic.approach(t, y)
-        self._z = z.copy()
+            rates = self._approach(t, y)
+        self._z = y[self.cut :].copy()
+        self._found.append((t, self._z))
         return rates
+
+    def _approach(self, t: float, y: FloatArray) -> FloatArray:
+        """Solve from the last values, then from those found at the nearest times.
+
+        The last ones may belong to a step that was refused, far ahead.
+        """
+        nearest = sorted(self._found, key=lambda item: abs(item[0] - t))
+        for guess in (self._z, *(z for _, z in nearest[:_NEAREST])):
+            y[self.cut :] = guess
+            try:
+                return self._algebraic.approach(t, y)
+            except UnsolvedError as error:
+                failure = error
+        raise failure
 
     def _sensitivities(
         self, t: float, full: FloatArray
