@@ -18,38 +18,31 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 
-def _winding(inductance: Law | None) -> Terminal:
-    """Give the electrical port of a motor: a storage of current, or without inductance none."""
-    if inductance is None:
-        return Terminal(
-            "electrical",
-            Kind.DISSIPATOR,
-            "electrical",
-            across=Law(
-                lambda through, resistance, constant, across_shaft: (
-                    resistance * through + constant * across_shaft
-                )
-            ),
-            through=Law(
-                lambda across, resistance, constant, across_shaft: (
-                    (across - constant * across_shaft) / resistance
-                )
-            ),
-            is_passive=False,  # with the shaft its equations are not symmetric
-        )
-    return Terminal(
-        "electrical",
-        Kind.THROUGH_STORAGE,
-        "electrical",
-        across=Law(
-            lambda through, resistance, constant, across_shaft: (
-                resistance * through + constant * across_shaft
-            )
-        ),
-        storage=inductance,
-        is_passive=False,
-    )
+def _voltage(through: Any, resistance: Any, constant: Any, across_shaft: Any) -> Any:
+    return resistance * through + constant * across_shaft
 
+
+def _current(across: Any, resistance: Any, constant: Any, across_shaft: Any) -> Any:
+    return (across - constant * across_shaft) / resistance
+
+
+# With the shaft the equations of windings are not symmetric, so that they are not passive.
+_WINDING = Terminal(
+    "electrical",
+    Kind.THROUGH_STORAGE,
+    "electrical",
+    across=Law(_voltage),
+    storage=Law(lambda inductance: inductance),
+    is_passive=False,
+)
+_RESISTIVE_WINDING = Terminal(
+    "electrical",
+    Kind.DISSIPATOR,
+    "electrical",
+    across=Law(_voltage),
+    through=Law(_current),
+    is_passive=False,
+)
 
 _SHAFT = Terminal(
     "rotational",
@@ -69,7 +62,7 @@ _DC_MOTOR = Component(
         value("constant", "N m/A", "torque per current, and voltage per speed", ""),
     ),
     domains=("electrical", "rotational"),
-    ports=(_winding(Law(lambda inductance: inductance)), _SHAFT),
+    ports=(_WINDING, _SHAFT),
     loss=Law(lambda through_electrical, resistance: resistance * through_electrical**2),
 )
 
@@ -80,7 +73,7 @@ def _without_inductance(
     """Take the winding's inductance away where none is given."""
     if "inductance" in given:
         return DC_MOTOR, nodes, given
-    return replace(DC_MOTOR, ports=(_winding(None), _SHAFT)), nodes, given
+    return replace(DC_MOTOR, ports=(_RESISTIVE_WINDING, _SHAFT)), nodes, given
 
 
 DC_MOTOR = replace(_DC_MOTOR, adapt=_without_inductance)
