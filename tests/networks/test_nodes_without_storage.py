@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import brentq
 
 from cotree import Scene, load
+from cotree.errors import SingularSystemError
 
 # Local errors of 1e-9 over some hundred steps of a stiff method.
 SETTINGS = {"rtol": 1e-9, "atol": 1e-12}
@@ -50,22 +51,33 @@ def test_a_radiation_shield_halves_the_heat_flow():
     assert np.max(np.abs(shielded["shield"])) < 1e-9
 
 
-@pytest.mark.slow
 def test_a_species_that_reacts_on_at_once():
+    """Without A at the start both b and its equation's slope are zero: that is refused."""
     scene = Scene("quasi-steady")
     scene.parameter("k", 5.0)
-    for name in "AC":
-        scene.edge(name, "species", name, "ground", volume=1.0)
+    scene.edge("A", "species", "A", "ground", volume=1.0, initial={"c": 0.1})
+    scene.edge("C", "species", "C", "ground", volume=1.0)
     scene.edge("feed", "molar_flow_source", "ground", "A", flow=2.0)
     scene.edge("r1", "reaction", reactants=["A"], products=["B"], rate="k")
     scene.edge("r2", "reaction", reactants=["B", "B"], products=["C"], rate=50.0)
     scene.output("a", "A.c")
     scene.output("b", "r1.B.c")
     result = scene.compile(["k"]).simulate((0, 1), t_eval=np.linspace(0.1, 1, 10), **SETTINGS)
-    a = 2.0 / 5.0 * (1 - np.exp(-5.0 * result.t))
+    a = 2.0 / 5.0 + (0.1 - 2.0 / 5.0) * np.exp(-5.0 * result.t)
     np.testing.assert_allclose(result["a"], a, rtol=1e-7)
     # r1 makes k a of B, r2 takes 2 * 50 b**2.
     np.testing.assert_allclose(result["b"], np.sqrt(5.0 * a / 100.0), rtol=1e-7)
+
+
+def test_a_start_where_nothing_determines_a_species_is_refused():
+    """b^2 = 0 holds at b = 0, with a slope of zero."""
+    scene = Scene("nothing-yet")
+    for name in "AC":
+        scene.edge(name, "species", name, "ground", volume=1.0)
+    scene.edge("r1", "reaction", reactants=["A"], products=["B"], rate=5.0)
+    scene.edge("r2", "reaction", reactants=["B", "B"], products=["C"], rate=50.0)
+    with pytest.raises(SingularSystemError, match="do not determine 'r1.B.c'"):
+        scene.compile()
 
 
 def test_an_electrode_behind_a_resistance():

@@ -163,6 +163,8 @@ class Algebraic:
             aside = root.z + np.maximum(1.0, np.abs(root.z)) * rng.standard_normal(len(root.z))
             points = (root.z, guess[self.cut :], aside)
             self._check_index([equation.slope(z)[:, : len(z)] for z in points])
+            if not np.any(root.g):  # a double root: it holds, but nothing follows from it
+                self._check_index([equation.slope(root.z)[:, : len(root.z)]])
             raise SolveError(self._complaint(t, root.g))
         return self._rates(t, y)
 
