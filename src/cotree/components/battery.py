@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.components.component import Component, Field, Role
 from cotree.components.law import Law
-from cotree.components.ports import value
+from cotree.components.ports import resistive, value
 from cotree.components.terminal import Integral, Kind, Measure, Terminal
 
 if TYPE_CHECKING:
@@ -18,25 +18,14 @@ _DOMAIN = "electrical"
 _MOST_PAIRS = 3
 
 
-def _resistor(name: str, field: str, between: tuple[str, str]) -> Terminal:
-    return Terminal(
-        _DOMAIN,
-        Kind.DISSIPATOR,
-        name,
-        across=Law.taking(("through", field), lambda through, given: given * through),
-        through=Law.taking(("across", field), lambda across, given: across / given),
-        between=between,
-    )
-
-
 def _ports(pairs: Sequence[int]) -> tuple[Terminal, ...]:
     """Chain the cell from plus to minus: resistance, pairs of R and C, store of charge."""
     places = ["plus", *(f"n{i}" for i in range(len(pairs) + 1)), "minus"]
-    ports = [_resistor("series", "resistance", (places[0], places[1]))]
+    ports = [resistive(_DOMAIN, "resistance", "series", (places[0], places[1]))]
     for i, between in zip(pairs, pairwise(places[1:]), strict=False):
         storage = Law.taking((f"capacitance{i}",), lambda given: given)
         ports += [
-            _resistor(f"resistor{i}", f"resistance{i}", between),
+            resistive(_DOMAIN, f"resistance{i}", f"resistor{i}", between),
             Terminal(_DOMAIN, Kind.ACROSS_STORAGE, f"pair{i}", storage=storage, between=between),
         ]
     store = Terminal(

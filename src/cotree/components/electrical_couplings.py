@@ -6,7 +6,7 @@ from typing import Any
 
 from cotree.components.component import Component, Demand, Role
 from cotree.components.law import Law
-from cotree.components.ports import ideal_coupling, value
+from cotree.components.ports import ideal_coupling, ideal_gyration, value
 from cotree.components.terminal import Kind, Terminal
 
 _DOMAIN = "electrical"
@@ -67,30 +67,12 @@ COUPLED_INDUCTORS = Component(
     ),
 )
 
-GYRATOR = Component(
+GYRATOR = ideal_gyration(
     "gyrator",
-    Role.NETWORK,
     "current of each port in proportion to the voltage of the other, without losses",
-    fields=(value("conductance", "S", "current of the primary per voltage of the secondary", ""),),
-    domains=(_DOMAIN,),
-    ports=(
-        Terminal(
-            _DOMAIN,
-            Kind.COUPLED,
-            "primary",
-            across=Law(lambda through_secondary, conductance: -through_secondary / conductance),
-            through=Law(lambda across_secondary, conductance: conductance * across_secondary),
-            is_passive=False,
-        ),
-        Terminal(
-            _DOMAIN,
-            Kind.COUPLED,
-            "secondary",
-            across=Law(lambda through_primary, conductance: through_primary / conductance),
-            through=Law(lambda across_primary, conductance: -conductance * across_primary),
-            is_passive=False,
-        ),
-    ),
+    value("conductance", "S", "current of the primary per voltage of the secondary", ""),
+    (_DOMAIN, "primary"),
+    (_DOMAIN, "secondary"),
 )
 
 #: What a voltage or a current is measured with: an open port, or a closed one.

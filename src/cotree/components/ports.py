@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 from cotree.components.component import Component, Field, Role
 from cotree.components.law import Law
 from cotree.components.terminal import Kind, Terminal
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
 
 
 def value(name: str, unit: str, doc: str, sign: str = "positive") -> Field:
@@ -50,13 +55,21 @@ def across_storage(
 
 def resistance(domain: str, name: str, doc: str, field: Field) -> Component:
     """Make a dissipator whose across variable is ``field`` times its through variable."""
-    terminal = Terminal(
+    return one_port(name, doc, (field,), resistive(domain, field.name))
+
+
+def resistive(
+    domain: str, field: str, port: str = "", between: tuple[str, str] = ("", "")
+) -> Terminal:
+    """Make the terminal equation across = field * through."""
+    return Terminal(
         domain,
         Kind.DISSIPATOR,
-        across=Law.taking(("through", field.name), lambda through, given: given * through),
-        through=Law.taking(("across", field.name), lambda across, given: across / given),
+        port,
+        across=Law.taking(("through", field), lambda through, given: given * through),
+        through=Law.taking(("across", field), lambda across, given: across / given),
+        between=between,
     )
-    return one_port(name, doc, (field,), terminal)
 
 
 def conductance(domain: str, name: str, doc: str, field: Field) -> Component:
@@ -77,29 +90,13 @@ def ideal_coupling(
 
     Ports are given as their domain and name.
     """
-    return Component(
-        name,
-        Role.NETWORK,
-        doc,
-        fields=(field,),
-        domains=tuple(dict.fromkeys((first[0], second[0]))),
-        ports=(
-            Terminal(
-                first[0],
-                Kind.COUPLED,
-                first[1],
-                across=Law.taking((f"across_{second[1]}", field.name), lambda v, r: r * v),
-                through=Law.taking((f"through_{second[1]}", field.name), lambda f, r: -f / r),
-            ),
-            Terminal(
-                second[0],
-                Kind.COUPLED,
-                second[1],
-                across=Law.taking((f"across_{first[1]}", field.name), lambda v, r: v / r),
-                through=Law.taking((f"through_{first[1]}", field.name), lambda f, r: -r * f),
-            ),
-        ),
+    laws = (
+        (f"across_{second[1]}", lambda v, r: r * v),
+        (f"through_{second[1]}", lambda f, r: -f / r),
+        (f"across_{first[1]}", lambda v, r: v / r),
+        (f"through_{first[1]}", lambda f, r: -r * f),
     )
+    return _coupled(name, doc, field, (first, second), laws, is_passive=True)
 
 
 def ideal_gyration(
@@ -109,29 +106,41 @@ def ideal_gyration(
 
     What flows into the first drives the second. Ports are given as their domain and name.
     """
-    there, back = first[1], second[1]
+    laws = (
+        (f"through_{second[1]}", lambda f, k: -f / k),
+        (f"across_{second[1]}", lambda v, k: k * v),
+        (f"through_{first[1]}", lambda f, k: f / k),
+        (f"across_{first[1]}", lambda v, k: -k * v),
+    )
+    # What couples across to through makes no symmetric equations.
+    return _coupled(name, doc, field, (first, second), laws, is_passive=False)
+
+
+def _coupled(
+    name: str,
+    doc: str,
+    field: Field,
+    ports: tuple[tuple[str, str], tuple[str, str]],
+    laws: Sequence[tuple[str, Callable[..., Any]]],
+    is_passive: bool,
+) -> Component:
+    """Couple two ports: across and through of the first, then of the second, by the other's."""
+    made = [Law.taking((argument, field.name), law) for argument, law in laws]
     return Component(
         name,
         Role.NETWORK,
         doc,
         fields=(field,),
-        domains=tuple(dict.fromkeys((first[0], second[0]))),
-        ports=(
+        domains=tuple(dict.fromkeys(domain for domain, _ in ports)),
+        ports=tuple(
             Terminal(
-                first[0],
+                domain,
                 Kind.COUPLED,
-                there,
-                across=Law.taking((f"through_{back}", field.name), lambda f, k: -f / k),
-                through=Law.taking((f"across_{back}", field.name), lambda v, k: k * v),
-                is_passive=False,  # what couples across to through makes no symmetric equations
-            ),
-            Terminal(
-                second[0],
-                Kind.COUPLED,
-                back,
-                across=Law.taking((f"through_{there}", field.name), lambda f, k: f / k),
-                through=Law.taking((f"across_{there}", field.name), lambda v, k: -k * v),
-                is_passive=False,
-            ),
+                port,
+                across=made[2 * i],
+                through=made[2 * i + 1],
+                is_passive=is_passive,
+            )
+            for i, (domain, port) in enumerate(ports)
         ),
     )

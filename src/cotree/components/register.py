@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from typing import TYPE_CHECKING, Any
 
 from cotree.components.component import Acts, Component, Field, Plane, Role, Shape
@@ -56,17 +55,8 @@ def make_component(
         raise SceneError(
             f"component '{name}' acts along {along!r}: give 'line' or 'velocity'"
         ) from None
-    made = Law(law)
-    try:
-        arguments = tuple(inspect.signature(law).parameters)
-        expression = made.expression
-        free = {str(symbol) for symbol in expression.free_symbols}
-    except Exception as error:
-        raise SceneError(f"the law of component '{name}' gives no expression: {error}") from None
-    if not free <= set(arguments):
-        odd = ", ".join(sorted(free - set(arguments)))
-        raise SceneError(f"the law of component '{name}' uses {odd}, which is no argument of it")
-    fields = [argument for argument in arguments if argument not in _GIVEN[acts]]
+    made = checked_law(law, f"the law of component '{name}'")
+    fields = [argument for argument in made.arguments if argument not in _GIVEN[acts]]
     for argument in fields:
         check_name("field", argument)
     rows = [
@@ -86,3 +76,28 @@ def make_component(
         keeps_plane=Plane(within=("axis",)),
         acts=acts,
     )
+
+
+def checked_law(function: Callable[..., Any], what: str) -> Law:
+    """Make a law, and see that it gives an expression of its arguments.
+
+    Parameters
+    ----------
+    function : callable
+        As a user wrote it.
+    what : str
+        Whose law it is, as the subject of a message.
+
+    Raises
+    ------
+    SceneError
+        If it does not.
+    """
+    law = Law(function)
+    try:
+        free = {str(symbol) for symbol in law.expression.free_symbols}
+    except Exception as error:
+        raise SceneError(f"{what} gives no expression: {error}") from None
+    if odd := sorted(free - set(law.arguments)):
+        raise SceneError(f"{what} uses {', '.join(odd)}, which is no argument of it")
+    return law

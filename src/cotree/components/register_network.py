@@ -6,12 +6,12 @@ storage, of ``stretch`` a spring, of its own other variable a dissipator, of nei
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from cotree.components.component import Component, Field, Role
 from cotree.components.law import Law
+from cotree.components.register import checked_law
 from cotree.components.terminal import Kind, Terminal
 from cotree.domains import domain as domain_of
 from cotree.errors import SceneError, nearest
@@ -77,7 +77,8 @@ def make_network_component(
         if port or len(named) > 1:
             check_name("port", port)
     places = _places(name, named, terminals, between or {})
-    made = {port: _law(name, law) for port, law in named.items()}
+    what = f"a law of component '{name}'"
+    made = {port: checked_law(law, what) for port, law in named.items()}
     ports = tuple(
         _terminal(name, domain, port, law, gives, places.get(port, ("", "")))
         for port, law in made.items()
@@ -126,21 +127,6 @@ def _places(
             raise SceneError(f"component '{name}' must say between which two nodes '{port}' runs")
         places[port] = (pair[0], pair[1])
     return places
-
-
-def _law(name: str, function: Callable[..., Any]) -> Law:
-    """Make a law, and see that it gives an expression of its arguments."""
-    law = Law(function)
-    try:
-        arguments = tuple(inspect.signature(function).parameters)
-        free = {str(symbol) for symbol in law.expression.free_symbols}
-    except Exception as error:
-        raise SceneError(f"a law of component '{name}' gives no expression: {error}") from None
-    if odd := sorted(free - set(arguments)):
-        raise SceneError(
-            f"a law of component '{name}' uses {', '.join(odd)}, which is no argument of it"
-        )
-    return law
 
 
 def _is_variable(argument: str, ports: Iterable[str]) -> bool:

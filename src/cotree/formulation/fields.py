@@ -125,7 +125,7 @@ def _guards(edge: Edge, bound: BoundEdge) -> list[Guard]:
     found = []
     for row in edge.component.fields:
         what, is_strict = f"{row.name} of edge '{edge.name}'", row.sign == "positive"
-        if row.sign and row.name in bound.scalars and not _is_varying(bound.scalars[row.name]):
+        if row.sign and row.name in bound.scalars and not is_varying(bound.scalars[row.name]):
             found.append(Guard(bound.scalars[row.name], what, is_strict))
         elif row.sign and row.name == "inertia" and bound.inertia is not None:
             found += _inertia_guards(bound.inertia, what, is_strict)
@@ -135,7 +135,7 @@ def _guards(edge: Edge, bound: BoundEdge) -> list[Guard]:
     return [guard for guard in found if guard.value.value is None]
 
 
-def _is_varying(node: Node) -> bool:
+def is_varying(node: Node) -> bool:
     """Whether a value depends on more than parameters, which is all that ``prepare`` knows."""
     return any(symbol.data[0] != "p" for symbol in symbols_in([node]))
 

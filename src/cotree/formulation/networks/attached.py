@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from cotree.components import Role
 from cotree.dag.derivative import tangents
+from cotree.dag.traverse import symbols_in
 from cotree.formulation.networks.couplings import coupling_loads, form_couplings, through_name
 from cotree.formulation.networks.network import Surroundings, form_network
 from cotree.formulation.pulls import along_speeds
@@ -108,7 +109,10 @@ def attach_network(scene: SceneDescription, view: FirstView) -> Attached:
 def _slopes(through: Node, system: System) -> dict[int, Node]:
     """Differentiate a through variable by the accelerations."""
     found = {}
+    occurring = set(symbols_in([through]))
     for speed in system.speeds:
+        if speed.acceleration not in occurring:
+            continue
         (slope,) = tangents([through], {speed.acceleration: through.dag.one})
         if not slope.is_zero:
             found[speed.index] = slope

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from cotree.components import Kind
 from cotree.equations import Guard
+from cotree.formulation.fields import is_varying
 from cotree.formulation.networks.names import Names
 from cotree.formulation.networks.plan import make_plan
 from cotree.formulation.networks.solved import solve_plan
@@ -210,7 +211,7 @@ def _bind_fields(
 ) -> tuple[dict[tuple[str, str], Node], dict[Node, Variable], list[Guard]]:
     """Turn the fields of all components into nodes."""
     fields: dict[tuple[str, str], Node] = {}
-    measured: dict[Node, Variable] = {}
+    standing: dict[Variable, Node] = {}
     guards: dict[tuple[Node, bool, str], Guard] = {}
 
     def resolve(name: str) -> Node:
@@ -219,11 +220,9 @@ def _bind_fields(
             return around.of_everything(name)
         if variable in symbols:
             return symbols[variable]
-        symbol = around.dag.symbol("network", len(measured))
-        known = next((s for s, v in measured.items() if v == variable), None)
-        if known is None:
-            measured[symbol] = variable
-        return known or symbol
+        if variable not in standing:
+            standing[variable] = around.dag.symbol("network", len(standing))
+        return standing[variable]
 
     def ask(guard: Guard) -> None:
         if guard.value.value is None:
@@ -239,18 +238,13 @@ def _bind_fields(
             resolver = around.of_parameters if row.constant else resolve
             node = value.lower(around.dag, resolver)  # type: ignore[union-attr]
             fields[edge.name, field] = node
-            if row.sign and _is_constant(node):
+            if row.sign and not is_varying(node):
                 ask(Guard(node, f"{field} of edge '{edge.name}'", row.sign == "positive"))
         for demand in edge.component.demands:
             node = demand.law.value(
                 around.dag, {name: fields[edge.name, name] for name in demand.law.arguments}
             )
-            if _is_constant(node):
+            if not is_varying(node):
                 ask(Guard(node, f"edge '{edge.name}'", True, demand.breach))
+    measured = {symbol: variable for variable, symbol in standing.items()}
     return fields, measured, list(guards.values())
-
-
-def _is_constant(node: Node) -> bool:
-    from cotree.dag.traverse import symbols_in
-
-    return all(symbol.data[0] == "p" for symbol in symbols_in([node]))
