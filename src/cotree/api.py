@@ -251,6 +251,7 @@ class Model(CompiledModel):
         inputs: Mapping[str, Any] | None = None,
         *,
         error_test_sensitivities: bool = True,
+        max_step: float | None = None,
         max_steps: int | None = None,
         time_limit: float | None = None,
         throw: bool = False,
@@ -278,6 +279,10 @@ class Model(CompiledModel):
             (times, values), or a Python function of t (SciPy's methods only).
         error_test_sensitivities : bool
             Whether sensitivities take part in the error test.
+        max_step : float, optional
+            Longest step, [s]; infinity for no limit. Where it is absent, a scene with sines of time
+            and laws that act for a part of a period, as diodes do, takes a 32nd of the shortest
+            period, so that no pulse is stepped over; others have no limit.
         max_steps, time_limit : int and float, optional
             Budgets of steps and of seconds.
         throw : bool
@@ -315,18 +320,13 @@ class Model(CompiledModel):
             initial=initial or {},
             inputs=inputs or {},
             error_test_sensitivities=error_test_sensitivities,
+            max_step=max_step,
             max_steps=max_steps,
             time_limit=time_limit,
             throw=throw,
             project=project,
         )
-        units = {
-            row.name: row.unit
-            for rows in (self.layout.states, self.layout.outputs, self.layout.inputs)
-            for row in rows
-        }
-        units |= {row.name: row.unit for row in self.layout.parameters}
-        result = simulate(self, settings, units)
+        result = simulate(self, settings, self.layout.units)
         return replace(result, times={**self.times, **result.times})
 
     @cached_property

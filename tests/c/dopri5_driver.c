@@ -185,6 +185,11 @@ static void limits(void)
     d.max_steps = 1000; /* goes on from there */
     printf("%d\n", (int)cotree_dopri5_integrate(&d, 10.0));
     printf("%.17g\n", distance(d.t, d.y));
+    d.max_step = 0.125;
+    d.max_steps = 1000 + d.n_steps;
+    d.n_steps = 0;
+    printf("%d\n", (int)cotree_dopri5_integrate(&d, 20.0));
+    printf("%ld\n", d.n_steps);
 }
 
 /* A projected solution: drift, error and work; how far what is interpolated is from both ends. */

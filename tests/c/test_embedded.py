@@ -244,6 +244,7 @@ def test_limits(driver: Path) -> None:
     assert [int(x) for x in lines[11:13]] == [TOO_MANY_STEPS, 5]
     assert int(lines[13]) == OK
     assert float(lines[14]) < 1e-4  # a hundred times the tolerance, for it went on as before
+    assert [int(x) for x in lines[15:]] == [OK, 80]  # of an eighth, over ten seconds
 
 
 def test_extremes(driver: Path) -> None:

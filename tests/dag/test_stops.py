@@ -7,7 +7,13 @@ import math
 import pytest
 
 from cotree.dag.nodes import Dag
-from cotree.dag.stops import find_stops, stop_times
+from cotree.dag.stops import (
+    acts_in_part,
+    find_longest_steps,
+    find_stops,
+    longest_step,
+    stop_times,
+)
 from cotree.scene.expressions import parse
 
 
@@ -76,3 +82,37 @@ def test_tables_of_time_stop_at_their_points():
 def test_a_period_far_too_short_is_refused():
     with pytest.raises(ValueError, match=r"period of 1e-12 s passes"):
         _times("mod(t, 1e-12)")
+
+
+@pytest.mark.parametrize(
+    ("text", "period"),
+    [
+        ("sin(3*t + 1)*x", 2 * math.pi / 3),
+        ("cos(-w*(t - 2))", 2 * math.pi / 5),
+        ("sin(w*t) + sin(7*t)", 2 * math.pi / 7),
+        ("sin(x) + t", math.inf),
+        ("sin(t**2)", math.inf),
+        ("sin(w)", math.inf),
+    ],
+)
+def test_steps_are_a_share_of_the_shortest_period(text, period):
+    dag = Dag()
+    known = {"t": dag.symbol("t", 0), "x": dag.symbol("x", 0), "w": dag.symbol("p", 0)}
+    limits = find_longest_steps(dag, [parse(text, "a test").lower(dag, known.__getitem__)])
+    assert longest_step(limits, {known["w"]: 5.0}) == pytest.approx(period / 32, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("exp(x/2)", True),
+        ("exp(t)*x", False),
+        ("sin(t)*x**2", False),
+        ("max(0, x - t)", True),
+        ("tanh(sqrt(x))", True),
+    ],
+)
+def test_laws_that_may_be_nearly_zero_most_of_the_time(text, expected):
+    dag = Dag()
+    known = {"t": dag.symbol("t", 0), "x": dag.symbol("x", 0)}
+    assert acts_in_part([parse(text, "a test").lower(dag, known.__getitem__)]) is expected

@@ -87,6 +87,32 @@ def test_step_budget(method):
 
 
 @pytest.mark.parametrize("method", ALL)
+def test_longest_step(method):
+    result = integrate(oscillator(max_step=0.01), method)
+    assert result.status == 0
+    # Times are sums of steps, each rounded.
+    assert np.diff(result.t).max() <= 0.01 * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_start_at_rest_that_ends_soon(method):
+    # x' = -1e9 (x - sin t): nothing moves at t = 0, and a first step of a share of the span is
+    # ten million time constants. x = sin t up to 1e-9.
+    problem = scalar(
+        lambda t, x: -1e9 * (x - math.sin(t)),
+        lambda t, x: -1e9,
+        z0=0.0,
+        t_span=(0.0, 1e-5 if method in ("RK45", "RK23", "DOP853") else 1.0),
+        rtol=1e-6,
+        atol=1e-8,
+    )
+    result = integrate(problem, method)
+    assert result.status == 0, result.message
+    # The error test allows 1e-6 a step; what it leaves decays at once.
+    assert result.z[0, -1] == pytest.approx(math.sin(result.t[-1]), abs=3e-6)
+
+
+@pytest.mark.parametrize("method", ALL)
 def test_time_budget(method):
     def slow(t: float, x: float) -> float:
         time.sleep(0.001)
@@ -122,6 +148,8 @@ def test_more_than_500_steps_between_outputs(method):
         ({"t_eval": np.array([0.0, 6.0])}, "outside"),
         ({"t_eval": np.array([1.0, 1.0])}, "strictly increase"),
         ({"t_eval": np.array([0.0, 1.0]), "t_span": (5.0, 0.0)}, "strictly decrease"),
+        ({"max_step": 0.0}, "max_step is 0"),
+        ({"max_step": math.nan}, "max_step is nan"),
         ({"rtol": 0.0}, "rtol is 0"),
         ({"rtol": math.nan}, "rtol is nan"),
         ({"atol": -1.0}, "atol is -1"),

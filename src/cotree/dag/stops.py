@@ -4,6 +4,9 @@ A condition of time and parameters alone (what a selection, a sign, an absolute 
 table looks at) changes at times that are known before a run, if it is linear in time, or linear in
 time since the last whole period. Integration stops there, so that no pulse is stepped over and no
 step has a kink within. Other conditions are left to the error test.
+
+That test is blind where something acts for a part of each period only, as a diode does that a sine
+drives: a long step may pass the whole of it. There steps are limited to a share of the period.
 """
 
 from __future__ import annotations
@@ -26,6 +29,12 @@ SAME = 8 * 2.0**-52
 
 #: What looks at its first argument.
 _LOOKING = frozenset({"select", "sign", "abs", "floor", "table"})
+
+#: What may be nearly zero for most of a period: states in these limit steps where a sine drives.
+_PARTIAL = frozenset({"exp", "tanh", "select", "sign", "abs", "table"})
+
+#: Steps in a period of such a sine. A rectifier conducts for a twentieth of it, or more.
+_SHARES = 32.0
 
 #: What may be more lines than this, one after another, is left to the error test.
 _MOST_PIECES = 16
@@ -90,16 +99,53 @@ def find_stops(dag: Dag, roots: Iterable[Node]) -> tuple[Stop, ...]:
     order = reachable(roots)
     if not any(node.op in _LOOKING for node in order):
         return ()
-    pieces: dict[Node, tuple[_Line, ...]] = {}
+    pieces = _all_pieces(dag, order)
     found: dict[Stop, None] = {}
     for node in order:
-        own = _pieces(dag, node, pieces)
-        if 0 < len(own) <= _MOST_PIECES:
-            pieces[node] = own
         if node.op in _LOOKING:
             for line in pieces.get(node.args[0], ()):
                 found |= dict.fromkeys(_stops(node, line))
     return tuple(found)
+
+
+def find_longest_steps(dag: Dag, roots: Iterable[Node]) -> tuple[Node, ...]:
+    """List the longest step for each sine of time, as nodes of parameters, of either sign.
+
+    Parameters
+    ----------
+    dag : Dag
+        Their arena.
+    roots : iterable of Node
+        The values that the sines are part of.
+    """
+    order = reachable(roots)
+    waves = [node for node in order if node.op in ("sin", "cos")]
+    pieces = _all_pieces(dag, order) if waves else {}
+    lines = (line for node in waves for line in pieces.get(node.args[0], ()))
+    rates = dict.fromkeys(line.rate for line in lines if not line.rate.is_zero)
+    return tuple(2.0 * math.pi / _SHARES / rate for rate in rates)
+
+
+def acts_in_part(roots: Iterable[Node]) -> bool:
+    """Tell whether a law that may be nearly zero most of the time depends on states."""
+    moving: set[Node] = set()
+    for node in reachable(roots):
+        is_state = node.op == "symbol" and node.data[0] == "x"
+        if is_state or any(arg in moving for arg in node.args):
+            moving.add(node)
+            if node.op in _PARTIAL:
+                return True
+    return False
+
+
+def _all_pieces(dag: Dag, order: Sequence[Node]) -> dict[Node, tuple[_Line, ...]]:
+    """Write as lines all nodes that are few of them."""
+    pieces: dict[Node, tuple[_Line, ...]] = {}
+    for node in order:
+        own = _pieces(dag, node, pieces)
+        if 0 < len(own) <= _MOST_PIECES:
+            pieces[node] = own
+    return pieces
 
 
 def _pieces(dag: Dag, node: Node, pieces: Mapping[Node, tuple[_Line, ...]]) -> tuple[_Line, ...]:
@@ -229,6 +275,12 @@ def stop_times(
         if not kept or at - kept[-1] > SAME * max(abs(at), abs(kept[-1])):
             kept.append(at)
     return kept
+
+
+def longest_step(limits: Iterable[Node], values: Mapping[Node, float]) -> float:
+    """Give the least of some limits, infinity where there is none; see :func:`stop_times`."""
+    sizes = [abs(_number(limit, values)) for limit in limits]
+    return min((size for size in sizes if size > 0.0), default=math.inf)
 
 
 def _number(node: Node | None, values: Mapping[Node, float]) -> float:

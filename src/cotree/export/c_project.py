@@ -103,6 +103,7 @@ class MainContext:
     atol: str
     guards: list[str]
     stops: list[str]
+    max_step: str
     has_sensitivities: bool
     start: list[str]
     n_constraints: int
@@ -189,6 +190,7 @@ def _main_context(
         atol=literal(atol),
         guards=[c_string(guard.demand) for guard in program.guards],
         stops=_stop_rows(program),
+        max_step=_max_step(program),
         has_sensitivities=bool(model.sensitivities),
         start=_start_lines(program),
         n_constraints=model.n_constraints,
@@ -208,6 +210,12 @@ def _stop_rows(program: Program) -> list[str]:
         period = 0.0 if stop.period is None else abs(evaluate([stop.period], values)[0])
         rows.add((first, period, float(stop.starts)))
     return [f"{{{', '.join(map(literal, row))}}}" for row in sorted(rows)]
+
+
+def _max_step(program: Program) -> str:
+    """Write the longest step at the program's parameter values; nothing where none is too long."""
+    longest = program.longest_step(program.layout.parameter_values)
+    return literal(longest) if math.isfinite(longest) else ""
 
 
 def _start_lines(program: Program) -> list[str]:

@@ -108,6 +108,10 @@ class CompiledModel:
         """List when inputs and rates jump or have kinks; see :meth:`Program.stop_times`."""
         return self._program.stop_times(p.tolist(), min(span), max(span), replaced)
 
+    def longest_step(self, p: Array, replaced: Container[str] = ()) -> float:
+        """Give the longest step that passes over nothing, [s]; see :meth:`stop_times`."""
+        return self._program.longest_step(p.tolist(), replaced)
+
     @property
     def initial_state(self) -> Array:
         """The consistent initial states at the scene's parameter values, shape (n_states,)."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
-from cotree.dag.stops import find_stops
+from cotree.dag.stops import acts_in_part, find_longest_steps, find_stops
 from cotree.dag.traverse import substitute, symbols_in
 from cotree.equations import Quantity, spread
 from cotree.errors import ParameterError
@@ -14,12 +14,13 @@ from cotree.program.program import Kernel, Layout, Program
 from cotree.program.projection import constraint_quantities, projection_kernels
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
-    from cotree.dag.nodes import Node
-    from cotree.dag.stops import Stop
+    from cotree.dag.nodes import Dag, Node
     from cotree.equations import Equations
     from cotree.formulation.elimination import Solver
+
+_Found = TypeVar("_Found")
 
 
 def lower(equations: Equations) -> Program:
@@ -66,16 +67,21 @@ def lower(equations: Equations) -> Program:
         _layout(equations, starts, rows),
         {name: Kernel(spec, tuple(results[name]), {}) for name, spec in KERNELS.items()},
         equations.guards,
-        _stops(equations, results["rhs"]),
+        _of_time(equations, rates, find_stops),
+        _of_time(equations, rates, find_longest_steps) if acts_in_part(rates) else {},
     )
 
 
-def _stops(equations: Equations, rates: Sequence[Node]) -> dict[str, tuple[Stop, ...]]:
-    """Find when inputs and rates have jumps or kinks."""
-    found = {"": find_stops(equations.dag, rates)}
+def _of_time(
+    equations: Equations,
+    rates: Sequence[Node],
+    find: Callable[[Dag, list[Node]], tuple[_Found, ...]],
+) -> dict[str, tuple[_Found, ...]]:
+    """Find something in each input, by its name, and in the rates, by the empty one."""
+    found = {"": find(equations.dag, list(rates))}
     for quantity, value in zip(equations.inputs, equations.input_values, strict=True):
-        found[quantity.name] = find_stops(equations.dag, [value])
-    return {name: stops for name, stops in found.items() if stops}
+        found[quantity.name] = find(equations.dag, [value])
+    return {name: own for name, own in found.items() if own}
 
 
 def _check_sensitivities(equations: Equations) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from cotree.dag.stops import stop_times
+from cotree.dag.stops import longest_step, stop_times
 from cotree.dag.traverse import reachable
 from cotree.errors import SolveError
 from cotree.program.counts import OperationCount, count_operations
@@ -119,6 +119,12 @@ class Layout:
     uses_multipliers: tuple[bool, ...]
 
     @property
+    def units(self) -> dict[str, str]:
+        """Unit of each state, output, input and parameter; a name of several is the last's."""
+        rows = (*self.states, *self.outputs, *self.inputs, *self.parameters)
+        return {row.name: row.unit for row in rows}
+
+    @property
     def n_algebraic(self) -> int:
         """How many algebraic unknowns there are."""
         return sum(self.algebraic)
@@ -141,6 +147,8 @@ class Program:
     stops : mapping of str to tuple of Stop
         When each input, by its name, has a jump or a kink in the scene; and when anything else
         that the rates are made of has, by the empty name.
+    longest_steps : mapping of str to tuple of Node
+        What steps should not be longer than while each input is the scene's own, likewise.
     """
 
     dag: Dag
@@ -148,6 +156,7 @@ class Program:
     kernels: Mapping[str, Kernel]
     guards: tuple[Guard, ...]
     stops: Mapping[str, tuple[Stop, ...]] = field(default_factory=dict)
+    longest_steps: Mapping[str, tuple[Node, ...]] = field(default_factory=dict)
 
     def stop_times(
         self, p: Sequence[float], low: float, high: float, replaced: Container[str] = ()
@@ -169,11 +178,23 @@ class Program:
             If a period is far too short for the span.
         """
         stops = [stop for name, own in self.stops.items() if name not in replaced for stop in own]
-        symbols = {self.dag.symbol("p", i): float(value) for i, value in enumerate(p)}
         try:
-            return stop_times(stops, symbols, low, high)
+            return stop_times(stops, self._symbols(p), low, high)
         except ValueError as error:
             raise SolveError(str(error)) from None
+
+    def longest_step(self, p: Sequence[float], replaced: Container[str] = ()) -> float:
+        """Give the longest step that passes over nothing, [s]; see :meth:`stop_times`."""
+        limits = [
+            limit
+            for name, own in self.longest_steps.items()
+            if name not in replaced
+            for limit in own
+        ]
+        return longest_step(limits, self._symbols(p))
+
+    def _symbols(self, p: Sequence[float]) -> dict[Node, float]:
+        return {self.dag.symbol("p", i): float(value) for i, value in enumerate(p)}
 
     @property
     def n_prepared(self) -> int:

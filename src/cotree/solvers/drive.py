@@ -16,9 +16,8 @@ import contextlib
 import itertools
 import time
 import warnings
-from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,9 +25,11 @@ from cotree.solvers.augmented import RTOL_FLOOR, augmented_tolerances
 from cotree.solvers.base import Drift, Statistics, Trajectory
 from cotree.solvers.evaluate import BUDGET_SPENT, FAILED, Evaluator, IntegrationStopError
 from cotree.solvers.passage import Passage
+from cotree.solvers.stepper import Idle
 
 if TYPE_CHECKING:
     from cotree.solvers.problem import FloatArray, Problem
+    from cotree.solvers.stepper import StartStepper, Stepper
 
 # Steps of a few units in the last place get nowhere. SciPy's own methods stop there, LSODA and
 # SUNDIALS go on forever. A single short step is normal before an output or a breakpoint.
@@ -46,47 +47,9 @@ _STEPS_UNHELD = 100
 _LOOSENED, _LOOSEST = 1e3, 1e-9
 
 
-class Stepper(Protocol):
-    """A solver between two breakpoints, advanced one step at a time.
-
-    Attributes
-    ----------
-    t : float
-        Time reached, [s].
-    z : ndarray
-        Values there; the array is never changed afterwards.
-    lands : bool
-        Whether steps end on outputs, because the method's interpolant is weaker than its steps.
-    has_memory : bool
-        Whether steps build on those before, so that ``replace`` costs a new start.
-    nlu : int
-        Factorisations so far.
-    """
-
-    t: float
-    z: FloatArray
-    lands: bool
-    has_memory: bool
-
-    @property
-    def nlu(self) -> int:
-        """Return the number of factorisations so far."""
-        ...
-
-    def step(self, t_bound: float) -> str:
-        """Take one step, not past ``t_bound``; return a reason if that fails, else ""."""
-
-    def interpolate(self, t: float) -> FloatArray:
-        """Return the values at a time inside the last step."""
-
-    def replace(self, z: FloatArray, dz: FloatArray) -> None:
-        """Go on from other values at the time reached, where the derivative is ``dz``.
-
-        The interpolant of the step before is lost.
-        """
-
-
-StartStepper = Callable[[Evaluator, float, "FloatArray", float], Stepper]
+# How much shorter steps become where something is not a number ahead, and the shortest that are
+# tried, as a share of the span.
+_RETREAT, _LEAST_REACH = 0.1, 1e-9
 
 
 def drive(problem: Problem, method: str, start: StartStepper) -> Trajectory:
@@ -107,7 +70,7 @@ def drive(problem: Problem, method: str, start: StartStepper) -> Trajectory:
         With status 0, or with the last good point as its last column.
     """
     begin = time.perf_counter()
-    run = _Run(problem, start if problem.size else _Idle)
+    run = _Run(problem, start if problem.size else Idle)
     status, reason = 0, ""
     # What is not finite is watched and reported here; SciPy's own warnings say it once more.
     with np.errstate(all="ignore"), warnings.catch_warnings():
@@ -138,28 +101,6 @@ def drive(problem: Problem, method: str, start: StartStepper) -> Trajectory:
     )
 
 
-class _Idle:
-    """The stepper of a problem without states, which no solver accepts."""
-
-    lands = True
-    has_memory = False
-    nlu = 0
-
-    def __init__(self, evaluator: Evaluator, t: float, z: FloatArray, t_end: float) -> None:
-        self.t = t
-        self.z = z
-
-    def step(self, t_bound: float) -> str:
-        self.t = t_bound
-        return ""
-
-    def interpolate(self, t: float) -> FloatArray:
-        return self.z
-
-    def replace(self, z: FloatArray, dz: FloatArray) -> None:
-        self.z = z
-
-
 class _Run:
     """The moving parts of one integration."""
 
@@ -178,6 +119,7 @@ class _Run:
         self._next = 0
         self._steps_unheld = 0
         self.passage = Passage()
+        self._reach = 0.0  # of the last step, or of those allowed since
 
     def integrate_segment(self, start: float, end: float) -> None:
         """Step from one breakpoint to the next."""
@@ -204,11 +146,15 @@ class _Run:
                 bound = self._bound(limit)
                 reason = stepper.step(bound if stepper.lands else limit)
                 self.nlu = nlu_before + stepper.nlu
+                if not reason and not np.all(np.isfinite(stepper.z)):
+                    reason = "the solution is no longer finite"
+                reason = reason or self._accept(stepper)
                 if reason:
-                    raise IntegrationStopError(FAILED, reason)
-                if not np.all(np.isfinite(stepper.z)):
-                    raise IntegrationStopError(FAILED, "the solution is no longer finite")
-                self._accept(stepper)
+                    crossing = self._retreat(stepper, end, reason)
+                    stepper = self._start(evaluator, self.t, self.z, crossing)
+                    nlu_before = self.nlu
+                    continue
+                self._reach = abs(self.t - before)
                 is_short = abs(self.t - before) <= _STALL_SPACINGS * np.spacing(abs(self.t))
                 short_steps = short_steps + 1 if is_short else 0
                 if not is_short:
@@ -245,6 +191,20 @@ class _Run:
         ahead = self.t + problem.direction * passage.longest
         return ahead if problem.direction * (end - ahead) > 0 else end
 
+    def _retreat(self, stepper: Stepper, end: float, reason: str) -> float:
+        """Shorten the steps after a failure, and say up to where.
+
+        Methods with a memory, which are told nothing but numbers, give up where a trial step meets
+        what is not a number, or go on without knowing. Others shorten the step themselves.
+        """
+        self._reach *= _RETREAT
+        least = _LEAST_REACH * abs(self.problem.t_span[1] - self.problem.t_span[0])
+        if not (stepper.has_memory and self.evaluator.not_finite and self._reach > least):
+            raise IntegrationStopError(FAILED, reason)
+        self.evaluator.problem = replace(self.evaluator.problem, max_step=self._reach)
+        ahead = self.t + self.problem.direction * self._reach / _RETREAT
+        return ahead if self.problem.direction * (end - ahead) > 0 else end
+
     def keep_last_point(self) -> None:
         """Append the last good point, unless it is there."""
         if self.times and self.times[-1] == self.t:
@@ -270,19 +230,27 @@ class _Run:
         wanted = self._wanted[self._next]
         return wanted if self.problem.direction * (end - wanted) > 0 else end
 
-    def _accept(self, stepper: Stepper) -> None:
+    def _accept(self, stepper: Stepper) -> str:
+        """Take a step, with the outputs in it; give a reason where a value cannot be completed."""
         self.n_steps += 1
         self._steps_unheld += 1
         self.evaluator.step_done()
+        first = self._next
         points = [
             (t, stepper.z if t == stepper.t else stepper.interpolate(t))
             for t in self._wanted_until(stepper.t)
         ]
         if self.problem.project is not None:
             points = self._hold(stepper, points)
+        try:
+            columns = [(t, self.evaluator.complete(t, z)) for t, z in points]
+        except IntegrationStopError as stop:
+            self._next = first
+            return stop.reason
         self.t, self.z = stepper.t, stepper.z
-        for t, z in points:
-            self._keep(t, z)
+        for t, column in columns:
+            self._store(t, column)
+        return ""
 
     def _wanted_until(self, t: float) -> list[float]:
         """Take the outputs up to a time from those still wanted; without any, each step is one."""
@@ -333,7 +301,9 @@ class _Run:
                 self._keep(t, self.z)
 
     def _keep(self, t: float, z: FloatArray) -> None:
-        column = self.evaluator.complete(t, z)
+        self._store(t, self.evaluator.complete(t, z))
+
+    def _store(self, t: float, column: FloatArray) -> None:
         self.times.append(t)
         self.columns.append(column)
         if self.problem.residual is not None:

@@ -163,7 +163,8 @@ class Evaluator:
         try:
             return self.problem.complete(t, z)
         except (SolveError, SingularSystemError, UnsolvedError) as error:
-            raise IntegrationStopError(FAILED, str(error).rstrip(".")) from None
+            self.not_finite = str(error).rstrip(".")
+            raise IntegrationStopError(FAILED, self.not_finite) from None
 
     def residual(self, t: float, z: FloatArray) -> FloatArray:
         """Return what is left of the constraints at a stored value, empty where there are none."""

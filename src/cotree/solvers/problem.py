@@ -58,6 +58,8 @@ class Problem:
         no pulse between two of them is stepped over. Those outside the span are ignored.
     names, parameters : tuple of str
         Names of the states and of the parameters of sensitivity, for messages; empty for none.
+    max_step : float
+        The longest step, [s]; a breakpoint or an output may cut it shorter.
     time_limit : float or None
         Budget of wall-clock time, [s].
     max_steps : int or None
@@ -100,6 +102,7 @@ class Problem:
     breakpoints: tuple[float, ...] = ()
     names: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
+    max_step: float = float("inf")
     time_limit: float | None = None
     max_steps: int | None = None
     project: Callable[[float, FloatArray], FloatArray] | None = None
@@ -224,6 +227,8 @@ def _check_tolerances(problem: Problem) -> None:
 
 
 def _check_budgets(problem: Problem) -> None:
+    if not problem.max_step > 0:
+        raise SolveError(f"max_step is {problem.max_step}; give positive seconds, or inf for none.")
     if problem.time_limit is not None and not problem.time_limit > 0:
         raise SolveError(f"time_limit is {problem.time_limit}; give positive seconds or None.")
     if problem.max_steps is not None and not problem.max_steps > 0:

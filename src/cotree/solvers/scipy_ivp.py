@@ -13,6 +13,7 @@ import numpy as np
 
 from cotree.solvers.augmented import augmented_tolerances
 from cotree.solvers.drive import drive
+from cotree.solvers.first_step import first_step
 from cotree.solvers.methods import METHODS
 from cotree.solvers.problem import check_problem
 
@@ -119,11 +120,12 @@ class ScipyStepper:
 
         evaluator = self._evaluator
         rtol, atol = augmented_tolerances(evaluator.problem)
-        options: dict[str, Any] = {}
+        options: dict[str, Any] = {"max_step": evaluator.problem.max_step}
         if self._method in ("Radau", "BDF"):
             options["jac"] = evaluator.sized_jacobian
         elif self._method == "LSODA":
             options["jac"] = evaluator.dense_jacobian
+            options["first_step"] = first_step(evaluator, self.t, self.z, self._t_end, (rtol, atol))
         return getattr(scipy.integrate, self._method)(
             evaluator.rhs, self.t, self.z, self._t_end, rtol=rtol, atol=atol, **options
         )

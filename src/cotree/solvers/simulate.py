@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 import warnings
 from collections.abc import Mapping
@@ -50,6 +51,7 @@ class Settings:
     initial: Mapping[str, float] = field(default_factory=dict)
     inputs: Mapping[str, Any] = field(default_factory=dict)
     error_test_sensitivities: bool = True
+    max_step: float | None = None
     max_steps: int | None = None
     time_limit: float | None = None
     throw: bool = False
@@ -105,6 +107,7 @@ def simulate(
         breakpoints=(*model.stop_times(p, t_span, settings.inputs), *signals.breakpoints),
         names=model.states,
         parameters=model.sensitivities,
+        max_step=_max_step(model, p, settings),
         max_steps=settings.max_steps,
         time_limit=settings.time_limit,
         project=projection,
@@ -163,6 +166,15 @@ def _check_settings(settings: Settings) -> None:
     for name in ("max_steps", "time_limit"):
         if getattr(settings, name) is not None:
             check_number(getattr(settings, name), name)
+
+
+def _max_step(model: CompiledModel, p: FloatArray, settings: Settings) -> float:
+    """Give the longest step: what is asked for, or what the model needs."""
+    if settings.max_step is None:
+        return model.longest_step(p, settings.inputs)
+    if settings.max_step == math.inf:
+        return math.inf
+    return check_number(settings.max_step, "max_step")
 
 
 def _times(t_eval: Any) -> FloatArray | None:

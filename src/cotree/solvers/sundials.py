@@ -22,6 +22,7 @@ from cotree.solvers.augmented import (
     diagonal_blocks,
 )
 from cotree.solvers.drive import drive
+from cotree.solvers.first_step import first_step
 from cotree.solvers.problem import check_problem
 
 if TYPE_CHECKING:
@@ -62,8 +63,12 @@ class SundialsSolver:
     def _start(
         self, evaluator: Evaluator, t: float, z: FloatArray, t_end: float
     ) -> SundialsStepper:
-        make = _make_cvode if self.method == "cvode" else _make_ida
-        return SundialsStepper(lambda t, z: make(evaluator, t, z), t, z)
+        def make(t: float, z: FloatArray) -> Any:
+            if self.method == "cvode":
+                return _make_cvode(evaluator, t, z)
+            return _make_ida(evaluator, t, z, t_end)
+
+        return SundialsStepper(make, t, z)
 
 
 class SundialsStepper:
@@ -168,7 +173,7 @@ def _make_cvode(evaluator: Evaluator, t: float, z: FloatArray) -> Any:
     return solver
 
 
-def _make_ida(evaluator: Evaluator, t: float, z: FloatArray) -> Any:
+def _make_ida(evaluator: Evaluator, t: float, z: FloatArray, t_end: float) -> Any:
     problem = evaluator.problem
     n_states, n_algebraic = problem.n_states, problem.n_algebraic
     # The diagonal of M, which stands before dz.
@@ -198,6 +203,9 @@ def _make_ida(evaluator: Evaluator, t: float, z: FloatArray) -> Any:
         # they are tested, most of them in iterations that fail, and 3200 where they are not.
         options["atol"] = np.where(mass > 0.0, options["atol"], UNTESTED)
         options["algebraic_idx"] = np.flatnonzero(mass == 0.0)
+    tolerances = options["rtol"], options["atol"]
+    if t_end > t:  # scikit-sundae takes none backwards
+        options["first_step"] = first_step(evaluator, t, z, t_end, tolerances)
     if problem.is_sparse:
         pattern = _Pattern.of(evaluator.sparse_jacobian(t, z))
         options |= pattern.options
@@ -230,6 +238,8 @@ def _made(make: Any, function: Any, options: dict[str, Any]) -> Any:
 def _options(problem: Problem) -> dict[str, Any]:
     rtol, atol = augmented_tolerances(problem)
     options: dict[str, Any] = {"rtol": rtol, "atol": atol, "linsolver": "dense"}
+    if np.isfinite(problem.max_step):
+        options["max_step"] = problem.max_step
     # Without the blocks below the first the matrix is banded, and is factored block by block as
     # such. The iterations that this costs are only made where the sensitivities are tested.
     is_large = problem.n_sensitivities > 0 and problem.size > DENSE_LIMIT
