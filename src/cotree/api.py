@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 from cotree.build import BuildOptions
 from cotree.errors import ParameterError, SingularSystemError
 from cotree.model.algebraic import solve_states
-from cotree.model.model import CompiledModel, as_array
+from cotree.model.arrays import as_array
+from cotree.model.model import CompiledModel
 from cotree.scene.description import SceneDescription, check_number
 from cotree.scene.toml_file import load_scene
 from cotree.solvers.simulate import Settings, simulate

@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 from c_programs import SANITIZE, STRICT, execute, need, run
 
-from cotree.codegen.render import render
-from cotree.export.c_project import IntegratorContext
+from cotree.codegen.integrators import integrator_files
 
 
 @pytest.fixture(scope="module", params=["gcc", "clang"])
@@ -25,10 +24,9 @@ def compiler(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 def driver(compiler: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Build the cases of the integrator."""
     folder = tmp_path_factory.mktemp("driver")
-    for name in ("cotree_dopri5.h", "cotree_dopri5.c"):
-        text = render(f"c/integrators/{name}.jinja", integrator=IntegratorContext("0"))
+    for name, text in integrator_files("dopri5").items():
         (folder / name).write_text(text)
     shutil.copy(Path(__file__).with_name("dopri5_driver.c"), folder)
-    sources = ["dopri5_driver.c", "cotree_dopri5.c", "-lm"]
+    sources = ["dopri5_driver.c", "cotree_dopri5.c", "cotree_integrator.c", "-lm"]
     run([compiler, "-std=c99", "-O1", *STRICT, *SANITIZE, "-o", "driver", *sources], folder)
     return folder

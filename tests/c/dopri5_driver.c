@@ -157,7 +157,7 @@ static void fail(double t, int result, double size, double step)
     printf("%d\n", (int)cotree_dopri5_interpolate(&d, d.t, &y));
     printf("%d\n", (int)cotree_dopri5_interpolate(&d, d.t + 1.0, &y));
     printf("%d\n", (int)cotree_dopri5_integrate(&d, 1.0));
-    puts(cotree_dopri5_message(status));
+    puts(cotree_status_message(status));
 }
 
 static void limits(void)
@@ -235,7 +235,7 @@ static void fail_to_project(double t, int result)
     status = cotree_dopri5_integrate(&d, 1.0);
     printf("%d\n%.17g\n%.17g\n", (int)status, d.t, hypot(d.y[0], d.y[1]));
     printf("%d\n", (int)cotree_dopri5_integrate(&d, 1.0));
-    puts(cotree_dopri5_message(status));
+    puts(cotree_status_message(status));
 }
 
 /* No equations at all, and one whose solution ends at t = 1. */

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 from cotree.codegen.render import template_folder
+from cotree.codegen.tableaus import Tableau
 from cotree.errors import CodegenError, ParameterError, SceneError
 from cotree.export.c_project import (
     CProject,
-    IntegratorContext,
     MainContext,
     write_c_project,
 )
@@ -28,6 +28,8 @@ NAMES = [
     "cotree_abi.h",
     "spring_mass_damper.h",
     "spring_mass_damper.c",
+    "cotree_integrator.h",
+    "cotree_integrator.c",
     "cotree_dopri5.h",
     "cotree_dopri5.c",
     "main.c",
@@ -68,7 +70,7 @@ def test_files_and_command(program: Program, tmp_path: Path) -> None:
     assert sorted(os.listdir(folder)) == sorted(NAMES)  # and no temporary one
     assert project.command == (
         "cc -std=c99 -O2 -ffp-contract=off -o spring_mass_damper "
-        "spring_mass_damper.c cotree_dopri5.c main.c -lm"
+        "spring_mass_damper.c cotree_dopri5.c cotree_integrator.c main.c -lm"
     )
     main = (folder / "main.c").read_text()
     assert project.command in main[: main.index("*/")]
@@ -191,8 +193,7 @@ def test_numbers_that_are_none(program: Program, tmp_path: Path, value: float) -
     ("template", "name", "context"),
     [
         ("main.c.jinja", "main", MainContext),
-        ("integrators/cotree_dopri5.h.jinja", "integrator", IntegratorContext),
-        ("integrators/cotree_dopri5.c.jinja", "integrator", IntegratorContext),
+        ("integrators/explicit.c.jinja", "method", Tableau),
     ],
 )
 def test_template_uses_every_field_of_its_context(template: str, name: str, context: type) -> None:

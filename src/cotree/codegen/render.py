@@ -103,6 +103,10 @@ def cdef(header: str, prefix: str) -> str:
     prefix : str
         Prefix of the model's names.
     """
+    return f"{declared(header)}const cotree_model *{prefix}_abi(void);\n"
+
+
+def declared(header: str) -> str:
+    """Give the declarations of a header that cffi reads."""
     begin = header.index("*/", header.index("begin of the part that cffi reads")) + 2
-    end = header.index("/* cotree: end of the part that cffi reads")
-    return f"{header[begin:end]}\nconst cotree_model *{prefix}_abi(void);\n"
+    return header[begin : header.index("/* cotree: end of the part that cffi reads")] + "\n"

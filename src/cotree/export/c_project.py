@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.codegen.context import model_context
+from cotree.codegen.integrators import integrator_files
 from cotree.codegen.printer_c import literal
 from cotree.codegen.render import render, render_model
 from cotree.dag.evaluate import evaluate
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from cotree.codegen.context import ModelContext
     from cotree.program import Program
 
-_INTEGRATOR = "cotree_dopri5"
+_INTEGRATOR = "dopri5"
 
 
 @dataclass(frozen=True)
@@ -51,13 +52,6 @@ class CProject:
     directory: Path
     files: tuple[Path, ...]
     command: str
-
-
-@dataclass(frozen=True)
-class IntegratorContext:
-    """What the templates of an integrator get."""
-
-    generator: str
 
 
 @dataclass(frozen=True)
@@ -150,13 +144,10 @@ def write_c_project(
     model = model_context(program)
     command = (
         f"cc -std=c99 -O2 -ffp-contract=off -o {model.prefix} "
-        f"{model.prefix}.c {_INTEGRATOR}.c main.c -lm"
+        f"{model.prefix}.c cotree_{_INTEGRATOR}.c cotree_integrator.c main.c -lm"
     )
     main = _main_context(program, model, command, t_end, rtol, atol)
-    integrator = IntegratorContext(model.generator)
-    texts = dict(render_model(model))
-    for name in (f"{_INTEGRATOR}.h", f"{_INTEGRATOR}.c"):
-        texts[name] = render(f"c/integrators/{name}.jinja", integrator=integrator)
+    texts = {**render_model(model), **integrator_files(_INTEGRATOR)}
     texts["main.c"] = render("c/main.c.jinja", main=main)
     _write_files(directory, texts)
     return CProject(directory, tuple(directory / name for name in texts), command)

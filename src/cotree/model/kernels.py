@@ -48,6 +48,26 @@ def _singular(layout: Layout) -> SingularSystemError:
     )
 
 
+@dataclass(frozen=True, eq=False)
+class NativeModel:
+    """A model as C sees it.
+
+    Attributes
+    ----------
+    address : int
+        Of its ``cotree_model``.
+    p, k : ndarray
+        Parameters and what is prepared of them.
+    library : LoadedLibrary
+        Keeps the code loaded.
+    """
+
+    address: int
+    p: Array
+    k: Array
+    library: LoadedLibrary
+
+
 class Kernels(Protocol):
     """Kernels of a model, called by name."""
 
@@ -64,6 +84,10 @@ class Kernels(Protocol):
         ParameterError
             If a guard of the model refuses them.
         """
+        ...
+
+    def native(self) -> NativeModel | None:
+        """Give the model as C sees it, with the parameters last prepared; None where it is none."""
         ...
 
     def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
@@ -131,6 +155,13 @@ class CKernels:
             raise self._failure(status)
         return result
 
+    def native(self) -> NativeModel:
+        """Give the model and the parameters that were last prepared."""
+        ffi = self._library.ffi
+        address = int(ffi.cast("uintptr_t", self._model))
+        p, k = self._arrays["p"].copy(), self._arrays["k"].copy()
+        return NativeModel(address, p, k, self._library)
+
     def _failure(self, status: int) -> Exception:
         if status == SINGULAR:
             return _singular(self._layout)
@@ -173,6 +204,10 @@ class PythonKernels:
         values = self._evaluate("prepare", {})
         prepared = self._program.kernels["prepare"].results
         self._prepared = dict(zip(prepared, values, strict=True))
+
+    def native(self) -> None:
+        """There is no C; see :class:`Kernels`."""
+        return
 
     def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
         """Evaluate a kernel; see :class:`Kernels`."""

@@ -12,15 +12,16 @@ import numpy.typing as npt
 from cotree.dag.traverse import symbols_in
 from cotree.errors import ParameterError, nearest
 from cotree.model.algebraic import solve_start
+from cotree.model.arrays import as_array
 from cotree.model.start import Start, consistent_start, start_by_differences
 from cotree.scene.description import check_number
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Container, Mapping, Sequence
+    from collections.abc import Callable, Container, Mapping
 
     from scipy.sparse import csc_matrix
 
-    from cotree.model.kernels import Kernels
+    from cotree.model.kernels import Kernels, NativeModel
     from cotree.program import Layout, Program
     from cotree.program.counts import OperationCount
 
@@ -326,6 +327,11 @@ class CompiledModel:
 
         return call
 
+    def native(self, p: Array) -> NativeModel | None:
+        """Give the model as C sees it, at fixed parameters; None where there is no compiler."""
+        self._prepare(p)
+        return self._kernels.native()
+
     def bound_jacobian(self, p: Array) -> Callable[[float, Array, Array | None], Array]:
         """Give the Jacobian, dense, as a function of time, states and inputs; see :meth:`bound`."""
         n = len(self.states)
@@ -380,18 +386,3 @@ class CompiledModel:
         self._prepared = None
         self._kernels.prepare(values)
         self._prepared = values
-
-
-def as_array(value: Any, shape: Sequence[int], what: str) -> Array:
-    """Make a contiguous array of doubles of a given shape."""
-    try:
-        array = np.array(value, dtype=float, order="C")  # always a copy: callers change theirs
-    except (TypeError, ValueError):
-        raise ParameterError(
-            f"{what} must be an array of numbers of shape {tuple(shape)}"
-        ) from None
-    if array.shape != tuple(shape):
-        raise ParameterError(
-            f"{what} must be an array of shape {tuple(shape)}, not of shape {array.shape}"
-        )
-    return array

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,12 +39,15 @@ class Signals:
         Whether one is a Python function of the user's.
     parameters : mapping of str to frozenset of str
         The names that each replaced input's expression uses.
+    tables : mapping of int to (times, values)
+        The replaced inputs that are numbers or tables.
     """
 
     by_position: Mapping[int, Signal]
     breakpoints: tuple[float, ...]
     has_function: bool
     parameters: Mapping[str, frozenset[str]]
+    tables: Mapping[int, tuple[Array, Array]] = field(default_factory=dict)
 
     def apply(self, t: float, u: Array) -> Array:
         """Replace entries of u at a time, in place."""
@@ -77,6 +80,7 @@ def read_signals(
     by_position: dict[int, Signal] = {}
     breakpoints: list[float] = []
     used: dict[str, frozenset[str]] = {}
+    tables: dict[int, tuple[Array, Array]] = {}
     for name, value in values.items():
         if name not in names:
             raise ParameterError(f"the model has no input '{name}'{nearest(name, names)}")
@@ -86,11 +90,14 @@ def read_signals(
         parsed = parse_signal(value, f"input '{name}'")
         if isinstance(parsed, Table):
             breakpoints += parsed.x
+            tables[names.index(name)] = np.array(parsed.x), np.array(parsed.y)
         else:
             used[name] = parsed.names
+            if isinstance(value, (int, float)):
+                tables[names.index(name)] = np.zeros(1), np.array([float(value)])
         by_position[names.index(name)] = _function_of_time(parsed, parameters)
     has_function = any(callable(value) for value in values.values())
-    return Signals(by_position, tuple(breakpoints), has_function, used)
+    return Signals(by_position, tuple(breakpoints), has_function, used, tables)
 
 
 def _function_of_time(value: Expression | Table, parameters: Mapping[str, float]) -> Signal:

@@ -76,7 +76,7 @@ def drive(problem: Problem, method: str, start: StartStepper) -> Trajectory:
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.filterwarnings("ignore", module=r"scipy\.")
         try:
-            for segment in _segments(problem):
+            for segment in segments(problem):
                 run.integrate_segment(*segment)
         except IntegrationStopError as stop:
             status, reason = stop.status, stop.reason
@@ -315,7 +315,7 @@ class _Run:
             raise IntegrationStopError(BUDGET_SPENT, f"the limit of {limit} steps is reached")
 
 
-def _segments(problem: Problem) -> list[tuple[float, float]]:
+def segments(problem: Problem) -> list[tuple[float, float]]:
     """Cut the span at the breakpoints inside it."""
     start, end = (float(t) for t in problem.t_span)
     low, high = min(start, end), max(start, end)
@@ -327,20 +327,24 @@ def _segments(problem: Problem) -> list[tuple[float, float]]:
 
 
 def _message(problem: Problem, method: str, run: _Run, reason: str) -> str:
-    sentences = []
-    if reason:
-        cause = run.evaluator.not_finite
-        why = f"{reason}; {cause}" if cause and cause not in reason else reason
-        end = problem.t_span[1]
-        sentences.append(f"{method} stopped at t = {run.t:.10g} of {end:.10g}: {why}.")
-    else:
-        sentences.append(f"{method} reached t = {run.t:.10g}.")
+    cause = run.evaluator.not_finite if reason else ""
+    why = f"{reason}; {cause}" if cause and cause not in reason else reason
+    sentences = summary(problem, method, run.t, why)
     if run.passage.crossed:
-        sentences.append(run.passage.summary())
+        sentences.insert(1, run.passage.summary())
+    return " ".join(sentences)
+
+
+def summary(problem: Problem, method: str, t: float, reason: str) -> list[str]:
+    """Say in sentences where a method arrived, or why it stopped, and with which tolerance."""
+    sentences = [f"{method} reached t = {t:.10g}."]
+    if reason:
+        end = problem.t_span[1]
+        sentences = [f"{method} stopped at t = {t:.10g} of {end:.10g}: {reason}."]
     rtol, _ = augmented_tolerances(problem)
     if rtol > problem.rtol:
         sentences.append(
             f"rtol = {problem.rtol:.3g} is below what double precision can test; "
             f"{RTOL_FLOOR:.3g} was used."
         )
-    return " ".join(sentences)
+    return sentences

@@ -32,7 +32,7 @@ class Method:
     name : str
         The user's name for it.
     family : str
-        "scipy" or "sundials".
+        "cotree", "scipy" or "sundials".
     implicit : bool
         Whether it uses a Jacobian.
     multistep : bool
@@ -52,6 +52,9 @@ class Method:
 
 
 _ROWS = (
+    Method("dopri5", "cotree", False, False, True),
+    Method("rkf45", "cotree", False, False, True),
+    Method("dop853", "cotree", False, False, True),
     Method("RK45", "scipy", False, False, True),
     Method("DOP853", "scipy", False, False, True),
     Method("RK23", "scipy", False, False, True),
@@ -96,6 +99,10 @@ def solver_for(method: str) -> Solver:
         from cotree.solvers.scipy_ivp import ScipySolver
 
         return ScipySolver(row.name)
+    if row.family == "cotree":
+        from cotree.solvers.native import NativeSolver
+
+        return NativeSolver(row.name)
     from cotree.solvers.sundials import SundialsSolver
 
     return SundialsSolver(row.name)

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
     from scipy.sparse import csc_matrix
 
+    from cotree.solvers.engine import Native
+
 FloatArray = npt.NDArray[np.float64]
 
 
@@ -84,6 +86,10 @@ class Problem:
     sparse_jacobian : callable or None
         ``sparse_jacobian(t, y)``, the same Jacobian in SciPy's CSC form, of one pattern at all
         points; given where it has few entries, and then taken wherever a method can.
+    native : Native or None
+        What C needs of the problem, where it can take it.
+    not_native : str
+        Why it cannot, as a sentence without a capital and an end.
     singular : callable or None
         ``singular(t, z)`` names the edges whose constraints are nearly dependent at a point. With
         it the right-hand side is evaluated at projected points; see :mod:`cotree.solvers.passage`.
@@ -113,6 +119,8 @@ class Problem:
     state_rhs: Callable[[float, FloatArray], FloatArray] | None = None
     complete: Callable[[float, FloatArray], FloatArray] | None = None
     sparse_jacobian: Callable[[float, FloatArray], csc_matrix] | None = None
+    native: Native | None = None
+    not_native: str = ""
 
     @property
     def size(self) -> int:

@@ -94,7 +94,8 @@ def choose_method(problem: Problem) -> tuple[str, str]:
     Returns
     -------
     method : str
-        "DOP853", or where the problem is stiff "cvode", or "BDF" without scikit-sundae.
+        "dop853", "DOP853" where C cannot take it, or where the problem is stiff "cvode", or "BDF"
+        without scikit-sundae.
     reason : str
         One sentence.
 
@@ -108,12 +109,13 @@ def choose_method(problem: Problem) -> tuple[str, str]:
         problem = reduce_problem(problem)
     if problem.size == 0:
         return "DOP853", "There are no states to integrate."
+    explicit = "DOP853" if problem.native is None else "dop853"
     span = abs(problem.t_span[1] - problem.t_span[0])
     count = span * max(_fastest_decay(problem, t, z) for t, z in _probe(problem))
     length = f"the span is {float(f'{count:.2g}'):.6g} times the shortest decay"
     if count <= _STIFF_TIME_CONSTANTS:
         reason = f"not stiff, {length}" if count >= 1.0 else "not stiff, nothing decays fast"
-        return "DOP853", f"DOP853 was chosen: {reason}."
+        return explicit, f"{explicit} was chosen: {reason}."
     method = "cvode" if importlib.util.find_spec("sksundae") is not None else "BDF"
     return method, f"{method} was chosen: stiff, {length}."
 

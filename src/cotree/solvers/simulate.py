@@ -15,11 +15,13 @@ from cotree.errors import ParameterError, SolveError
 from cotree.model.signals import Signals, read_signals
 from cotree.scene.description import check_number
 from cotree.solvers.augmented import DENSE_LIMIT
+from cotree.solvers.engine import Native
 from cotree.solvers.methods import METHODS
 from cotree.solvers.problem import Problem
 from cotree.solvers.project import Projection
 from cotree.solvers.result import Result
 from cotree.solvers.select import integrate
+from cotree.solvers.sweep import sweep
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -117,6 +119,7 @@ def simulate(
         n_algebraic=model.layout.n_algebraic,
         state_rhs=_state_rhs(model, p, u),
         sparse_jacobian=_sparse_jacobian(model, p, u),
+        **_native(model, p, signals),
     )
     method = settings.method
     if method == "auto" and signals.has_function:
@@ -132,7 +135,7 @@ def simulate(
     y = trajectory.z[:n]
     s = trajectory.z[n:].reshape(m, n, len(trajectory.t)).transpose(1, 0, 2)
     redundant = _redundant(model, projection, trajectory)
-    outputs, output_s, inputs = _outputs(model, p, u, trajectory.t, y, s)
+    outputs, output_s, inputs = sweep(model, p, u, trajectory.t, trajectory.z)
     if redundant and model.sensitivities:
         _leave_out(model, output_s)
     return Result(
@@ -265,6 +268,21 @@ def _sparse_jacobian(
     return lambda t, y: model.jacobian_sparse(t, y, p, u(t))
 
 
+def _native(model: CompiledModel, p: FloatArray, signals: Signals) -> dict[str, Any]:
+    """Give what C needs of the problem, or why it cannot take it."""
+    layout = model.layout
+    if layout.constraints:
+        return {"not_native": "the motion is held to constraints"}
+    if layout.n_algebraic:
+        return {"not_native": "there are algebraic unknowns"}
+    if len(signals.tables) < len(signals.by_position):
+        return {"not_native": "an input is neither a number nor a table"}
+    native = model.native(p)
+    if native is None:
+        return {"not_native": "the model is evaluated in Python"}
+    return {"native": Native(native, len(model.inputs), signals.tables)}
+
+
 def _start(
     model: CompiledModel,
     t: float,
@@ -312,27 +330,3 @@ def _leave_out(model: CompiledModel, sensitivities: FloatArray) -> None:
         RuntimeWarning,
         stacklevel=4,
     )
-
-
-def _outputs(
-    model: CompiledModel,
-    p: FloatArray,
-    u: Callable[[float], FloatArray | None],
-    t: FloatArray,
-    y: FloatArray,
-    s: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Evaluate outputs, their sensitivities and inputs along a trajectory."""
-    n_outputs, m, n_t = len(model.outputs), len(model.sensitivities), len(t)
-    values = np.zeros((n_outputs, n_t))
-    sensitivities = np.zeros((n_outputs, m, n_t))
-    inputs = np.zeros((len(model.inputs), n_t))
-    for j, at in enumerate(t):
-        known = u(at)
-        if model.inputs:
-            inputs[:, j] = model.input_values(at, p) if known is None else known
-        if n_outputs:
-            values[:, j] = model.output_values(at, y[:, j], p, known)
-        if n_outputs and m:
-            sensitivities[:, :, j] = model.output_sensitivity(at, y[:, j], s[:, :, j], p, known)
-    return values, sensitivities, inputs

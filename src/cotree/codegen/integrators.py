@@ -1,0 +1,93 @@
+"""Integrators as C text: for C projects, and for the engine that Python drives."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cotree.codegen.render import declared, render
+from cotree.codegen.tableaus import TABLEAUS
+from cotree.version import ABI_VERSION, VERSION
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+_FOLDER = "c/integrators"
+
+
+def integrator_files(name: str) -> Mapping[str, str]:
+    """Write an integrator's own files and those that it shares with others.
+
+    Parameters
+    ----------
+    name : str
+        A name in ``TABLEAUS``.
+
+    Returns
+    -------
+    mapping of str to str
+        Text by file name.
+    """
+    files = {
+        f"cotree_integrator{end}": render(f"{_FOLDER}/cotree_integrator{end}.jinja", **_COMMON)
+        for end in (".h", ".c")
+    }
+    for end in (".h", ".c"):
+        text = render(f"{_FOLDER}/explicit{end}.jinja", method=TABLEAUS[name], **_COMMON)
+        files[f"cotree_{name}{end}"] = text
+    return files
+
+
+def engine_files(name: str, n: int | None) -> Mapping[str, str]:
+    """Write an integrator for a number of equations, with a job that it runs.
+
+    Parameters
+    ----------
+    name : str
+        A name in ``TABLEAUS``.
+    n : int or None
+        Number of equations; None leaves it to run time.
+
+    Returns
+    -------
+    mapping of str to str
+        Text by file name: headers, and one C file.
+    """
+    files = dict(integrator_files(name))
+    for end in (".h", ".c"):
+        path = f"cotree_history{end}"
+        files[path] = render(f"{_FOLDER}/{path}.jinja", **_COMMON)
+    headers = {path: text for path, text in files.items() if path.endswith(".h")}
+    headers["cotree_abi.h"] = render("c/cotree_abi.h.jinja", abi_version=ABI_VERSION, **_COMMON)
+    headers["cotree_job.h"] = render("c/engine/cotree_job.h.jinja", **_COMMON)
+    job = render("c/engine/explicit_job.c.jinja", method=TABLEAUS[name], **_COMMON)
+    parts = [files["cotree_history.c"], files[f"cotree_{name}.c"], job]
+    known = [] if n is None else [f"#define COTREE_N {n}"]
+    return {**headers, "engine.c": "\n".join([*known, *parts])}
+
+
+def sweep_files() -> Mapping[str, str]:
+    """Write what evaluates outputs at many points, the same for every model."""
+    return {
+        "cotree_abi.h": render("c/cotree_abi.h.jinja", abi_version=ABI_VERSION, **_COMMON),
+        "cotree_sweep.c": render("c/engine/cotree_sweep.c.jinja", **_COMMON),
+    }
+
+
+def sweep_declarations(files: Mapping[str, str]) -> str:
+    """Give the declarations of a sweep that cffi reads."""
+    return declared(files["cotree_abi.h"]) + (
+        "int cotree_sweep(const cotree_model *, const double *, const double *, int, const double *,"
+        " const double *, int, int, double *, double *, double *);\n"
+    )
+
+
+def job_declarations(files: Mapping[str, str]) -> str:
+    """Give the declarations that cffi reads, from an engine's headers."""
+    return (
+        declared(files["cotree_abi.h"])
+        + declared(files["cotree_job.h"])
+        + ("size_t cotree_job_memory(int n);\nint cotree_job_run(cotree_job *, long);\n")
+    )
+
+
+_COMMON = {"generator": VERSION}

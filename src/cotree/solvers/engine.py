@@ -1,0 +1,140 @@
+"""The C engine of a method: built once for a number of equations, loaded, and given jobs.
+
+In: a ``Problem`` with its native form. Out: a job, a structure that C advances some steps at once.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cotree.build import BuildOptions, build_library, find_toolchain, load_library
+from cotree.codegen.integrators import engine_files, job_declarations
+from cotree.errors import BuildError
+from cotree.solvers.augmented import augmented_tolerances
+from cotree.version import ABI_VERSION
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cotree.build import LoadedLibrary
+    from cotree.model.kernels import NativeModel
+    from cotree.solvers.problem import FloatArray, Problem
+
+# A step loop over equations in memory, whatever their number, is hardly slower from here on.
+_MOST_EQUATIONS = 512
+
+
+@dataclass(frozen=True, eq=False)
+class Native:
+    """What C needs of a problem.
+
+    Attributes
+    ----------
+    model : NativeModel
+        The model with its parameters prepared.
+    n_inputs : int
+        Number of inputs.
+    replaced : mapping of int to (times, values)
+        Inputs that are piecewise linear functions in place of the scene's own.
+    """
+
+    model: NativeModel
+    n_inputs: int
+    replaced: Mapping[int, tuple[FloatArray, FloatArray]]
+
+
+@functools.cache
+def load_engine(method: str, n: int) -> LoadedLibrary | None:
+    """Build and load the engine of a method; None where there is no compiler that can.
+
+    Parameters
+    ----------
+    method : str
+        A name in ``TABLEAUS``.
+    n : int
+        Number of equations.
+    """
+    toolchain = find_toolchain()
+    if toolchain is None:
+        return None
+    files = engine_files(method, n if n <= _MOST_EQUATIONS else None)
+    # Loops over equations become vector instructions, which round as scalar ones do.
+    for options in (BuildOptions("-O3", native=True), BuildOptions("-O2")):
+        try:
+            library = build_library(
+                files, abi_version=ABI_VERSION, n_operations=1, options=options, toolchain=toolchain
+            )
+            return load_library(library.path, job_declarations(files))
+        except BuildError:
+            continue  # a compiler may not know the processor
+    return None
+
+
+class Job:
+    """A job of an engine, with all that it points to."""
+
+    def __init__(self, engine: LoadedLibrary, problem: Problem, corners: Sequence[float]) -> None:
+        assert problem.native is not None
+        self._ffi, self._lib = engine.ffi, engine.lib
+        self._kept: list[Any] = [engine, problem.native]
+        native, n = problem.native, problem.size
+        rtol, atols = augmented_tolerances(problem)
+        job = self._ffi.new("cotree_job *")
+        job.model = self._ffi.cast("cotree_model *", native.model.address)
+        job.p, job.k = self._doubles(native.model.p), self._doubles(native.model.k)
+        job.u = self._doubles(np.zeros(native.n_inputs))
+        job.n_replaced, job.replaced = len(native.replaced), self._tables(native)
+        job.has_sensitivities = int(problem.n_sensitivities > 0)
+        job.n, job.rtol, job.atols = n, rtol, self._doubles(atols)
+        job.max_step = min(problem.max_step, float(np.finfo(np.float64).max))
+        job.n_corners, job.corners = len(corners), self._doubles(np.array(corners))
+        wanted = problem.t_eval
+        if wanted is not None:
+            job.n_wanted, job.wanted = len(wanted), self._doubles(np.array(wanted, dtype=float))
+        self.z = np.array(problem.z0, dtype=np.float64)
+        job.z, job.t, job.entry = self._doubles(self.z), corners[0], -1
+        size = int(self._lib.cotree_job_memory(n))
+        job.memory = self._doubles(np.zeros(-(-size // 8)))
+        self.job = job
+        self._n = n
+        self._room = 0
+        self.times, self.values = np.zeros(0), np.zeros((0, n))
+        self._keeps_steps = wanted is None
+        self._make_room(256 if wanted is None else len(wanted))
+
+    def run(self, most_steps: int) -> int:
+        """Take some steps; see ``COTREE_JOB_DONE`` and its like."""
+        if self._keeps_steps:
+            needed = int(self.job.n_kept) + most_steps + 1
+            if needed > self._room:
+                self._make_room(max(needed, 2 * self._room))
+        return int(self._lib.cotree_job_run(self.job, most_steps))
+
+    def _make_room(self, rows: int) -> None:
+        """Make room for kept values; those that are there stay."""
+        kept = int(self.job.n_kept)
+        times, values = np.zeros(rows), np.zeros((rows, self._n))
+        times[:kept], values[:kept] = self.times[:kept], self.values[:kept]
+        self.times, self.values, self._room = times, values, rows
+        self.job.times = self._ffi.from_buffer("double[]", times)
+        self.job.values = self._ffi.from_buffer("double[]", values) if self._n else self._ffi.NULL
+
+    def _doubles(self, array: FloatArray) -> Any:
+        """Point to an array, which is kept."""
+        if not array.size:
+            return self._ffi.NULL
+        pointer = self._ffi.from_buffer("double[]", np.ascontiguousarray(array, dtype=np.float64))
+        self._kept.append(pointer)
+        return pointer
+
+    def _tables(self, native: Native) -> Any:
+        tables = self._ffi.new("cotree_table_input[]", max(1, len(native.replaced)))
+        for row, (place, (times, values)) in zip(tables, native.replaced.items(), strict=False):
+            row.input, row.length = place, len(times)
+            row.t, row.u = self._doubles(times), self._doubles(values)
+        self._kept.append(tables)
+        return tables

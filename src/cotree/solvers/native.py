@@ -1,0 +1,129 @@
+"""cotree's own integrators in C: no Python runs between the steps.
+
+In: a ``Problem`` with its native form. Out: a ``Trajectory``. Python looks up now and then only,
+for interrupts and budgets.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cotree.solvers.base import Statistics, Trajectory
+from cotree.solvers.drive import segments, summary
+from cotree.solvers.engine import Job, load_engine
+from cotree.solvers.evaluate import BUDGET_SPENT, FAILED
+from cotree.solvers.problem import check_problem, describe_entry
+
+if TYPE_CHECKING:
+    from cotree.solvers.problem import Problem
+
+# Results of cotree_job_run.
+_MORE, _FAILED = 1, 2
+
+# How long C runs before Python looks up, [s], and how many steps it begins with.
+_GLANCE, _FIRST_STEPS = 0.1, 1000
+
+# What cotree_status says, in the words of the other methods.
+_REASONS = {
+    3: "the step size fell to rounding level",
+    4: "the right-hand side fails",
+    5: "the right-hand side is not finite",
+    6: "the right-hand side stopped the integration",
+}
+
+#: The methods of SciPy that stand in where there is no C.
+STAND_INS = {"dopri5": "RK45", "rkf45": "RK45", "dop853": "DOP853"}
+
+
+@dataclass(frozen=True)
+class NativeSolver:
+    """One of cotree's own methods.
+
+    Attributes
+    ----------
+    method : str
+        "dopri5", "rkf45" or "dop853".
+    """
+
+    method: str
+
+    def solve(self, problem: Problem) -> Trajectory:
+        """Integrate a problem, with SciPy where C cannot.
+
+        Raises
+        ------
+        SolveError
+            If the problem cannot be accepted.
+        """
+        check_problem(problem)
+        if problem.native is None or problem.size == 0:
+            return self._stand_in(problem, problem.not_native or "there is nothing for C to do")
+        engine = load_engine(self.method, problem.size)
+        if engine is None:
+            return self._stand_in(problem, "no compiler can build its engine")
+        begin = time.perf_counter()
+        corners = segments(problem)
+        job = Job(engine, problem, [corners[0][0], *(end for _, end in corners)])
+        status, reason = _run(job, problem, begin)
+        return _trajectory(job, problem, self.method, status, reason, begin)
+
+    def _stand_in(self, problem: Problem, why: str) -> Trajectory:
+        from cotree.solvers.scipy_ivp import ScipySolver
+
+        other = STAND_INS[self.method]
+        trajectory = ScipySolver(other).solve(problem)
+        message = f"{trajectory.message} {other} stood in for {self.method}: {why}."
+        return replace(trajectory, message=message)
+
+
+def _run(job: Job, problem: Problem, begin: float) -> tuple[int, str]:
+    """Advance a job to its end; give status and reason."""
+    steps, limit = _FIRST_STEPS, problem.max_steps
+    while True:
+        allowed = steps if limit is None else min(steps, limit - job.job.n_steps)
+        before = time.perf_counter()
+        result = job.run(allowed)
+        now = time.perf_counter()
+        if result == _FAILED:
+            return FAILED, _reason(job, problem)
+        if result != _MORE:
+            return 0, ""
+        if limit is not None and job.job.n_steps >= limit:
+            return BUDGET_SPENT, f"the limit of {limit} steps is reached"
+        if problem.time_limit is not None and now - begin > problem.time_limit:
+            return BUDGET_SPENT, f"the time limit of {problem.time_limit:g} s is spent"
+        rest = _GLANCE if problem.time_limit is None else problem.time_limit - (now - begin)
+        rate = allowed / max(now - before, 1e-9)
+        steps = int(min(max(1.0, rate * min(_GLANCE, rest)), 10.0 * steps))
+
+
+def _reason(job: Job, problem: Problem) -> str:
+    status, entry = int(job.job.status), int(job.job.entry)
+    reason = _REASONS.get(status, f"the integrator gives status {status}")
+    if entry >= 0:
+        return f"the derivative of {describe_entry(problem, entry)} is not finite ahead"
+    return reason
+
+
+def _trajectory(
+    job: Job, problem: Problem, method: str, status: int, reason: str, begin: float
+) -> Trajectory:
+    c = job.job
+    kept = int(c.n_kept)
+    t, values = job.times[:kept], job.values[:kept]
+    if status != 0 and not (kept and t[-1] == c.t):
+        t, values = np.append(t, c.t), np.vstack([values, job.z])
+    statistics = Statistics(
+        method=method,
+        nfev=int(c.n_evaluations),
+        njev=0,
+        nlu=0,
+        n_steps=int(c.n_steps),
+        seconds=time.perf_counter() - begin,
+    )
+    message = " ".join(summary(problem, method, float(c.t), reason))
+    return Trajectory(t.copy(), values.T.copy(), status, message, statistics)

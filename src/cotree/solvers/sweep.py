@@ -1,0 +1,142 @@
+"""Inputs, outputs and their sensitivities along a trajectory, in C where the model is."""
+
+from __future__ import annotations
+
+import functools
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cotree.build import BuildOptions, build_library, find_toolchain, load_library
+from cotree.codegen.integrators import sweep_declarations, sweep_files
+from cotree.errors import BuildError
+from cotree.version import ABI_VERSION
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from cotree.build import LoadedLibrary
+    from cotree.model.kernels import NativeModel
+    from cotree.model.model import CompiledModel
+    from cotree.solvers.problem import FloatArray
+
+    Inputs = Callable[[float], FloatArray | None]
+
+# Below this many points Python is done before a library is found.
+_FEW_POINTS = 3
+
+
+def sweep(
+    model: CompiledModel, p: FloatArray, u: Inputs, t: FloatArray, z: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Evaluate outputs, their sensitivities and inputs at many points.
+
+    Parameters
+    ----------
+    model : CompiledModel
+        The model.
+    p : ndarray, shape (n_parameters,)
+        Parameters.
+    u : callable
+        Inputs at a time; None leaves them to the model.
+    t : ndarray, shape (n_t,)
+        Times, [s].
+    z : ndarray, shape (n_states * (1 + n_sensitivities), n_t)
+        States and sensitivities.
+
+    Returns
+    -------
+    outputs, sensitivities, inputs : ndarray
+        Shapes (n_outputs, n_t), (n_outputs, n_sensitivities, n_t) and (n_inputs, n_t).
+
+    Raises
+    ------
+    SingularSystemError
+        If an output is not determined somewhere.
+    """
+    native = model.native(p) if len(t) > _FEW_POINTS else None
+    library = _load() if native is not None else None
+    if native is not None and library is not None:
+        found = _in_c(model, native, library, u, t, z)
+        if found is not None:
+            return found
+    return _in_python(model, p, u, t, z)
+
+
+@functools.cache
+def _load() -> LoadedLibrary | None:
+    """Build and load the loop over points; None where there is no compiler."""
+    toolchain = find_toolchain()
+    if toolchain is None:
+        return None
+    files = sweep_files()
+    try:
+        library = build_library(
+            files,
+            abi_version=ABI_VERSION,
+            n_operations=1,
+            options=BuildOptions("-O2"),
+            toolchain=toolchain,
+        )
+    except BuildError:
+        return None
+    return load_library(library.path, sweep_declarations(files))
+
+
+def _in_c(
+    model: CompiledModel,
+    native: NativeModel,
+    library: LoadedLibrary,
+    u: Inputs,
+    t: FloatArray,
+    z: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Evaluate all points at once; None where a kernel complains."""
+    n_t, n_outputs, m = len(t), len(model.outputs), len(model.sensitivities)
+    inputs = np.zeros((n_t, len(model.inputs)))
+    has_inputs = False
+    if model.inputs and u(float(t[0])) is not None:
+        inputs[:] = [u(float(at)) for at in t]
+        has_inputs = True
+    outputs, slopes = np.zeros((n_t, n_outputs)), np.zeros((n_t, m, n_outputs))
+    ffi = library.ffi
+
+    def pointer(array: FloatArray) -> object:
+        return ffi.from_buffer("double[]", array) if array.size else ffi.NULL
+
+    status = library.lib.cotree_sweep(
+        ffi.cast("cotree_model *", native.address),
+        pointer(native.p),
+        pointer(native.k),
+        n_t,
+        pointer(np.ascontiguousarray(t, dtype=np.float64)),
+        pointer(np.ascontiguousarray(z.T)),
+        len(z),
+        has_inputs,
+        pointer(inputs),
+        pointer(outputs),
+        pointer(slopes),
+    )
+    if status != 0:
+        return None
+    return outputs.T.copy(), slopes.transpose(2, 1, 0).copy(), inputs.T.copy()
+
+
+def _in_python(
+    model: CompiledModel, p: FloatArray, u: Inputs, t: FloatArray, z: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Evaluate point by point."""
+    n, m, n_t = len(model.states), len(model.sensitivities), len(t)
+    values = np.zeros((len(model.outputs), n_t))
+    sensitivities = np.zeros((len(model.outputs), m, n_t))
+    inputs = np.zeros((len(model.inputs), n_t))
+    for j, at in enumerate(t):
+        known = u(at)
+        if model.inputs:
+            inputs[:, j] = model.input_values(at, p) if known is None else known
+        y, s = z[:n, j], z[n:, j].reshape(m, n).T
+        if model.outputs:
+            values[:, j] = model.output_values(at, y, p, known)
+        if model.outputs and m:
+            sensitivities[:, :, j] = model.output_sensitivity(at, y, s, p, known)
+    return values, sensitivities, inputs

@@ -1,0 +1,157 @@
+"""cotree's own integrators, run by C on compiled models."""
+
+from __future__ import annotations
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+
+from cotree import Scene, load
+from cotree.codegen.tableaus import TABLEAUS
+from cotree.solvers.engine import load_engine
+
+pytestmark = pytest.mark.compiler
+
+NATIVE = list(TABLEAUS)
+
+
+@pytest.fixture(scope="module")
+def slider():
+    return load("slider-pendulum").compile(["L", "k"])
+
+
+@pytest.fixture(scope="module")
+def forced():
+    """A mass, driven by a force that is an input: m x'' = u."""
+    scene = Scene("forced")
+    scene.input("u", 0.0)
+    scene.edge("m", "translational_mass", "ground", "a", mass=2.0)
+    scene.edge("f", "force_source", "ground", "a", force="u")
+    scene.output("v", "m.v")
+    return scene.compile()
+
+
+@pytest.mark.parametrize(("method", "order"), [("rkf45", 5), ("dopri5", 5), ("dop853", 8)])
+def test_orders_of_states_and_sensitivities(method, order):
+    # One linear oscillator, steps held at h and h/2 by the longest step: x = cos(w t).
+    scene = Scene("oscillator")
+    scene.parameter("c", 1.0)
+    scene.edge("L1", "inductor", "a", "ground", inductance=1.0, initial={"i": 0.0})
+    scene.edge("C1", "capacitor", "a", "ground", capacitance="c", initial={"v": 1.0})
+    model = scene.compile(["c"])
+    end, errors = 2.0, []
+    steps = (8, 16) if method == "dop853" else (32, 64)
+    for n in steps:
+        result = model.simulate(
+            (0.0, end), [end], method, 1e-1, 1e3, max_step=end / n, throw=True
+        )
+        # v = cos(t / sqrt(c)), dv/dc = t sin(t) / 2 at c = 1
+        exact = math.cos(end), 0.5 * end * math.sin(end)
+        found = result["C1.v"][-1], result.sensitivity("C1.v", "c")[-1]
+        errors.append(np.abs(np.subtract(found, exact)))
+        assert result.statistics.n_steps <= n + 4  # a short one at the start
+    rates = np.log2(errors[0] / errors[1])
+    # The first step, chosen by itself, is shorter; rounding is far below.
+    assert np.all(np.abs(rates - order) < 0.5), rates
+
+
+@pytest.mark.parametrize("method", NATIVE)
+def test_agrees_with_a_tight_solution_of_another_method(slider, method):
+    times = np.linspace(0.0, 10.0, 101)
+    reference = slider.simulate((0.0, 10.0), times, "DOP853", 1e-12, 1e-13)
+    result = slider.simulate((0.0, 10.0), times, method, 1e-9, 1e-9, throw=True)
+    assert result.message == f"{method} reached t = 10."
+    # The tolerance, through tens to hundreds of steps of a motion that stretches errors.
+    assert np.abs(result.y - reference.y).max() < 1e-7
+    assert np.abs(result.s - reference.s).max() < 2e-7
+    assert np.array_equal(result.t, times)
+
+
+@pytest.mark.parametrize("method", NATIVE)
+def test_points_between_steps_are_as_accurate_as_steps(slider, method):
+    times = np.linspace(0.0, 3.0, 2001)
+    reference = slider.simulate((0.0, 3.0), times, "DOP853", 1e-12, 1e-13).y
+    found = slider.simulate((0.0, 3.0), times, method, 1e-6, 1e-6).y
+    steps = slider.simulate((0.0, 3.0), None, method, 1e-6, 1e-6)
+    own = slider.simulate((0.0, 3.0), steps.t, "DOP853", 1e-12, 1e-13).y
+    at_steps = np.abs(steps.y - own).max()
+    # Interpolation is held to a share of the tolerance.
+    assert np.abs(found - reference).max() < 2.0 * at_steps + 1e-6
+
+
+def test_backwards_and_forwards_again(slider):
+    there = slider.simulate((0.0, 0.3), [0.3], "dop853", 1e-11, 1e-12)
+    initial = dict(zip(slider.states, there.y[:, -1], strict=True))
+    back = slider.simulate((0.3, 0.0), [0.1, 0.0], "dop853", 1e-11, 1e-12, initial=initial)
+    # The tolerance, stretched by friction that grows backwards.
+    np.testing.assert_allclose(back.y[:, -1], slider.initial_state, atol=1e-7)
+
+
+@pytest.mark.parametrize("method", NATIVE)
+def test_tables_and_numbers_in_place_of_inputs(forced, method):
+    pulse = ([0.0, 1.0, 1.001, 1.002, 1.003], [0.0, 0.0, 2000.0, 2000.0, 0.0])
+    result = forced.simulate((0.0, 5.0), [0.5, 5.0], method, 1e-9, 1e-12, inputs={"u": pulse})
+    # The pulse's area is 4 N s: 2 m/s for 2 kg, whatever the steps. Rounding of the times.
+    np.testing.assert_allclose(result["v"], [0.0, 2.0], rtol=1e-9, atol=1e-12)
+    assert "stood in" not in result.message
+    steady = forced.simulate((0.0, 5.0), [5.0], method, inputs={"u": 3.0})
+    assert steady["v"][-1] == pytest.approx(7.5, rel=1e-12)
+    assert steady.inputs == ("u",)
+
+
+def test_what_c_cannot_take_is_said(forced):
+    result = forced.simulate((0.0, 1.0), [1.0], "dop853", inputs={"u": lambda t: 2.0})
+    assert result["v"][-1] == pytest.approx(1.0, rel=1e-12)
+    assert "DOP853 stood in for dop853: an input is neither a number nor a table" in result.message
+
+
+def test_budgets(slider):
+    with pytest.warns(RuntimeWarning, match="the limit of 7 steps is reached"):
+        result = slider.simulate((0.0, 10.0), None, "dop853", max_steps=7)
+    assert result.status == -2
+    assert result.statistics.n_steps == 7
+    assert len(result.t) == 8
+    with pytest.warns(RuntimeWarning, match="time limit of 0.05 s is spent"):
+        result = slider.simulate((0.0, 1e9), [1e9], "rkf45", time_limit=0.05)
+    assert result.status == -2
+    assert 0.0 < result.t[-1] < 1e9
+
+
+def test_every_step_is_kept_however_many_there_are(slider):
+    result = slider.simulate((0.0, 10.0), None, "rkf45", max_step=1e-3)
+    assert result.statistics.n_steps >= 10_000
+    assert len(result.t) == result.statistics.n_steps + 1
+    assert np.diff(result.t).max() <= 1e-3 * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("method", NATIVE)
+def test_an_explosion_is_reported_where_it_happens(method):
+    # v' = v^2 with v(0) = 1: v = 1/(1 - t).
+    scene = Scene("explosion")
+    scene.edge("C1", "capacitor", "a", "ground", capacitance=1.0, initial={"v": 1.0})
+    scene.edge("I1", "current_source", "ground", "a", current="C1.v**2")
+    model = scene.compile()
+    with pytest.warns(RuntimeWarning, match=f"{method} stopped at t = "):
+        result = model.simulate((0.0, 2.0), [0.5, 1.5], method, 1e-6, 1e-8)
+    assert result.status == -1
+    # At rtol = 1e-6 the pole is placed within 1e-4.
+    assert result.t.tolist() == [0.5, pytest.approx(1.0, abs=1e-4)]
+    assert result["C1.v"][0] == pytest.approx(2.0, rel=1e-4)
+    assert np.all(np.isfinite(result.y))
+
+
+def test_wide_systems_leave_the_number_of_equations_to_run_time():
+    assert load_engine("dopri5", 600) is not None
+    scene = Scene("wide")
+    for i in range(300):
+        scene.edge(f"C{i}", "capacitor", f"n{i}", "ground", capacitance=1.0, initial={"v": float(i)})
+        scene.edge(f"R{i}", "resistor", f"n{i}", "ground", resistance=1.0 + i)
+    model = scene.compile()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result = model.simulate((0.0, 1.0), [1.0], "dopri5", 1e-9, 1e-9)
+    exact = np.arange(300) * np.exp(-1.0 / (1.0 + np.arange(300)))
+    found = [result[f"C{i}.v"][-1] for i in range(300)]
+    np.testing.assert_allclose(found, exact, rtol=1e-7, atol=1e-7)
