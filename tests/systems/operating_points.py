@@ -1,8 +1,8 @@
 """Circuits of diodes and transistors with hard operating points, and their nodal equations.
 
 In: a list of elements between nodes. Out: a scene, and an independent solution: potentials of nodes
-and currents of sources by Newton's method with source stepping and limited junctions, as circuit
-simulators do.
+and currents of sources by Newton's method with limited junctions, stepping conductances beside them,
+as circuit simulators do.
 """
 
 from __future__ import annotations
@@ -153,46 +153,57 @@ class Nodal:
         for i, j, sign in ((a, a, 1), (b, b, 1), (a, b, -1), (b, a, -1)):
             self.matrix[i, j] += sign * conductance
 
-    def balance(self, x: Array, level: float = 1.0) -> tuple[Array, Array]:
+    def balance(self, x: Array) -> tuple[Array, Array]:
         """Give what is left of the equations, and the size of their terms."""
         plus, minus, saturation = self.laws
         full = np.append(x, 0.0)
         current = saturation * np.expm1((full[plus] - full[minus]) / THERMAL)
         linear, taps = self.matrix * full, self.taps * current
-        left = linear.sum(axis=1) + level * self.source + taps.sum(axis=1)
+        left = linear.sum(axis=1) + self.source + taps.sum(axis=1)
         size = np.abs(linear).sum(axis=1) + np.abs(self.source) + np.abs(taps).sum(axis=1)
         return left[:-1], size[:-1]
 
     def solve(self) -> Array:
-        """Raise the sources step by step, each by Newton's method with limited junctions."""
-        plus, minus, _ = self.laws
-        x, v = np.zeros(self.size), np.zeros(len(self.junctions))
-        reached, advance = 0.0, 0.1
-        while reached < 1.0:
-            level = min(1.0, reached + advance)
-            found = self._newton(x, v, level)
+        """Lower conductances beside all junctions step by step, and leave them out at last."""
+        x = np.zeros(self.size)
+        conductance, factor = 1.0, 10.0
+        while conductance > 0.0:
+            lower = conductance / factor if conductance > 1e-17 else 0.0
+            found = self._newton(x, lower)
             if found is None:
-                advance /= 4.0
-                assert advance > 1e-9, "the independent method fails"
+                factor **= 0.5
+                assert factor > 1.0001, "the independent method fails"
                 continue
-            x, reached, advance = found, level, 2.0 * advance
-            v = np.append(x, 0.0)[plus] - np.append(x, 0.0)[minus]
+            x, conductance, factor = found, lower, min(factor**2, 100.0)
         return x
 
-    def _newton(self, x: Array, v: Array, level: float) -> Array | None:
+    def voltages(self, x: Array) -> Array:
+        """Give the voltages of the junctions."""
+        plus, minus, _ = self.laws
+        full = np.append(x, 0.0)
+        return full[plus] - full[minus]
+
+    def _newton(self, x: Array, conductance: float) -> Array | None:
         """Iterate as SPICE does, on the voltages of junctions as they were limited."""
+        v = self.voltages(x)
         plus, minus, saturation = self.laws
         critical = THERMAL * np.log(THERMAL / (np.sqrt(2.0) * saturation))
         for _ in range(200):
             slope = saturation / THERMAL * np.exp(v / THERMAL)
             current = saturation * np.expm1(v / THERMAL)
-            matrix, rhs = self.matrix.copy(), -level * self.source
+            matrix, rhs = self.matrix.copy(), -self.source
             for k in range(len(v)):
                 matrix[:, plus[k]] += self.taps[:, k] * slope[k]
                 matrix[:, minus[k]] -= self.taps[:, k] * slope[k]
+                for end, sign in ((plus[k], 1.0), (minus[k], -1.0)):
+                    matrix[end, plus[k]] += sign * conductance
+                    matrix[end, minus[k]] -= sign * conductance
             rhs = rhs - self.taps @ (current - slope * v)
-            new = np.linalg.solve(matrix[:-1, :-1], rhs[:-1])
-            wanted = np.append(new, 0.0)[plus] - np.append(new, 0.0)[minus]
+            try:
+                new = np.linalg.solve(matrix[:-1, :-1], rhs[:-1])
+            except np.linalg.LinAlgError:
+                return None
+            wanted = self.voltages(new)
             limited = _limited(wanted, v, critical)
             is_done = bool(np.all(np.abs(limited - wanted) < 1e-12)) and np.allclose(
                 new, x, rtol=1e-13, atol=1e-13
@@ -307,8 +318,8 @@ def schmitt(voltage: float) -> Circuit:
     """Make Schmitt's trigger."""
     made = Circuit("schmitt")
     made.voltage("vcc", "ground", 10.0)
-    made.voltage("in", "ground", voltage)
-    made.resistor("in", "b1", 1e3)
+    made.voltage("input", "ground", voltage)
+    made.resistor("input", "b1", 1e3)
     made.resistor("vcc", "c1", 4.7e3)
     made.resistor("vcc", "c2", 2.2e3)
     made.resistor("c1", "b2", 10e3)
@@ -352,10 +363,10 @@ def class_ab(drive: float) -> Circuit:
     made = Circuit("class_ab")
     made.voltage("vp", "ground", 15.0)
     made.voltage("vn", "ground", -15.0)
-    made.voltage("in", "ground", drive)
+    made.voltage("input", "ground", drive)
     made.resistor("vp", "bp", 2.2e3)
-    made.diode("bp", "in", 1e-14)
-    made.diode("in", "bn", 1e-14)
+    made.diode("bp", "input", 1e-14)
+    made.diode("input", "bn", 1e-14)
     made.resistor("bn", "vn", 2.2e3)
     made.npn("vp", "bp", "ep", 1e-14, 80.0)
     made.pnp("vn", "bn", "en", 1e-14, 80.0)
@@ -370,11 +381,11 @@ def amplifier(signal: float) -> Circuit:
     made = Circuit("amplifier")
     made.voltage("vp", "ground", 15.0)
     made.voltage("vn", "ground", -15.0)
-    made.voltage("in", "ground", signal)
+    made.voltage("input", "ground", signal)
     made.resistor("out", "inv", 9e3)
     made.resistor("inv", "ground", 1e3)
     # The input: followers, common bases, and the mirror that loads them.
-    made.npn("m1", "in", "e1")
+    made.npn("m1", "input", "e1")
     made.npn("m1", "inv", "e2")
     made.pnp("c3", "base", "e1")
     made.pnp("c4", "base", "e2")

@@ -142,7 +142,10 @@ class Algebraic:
                 return self._search(t, y, guess)
 
     def check_index(self, t: float, y: Array) -> None:
-        """Refuse equations that do not determine the unknowns near a solution.
+        """Refuse equations that do not determine the unknowns at a solution, nor aside from it.
+
+        Junctions that hardly conduct may leave a matrix that is singular but for the rounding of
+        larger entries, though they determine their voltages well.
 
         Raises
         ------
@@ -150,7 +153,9 @@ class Algebraic:
             If so; the message names the unknowns.
         """
         with np.errstate(all="ignore"):
-            self._check_index([self._rows(t, y)[:, : len(y) - self.cut]])
+            z = y[self.cut :].copy()
+            slope = self._equation(t, y.copy()).slope
+            self._check_index([slope(point)[:, : len(z)] for point in (z, *_aside(z))])
 
     def _search(self, t: float, y: Array, guess: Array) -> Array:
         """Look far and wide for a solution."""
@@ -159,9 +164,7 @@ class Algebraic:
         y[self.cut :] = root.z
         self._linear = None
         if not root.is_found:
-            rng = np.random.default_rng(0)
-            aside = root.z + np.maximum(1.0, np.abs(root.z)) * rng.standard_normal(len(root.z))
-            points = (root.z, guess[self.cut :], aside)
+            points = (root.z, guess[self.cut :], *_aside(root.z))
             self._check_index([equation.slope(z)[:, : len(z)] for z in points])
             if not np.any(root.g):  # a double root: it holds, but nothing follows from it
                 self._check_index([equation.slope(root.z)[:, : len(root.z)]])
@@ -246,6 +249,13 @@ class Algebraic:
             f"'{self._names[self.cut + worst]}' stays {g[worst]:.3g}; give initial values nearer "
             "to a solution, or check that there is one"
         )
+
+
+def _aside(z: Array) -> tuple[Array, Array]:
+    """Give a point some way above and one below, the same at every call."""
+    rng = np.random.default_rng(0)
+    away = np.maximum(1.0, np.abs(z)) * np.abs(rng.standard_normal(len(z)))
+    return z + away, z - away
 
 
 def eliminated(matrix: Array, inverse: Array) -> Array:

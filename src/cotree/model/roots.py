@@ -333,7 +333,7 @@ def _weak_unknowns(slope: Array) -> tuple[int, ...]:
             size = np.max(np.abs(matrix), axis=axis, keepdims=True)
             matrix /= np.where(size > 0.0, size, 1.0)
     _, values, directions = np.linalg.svd(matrix)
-    weak = directions[values <= 10 * n * np.finfo(float).eps * max(float(values[0]), 1e-300)]
+    weak = directions[values <= 10 * np.finfo(float).eps * max(float(values[0]), 1e-300)]
     return tuple(
         int(i) for i in np.flatnonzero(np.max(np.abs(weak), axis=0, initial=0.0) > _INVOLVED)
     )
