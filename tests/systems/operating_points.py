@@ -1,13 +1,14 @@
 """Circuits of diodes and transistors with hard operating points, and their nodal equations.
 
 In: a list of elements between nodes. Out: a scene, and an independent solution: potentials of nodes
-and currents of sources by Newton's method with limited junctions, stepping conductances beside them,
-as circuit simulators do.
+and currents of sources by Newton's method with limited junctions and conductances beside these that
+are lowered step by step, as circuit simulators do.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -285,7 +286,7 @@ def regulators(n: int, voltage: float) -> Circuit:
     for i in range(1, n + 1):
         made.resistor(f"s{i - 1}", f"s{i}", 10.0 * i)
         links = [f"s{i}", *(f"s{i}l{k}" for k in range(1, 2 * (n - i) + 2)), "ground"]
-        for plus, minus in zip(links, links[1:], strict=False):
+        for plus, minus in pairwise(links):
             made.diode(plus, minus, 1e-14)
     return made
 

@@ -57,15 +57,24 @@ class Algebraic:
         Names of y.
     n_algebraic : int
         How many of these, which come last, are algebraic unknowns.
+    improve : callable, optional
+        ``improve(t, y)`` gives unknowns that Newton's method may begin with where it fails from
+        those of y, or None.
     """
 
     def __init__(
-        self, rates: Rates, jacobian: Rates, names: Sequence[str], n_algebraic: int
+        self,
+        rates: Rates,
+        jacobian: Rates,
+        names: Sequence[str],
+        n_algebraic: int,
+        improve: Callable[[float, Array], Array | None] = lambda t, y: None,
     ) -> None:
         self.cut = len(names) - n_algebraic
         self._rates = rates
         self._jacobian = jacobian
         self._names = names
+        self._improve = improve
         self._linear: Linear | None = None
         self._weights = np.ones(n_algebraic)
 
@@ -160,7 +169,7 @@ class Algebraic:
     def _search(self, t: float, y: Array, guess: Array) -> Array:
         """Look far and wide for a solution."""
         equation = self._equation(t, guess.copy())
-        root = find_root(equation, guess[self.cut :])
+        root = find_root(equation, guess[self.cut :], lambda: self._improve(t, guess))
         y[self.cut :] = root.z
         self._linear = None
         if not root.is_found:
@@ -328,9 +337,15 @@ def of_model(model: CompiledModel, p: Array, u: Array | None) -> Algebraic:
     """Give the algebraic unknowns of a model at fixed parameters and inputs."""
     none = np.zeros(0)
     rhs, jacobian = model.bound("rhs", p), model.bound_jacobian(p)
+
+    def improve(t: float, y: Array) -> Array | None:
+        inputs = model.input_values(t, p) if u is None else u
+        return model.junctions.at(t, y, p, inputs).search(y[-model.layout.n_algebraic :])
+
     return Algebraic(
         lambda t, y: rhs(t, y, none, u),
         lambda t, y: jacobian(t, y, u),
         model.states,
         model.layout.n_algebraic,
+        improve,
     )

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from cotree.dag.traverse import symbols_in
 from cotree.errors import ParameterError, nearest
 from cotree.model.algebraic import solve_start
+from cotree.model.junctions import Junctions
 from cotree.model.start import Start, consistent_start, start_by_differences
 from cotree.scene.description import check_number
 
@@ -177,6 +178,11 @@ class CompiledModel:
             s = start_by_differences(self, t, p, initial or {}, start)
         u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
         return Start(*solve_start(self, t, p, u, y, s), start.is_chosen)
+
+    @cached_property
+    def junctions(self) -> Junctions:
+        """The exponentials of the algebraic equations."""
+        return Junctions.of(self._program)
 
     def constraint_values(self, t: float, y: Any, p: Any = None) -> Array:
         """Evaluate what is zero on a motion, shape (n_constraints,); see :attr:`constraints`."""

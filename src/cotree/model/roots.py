@@ -2,11 +2,14 @@
 
 In: g, its derivatives and a guess. Out: a ``Root``, found or not. What is tried, in this order:
 
-1. Newton's method, damped by the natural monotonicity test: the step with the same matrix from the
-   new point must be shorter. The test is free of the units of g.
-2. Newton's method, damped so that the residual falls; g is scaled row by row.
-3. Continuation: roots of g(z) - (1 - l) g(z0) for l from 0 to 1, with step control.
-4. Levenberg and Marquardt's method, which needs no regular matrix.
+1. Newton's method, damped a little by the natural monotonicity test: the step with the same matrix
+   from the new point must be shorter. The test is free of the units of g.
+2. The same from a better guess, if somebody has one: :mod:`cotree.model.junctions`; then from the
+   guess given, with more damping.
+3. Newton's method, damped so that the residual falls; g is scaled row by row.
+4. Continuation: roots of g(z) - (1 - l) g(z0) for l from 0 to 1, with step control. Where all laws
+   vanish at zero, g(0) is what sources and states give: from zero this is source stepping.
+5. Levenberg and Marquardt's method, which needs no regular matrix.
 
 Then the same from zero and from points aside. See P. Deuflhard, Newton Methods for Nonlinear
 Problems, Springer 2004, chapters 3 and 5.
@@ -149,7 +152,9 @@ def linearise(slope: Array, z: Array, held: Array) -> Linear:
     return Linear(inverse, np.abs(z) + np.abs(inverse) @ sizes, sizes)
 
 
-def find_root(equation: Equation, guess: Array) -> Root:
+def find_root(
+    equation: Equation, guess: Array, improve: Callable[[], Array | None] = lambda: None
+) -> Root:
     """Look for a root.
 
     Parameters
@@ -158,6 +163,8 @@ def find_root(equation: Equation, guess: Array) -> Root:
         The equations; what they give may be infinite or nan where they do not hold.
     guess : ndarray, shape (n,)
         Where to begin.
+    improve : callable, optional
+        Gives a better guess, or None; it is asked where Newton's method fails from this one.
 
     Returns
     -------
@@ -166,21 +173,32 @@ def find_root(equation: Equation, guess: Array) -> Root:
     """
     best: Root | None = None
     with np.errstate(all="ignore"):
-        for start in _starts(guess):
-            for attempt in (_by_natural_test, _by_residual_test, _by_continuation, _by_squares):
-                root = attempt(equation, start)
-                if root.is_found:
-                    return root
-                if best is None or _size(root.g) < _size(best.g):
-                    best = root
-    assert best is not None  # there is always one start
+        for attempt, start in _attempts(guess, improve):
+            root = attempt(equation, start)
+            if root.is_found:
+                return root
+            if best is None or _size(root.g) < _size(best.g):
+                best = root
+    assert best is not None  # there is always one attempt
     return best
 
 
 def find_near(equation: Equation, guess: Array) -> Root:
     """Look for the root that a guess belongs to: damped Newton steps, nothing more."""
     with np.errstate(all="ignore"):
-        return _by_natural_test(equation, guess, _MOST_STEPS_NEAR, _LEAST_DAMPING_NEAR)
+        return _by_little_damping(equation, guess)
+
+
+def _attempts(
+    guess: Array, improve: Callable[[], Array | None]
+) -> Iterator[tuple[Callable[[Equation, Array], Root], Array]]:
+    yield _by_little_damping, guess
+    better = improve()
+    if better is not None:
+        yield _by_natural_test, better
+    for start in _starts(guess):
+        for attempt in (_by_natural_test, _by_residual_test, _by_continuation, _by_squares):
+            yield attempt, start
 
 
 def _starts(guess: Array) -> Iterator[Array]:
@@ -204,12 +222,18 @@ def _dampings(least: float = _LEAST_DAMPING) -> Iterator[float]:
         damping *= 0.5 if damping > 1e-3 else 0.1
 
 
+def _by_little_damping(equation: Equation, z: Array) -> Root:
+    return _by_natural_test(equation, z, _MOST_STEPS_NEAR, _LEAST_DAMPING_NEAR)
+
+
 def _by_natural_test(
     equation: Equation, z: Array, most: int = _MOST_STEPS, least: float = _LEAST_DAMPING
 ) -> Root:
     """Take Newton steps, each shortened until the next one with its matrix is shorter still."""
     g = equation.value(z)
     for _ in range(most):
+        if not np.all(np.isfinite(g)):  # no step leads away
+            break
         try:
             linear = equation.linearised(z)
         except np.linalg.LinAlgError:
@@ -324,7 +348,6 @@ def singular_direction(slopes: Array) -> tuple[int, ...]:
 
 
 def _weak_unknowns(slope: Array) -> tuple[int, ...]:
-    n = len(slope)
     if not np.all(np.isfinite(slope)):
         return ()
     matrix = slope.copy()
