@@ -7,6 +7,7 @@ there; from a poor guess :mod:`cotree.model.roots` looks for one.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -100,14 +101,15 @@ class Algebraic:
             linear, is_old = self._linear, True
             if linear is None:
                 linear, is_old = self._refresh(t, y)[1], False
-            step = -(linear.inverse @ rates[self.cut :])
-            size = float((np.abs(step) * self._weights).max())
+            step = -linear.inverse.dot(rates[self.cut :])
+            size = float(np.maximum.reduce(np.abs(step) * self._weights))
             ratio = 1.0
             if before is not None:
-                ratio = size / max(float((np.abs(before) * self._weights).max()), 1e-300)
+                length = float(np.maximum.reduce(np.abs(before) * self._weights))
+                ratio = size / max(length, 1e-300)
             # Written so that nan is slow, too; of a first step nothing else is known.
             is_quick = size * min(ratio, 1.0) ** _FEW <= ROUNDING or (
-                before is None and np.isfinite(size)
+                before is None and math.isfinite(size)
             )
             if is_old and not is_quick:
                 self._linear = None
@@ -163,8 +165,8 @@ class Algebraic:
         """
         with np.errstate(all="ignore"):
             z = y[self.cut :].copy()
-            slope = self._equation(t, y.copy()).slope
-            self._check_index([slope(point)[:, : len(z)] for point in (z, *_aside(z))])
+            square = self._equation(t, y.copy()).square
+            self._check_index([square(point) for point in (z, *_aside(z))])
 
     def _search(self, t: float, y: Array, guess: Array) -> Array:
         """Look far and wide for a solution."""
@@ -174,9 +176,9 @@ class Algebraic:
         self._linear = None
         if not root.is_found:
             points = (root.z, guess[self.cut :], *_aside(root.z))
-            self._check_index([equation.slope(z)[:, : len(z)] for z in points])
+            self._check_index([equation.square(z) for z in points])
             if not np.any(root.g):  # a double root: it holds, but nothing follows from it
-                self._check_index([equation.slope(root.z)[:, : len(root.z)]])
+                self._check_index([equation.square(root.z)])
             raise SolveError(self._complaint(t, root.g))
         return self._rates(t, y)
 
@@ -189,12 +191,14 @@ class Algebraic:
 
         return Equation(
             lambda z: np.array(self._rates(t, at(z))[self.cut :]),
-            lambda z: self._rows(t, at(z)),
+            lambda z: np.array(self._jacobian(t, at(z))[self.cut :]),
             point[: self.cut],
         )
 
     def linearised(self, t: float, y: Array) -> tuple[Array, Array]:
-        """Give the Jacobian at a solution, a fresh array, and the inverse of its last block.
+        """Give the Jacobian at a solution and the inverse of its last block.
+
+        The Jacobian is a buffer that the next call may change.
 
         Raises
         ------
@@ -215,9 +219,9 @@ class Algebraic:
 
     def _refresh(self, t: float, y: Array) -> tuple[Array, Linear]:
         """Form the Jacobian of a point, and what further steps need of it."""
-        matrix = np.array(self._jacobian(t, y))
+        matrix = self._jacobian(t, y)
         try:
-            linear = linearise(self._in_order(matrix[self.cut :]), y[self.cut :], y[: self.cut])
+            linear = linearise(matrix[self.cut :], y)
         except np.linalg.LinAlgError:
             self._linear = None
             raise UnsolvedError(
@@ -227,13 +231,6 @@ class Algebraic:
         self._linear = linear
         self._weights = 1.0 / np.maximum(linear.scale, 1e-290)
         return matrix, linear
-
-    def _rows(self, t: float, y: Array) -> Array:
-        """Give the derivatives of g by z, then by x."""
-        return self._in_order(np.array(self._jacobian(t, y)[self.cut :]))
-
-    def _in_order(self, rows: Array) -> Array:
-        return np.hstack([rows[:, self.cut :], rows[:, : self.cut]])
 
     def _check_index(self, slopes: Sequence[Array]) -> None:
         """Refuse equations that leave unknowns undetermined at every point given."""

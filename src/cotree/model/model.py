@@ -332,9 +332,10 @@ class CompiledModel:
         """Give the Jacobian, dense, as a function of time, states and inputs; see :meth:`bound`."""
         n = len(self.states)
         dense, kernel = np.zeros((n, n)), self.bound("jacobian", p)
+        flat, places = dense.reshape(-1), self._rows * n + self._columns
 
         def call(t: float, x: Array, u: Array | None) -> Array:
-            dense[self._rows, self._columns] = kernel(t, x, _NONE, u)
+            flat[places] = kernel(t, x, _NONE, u)
             return dense
 
         return call

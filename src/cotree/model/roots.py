@@ -17,6 +17,8 @@ Problems, Springer 2004, chapters 3 and 5.
 
 from __future__ import annotations
 
+import functools
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -81,7 +83,7 @@ class Equation:
     value : callable
         ``value(z)``, shape (n,).
     slope : callable
-        ``slope(z)``, shape (n, n + m): derivatives by the unknowns, then by what is held.
+        ``slope(z)``, shape (n, m + n): derivatives by what is held, then by the unknowns.
     held : ndarray, shape (m,)
         What is held: it adds to the size of the terms that cancel.
     """
@@ -99,7 +101,11 @@ class Equation:
         LinAlgError
             If the matrix is singular or not finite.
         """
-        return linearise(self.slope(z), z, self.held)
+        return linearise(self.slope(z), np.concatenate([self.held, z]))
+
+    def square(self, z: Array) -> Array:
+        """Give the derivatives by the unknowns."""
+        return self.slope(z)[:, -len(z) :]
 
 
 @dataclass(frozen=True)
@@ -139,17 +145,34 @@ class Linear:
         return bool((np.abs(g) <= _MET * self.sizes + _TINY).all())
 
 
-def linearise(slope: Array, z: Array, held: Array) -> Linear:
-    """Invert the first columns of a slope; see :meth:`Equation.linearised`."""
-    n = len(z)
-    if not np.all(np.isfinite(slope)):  # its inverse may be finite
+@functools.cache
+def _solver(n: int) -> tuple[Callable[..., tuple[Array, Array, Array, int]], Array]:
+    """Give LAPACK's solver, which NumPy takes four times as long to call, and the unit matrix."""
+    from scipy.linalg.lapack import dgesv
+
+    return dgesv, np.eye(n, order="F")
+
+
+def linearise(slope: Array, y: Array) -> Linear:
+    """Invert the last columns of a slope at y, what is held and then the unknowns.
+
+    Raises
+    ------
+    LinAlgError
+        See :meth:`Equation.linearised`.
+    """
+    n = len(slope)
+    solver, unit = _solver(n)
+    sizes = np.abs(slope).dot(np.abs(y))
+    # A sum is infinite or nan where one of its terms is, a product with zero, too.
+    if not math.isfinite(np.add.reduce(sizes)):
         raise np.linalg.LinAlgError("not finite")
-    inverse: Array = np.asarray(np.linalg.inv(slope[:, :n]), dtype=np.float64)
-    # A sum of products is infinite or nan where one of its terms is.
-    if not np.isfinite(np.vdot(inverse, inverse)) and not np.all(np.isfinite(inverse)):
-        raise np.linalg.LinAlgError("not finite")
-    sizes = np.abs(slope[:, :n]) @ np.abs(z) + np.abs(slope[:, n:]) @ np.abs(held)
-    return Linear(inverse, np.abs(z) + np.abs(inverse) @ sizes, sizes)
+    _, _, inverse, status = solver(slope[:, -n:], unit)
+    if status != 0 or (
+        not math.isfinite(np.vdot(inverse, inverse)) and not np.all(np.isfinite(inverse))
+    ):
+        raise np.linalg.LinAlgError("singular")
+    return Linear(inverse, np.abs(y[-n:]) + np.abs(inverse).dot(sizes), sizes)
 
 
 def find_root(
@@ -271,9 +294,8 @@ def _by_residual_test(equation: Equation, z: Array) -> Root:
         step = -linear.inverse @ g
         if linear.is_stalled(z, step):
             return _by_natural_test(equation, z)
-        n = len(z)
         columns = np.maximum(np.maximum(linear.scale, np.abs(step)), _TINY)
-        rows = 1.0 / np.maximum(np.max(np.abs(equation.slope(z)[:, :n] * columns), axis=1), _TINY)
+        rows = 1.0 / np.maximum(np.max(np.abs(equation.square(z) * columns), axis=1), _TINY)
         before = float(np.linalg.norm(rows * g))
         for damping in _dampings():
             trial = z + damping * step
@@ -313,7 +335,7 @@ def _by_squares(equation: Equation, z: Array) -> Root:
     columns = np.maximum(np.abs(z), 1.0)
     trust = 1e-3
     for _ in range(_MOST_TRIALS):
-        slope = equation.slope(z)[:, :n] * columns
+        slope = equation.square(z) * columns
         rows = 1.0 / np.maximum(np.max(np.abs(slope), axis=1), _TINY)
         matrix = np.vstack([rows[:, None] * slope, trust * np.eye(n)])
         target = np.concatenate([-rows * g, np.zeros(n)])
