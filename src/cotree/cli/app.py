@@ -286,7 +286,9 @@ def check_scene(
     values = read_numbers("--set", setting)
     described = load(scene)
     names = sensitivity or [row.name for row in described.parameters.values() if row.tunable]
-    report = check_sensitivities(described.compile(names), t_end=t_end, values=values)
+    report = check_sensitivities(
+        described.compile(names), t_end=t_end, values=values, plain=described.compile()
+    )
     typer.echo(report.summary())
     if not report.passed:
         raise typer.Exit(1)
