@@ -44,9 +44,7 @@ def test_orders_of_states_and_sensitivities(method, order):
     end, errors = 2.0, []
     steps = (8, 16) if method == "dop853" else (32, 64)
     for n in steps:
-        result = model.simulate(
-            (0.0, end), [end], method, 1e-1, 1e3, max_step=end / n, throw=True
-        )
+        result = model.simulate((0.0, end), [end], method, 1e-1, 1e3, max_step=end / n, throw=True)
         # v = cos(t / sqrt(c)), dv/dc = t sin(t) / 2 at c = 1
         exact = math.cos(end), 0.5 * end * math.sin(end)
         found = result["C1.v"][-1], result.sensitivity("C1.v", "c")[-1]
@@ -146,7 +144,9 @@ def test_wide_systems_leave_the_number_of_equations_to_run_time():
     assert load_engine("dopri5", 600) is not None
     scene = Scene("wide")
     for i in range(300):
-        scene.edge(f"C{i}", "capacitor", f"n{i}", "ground", capacitance=1.0, initial={"v": float(i)})
+        scene.edge(
+            f"C{i}", "capacitor", f"n{i}", "ground", capacitance=1.0, initial={"v": float(i)}
+        )
         scene.edge(f"R{i}", "resistor", f"n{i}", "ground", resistance=1.0 + i)
     model = scene.compile()
     with warnings.catch_warnings():

@@ -55,6 +55,16 @@ def test_deviation_falls_with_the_square_of_the_step(oscillator: Model) -> None:
     assert row.deviations[-1] > 10.0 * row.deviation
 
 
+def test_differences_of_a_model_without_sensitivities(oscillator: Model) -> None:
+    plain = load("spring-mass-damper").compile()
+    (row,) = check_sensitivities(oscillator, ["k"], t_end=2.0, plain=plain).rows
+    (own,) = check_sensitivities(oscillator, ["k"], t_end=2.0).rows
+    assert row.passed
+    assert row.steps == own.steps
+    # Truncation is the same; the runs differ by their tolerance of 1e-12, over the step.
+    assert row.deviations[:6] == pytest.approx(own.deviations[:6], rel=1e-3)
+
+
 def test_linear_dependence_has_no_truncation(oscillator: Model) -> None:
     (row,) = check_sensitivities(oscillator, ["x0"], t_end=2.0).rows
     # The state depends on x0 linearly: only integration errors of 1e-12 over the step remain.

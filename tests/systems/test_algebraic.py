@@ -337,8 +337,9 @@ def test_a_run_into_a_fold_stops_with_its_reason(method):
     with pytest.warns(RuntimeWarning, match="stopped at"):
         result = made.model().simulate((0.0, 2.0), method=method)
     assert not result.success
-    # z changes without bound there: steps shrink until they get nowhere.
-    assert 0.999 < result.t[-1] <= 1.0
+    # z changes without bound there: steps shrink until they get nowhere. What is left of x has the
+    # rounding of 1.
+    assert 0.999 < result.t[-1] <= 1.0 + 4 * np.finfo(float).eps
     assert "algebraic" in result.message
     np.testing.assert_allclose(result["z"] ** 2, result["x"], atol=1e-12)
 

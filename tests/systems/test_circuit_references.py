@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from reference_scenes import read_reference
 
+from cotree import load
+
 pytestmark = pytest.mark.compiler
 
 TIGHT = {"rtol": 1e-11, "atol": 1e-13}
@@ -59,10 +61,21 @@ def test_battery_with_a_switched_current(method):
     _check(result, data, lambda name: name)
 
 
-def test_rectifier():
+@pytest.mark.parametrize("method", ["auto", "ida"])
+def test_rectifier(method):
     data = read_reference("spice_rectifier")
-    result = _run(circuits.circuit("spice_rectifier"), data, "auto")
+    result = _run(circuits.circuit("spice_rectifier"), data, method)
     _check(result, data, circuits.output_of)
+
+
+def test_ida_follows_diodes_that_begin_to_conduct():
+    model = load("bridge-rectifier").compile()
+    settings = {"t_eval": np.linspace(0.0, 0.1, 21), "throw": True}
+    expected = model.simulate(method="DOP853", **TIGHT, **settings)
+    result = model.simulate(method="ida", rtol=1e-8, atol=1e-10, **settings)
+    # Some two thousand steps with errors of 1e-8; diodes conduct a tenth of the time, steeply.
+    np.testing.assert_allclose(result["C1.v"], expected["C1.v"], atol=1e-5)
+    assert result.statistics.n_steps < 4000
 
 
 @pytest.mark.parametrize("method", ["cvode", pytest.param("auto", marks=pytest.mark.slow)])

@@ -134,7 +134,7 @@ def run_scene(
     t_end: EndTime = None,
     method: Annotated[
         str | None,
-        typer.Option(help="RK45, RK23, DOP853, Radau, BDF, LSODA, cvode, ida or auto."),
+        typer.Option(help="dopri5, rkf45, dop853, RK45, RK23, DOP853, Radau, BDF, LSODA, cvode, ida or auto."),
     ] = None,
     rtol: Annotated[float | None, typer.Option(help="Relative tolerance.")] = None,
     atol: Annotated[float | None, typer.Option(help="Absolute tolerance.")] = None,
@@ -286,7 +286,9 @@ def check_scene(
     values = read_numbers("--set", setting)
     described = load(scene)
     names = sensitivity or [row.name for row in described.parameters.values() if row.tunable]
-    report = check_sensitivities(described.compile(names), t_end=t_end, values=values)
+    report = check_sensitivities(
+        described.compile(names), t_end=t_end, values=values, plain=described.compile()
+    )
     typer.echo(report.summary())
     if not report.passed:
         raise typer.Exit(1)

@@ -76,8 +76,8 @@ def sweep_files() -> Mapping[str, str]:
 def sweep_declarations(files: Mapping[str, str]) -> str:
     """Give the declarations of a sweep that cffi reads."""
     return declared(files["cotree_abi.h"]) + (
-        "int cotree_sweep(const cotree_model *, const double *, const double *, int, const double *,"
-        " const double *, int, int, double *, double *, double *);\n"
+        "int cotree_sweep(const cotree_model *, const double *, const double *, int,"
+        " const double *, const double *, int, int, double *, double *, double *);\n"
     )
 
 

@@ -7,6 +7,7 @@ there; from a poor guess :mod:`cotree.model.roots` looks for one.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -57,15 +58,24 @@ class Algebraic:
         Names of y.
     n_algebraic : int
         How many of these, which come last, are algebraic unknowns.
+    improve : callable, optional
+        ``improve(t, y)`` gives unknowns that Newton's method may begin with where it fails from
+        those of y, or None.
     """
 
     def __init__(
-        self, rates: Rates, jacobian: Rates, names: Sequence[str], n_algebraic: int
+        self,
+        rates: Rates,
+        jacobian: Rates,
+        names: Sequence[str],
+        n_algebraic: int,
+        improve: Callable[[float, Array], Array | None] = lambda t, y: None,
     ) -> None:
         self.cut = len(names) - n_algebraic
         self._rates = rates
         self._jacobian = jacobian
         self._names = names
+        self._improve = improve
         self._linear: Linear | None = None
         self._weights = np.ones(n_algebraic)
 
@@ -91,14 +101,15 @@ class Algebraic:
             linear, is_old = self._linear, True
             if linear is None:
                 linear, is_old = self._refresh(t, y)[1], False
-            step = -(linear.inverse @ rates[self.cut :])
-            size = float((np.abs(step) * self._weights).max())
+            step = -linear.inverse.dot(rates[self.cut :])
+            size = float(np.maximum.reduce(np.abs(step) * self._weights))
             ratio = 1.0
             if before is not None:
-                ratio = size / max(float((np.abs(before) * self._weights).max()), 1e-300)
+                length = float(np.maximum.reduce(np.abs(before) * self._weights))
+                ratio = size / max(length, 1e-300)
             # Written so that nan is slow, too; of a first step nothing else is known.
             is_quick = size * min(ratio, 1.0) ** _FEW <= ROUNDING or (
-                before is None and np.isfinite(size)
+                before is None and math.isfinite(size)
             )
             if is_old and not is_quick:
                 self._linear = None
@@ -142,7 +153,10 @@ class Algebraic:
                 return self._search(t, y, guess)
 
     def check_index(self, t: float, y: Array) -> None:
-        """Refuse equations that do not determine the unknowns near a solution.
+        """Refuse equations that do not determine the unknowns at a solution, nor aside from it.
+
+        Junctions that hardly conduct may leave a matrix that is singular but for the rounding of
+        larger entries, though they determine their voltages well.
 
         Raises
         ------
@@ -150,21 +164,21 @@ class Algebraic:
             If so; the message names the unknowns.
         """
         with np.errstate(all="ignore"):
-            self._check_index([self._rows(t, y)[:, : len(y) - self.cut]])
+            z = y[self.cut :].copy()
+            square = self._equation(t, y.copy()).square
+            self._check_index([square(point) for point in (z, *_aside(z))])
 
     def _search(self, t: float, y: Array, guess: Array) -> Array:
         """Look far and wide for a solution."""
         equation = self._equation(t, guess.copy())
-        root = find_root(equation, guess[self.cut :])
+        root = find_root(equation, guess[self.cut :], lambda: self._improve(t, guess))
         y[self.cut :] = root.z
         self._linear = None
         if not root.is_found:
-            rng = np.random.default_rng(0)
-            aside = root.z + np.maximum(1.0, np.abs(root.z)) * rng.standard_normal(len(root.z))
-            points = (root.z, guess[self.cut :], aside)
-            self._check_index([equation.slope(z)[:, : len(z)] for z in points])
+            points = (root.z, guess[self.cut :], *_aside(root.z))
+            self._check_index([equation.square(z) for z in points])
             if not np.any(root.g):  # a double root: it holds, but nothing follows from it
-                self._check_index([equation.slope(root.z)[:, : len(root.z)]])
+                self._check_index([equation.square(root.z)])
             raise SolveError(self._complaint(t, root.g))
         return self._rates(t, y)
 
@@ -177,12 +191,14 @@ class Algebraic:
 
         return Equation(
             lambda z: np.array(self._rates(t, at(z))[self.cut :]),
-            lambda z: self._rows(t, at(z)),
+            lambda z: np.array(self._jacobian(t, at(z))[self.cut :]),
             point[: self.cut],
         )
 
     def linearised(self, t: float, y: Array) -> tuple[Array, Array]:
-        """Give the Jacobian at a solution, a fresh array, and the inverse of its last block.
+        """Give the Jacobian at a solution and the inverse of its last block.
+
+        The Jacobian is a buffer that the next call may change.
 
         Raises
         ------
@@ -203,9 +219,9 @@ class Algebraic:
 
     def _refresh(self, t: float, y: Array) -> tuple[Array, Linear]:
         """Form the Jacobian of a point, and what further steps need of it."""
-        matrix = np.array(self._jacobian(t, y))
+        matrix = self._jacobian(t, y)
         try:
-            linear = linearise(self._in_order(matrix[self.cut :]), y[self.cut :], y[: self.cut])
+            linear = linearise(matrix[self.cut :], y)
         except np.linalg.LinAlgError:
             self._linear = None
             raise UnsolvedError(
@@ -215,13 +231,6 @@ class Algebraic:
         self._linear = linear
         self._weights = 1.0 / np.maximum(linear.scale, 1e-290)
         return matrix, linear
-
-    def _rows(self, t: float, y: Array) -> Array:
-        """Give the derivatives of g by z, then by x."""
-        return self._in_order(np.array(self._jacobian(t, y)[self.cut :]))
-
-    def _in_order(self, rows: Array) -> Array:
-        return np.hstack([rows[:, self.cut :], rows[:, : self.cut]])
 
     def _check_index(self, slopes: Sequence[Array]) -> None:
         """Refuse equations that leave unknowns undetermined at every point given."""
@@ -246,6 +255,13 @@ class Algebraic:
             f"'{self._names[self.cut + worst]}' stays {g[worst]:.3g}; give initial values nearer "
             "to a solution, or check that there is one"
         )
+
+
+def _aside(z: Array) -> tuple[Array, Array]:
+    """Give a point some way above and one below, the same at every call."""
+    rng = np.random.default_rng(0)
+    away = np.maximum(1.0, np.abs(z)) * np.abs(rng.standard_normal(len(z)))
+    return z + away, z - away
 
 
 def eliminated(matrix: Array, inverse: Array) -> Array:
@@ -318,9 +334,15 @@ def of_model(model: CompiledModel, p: Array, u: Array | None) -> Algebraic:
     """Give the algebraic unknowns of a model at fixed parameters and inputs."""
     none = np.zeros(0)
     rhs, jacobian = model.bound("rhs", p), model.bound_jacobian(p)
+
+    def improve(t: float, y: Array) -> Array | None:
+        inputs = model.input_values(t, p) if u is None else u
+        return model.junctions.at(t, y, p, inputs).search(y[-model.layout.n_algebraic :])
+
     return Algebraic(
         lambda t, y: rhs(t, y, none, u),
         lambda t, y: jacobian(t, y, u),
         model.states,
         model.layout.n_algebraic,
+        improve,
     )

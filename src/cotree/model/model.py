@@ -13,6 +13,7 @@ from cotree.dag.traverse import symbols_in
 from cotree.errors import ParameterError, nearest
 from cotree.model.algebraic import solve_start
 from cotree.model.arrays import as_array
+from cotree.model.junctions import Junctions
 from cotree.model.start import Start, consistent_start, start_by_differences
 from cotree.scene.description import check_number
 
@@ -183,6 +184,11 @@ class CompiledModel:
         u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
         return Start(*solve_start(self, t, p, u, y, s), start.is_chosen)
 
+    @cached_property
+    def junctions(self) -> Junctions:
+        """The exponentials of the algebraic equations."""
+        return Junctions.of(self._program)
+
     def constraint_values(self, t: float, y: Any, p: Any = None) -> Array:
         """Evaluate what is zero on a motion, shape (n_constraints,); see :attr:`constraints`."""
         return self._at("constraints", t, y, p, None)
@@ -336,9 +342,10 @@ class CompiledModel:
         """Give the Jacobian, dense, as a function of time, states and inputs; see :meth:`bound`."""
         n = len(self.states)
         dense, kernel = np.zeros((n, n)), self.bound("jacobian", p)
+        flat, places = dense.reshape(-1), self._rows * n + self._columns
 
         def call(t: float, x: Array, u: Array | None) -> Array:
-            dense[self._rows, self._columns] = kernel(t, x, _NONE, u)
+            flat[places] = kernel(t, x, _NONE, u)
             return dense
 
         return call

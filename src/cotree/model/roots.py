@@ -2,11 +2,14 @@
 
 In: g, its derivatives and a guess. Out: a ``Root``, found or not. What is tried, in this order:
 
-1. Newton's method, damped by the natural monotonicity test: the step with the same matrix from the
-   new point must be shorter. The test is free of the units of g.
-2. Newton's method, damped so that the residual falls; g is scaled row by row.
-3. Continuation: roots of g(z) - (1 - l) g(z0) for l from 0 to 1, with step control.
-4. Levenberg and Marquardt's method, which needs no regular matrix.
+1. Newton's method, damped a little by the natural monotonicity test: the step with the same matrix
+   from the new point must be shorter. The test is free of the units of g.
+2. The same from a better guess, if somebody has one: :mod:`cotree.model.junctions`; then from the
+   guess given, with more damping.
+3. Newton's method, damped so that the residual falls; g is scaled row by row.
+4. Continuation: roots of g(z) - (1 - l) g(z0) for l from 0 to 1, with step control. Where all laws
+   vanish at zero, g(0) is what sources and states give: from zero this is source stepping.
+5. Levenberg and Marquardt's method, which needs no regular matrix.
 
 Then the same from zero and from points aside. See P. Deuflhard, Newton Methods for Nonlinear
 Problems, Springer 2004, chapters 3 and 5.
@@ -14,6 +17,8 @@ Problems, Springer 2004, chapters 3 and 5.
 
 from __future__ import annotations
 
+import functools
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -78,7 +83,7 @@ class Equation:
     value : callable
         ``value(z)``, shape (n,).
     slope : callable
-        ``slope(z)``, shape (n, n + m): derivatives by the unknowns, then by what is held.
+        ``slope(z)``, shape (n, m + n): derivatives by what is held, then by the unknowns.
     held : ndarray, shape (m,)
         What is held: it adds to the size of the terms that cancel.
     """
@@ -96,7 +101,11 @@ class Equation:
         LinAlgError
             If the matrix is singular or not finite.
         """
-        return linearise(self.slope(z), z, self.held)
+        return linearise(self.slope(z), np.concatenate([self.held, z]))
+
+    def square(self, z: Array) -> Array:
+        """Give the derivatives by the unknowns."""
+        return self.slope(z)[:, -len(z) :]
 
 
 @dataclass(frozen=True)
@@ -136,20 +145,39 @@ class Linear:
         return bool((np.abs(g) <= _MET * self.sizes + _TINY).all())
 
 
-def linearise(slope: Array, z: Array, held: Array) -> Linear:
-    """Invert the first columns of a slope; see :meth:`Equation.linearised`."""
-    n = len(z)
-    if not np.all(np.isfinite(slope)):  # its inverse may be finite
-        raise np.linalg.LinAlgError("not finite")
-    inverse: Array = np.asarray(np.linalg.inv(slope[:, :n]), dtype=np.float64)
-    # A sum of products is infinite or nan where one of its terms is.
-    if not np.isfinite(np.vdot(inverse, inverse)) and not np.all(np.isfinite(inverse)):
-        raise np.linalg.LinAlgError("not finite")
-    sizes = np.abs(slope[:, :n]) @ np.abs(z) + np.abs(slope[:, n:]) @ np.abs(held)
-    return Linear(inverse, np.abs(z) + np.abs(inverse) @ sizes, sizes)
+@functools.cache
+def _solver(n: int) -> tuple[Callable[..., tuple[Array, Array, Array, int]], Array]:
+    """Give LAPACK's solver, which NumPy takes four times as long to call, and the unit matrix."""
+    from scipy.linalg.lapack import dgesv
+
+    return dgesv, np.eye(n, order="F")
 
 
-def find_root(equation: Equation, guess: Array) -> Root:
+def linearise(slope: Array, y: Array) -> Linear:
+    """Invert the last columns of a slope at y, what is held and then the unknowns.
+
+    Raises
+    ------
+    LinAlgError
+        See :meth:`Equation.linearised`.
+    """
+    n = len(slope)
+    solver, unit = _solver(n)
+    sizes = np.abs(slope).dot(np.abs(y))
+    # A sum is infinite or nan where one of its terms is, a product with zero, too.
+    if not math.isfinite(np.add.reduce(sizes)):
+        raise np.linalg.LinAlgError("not finite")
+    _, _, inverse, status = solver(slope[:, -n:], unit)
+    if status != 0 or (
+        not math.isfinite(np.vdot(inverse, inverse)) and not np.all(np.isfinite(inverse))
+    ):
+        raise np.linalg.LinAlgError("singular")
+    return Linear(inverse, np.abs(y[-n:]) + np.abs(inverse).dot(sizes), sizes)
+
+
+def find_root(
+    equation: Equation, guess: Array, improve: Callable[[], Array | None] = lambda: None
+) -> Root:
     """Look for a root.
 
     Parameters
@@ -158,6 +186,8 @@ def find_root(equation: Equation, guess: Array) -> Root:
         The equations; what they give may be infinite or nan where they do not hold.
     guess : ndarray, shape (n,)
         Where to begin.
+    improve : callable, optional
+        Gives a better guess, or None; it is asked where Newton's method fails from this one.
 
     Returns
     -------
@@ -166,21 +196,32 @@ def find_root(equation: Equation, guess: Array) -> Root:
     """
     best: Root | None = None
     with np.errstate(all="ignore"):
-        for start in _starts(guess):
-            for attempt in (_by_natural_test, _by_residual_test, _by_continuation, _by_squares):
-                root = attempt(equation, start)
-                if root.is_found:
-                    return root
-                if best is None or _size(root.g) < _size(best.g):
-                    best = root
-    assert best is not None  # there is always one start
+        for attempt, start in _attempts(guess, improve):
+            root = attempt(equation, start)
+            if root.is_found:
+                return root
+            if best is None or _size(root.g) < _size(best.g):
+                best = root
+    assert best is not None  # there is always one attempt
     return best
 
 
 def find_near(equation: Equation, guess: Array) -> Root:
     """Look for the root that a guess belongs to: damped Newton steps, nothing more."""
     with np.errstate(all="ignore"):
-        return _by_natural_test(equation, guess, _MOST_STEPS_NEAR, _LEAST_DAMPING_NEAR)
+        return _by_little_damping(equation, guess)
+
+
+def _attempts(
+    guess: Array, improve: Callable[[], Array | None]
+) -> Iterator[tuple[Callable[[Equation, Array], Root], Array]]:
+    yield _by_little_damping, guess
+    better = improve()
+    if better is not None:
+        yield _by_natural_test, better
+    for start in _starts(guess):
+        for attempt in (_by_natural_test, _by_residual_test, _by_continuation, _by_squares):
+            yield attempt, start
 
 
 def _starts(guess: Array) -> Iterator[Array]:
@@ -204,12 +245,18 @@ def _dampings(least: float = _LEAST_DAMPING) -> Iterator[float]:
         damping *= 0.5 if damping > 1e-3 else 0.1
 
 
+def _by_little_damping(equation: Equation, z: Array) -> Root:
+    return _by_natural_test(equation, z, _MOST_STEPS_NEAR, _LEAST_DAMPING_NEAR)
+
+
 def _by_natural_test(
     equation: Equation, z: Array, most: int = _MOST_STEPS, least: float = _LEAST_DAMPING
 ) -> Root:
     """Take Newton steps, each shortened until the next one with its matrix is shorter still."""
     g = equation.value(z)
     for _ in range(most):
+        if not np.all(np.isfinite(g)):  # no step leads away
+            break
         try:
             linear = equation.linearised(z)
         except np.linalg.LinAlgError:
@@ -247,9 +294,8 @@ def _by_residual_test(equation: Equation, z: Array) -> Root:
         step = -linear.inverse @ g
         if linear.is_stalled(z, step):
             return _by_natural_test(equation, z)
-        n = len(z)
         columns = np.maximum(np.maximum(linear.scale, np.abs(step)), _TINY)
-        rows = 1.0 / np.maximum(np.max(np.abs(equation.slope(z)[:, :n] * columns), axis=1), _TINY)
+        rows = 1.0 / np.maximum(np.max(np.abs(equation.square(z) * columns), axis=1), _TINY)
         before = float(np.linalg.norm(rows * g))
         for damping in _dampings():
             trial = z + damping * step
@@ -289,7 +335,7 @@ def _by_squares(equation: Equation, z: Array) -> Root:
     columns = np.maximum(np.abs(z), 1.0)
     trust = 1e-3
     for _ in range(_MOST_TRIALS):
-        slope = equation.slope(z)[:, :n] * columns
+        slope = equation.square(z) * columns
         rows = 1.0 / np.maximum(np.max(np.abs(slope), axis=1), _TINY)
         matrix = np.vstack([rows[:, None] * slope, trust * np.eye(n)])
         target = np.concatenate([-rows * g, np.zeros(n)])
@@ -324,7 +370,6 @@ def singular_direction(slopes: Array) -> tuple[int, ...]:
 
 
 def _weak_unknowns(slope: Array) -> tuple[int, ...]:
-    n = len(slope)
     if not np.all(np.isfinite(slope)):
         return ()
     matrix = slope.copy()
@@ -333,7 +378,7 @@ def _weak_unknowns(slope: Array) -> tuple[int, ...]:
             size = np.max(np.abs(matrix), axis=axis, keepdims=True)
             matrix /= np.where(size > 0.0, size, 1.0)
     _, values, directions = np.linalg.svd(matrix)
-    weak = directions[values <= 10 * n * np.finfo(float).eps * max(float(values[0]), 1e-300)]
+    weak = directions[values <= 10 * np.finfo(float).eps * max(float(values[0]), 1e-300)]
     return tuple(
         int(i) for i in np.flatnonzero(np.max(np.abs(weak), axis=0, initial=0.0) > _INVOLVED)
     )

@@ -1,12 +1,14 @@
-"""Problems with algebraic unknowns, made fit for each method.
+"""Problems with algebraic unknowns, made fit for methods of ordinary differential equations.
 
-In: a ``Problem`` M y' = rhs(t, y), whose last unknowns have no rates but residuals. Out, for
-methods of ordinary differential equations, the problem x' = f(t, x, z(t, x)) of the others: each
-evaluation solves for z, beginning with the last one found. Its sensitivities are those of x; those
-of z follow, S_z = -g_z^-1 (g_x S_x + g_p). IDA takes the problem as it is; z is solved for where it
-starts and in what it stores.
+In: a ``Problem`` M y' = rhs(t, y), whose last unknowns have no rates but residuals. Out: the
+problem x' = f(t, x, z(t, x)) of the others: each evaluation solves for z, beginning with the last
+one found. Its sensitivities are those of x; those of z follow, S_z = -g_z^-1 (g_x S_x + g_p).
+Every stored value is a solution of the equations to rounding.
 
-Either way every stored value is a solution of the equations to rounding.
+IDA, which could take the problem as it is, gets this one, too. Its iteration ends where what is
+tested has converged; the unknowns of junctions that block are then anything, and what is
+extrapolated from them leads no iteration anywhere where these begin to conduct. Rectifiers stop
+half way, and a transistor amplifier takes a third more evaluations.
 """
 
 from __future__ import annotations
@@ -55,20 +57,8 @@ def reduce_problem(problem: Problem) -> Problem:
     )
 
 
-def complete_problem(problem: Problem) -> Problem:
-    """Let a problem solve for its algebraic unknowns where it starts and in what it stores."""
-    reduction = _Reduction(problem)
-    own = slice(reduction.cut, reduction.n)
-    return replace(
-        problem,
-        complete=lambda t, z: reduction.complete(t, reduction.without(z), z[own]),
-        residual=reduction.residual,
-        constraints=reduction.residual_names,
-    )
-
-
 class _Reduction:
-    """What is common to both; it is mutable and belongs to one integration.
+    """The callables of a reduced problem; it is mutable and belongs to one integration.
 
     Attributes
     ----------
@@ -124,7 +114,7 @@ class _Reduction:
         self._follow(t, y)
         return self._algebraic.reduced(t, y)
 
-    def complete(self, t: float, w: FloatArray, guess: FloatArray | None = None) -> FloatArray:
+    def complete(self, t: float, w: FloatArray) -> FloatArray:
         """Give states, algebraic unknowns and the sensitivities of both.
 
         Raises
@@ -133,8 +123,6 @@ class _Reduction:
             As :meth:`Algebraic.solve`.
         """
         full = self.widened(w)
-        if guess is not None:
-            full[self.cut : self.n] = guess
         self._algebraic.solve(t, full[: self.n])
         self._completed = t
         self._z = full[self.cut : self.n].copy()

@@ -127,7 +127,7 @@ class _Run:
         evaluator.open_segment(start, end)
         # A jump of an input may leave the motion of the segment before off the constraints.
         self.z = evaluator.project(start, self.z)
-        self.z = evaluator.settle(start, self.z)
+        evaluator.settle(start, self.z)
         self._keep_start()
         self._derivative(start, self.z, "it cannot start")
         self._steps_unheld = 0

@@ -137,18 +137,15 @@ class Evaluator:
         except (SolveError, SingularSystemError):
             return z
 
-    def settle(self, t: float, z: FloatArray) -> FloatArray:
+    def settle(self, t: float, z: FloatArray) -> None:
         """Find the algebraic unknowns at the start of a segment, where they may jump.
-
-        They are in the result where the method integrates them too.
 
         Raises
         ------
         IntegrationStopError
             If they cannot be found.
         """
-        complete = self.complete(self._inside(t), z)
-        return complete if self.problem.n_algebraic else z
+        self.complete(self._inside(t), z)
 
     def complete(self, t: float, z: FloatArray) -> FloatArray:
         """Return what is stored in place of z; at a breakpoint, what holds at that very time.

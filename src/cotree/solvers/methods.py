@@ -39,8 +39,6 @@ class Method:
         Whether a step builds on those before.
     accepts_callable_inputs : bool
         Whether inputs may be Python callables.
-    takes_algebraic : bool
-        Whether it takes algebraic unknowns as they are; for others they are eliminated.
     """
 
     name: str
@@ -48,7 +46,6 @@ class Method:
     implicit: bool
     multistep: bool
     accepts_callable_inputs: bool
-    takes_algebraic: bool = False
 
 
 _ROWS = (
@@ -62,7 +59,7 @@ _ROWS = (
     Method("BDF", "scipy", True, True, True),
     Method("LSODA", "scipy", True, True, True),
     Method("cvode", "sundials", True, True, False),
-    Method("ida", "sundials", True, True, False, True),
+    Method("ida", "sundials", True, True, False),
 )
 
 METHODS: Mapping[str, Method] = {row.name: row for row in _ROWS}

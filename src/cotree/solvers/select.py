@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.solvers.algebraic import complete_problem, reduce_problem
+from cotree.solvers.algebraic import reduce_problem
 from cotree.solvers.evaluate import Evaluator, IntegrationStopError
-from cotree.solvers.methods import method_row, solver_for
+from cotree.solvers.methods import solver_for
 from cotree.solvers.problem import check_problem
 
 if TYPE_CHECKING:
@@ -65,14 +65,11 @@ def integrate(problem: Problem, method: str = "auto") -> Trajectory:
 
 
 def _solve(problem: Problem, method: str) -> Trajectory:
-    """Integrate, with algebraic unknowns as the method takes them."""
+    """Integrate, with algebraic unknowns eliminated."""
     if not problem.n_algebraic:
         return solver_for(method).solve(problem)
     check_problem(problem)
-    has_rates = problem.n_algebraic < problem.n_states
-    takes_them = method_row(method).takes_algebraic and has_rates
-    made_fit = complete_problem if takes_them else reduce_problem
-    trajectory = solver_for(method).solve(made_fit(problem))
+    trajectory = solver_for(method).solve(reduce_problem(problem))
     if trajectory.t.size == 0:  # they were not even found at the start
         return dataclasses.replace(trajectory, z=np.zeros((problem.size, 0)))
     return trajectory

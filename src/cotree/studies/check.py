@@ -7,7 +7,7 @@ each of them, and whether it is as small as rounding and integration errors allo
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -133,6 +133,7 @@ def check_sensitivities(
     parameters: Sequence[str] | None = None,
     t_end: float | None = None,
     values: Mapping[str, float] | None = None,
+    plain: Model | None = None,
 ) -> CheckReport:
     """Compare sensitivities with central finite differences over a range of step sizes.
 
@@ -146,6 +147,9 @@ def check_sensitivities(
         End of the runs, [s]; the scene's where absent.
     values : mapping of str to float, optional
         Parameter values in place of the scene's.
+    plain : Model, optional
+        The same scene compiled without sensitivities, for the differences: most of the runs, which
+        then take a fraction of the time.
 
     Returns
     -------
@@ -194,22 +198,49 @@ def check_sensitivities(
     probe = model.simulate(span, parameters=values, throw=True)
     method, end = probe.statistics.method, float(probe.t[-1])
     times = np.linspace(0.0, end, _N_TIMES)
-    tight, loose = (
-        Experiment(
-            model,
-            times,
-            {
-                "method": method,
-                "rtol": factor * _RTOL,
-                "atol": factor * _ATOL,
-                "parameters": values,
-            },
-        )
-        for factor in (1.0, _LOOSER)
+    own, differenced = (
+        tuple(_experiment(each, times, method, values, factor) for factor in (1.0, _LOOSER))
+        for each in (model, plain or model)
     )
-    reference, other = tight.run(), loose.run()
-    rows = tuple(_check(tight, name, reference, other) for name in names)
+    tight, loose = (run.run() for run in own)
+    runs = _Runs(differenced[0], tight, loose, tight, loose)
+    if plain is not None:
+        runs = replace(runs, tight=differenced[0].run(), loose=differenced[1].run())
+    rows = tuple(_check(runs, name) for name in names)
     return CheckReport(rows, end, method)
+
+
+@dataclass(frozen=True, eq=False)
+class _Runs:
+    """What is known before differences are formed.
+
+    Attributes
+    ----------
+    experiment : Experiment
+        What differences are formed with.
+    with_s, with_s_loose : Result
+        Runs with sensitivities, at the tolerances and at looser ones.
+    tight, loose : Result
+        The same of the experiment.
+    """
+
+    experiment: Experiment
+    with_s: Result
+    with_s_loose: Result
+    tight: Result
+    loose: Result
+
+
+def _experiment(
+    model: Model, times: Array, method: str, values: Mapping[str, float], factor: float
+) -> Experiment:
+    settings = {
+        "method": method,
+        "rtol": factor * _RTOL,
+        "atol": factor * _ATOL,
+        "parameters": values,
+    }
+    return Experiment(model, times, settings)
 
 
 def _checked_names(model: Model, parameters: Sequence[str] | None) -> tuple[str, ...]:
@@ -226,16 +257,19 @@ def _checked_names(model: Model, parameters: Sequence[str] | None) -> tuple[str,
     return names
 
 
-def _check(experiment: Experiment, name: str, tight: Result, loose: Result) -> ParameterCheck:
+def _check(runs: _Runs, name: str) -> ParameterCheck:
     """Check one sensitivity; arrays have the axes step, quantity, time."""
-    s, y = sensitivities(tight, name), quantities(tight)
-    size = experiment.size(name, tight)
+    experiment = runs.experiment
+    s, y = sensitivities(runs.with_s, name), quantities(runs.tight)
+    size = experiment.size(name, runs.tight)
     steps = np.array([size * relative for relative in _RELATIVE_STEPS])
     differences, refusal = _differences(experiment, name, steps, y.shape)
     deviations = np.max(np.abs(s - differences), axis=2)
     scale = np.maximum(_largest(s), _largest(y) / size)
-    s_error = np.maximum(_largest(s - sensitivities(loose, name)), _ATOL + _RTOL * _largest(s))
-    y_error = np.maximum(_largest(y - quantities(loose)), _ATOL + _RTOL * _largest(y))
+    s_error = np.maximum(
+        _largest(s - sensitivities(runs.with_s_loose, name)), _ATOL + _RTOL * _largest(s)
+    )
+    y_error = np.maximum(_largest(y - quantities(runs.loose)), _ATOL + _RTOL * _largest(y))
     tolerance = _ROUNDING * scale + s_error + y_error / _best_steps(differences, steps)
     least = _least(deviations)
     closest = int(np.argmax(np.nan_to_num(least / tolerance, nan=np.inf)))

@@ -1,0 +1,181 @@
+"""Roots of equations with exponentials from any guess, as circuit simulators find operating points.
+
+In: a program, and where its algebraic unknowns z are sought. Out: a guess close to a root, or
+none. The exponents w become unknowns of their own: g(z, exp(w)) = 0 and w = a(z). Where all else is
+linear, a Newton step then solves the network with each junction replaced by its tangent, wherever z
+leads; exp never sees what z would make of it. Two rules make that converge:
+
+1. A step that raises an exponent by more than a few units raises it by a logarithm instead, to
+   where the exponential has grown by what its tangent had promised: the limit of SPICE (pnjlim).
+2. Where that does not converge, exp(w) + c w stands in the place of exp(w), a conductance beside
+   each junction, and c is lowered step by step.
+
+See J. Albersmeyer and M. Diehl, The lifted Newton method, SIAM J. Optim. 20 (2010), and L. W.
+Nagel, SPICE2, Berkeley 1975.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.dag.derivative import tangents
+from cotree.dag.evaluate import evaluate
+from cotree.dag.traverse import dependent, reachable
+
+if TYPE_CHECKING:
+    from cotree.dag.nodes import Node
+    from cotree.program import Program
+
+Array = npt.NDArray[np.float64]
+
+#: Exponents rise by as much as this without a limit, and are forgotten beyond the other.
+_FREE, _FAR = 2.0, 40.0
+
+_MOST_STEPS, _SETTLED = 100, 1e-9
+
+#: Conductances beside junctions, in units of saturation current by thermal voltage: 1e15 times a
+#: current of 1e-15 A is that of a wire. The last one vanishes beside what is wanted of junctions.
+_LARGEST, _LEAST = 1e15, 1e-3
+_FACTORS = (1.05, 10.0, 1e3)
+
+
+@dataclass(frozen=True, eq=False)
+class Junctions:
+    """The algebraic equations of a program, as functions of unknowns and exponentials.
+
+    Attributes
+    ----------
+    equations : tuple of Node
+        What is to vanish, g.
+    unknowns : tuple of Node
+        Symbols of z.
+    exponentials : tuple of Node
+        Those that depend on z.
+    slopes : tuple of tuples of Node
+        Derivatives of g, then of the exponents, by z and by exponentials: a row for each of these.
+    """
+
+    equations: tuple[Node, ...]
+    unknowns: tuple[Node, ...]
+    exponentials: tuple[Node, ...]
+    slopes: tuple[tuple[Node, ...], ...]
+
+    @classmethod
+    def of(cls, program: Program) -> Junctions:
+        """Find the exponentials of a program and differentiate."""
+        dag, layout = program.dag, program.layout
+        n, cut = len(layout.states), len(layout.states) - layout.n_algebraic
+        equations = program.kernels["rhs"].results[cut:]
+        unknowns = tuple(dag.symbol("x", i) for i in range(cut, n))
+        order = reachable(equations)
+        moving = dependent(order, unknowns)
+        exponentials = tuple(node for node in order if node.op == "exp" and node in moving)
+        if not exponentials:
+            return cls(equations, unknowns, (), ())
+        held = dict.fromkeys(exponentials, dag.zero)
+        roots = [*equations, *(node.args[0] for node in exponentials)]
+        slopes = [
+            tangents(roots, {**held, symbol: dag.one}) for symbol in (*unknowns, *exponentials)
+        ]
+        return cls(equations, unknowns, exponentials, tuple(map(tuple, slopes)))
+
+    def at(self, t: float, y: Array, p: Array, u: Array) -> Point:
+        """Hold time, states, parameters and inputs."""
+        return Point(self, t, y, p, u)
+
+
+class Point:
+    """The equations at a time, states, parameters and inputs."""
+
+    def __init__(self, junctions: Junctions, t: float, y: Array, p: Array, u: Array) -> None:
+        self._n = len(junctions.unknowns)
+        self._free = (*junctions.unknowns, *junctions.exponentials)
+        exponents = [node.args[0] for node in junctions.exponentials]
+        slopes = [d for row in junctions.slopes for d in row]
+        roots = [*junctions.equations, *exponents, *slopes]
+        known: dict[str, Array] = {"t": np.array([t]), "x": y, "p": p, "u": u}
+        order = reachable(roots, stop=set(self._free))
+        values = {
+            node: float(known[node.data[0]][node.data[1]])
+            for node in order
+            if node.op == "symbol" and node not in self._free
+        }
+        moving = dependent(order, self._free)
+        # What does not depend on unknowns is evaluated once.
+        edge = {a for node in order if node in moving for a in node.args if a not in moving}
+        fixed = list(edge.union(roots) - moving)
+        self._values = values | dict(zip(fixed, evaluate(fixed, values), strict=True))
+        self._results = np.array([self._values.get(node, 0.0) for node in roots])
+        self._places = [i for i, node in enumerate(roots) if node in moving]
+        self._roots = [roots[i] for i in self._places]
+        self._order = reachable(self._roots, stop={*self._free, *self._values})
+
+    def search(self, z: Array) -> Array | None:
+        """Look for a root; give a point that Newton's method need only polish."""
+        m = len(self._free) - self._n
+        if not m:
+            return None
+        exponents = self._evaluate(z, np.ones(m))[0][self._n :]
+        w = np.where(np.abs(exponents) < _FAR, exponents, 0.0)
+        found = self._iterate(z, w, 0.0)
+        return self._lower(z, np.zeros(m)) if found is None else found[0]
+
+    def _lower(self, z: Array, w: Array) -> Array | None:
+        """Lower the conductance beside all junctions step by step, and leave it out at last."""
+        conductance, (least, factor, most) = _LARGEST, _FACTORS
+        while conductance > 0.0:
+            lower = conductance / factor if conductance > _LEAST else 0.0
+            found = self._iterate(z, w, lower)
+            if found is not None:
+                (z, w), conductance, factor = found, lower, min(factor**2, most)
+            elif factor < least:
+                return None
+            else:
+                factor **= 0.5
+        return z
+
+    def _iterate(self, z: Array, w: Array, conductance: float) -> tuple[Array, Array] | None:
+        """Take Newton steps in unknowns and exponents, the latter limited."""
+        n = self._n
+        for _ in range(_MOST_STEPS):
+            slope = np.exp(w) + conductance
+            values, matrix = self._evaluate(z, np.exp(w) + conductance * w)
+            matrix[:, n:] *= slope
+            matrix[n:, n:] -= np.eye(len(w))
+            values[n:] -= w
+            try:
+                step = -np.linalg.solve(matrix, values)
+            except np.linalg.LinAlgError:
+                return None
+            if not np.all(np.isfinite(step)):
+                return None
+            z, wanted = z + step[:n], w + step[n:]
+            limited = _limited(w, wanted)
+            is_settled = np.all(np.abs(step) <= _SETTLED * np.maximum(1.0, np.abs([*z, *wanted])))
+            if is_settled and np.array_equal(limited, wanted):
+                return z, wanted
+            w = limited
+        return None
+
+    def _evaluate(self, z: Array, e: Array) -> tuple[Array, Array]:
+        """Give equations and exponents, and their derivatives by unknowns and exponentials."""
+        size = len(z) + len(e)
+        values = self._values | dict(zip(self._free, [*z.tolist(), *e.tolist()], strict=True))
+        results = self._results.copy()
+        try:
+            results[self._places] = evaluate(self._roots, values, order=self._order)
+        except (ArithmeticError, ValueError):
+            results[self._places] = np.nan
+        return results[:size], results[size:].reshape(size, size).T.copy()
+
+
+def _limited(old: Array, wanted: Array) -> Array:
+    """Let exponents rise by the logarithm of what is wanted, from zero if they are below it."""
+    base = np.maximum(old, 0.0)
+    rise = np.maximum(wanted - base, 0.0)
+    result: Array = np.where(rise > _FREE, base + np.log1p(rise), wanted)
+    return result
