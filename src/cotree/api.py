@@ -267,9 +267,8 @@ class Model(CompiledModel):
         t_eval : array_like, shape (n_t,), optional
             Times to report; the solver's own steps where absent.
         method : str, optional
-            ``dopri5``, ``rkf45``, ``dop853`` (cotree's own, in C), ``RK45``, ``RK23``,
-            ``DOP853``, ``Radau``, ``BDF``, ``LSODA`` (SciPy), ``cvode``,
-            ``ida`` (SUNDIALS), or ``auto``.
+            ``dopri5``, ``rkf45``, ``dop853`` (cotree's own, in C), ``RK45``, ``RK23``, ``DOP853``,
+            ``Radau``, ``BDF``, ``LSODA`` (SciPy), ``cvode``, ``ida`` (SUNDIALS), or ``auto``.
         rtol, atol : float, optional
             Relative and absolute tolerance.
         parameters : mapping of str to float, optional
@@ -282,9 +281,8 @@ class Model(CompiledModel):
         error_test_sensitivities : bool
             Whether sensitivities take part in the error test.
         max_step : float, optional
-            Longest step, [s]; infinity for no limit. Where it is absent, a scene with sines of time
-            and laws that act for a part of a period, as diodes do, takes a 32nd of the shortest
-            period, so that no pulse is stepped over; others have no limit.
+            Longest step, [s]; infinity for no limit. The default is a 32nd of the shortest period
+            where sines of time drive laws that act for a part of it, as diodes do; else none.
         max_steps, time_limit : int and float, optional
             Budgets of steps and of seconds.
         throw : bool

@@ -134,7 +134,9 @@ def run_scene(
     t_end: EndTime = None,
     method: Annotated[
         str | None,
-        typer.Option(help="dopri5, rkf45, dop853, RK45, RK23, DOP853, Radau, BDF, LSODA, cvode, ida or auto."),
+        typer.Option(
+            help="dopri5, rkf45, dop853, RK45, RK23, DOP853, Radau, BDF, LSODA, cvode, ida or auto."
+        ),
     ] = None,
     rtol: Annotated[float | None, typer.Option(help="Relative tolerance.")] = None,
     atol: Annotated[float | None, typer.Option(help="Absolute tolerance.")] = None,
