@@ -56,7 +56,9 @@ def test_the_best_of_all_trees_with_one_edge_of_each_pair(seed):
     apart = {name: (f"{name}+", f"{name}-") for name in names}
     apart |= {second: apart[first] for first, second in pairs}
     costs = {name: rng.randint(0, 3) for name in names}
-    preferred = {name: cost - 100 * any(name in pair for pair in pairs) for name, cost in costs.items()}
+    preferred = {
+        name: cost - 100 * any(name in pair for pair in pairs) for name, cost in costs.items()
+    }
     found = common_forest(Contracted(ends), Contracted(apart), preferred)
     possible = [
         names

@@ -105,7 +105,9 @@ def _weight(port: Port) -> float:
         return _NEVER
     if port.kind is Kind.SPRING and not is_linear_spring:
         return _NEVER
-    own = float(port.kind.value)
+    # Ports of gyrators are no better branches than dissipators: a choice that gains nothing by
+    # them is found at once.
+    own = float((Kind.DISSIPATOR if port.kind is Kind.COUPLED else port.kind).value)
     row, initial = DOMAINS[port.terminal.domain], port.initial
     if port.kind is Kind.ACROSS_STORAGE and row.across_symbol in initial:
         return own - 0.25  # a branch

@@ -275,6 +275,12 @@ class Terminals:
 
 
 def _higher_index(port: Port) -> FormulationError:
+    if port.kind in (Kind.ACROSS_STORAGE, Kind.THROUGH_STORAGE):
+        why = "sources, gyrators or others of its like give its rate of change, which would have to"
+        return FormulationError(
+            f"the equations of storage '{port.name}' have a higher index than can be solved: {why} "
+            "be differentiated once more; put a resistance beside it or in series with it"
+        )
     return FormulationError(
         f"the equations of '{port.name}' have a higher index than can be solved: a storage is tied "
         "to its nonlinear law so that the law's rate of change would be needed; put a resistance "
