@@ -235,7 +235,7 @@ class CoupledTrees:
         self, across: Contracted, known: Collection[str], pairs: Sequence[tuple[str, str]]
     ) -> dict[str, int]:
         """Give the costs of what may become branches; one port of each pair must."""
-        must = (len(self.ends) + 1) * max(map(abs, self.costs.values()))
+        must = 1 + sum(map(abs, self.costs.values()))
         costs = {name: self.costs[name] - must for pair in pairs for name in pair}
         rest = [name for name in self.costs if name not in known and name not in costs]
         # Ports displace only the heavier of a circuit: what is none of the lightest forest is

@@ -100,10 +100,7 @@ def _weight(port: Port) -> float:
     """Order the kinds; among its like, a storage with an initial value keeps its state."""
     if port.is_coupling:
         return _NEVER
-    is_linear_spring = port.kind is Kind.SPRING and port.terminal.storage is not None
     if port.kind in (Kind.THROUGH_SOURCE, Kind.NULLATOR, Kind.NORATOR):
-        return _NEVER
-    if port.kind is Kind.SPRING and not is_linear_spring:
         return _NEVER
     # Ports of gyrators are no better branches than dissipators: a choice that gains nothing by
     # them is found at once.
@@ -113,8 +110,13 @@ def _weight(port: Port) -> float:
         return own - 0.25  # a branch
     if port.kind is Kind.THROUGH_STORAGE and row.through_symbol in initial:
         return own + 0.25  # a chord
-    if port.kind is Kind.SPRING and row.stretch in initial:
-        return own + 0.25
+    if port.kind is Kind.SPRING:
+        law = port.terminal.through
+        if law is None or "across" in law.arguments:
+            return _NEVER
+        # The stretch of a nonlinear one would be the unknown of an equation.
+        is_linear = port.terminal.storage is not None
+        return own + 0.25 * (row.stretch in initial) + 0.5 * (not is_linear)
     # Unknowns of nonlinear equations are better the junctions' own voltages.
     is_implicit = port.kind is Kind.DISSIPATOR and port.terminal.across is None
     return own - (0.25 if is_implicit else 0.0)
