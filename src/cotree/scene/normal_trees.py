@@ -9,8 +9,8 @@ their inputs, cutsets one with their outputs; all else is in both or in none.
 
 A network of sources, positive resistances, storages, transformers and gyrators with one solution
 has such a tree: its determinant is a sum of squares, one for each choice of the other branches,
-and such a square vanishes unless ports can be added to them to make a tree (A. Recski, Matroid
-Theory and its Applications, 1989, chapter 6).
+and such a square vanishes unless ports can be added to them to make a tree (compare A.
+Recski, Matroid Theory and its Applications, 1989).
 """
 
 from __future__ import annotations
