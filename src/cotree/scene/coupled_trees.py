@@ -31,6 +31,9 @@ _EXCESS = {Kind.ACROSS_STORAGE: -1, Kind.THROUGH_STORAGE: 1, Kind.SPRING: 1}
 # Weights are multiples of a quarter, and less than sixteen.
 _UNIT, _MOST = 4, 64
 
+# A hundred gyrators tied to each other take a few thousand choices; the search has no bound.
+_MOST_TRIED = 20_000
+
 
 @dataclass(frozen=True)
 class _Couple:
@@ -158,6 +161,12 @@ class CoupledTrees:
             if not broken:
                 return best.branches
             made = self._either_way(best, broken)
+            if next(order) > _MOST_TRIED:
+                names = dict.fromkeys(self.ports[couple.ports[0]].edge.name for couple in broken)
+                raise TopologyError(
+                    f"the branches of {listed(names)} take too long to choose: more gyrators are "
+                    "tied to each other than can be tried; put a resistance or a storage between"
+                )
         names = dict.fromkeys(self.ports[couple.ports[0]].edge.name for couple in self.couples)
         raise TopologyError(
             f"the ports of {listed(names)} cannot be one branch and one chord: they are tied to "
