@@ -50,19 +50,30 @@ def engine_files(name: str, n: int | None) -> Mapping[str, str]:
     Returns
     -------
     mapping of str to str
-        Text by file name: headers, and one C file.
+        Text by file name.
     """
     files = dict(integrator_files(name))
     for end in (".h", ".c"):
         path = f"cotree_history{end}"
         files[path] = render(f"{_FOLDER}/{path}.jinja", **_COMMON)
+    files |= run_files()
     headers = {path: text for path, text in files.items() if path.endswith(".h")}
     headers["cotree_abi.h"] = render("c/cotree_abi.h.jinja", abi_version=ABI_VERSION, **_COMMON)
     headers["cotree_job.h"] = render("c/engine/cotree_job.h.jinja", **_COMMON)
     job = render("c/engine/explicit_job.c.jinja", method=TABLEAUS[name], **_COMMON)
-    parts = [files["cotree_history.c"], files[f"cotree_{name}.c"], job]
+    parts = [*(files[f"cotree_{part}.c"] for part in ("history", name)), job]
     known = [] if n is None else [f"#define COTREE_N {n}"]
-    return {**headers, "engine.c": "\n".join([*known, *parts])}
+    return {
+        **headers,
+        "cotree_run.c": files["cotree_run.c"],
+        "engine.c": "\n".join([*known, *parts]),
+    }
+
+
+def run_files() -> Mapping[str, str]:
+    """Write what makes a model an equation for integrators, the same for every model."""
+    names = ("cotree_run.h", "cotree_run.c")
+    return {name: render(f"c/run/{name}.jinja", **_COMMON) for name in names}
 
 
 def sweep_files() -> Mapping[str, str]:
@@ -83,10 +94,10 @@ def sweep_declarations(files: Mapping[str, str]) -> str:
 
 def job_declarations(files: Mapping[str, str]) -> str:
     """Give the declarations that cffi reads, from an engine's headers."""
-    return (
-        declared(files["cotree_abi.h"])
-        + declared(files["cotree_job.h"])
-        + ("size_t cotree_job_memory(int n);\nint cotree_job_run(cotree_job *, long);\n")
+    headers = ("cotree_abi.h", "cotree_run.h", "cotree_job.h")
+    return "".join(declared(files[name]) for name in headers) + (
+        "size_t cotree_job_memory(const cotree_model *, int);\n"
+        "int cotree_job_run(cotree_job *, long);\n"
     )
 
 
