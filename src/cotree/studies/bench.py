@@ -124,10 +124,10 @@ def bench(
         raise ParameterError(f"repeats is {repeats}: give 1 or more")
     limit = check_number(time_limit, "time_limit")
     tell = progress or (lambda text: None)
+    model = _model(source, sensitivities, tree)
     with warnings.catch_warnings():
         # What a run warns of stands in its row.
         warnings.simplefilter("ignore", RuntimeWarning)
-        model = _model(source, sensitivities, tree)
         runner = _Runner(model, t_end, dict(values or {}), limit)
         tell("a reference")
         reference = runner.reference()
@@ -235,15 +235,22 @@ def _try_all(
 
 
 def _try(runner: _Runner, trial: _Trial, reference: Reference) -> None:
-    try:
-        result = runner.run(trial.method, trial.rtol, trial.atol)
-    except Error as error:
-        trial.message = str(error)
+    result = _attempt(runner, trial)
+    if result is None:
         return
     trial.statistics, trial.status = result.statistics, result.status
     trial.message = result.message
     if result.success:
         trial.errors = reference.solution.distance(result)
+
+
+def _attempt(runner: _Runner, trial: _Trial) -> Result | None:
+    """Run; whatever a method raises becomes its message, since the others are to go on."""
+    try:
+        return runner.run(trial.method, trial.rtol, trial.atol)
+    except (Error, ArithmeticError, ValueError, RuntimeError) as error:
+        trial.status, trial.message = -1, str(error) or type(error).__name__
+    return None
 
 
 def _time_all(
@@ -253,22 +260,24 @@ def _time_all(
     for k in range(repeats):
         tell(f"times, {k + 1} of {repeats}")
         for trial in trials:
-            if trial.status == 0 and sum(trial.seconds) < runner.time_limit:
-                start = time.perf_counter()
-                result = runner.run(trial.method, trial.rtol, trial.atol)
-                seconds = time.perf_counter() - start
-                if result.success:
-                    trial.seconds.append(seconds)
-                elif not trial.seconds:
-                    # It was just below the limit before.
-                    trial.status, trial.message = result.status, result.message
+            if trial.status != 0 or sum(trial.seconds) > runner.time_limit:
+                continue
+            start = time.perf_counter()
+            result = _attempt(runner, trial)
+            seconds = time.perf_counter() - start
+            if result is not None and result.success:
+                trial.seconds.append(seconds)
+            elif result is not None and not trial.seconds:
+                # It was just below the limit before.
+                trial.status, trial.message = result.status, result.message
 
 
 def _model(
     source: str | Path | Scene | Model, sensitivities: Sequence[str], tree: TreeChoice
 ) -> Model:
     if isinstance(source, Model):
-        if sensitivities and tuple(sensitivities) != source.sensitivities:
+        names = (sensitivities,) if isinstance(sensitivities, str) else tuple(sensitivities)
+        if names and names != source.sensitivities:
             raise ParameterError(
                 "a compiled model has the sensitivities that it was compiled with, "
                 f"{list(source.sensitivities)}: give the scene, or no others"
