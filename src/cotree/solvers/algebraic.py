@@ -12,7 +12,7 @@ Either way every stored value is a solution of the equations to rounding.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,7 +22,8 @@ from cotree.model.algebraic import Algebraic, UnsolvedError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from cotree.solvers.problem import FloatArray, Problem
+    from cotree.program.program import EventQuantity
+    from cotree.solvers.problem import Events, FloatArray, Problem
 
 #: How many solutions are remembered as guesses, and how many of them are tried.
 _REMEMBERED, _NEAREST = 200, 3
@@ -52,6 +53,7 @@ def reduce_problem(problem: Problem) -> Problem:
         complete=reduction.complete,
         residual=reduction.residual,
         constraints=reduction.residual_names,
+        events=reduction.events(reduction.complete, reduction.without),
     )
 
 
@@ -59,12 +61,42 @@ def complete_problem(problem: Problem) -> Problem:
     """Let a problem solve for its algebraic unknowns where it starts and in what it stores."""
     reduction = _Reduction(problem)
     own = slice(reduction.cut, reduction.n)
+
+    def complete(t: float, z: FloatArray) -> FloatArray:
+        return reduction.complete(t, reduction.without(z), z[own])
+
     return replace(
         problem,
-        complete=lambda t, z: reduction.complete(t, reduction.without(z), z[own]),
+        complete=complete,
         residual=reduction.residual,
         constraints=reduction.residual_names,
+        events=reduction.events(complete, lambda z: z),
     )
+
+
+@dataclass(frozen=True)
+class _CompletedEvents:
+    """Events of a problem that does not integrate its algebraic unknowns as they are stored."""
+
+    inner: Events
+    complete: Callable[[float, FloatArray], FloatArray]
+    integrated: Callable[[FloatArray], FloatArray]
+
+    @property
+    def rows(self) -> tuple[EventQuantity, ...]:
+        return self.inner.rows
+
+    def values(self, t: float, z: FloatArray) -> FloatArray:
+        return self.inner.values(t, self.complete(t, z))
+
+    def rates(self, t: float, z: FloatArray) -> FloatArray:
+        return self.inner.rates(t, self.complete(t, z))
+
+    def apply(
+        self, i: int, t: float, z: FloatArray, time_sensitivity: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        after, t_p = self.inner.apply(i, t, self.complete(t, z), time_sensitivity)
+        return self.integrated(after), t_p
 
 
 class _Reduction:
@@ -89,6 +121,15 @@ class _Reduction:
         self._found: deque[tuple[float, FloatArray]] = deque(maxlen=_REMEMBERED)
         self._completed = float(problem.t_span[0])
         self.residual_names = (*problem.constraints, *names[self.cut :])
+
+    def events(
+        self,
+        complete: Callable[[float, FloatArray], FloatArray],
+        integrated: Callable[[FloatArray], FloatArray],
+    ) -> Events | None:
+        """Give the problem's events as functions of what is integrated."""
+        inner = self._problem.events
+        return None if inner is None else _CompletedEvents(inner, complete, integrated)
 
     def without(self, full: FloatArray) -> FloatArray:
         """Leave the algebraic unknowns and their sensitivities out."""
