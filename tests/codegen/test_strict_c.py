@@ -116,7 +116,8 @@ int main(void)
     const cotree_model *m = %(prefix)s_abi();
     const int n = m->n_states, ns = n * m->n_sensitivities;
     const int ny = m->n_outputs, nys = ny * m->n_sensitivities;
-    double *x = array(n), *s = array(ns > n ? ns : n), *u = array(m->n_inputs), *p = array(m->n_parameters);
+    double *x = array(n), *s = array(ns > n ? ns : n);
+    double *u = array(m->n_inputs), *p = array(m->n_parameters);
     double *k = array(m->n_prepared), *dx = array(n), *ds = array(ns), *dz = array(n + ns);
     double *values = array(m->n_nonzeros), *y = array(ny), *dy = array(nys);
     double *x0 = array(n), *s0 = array(ns), *u0 = array(m->n_inputs);
