@@ -97,7 +97,8 @@ class ModelEvents:
         targets = list(row.targets)
         before, rates = self._derivatives(t, y)
         after = y.copy()
-        after[targets] = self._jumps(t, y, z[self._n :], self._u(t))[own]
+        if targets:
+            after[targets] = self._jumps(t, y, z[self._n :], self._u(t))[own]
         moved = s.copy()
         t_p = np.zeros(self._m) if time_sensitivity is None else time_sensitivity
         if self._m:
