@@ -490,3 +490,19 @@ stop = false
         path.write_text(f"{text}\n{wrong}\n")
         with pytest.raises(SceneError, match=message):
             cotree.load(path)
+
+
+def test_the_shipped_ball_comes_to_rest(method):
+    model = cotree.load("bouncing-ball").compile(["e", "h"])
+    result = model.simulate(method=method, rtol=1e-10, atol=1e-12)
+    speed, e = np.sqrt(2 * 9.81 * 2.0), 0.8
+    n = int(np.ceil(np.log(0.5 / speed) / np.log(e)))  # the first that leaves less than 0.5 m/s
+    end = (speed + 2 * speed * sum(e**k for k in range(1, n))) / 9.81
+    assert result.success
+    assert result["bounces"][-1] == n == len(result.events["hit"].t)
+    np.testing.assert_allclose(result.events["hit"].t[-1], end, atol=1e-7)
+    np.testing.assert_allclose(result.y[:2, -1], 0.0, atol=1e-9)
+    slope = end / (2 * 2.0)  # times grow with the square root of the height
+    np.testing.assert_allclose(result.event_sensitivity("hit", "h")[-1], slope, atol=1e-7)
+    # Where it lies, nothing depends on how it came there.
+    np.testing.assert_allclose(result.s[:2, :, -1], 0.0, atol=1e-7)
