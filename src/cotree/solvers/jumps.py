@@ -15,10 +15,10 @@ import numpy as np
 
 from cotree.errors import ParameterError, SolveError
 from cotree.model.algebraic import solve_start
-from cotree.model.start import consistent_start
+from cotree.model.start import Start, consistent_start
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from cotree.model.model import CompiledModel
     from cotree.program.program import EventQuantity
@@ -36,13 +36,19 @@ class ModelEvents:
         Its parameters.
     u : callable
         ``u(t)`` gives the inputs, shape (n_inputs,), or None for the model's own.
+    is_held : bool
+        Whether what is set is to satisfy the constraints at once, as all of the run does.
     """
 
     def __init__(
-        self, model: CompiledModel, p: FloatArray, u: Callable[[float], FloatArray | None]
+        self,
+        model: CompiledModel,
+        p: FloatArray,
+        u: Callable[[float], FloatArray | None],
+        is_held: bool,
     ) -> None:
         self.rows: tuple[EventQuantity, ...] = model.layout.events
-        self._model, self._p, self._u = model, p, u
+        self._model, self._p, self._u, self._is_held = model, p, u, is_held
         self._n, self._m = len(model.states), len(model.sensitivities)
         self._cut = self._n - model.layout.n_algebraic
         self._values = model.bound("events", p)
@@ -139,7 +145,7 @@ class ModelEvents:
         n_speeds = self._model.layout.n_speeds if row.is_impact else 0
         kept = row.targets[: len(row.targets) - n_speeds]
         try:
-            start = consistent_start(self._model, t, self._p, y, s.T, kept)
+            start = self._consistent(t, y, s, kept)
         except ParameterError as error:
             raise SolveError(
                 f"what event '{row.name}' sets contradicts the constraints ({error})"
@@ -156,5 +162,10 @@ class ModelEvents:
         after = self._rhs(t, y, np.zeros(0), self._u(t)).copy()
         s = s + np.outer(t_p, moving - after)
         s[:, self._cut :] = 0.0
-        held = consistent_start(self._model, t, self._p, y, s.T, kept)
+        held = self._consistent(t, y, s, kept)
         return y, solve_start(self._model, t, self._p, self._u(t), y, held.s)[1].T
+
+    def _consistent(self, t: float, y: FloatArray, s: FloatArray, kept: Sequence[int]) -> Start:
+        if not self._is_held:
+            return Start(y, s.T)
+        return consistent_start(self._model, t, self._p, y, s.T, kept)

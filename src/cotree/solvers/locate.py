@@ -221,9 +221,9 @@ class Locator:
             z = self._repeated(start, t, end)
         else:
             z = stepper.interpolate(t)
-        if self._has_algebraic:
-            return Located(t, z, stepper)  # IDA's own polynomial, whose root this is
         found = Located(t, self._evaluator.project(t, z), stepper)
+        if self._has_algebraic:
+            return found  # IDA's own polynomial, whose root this is
         exact = self._improved(found, i, side, (start[0], end), band)
         if exact is not None:
             return exact

@@ -119,7 +119,7 @@ def simulate(
         n_algebraic=model.layout.n_algebraic,
         state_rhs=_state_rhs(model, p, u),
         sparse_jacobian=_sparse_jacobian(model, p, u),
-        events=ModelEvents(model, p, u) if model.layout.events else None,
+        events=ModelEvents(model, p, u, is_held) if model.layout.events else None,
     )
     method = settings.method
     if method == "auto" and signals.has_function:
