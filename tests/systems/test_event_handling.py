@@ -148,9 +148,23 @@ def test_events_that_make_each_other_happen_without_end_stop():
     scene = rail(s=1.0)
     scene.mode("on", -1)
     scene.event("low", "j.s - 0.5", direction=-1, set={"on": 1})
-    scene.event("flip", "on", set={"on": "-on"})
+    scene.event("flip", "on", direction=1, set={"on": -1})
+    scene.event("flop", "on", direction=-1, set={"on": 1})
     result = scene.compile().simulate((0, 1), method="DOP853")
-    assert "'flip' make each other happen without end" in result.message
+    assert "'flip', 'flop' make each other happen without end" in result.message
+
+
+def test_what_lies_at_zero_has_passed_it():
+    """A ball that bounces comes up from below zero, if by nothing."""
+    scene = ball(s=2.0)
+    scene.mode("n", 0)
+    scene.event("up", "j.s", direction=1, set={"n": "n + 1"})
+    result = scene.compile(["e"]).simulate((0, 2), method="DOP853", **TIGHT)
+    np.testing.assert_array_equal(result.events["up"].t, result.events["hit"].t)
+    assert result["n"][-1] == 2.0
+    np.testing.assert_array_equal(
+        result.event_sensitivity("up", "e"), result.event_sensitivity("hit", "e")
+    )
 
 
 def test_the_first_of_two_that_turns_the_motion_round_is_enough():
@@ -506,3 +520,31 @@ def test_the_shipped_ball_comes_to_rest(method):
     np.testing.assert_allclose(result.event_sensitivity("hit", "h")[-1], slope, atol=1e-7)
     # Where it lies, nothing depends on how it came there.
     np.testing.assert_allclose(result.s[:2, :, -1], 0.0, atol=1e-7)
+
+
+def test_crossings_that_only_time_decides_are_not_stepped_over(method):
+    """Nothing else moves, so that only the sine's period, and the jumps of mod, bound the steps."""
+    scene = rail(gravity=0.0, s=0.0)
+    scene.mode("n", 0)
+    scene.mode("k", 0)
+    scene.input("wave", "sin(2*pi*3*t + 0.1)")
+    scene.event("wave_up", "wave", direction=1, set={"n": "n + 1"})
+    scene.event("tick", "mod(t, 0.25) - 0.2", direction=1, set={"k": "k + 1"})
+    result = scene.compile().simulate((0, 10), method=method, **TIGHT)
+    exact = np.arange(1, 31) / 3 - 0.1 / (6 * np.pi)
+    np.testing.assert_allclose(result.events["wave_up"].t, exact, atol=1e-12)
+    np.testing.assert_allclose(result.events["tick"].t, 0.25 * np.arange(40) + 0.2, atol=1e-12)
+    assert (result["n"][-1], result["k"][-1]) == (30.0, 40.0)
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_a_relay_that_chatters_stops_with_a_message():
+    """With friction against the motion, switched by its own speed, v = 0 is held by chatter."""
+    scene = rail(gravity=0.0, force="-u", s=0.0, s_dot=1.0)
+    scene.mode("u", 2)
+    scene.event("back", "j.s_dot", direction=-1, set={"u": -2})
+    scene.event("forth", "j.s_dot", direction=1, set={"u": 2})
+    result = scene.compile().simulate((0, 1), method="DOP853")
+    assert result.status == -1
+    message = "events 'back', 'forth' make each other happen without end at t = 0.5: let a mode"
+    assert message in result.message

@@ -74,8 +74,11 @@ def lower(equations: Equations) -> Program:
         layout,
         {name: Kernel(spec, tuple(results[name]), {}) for name, spec in KERNELS.items()},
         equations.guards,
-        _of_time(equations, rates, find_stops),
-        _of_time(equations, rates, find_longest_steps) if acts_in_part(rates) else {},
+        _of_time(equations, [*rates, *results["events"]], find_stops),
+        # A long step would pass over what events look at, too, where it is driven by a sine.
+        _of_time(equations, [*rates, *results["events"]], find_longest_steps)
+        if acts_in_part(rates) or results["events"]
+        else {},
     )
 
 

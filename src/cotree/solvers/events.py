@@ -33,7 +33,7 @@ _STILL = 1e-10
 # A crossing less deep than this many times the tolerance may as well not take place.
 _GRAZING = 10.0
 
-# So many events within this share of the span are too many.
+# So many of one event within this share of the span are too many.
 _CROWD, _CROWDED = 100, 1e-9
 
 # Intervals that shrink by one ratio, within this share, so often in a row, are a geometric series;
@@ -99,8 +99,7 @@ class Watch:
         self._largest = np.zeros(n)
         #: The largest value since anything happened: what the tolerance is relative to.
         self._flight = np.zeros(n)
-        self._crowd: deque[float] = deque(maxlen=_CROWD)
-        self._times: list[deque[float]] = [deque(maxlen=_IN_A_ROW + 1) for _ in range(n)]
+        self._times: list[deque[float]] = [deque(maxlen=_CROWD) for _ in range(n)]
 
     def begin(self, t: float, z: FloatArray) -> FloatArray:
         """Look at the start of a run: what passes through zero just then happens."""
@@ -229,52 +228,58 @@ class Watch:
         fired: list[int] = []
         speed = np.abs(self._events.rates(t, z))
         t_p: FloatArray | None = None
+        if events:  # what is at zero passes it, whether it is an event in that direction or not
+            passing = np.abs(self._events.values(t, z)) <= self._band
+            self._side = np.where(passing, way, self._side)
         for i in events:
             if fired and not self._events.rates(t, z)[i] * way[i] > 0.0:
                 continue  # another one turned it round
             z, t_p = self._fire(i, t, z, None)
             fired.append(i)
+            self._side[i] = self._sides(t, z, fired, speed)[i]
         for _ in range(_MOST_ROUNDS):
-            g = self._events.values(t, z)
-            self._note(g)
-            sign = np.where(np.abs(g) > self._band, np.sign(g), 0.0)
-            jumped = (sign * self._side < 0.0) & (
-                (self._direction == 0) | (self._direction == sign)
-            )
-            # What lies at zero within the tolerance has only just passed it.
-            jumped[[i for i in fired if abs(g[i]) <= self._tolerance[i]]] = False
-            self._side = np.where(sign != 0.0, sign, self._side)
-            if not np.any(jumped):
+            side = self._sides(t, z, fired, speed)
+            crossed = side * self._side < 0.0
+            crossed &= (self._direction == 0) | (self._direction == side)
+            self._side = np.where(crossed, self._side, side)
+            if not np.any(crossed):
                 break
-            i = int(np.flatnonzero(jumped)[0])
+            i = int(np.flatnonzero(crossed)[0])
             # Its time is that of the event before, or of a breakpoint.
             fixed = np.zeros(self._evaluator.problem.n_sensitivities) if t_p is None else t_p
             z, t_p = self._fire(i, t, z, fixed)
             fired.append(i)
+            self._side[i] = self._sides(t, z, fired, speed)[i]
         else:
             names = ", ".join(f"'{self._events.rows[i].name}'" for i in sorted(set(fired)))
-            raise IntegrationStopError(FAILED, f"events {names} make each other happen without end")
-        self._g = g
+            raise IntegrationStopError(
+                FAILED,
+                f"events {names} make each other happen without end at t = {t:.10g}: let a mode "
+                "hold what chatters",
+            )
+        for i in fired:
+            self._check_rest(i, t, z, way[i], speed[i])
         if fired:
-            self._arm(t, z, fired, speed, way)
+            self._flight = np.abs(self._g)
         return z
 
-    def _arm(
-        self, t: float, z: FloatArray, fired: list[int], speed: FloatArray, way: FloatArray
-    ) -> None:
-        """Say on which side of zero each value is after events, and forget the flight before."""
+    def _sides(self, t: float, z: FloatArray, fired: list[int], speed: FloatArray) -> FloatArray:
+        """Say on which side of zero values are, those at zero by where they move."""
+        self._look(t, z)
         rates = self._events.rates(t, z)
-        for i in range(len(self._g)):
-            near = self._tolerance[i] if i in fired else self._band[i]
-            if abs(self._g[i]) > near:
-                self._side[i] = np.sign(self._g[i])
-                continue
-            self._side[i] = np.sign(rates[i]) if abs(rates[i]) > _STILL * speed[i] else 0.0
-            if i in fired and self._side[i] == 0.0 and not self.stopped:
-                bend = self._bend(t, z)[i]
-                if bend * way[i] > 0.0 and abs(bend) * self._span > _STILL * speed[i]:
-                    self._refuse_rest(i, t)
-        self._flight = np.abs(self._g)
+        moving = np.where(np.abs(rates) > _STILL * speed, np.sign(rates), 0.0)
+        near = self._band
+        near[fired] = np.maximum(near, self._tolerance)[fired]
+        found: FloatArray = np.where(np.abs(self._g) > near, np.sign(self._g), moving)
+        return found
+
+    def _check_rest(self, i: int, t: float, z: FloatArray, way: float, speed: float) -> None:
+        """Refuse what is left at zero without a speed, but pushed on through it."""
+        if self._side[i] != 0.0 or self.stopped:
+            return
+        bend = self._bend(t, z)[i]
+        if bend * way > 0.0 and abs(bend) * self._span > _STILL * speed:
+            self._refuse_rest(i, t)
 
     def _fire(
         self, i: int, t: float, z: FloatArray, t_p: FloatArray | None
@@ -337,12 +342,12 @@ class Watch:
 
     def _count(self, i: int, t: float) -> None:
         """Refuse events that accumulate."""
-        self._times[i].append(t)
-        self._crowd.append(t)
+        times = self._times[i]
+        times.append(t)
         self._refuse_series(i, t, _IN_A_ROW, _LEFT * self._span)
-        if len(self._crowd) == _CROWD and t - self._crowd[0] <= _CROWDED * self._span:
+        if len(times) == _CROWD and t - times[0] <= _CROWDED * self._span:
             raise IntegrationStopError(
                 FAILED,
-                f"{_CROWD} events, '{self._events.rows[i].name}' the last, happen within "
-                f"{t - self._crowd[0]:.3g} s before t = {t:.10g}: they accumulate",
+                f"event '{self._events.rows[i].name}' happened {_CROWD} times within "
+                f"{t - times[0]:.3g} s before t = {t:.10g}: let a mode hold what chatters",
             )
