@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 if TYPE_CHECKING:
+    from cotree.solvers.events import Occurrence
     from cotree.solvers.problem import FloatArray, Problem
 
 
@@ -82,6 +83,8 @@ class Trajectory:
         Work done.
     drift : Drift or None
         How well the constraints are held; None where there are none.
+    events : tuple of Occurrence
+        The events that happened, in order.
     """
 
     t: FloatArray
@@ -90,6 +93,7 @@ class Trajectory:
     message: str
     statistics: Statistics
     drift: Drift | None = None
+    events: tuple[Occurrence, ...] = ()
 
 
 class Solver(Protocol):
