@@ -142,7 +142,8 @@ def run_scene(
     method: Annotated[
         str | None,
         typer.Option(
-            help="dopri5, rkf45, dop853, RK45, RK23, DOP853, Radau, BDF, LSODA, cvode, ida or auto."
+            help="dopri5, rkf45, dop853, rodas4, RK45, RK23, DOP853, Radau, BDF, LSODA, cvode, "
+            "ida or auto."
         ),
     ] = None,
     rtol: Annotated[float | None, typer.Option(help="Relative tolerance.")] = None,

@@ -5,13 +5,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cotree.codegen.render import declared, render
-from cotree.codegen.tableaus import TABLEAUS
+from cotree.codegen.rosenbrock import ROSENBROCK, RosenbrockTableau
+from cotree.codegen.tableaus import TABLEAUS, Tableau
 from cotree.version import ABI_VERSION, VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
 _FOLDER = "c/integrators"
+
+#: Every integrator, by name.
+INTEGRATORS: dict[str, Tableau | RosenbrockTableau] = {**TABLEAUS, **ROSENBROCK}
 
 
 def integrator_files(name: str) -> Mapping[str, str]:
@@ -20,32 +24,36 @@ def integrator_files(name: str) -> Mapping[str, str]:
     Parameters
     ----------
     name : str
-        A name in ``TABLEAUS``.
+        A name in ``INTEGRATORS``.
 
     Returns
     -------
     mapping of str to str
         Text by file name.
     """
+    method = INTEGRATORS[name]
     files = {
         f"cotree_integrator{end}": render(f"{_FOLDER}/cotree_integrator{end}.jinja", **_COMMON)
         for end in (".h", ".c")
     }
     for end in (".h", ".c"):
-        text = render(f"{_FOLDER}/explicit{end}.jinja", method=TABLEAUS[name], **_COMMON)
+        kind = "rosenbrock" if method.is_implicit else "explicit"
+        text = render(f"{_FOLDER}/{kind}{end}.jinja", method=method, **_COMMON)
         files[f"cotree_{name}{end}"] = text
     return files
 
 
-def engine_files(name: str, n: int | None) -> Mapping[str, str]:
+def engine_files(name: str, n: int | None, block: int) -> Mapping[str, str]:
     """Write an integrator for a number of equations, with a job that it runs.
 
     Parameters
     ----------
     name : str
-        A name in ``TABLEAUS``.
+        A name in ``INTEGRATORS``.
     n : int or None
         Number of equations; None leaves it to run time.
+    block : int
+        How many of these are states.
 
     Returns
     -------
@@ -60,9 +68,9 @@ def engine_files(name: str, n: int | None) -> Mapping[str, str]:
     headers = {path: text for path, text in files.items() if path.endswith(".h")}
     headers["cotree_abi.h"] = render("c/cotree_abi.h.jinja", abi_version=ABI_VERSION, **_COMMON)
     headers["cotree_job.h"] = render("c/engine/cotree_job.h.jinja", **_COMMON)
-    job = render("c/engine/explicit_job.c.jinja", method=TABLEAUS[name], **_COMMON)
+    job = render("c/engine/cotree_job.c.jinja", method=INTEGRATORS[name], **_COMMON)
     parts = [*(files[f"cotree_{part}.c"] for part in ("history", name)), job]
-    known = [] if n is None else [f"#define COTREE_N {n}"]
+    known = [] if n is None else [f"#define COTREE_N {n}", f"#define COTREE_BLOCK {block}"]
     return {
         **headers,
         "cotree_run.c": files["cotree_run.c"],

@@ -39,6 +39,8 @@ class RosenbrockTableau:
     couplings: tuple[tuple[str, ...], ...]
     dense: tuple[tuple[str, ...], ...]
 
+    is_implicit = True
+
     @property
     def n_stages(self) -> int:
         """Number of stages."""
@@ -50,8 +52,8 @@ _LAST = ("1.221224509226641", "6.019134481288629", "12.53708332932087", "-0.6878
 _RODAS4 = RosenbrockTableau(
     name="rodas4",
     title="the Rosenbrock method of Hairer and Wanner, order 4(3)",
-    source="E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, second edition, section "
-    "IV.7 and its program RODAS",
+    source="E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, second edition, "
+    "section IV.7 and its program RODAS",
     error_order=3,
     gamma="0.25",
     nodes=("0.0", "0.386", "0.21", "0.63", "1.0", "1.0"),

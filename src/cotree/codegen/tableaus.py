@@ -49,6 +49,8 @@ class Tableau:
     errors: tuple[dict[int, str], ...]
     dense: dict[int, str]
 
+    is_implicit = False
+
     @property
     def last(self) -> int:
         """Number of the stage at the new solution, which begins the next step."""

@@ -48,20 +48,20 @@ class Native:
 
 
 @functools.cache
-def load_engine(method: str, n: int) -> LoadedLibrary | None:
+def load_engine(method: str, n: int, block: int) -> LoadedLibrary | None:
     """Build and load the engine of a method; None where there is no compiler that can.
 
     Parameters
     ----------
     method : str
-        A name in ``TABLEAUS``.
-    n : int
-        Number of equations.
+        A name in ``INTEGRATORS``.
+    n, block : int
+        Number of equations, and how many of these are states.
     """
     toolchain = find_toolchain()
     if toolchain is None:
         return None
-    files = engine_files(method, n if n <= _MOST_EQUATIONS else None)
+    files = engine_files(method, n if n <= _MOST_EQUATIONS else None, block)
     # Loops over equations become vector instructions, which round as scalar ones do.
     for options in (BuildOptions("-O3", native=True), BuildOptions("-O2")):
         try:

@@ -17,6 +17,7 @@ from cotree.solvers.drive import segments
 from cotree.solvers.engine import Job, load_engine
 from cotree.solvers.evaluate import BUDGET_SPENT, FAILED
 from cotree.solvers.messages import summary
+from cotree.solvers.methods import METHODS
 from cotree.solvers.problem import check_problem, describe_entry
 
 if TYPE_CHECKING:
@@ -37,7 +38,21 @@ _REASONS = {
 }
 
 #: The methods of SciPy that stand in where there is no C.
-STAND_INS = {"dopri5": "RK45", "rkf45": "RK45", "dop853": "DOP853"}
+STAND_INS = {"dopri5": "RK45", "rkf45": "RK45", "dop853": "DOP853", "rodas4": "Radau"}
+
+# Dense factors of larger matrices take longer than all else.
+_MOST_STATES = 150
+
+
+def refusal(method: str, problem: Problem) -> str:
+    """Say why a method cannot take a problem; nothing where it can."""
+    if problem.native is None or problem.size == 0:
+        return problem.not_native or "there is nothing for C to do"
+    if not METHODS[method].implicit:
+        return ""
+    if problem.n_states - problem.n_algebraic > _MOST_STATES:
+        return f"more than {_MOST_STATES} states need sparse matrices"
+    return "the motion is held to constraints" if problem.project is not None else ""
 
 
 @dataclass(frozen=True)
@@ -47,7 +62,7 @@ class NativeSolver:
     Attributes
     ----------
     method : str
-        "dopri5", "rkf45" or "dop853".
+        "dopri5", "rkf45", "dop853" or "rodas4".
     """
 
     method: str
@@ -61,10 +76,12 @@ class NativeSolver:
             If the problem cannot be accepted.
         """
         check_problem(problem)
-        if problem.native is None or problem.size == 0:
-            return self._stand_in(problem, problem.not_native or "there is nothing for C to do")
         n = problem.size - problem.n_algebraic * (1 + problem.n_sensitivities)
-        engine = load_engine(self.method, n)
+        cut = problem.n_states - problem.n_algebraic
+        why = refusal(self.method, problem)
+        if why:
+            return self._stand_in(problem, why)
+        engine = load_engine(self.method, n, cut)
         if engine is None:
             return self._stand_in(problem, "no compiler can build its engine")
         begin = time.perf_counter()
@@ -125,8 +142,8 @@ def _trajectory(
     statistics = Statistics(
         method=method,
         nfev=int(c.n_evaluations),
-        njev=0,
-        nlu=0,
+        njev=int(c.n_jacobians),
+        nlu=int(c.n_factorisations),
         n_steps=int(c.n_steps),
         seconds=time.perf_counter() - begin,
     )

@@ -15,9 +15,12 @@ import numpy as np
 from cotree.solvers.algebraic import reduce_problem
 from cotree.solvers.evaluate import Evaluator, IntegrationStopError
 from cotree.solvers.methods import method_row, solver_for
+from cotree.solvers.native import refusal
 from cotree.solvers.problem import check_problem
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import numpy.typing as npt
 
     from cotree.solvers.base import Trajectory
@@ -91,8 +94,8 @@ def choose_method(problem: Problem) -> tuple[str, str]:
     Returns
     -------
     method : str
-        "dop853", "DOP853" where C cannot take it, or where the problem is stiff "cvode", or "BDF"
-        without scikit-sundae.
+        "dop853" or, where the problem is stiff, "rodas4"; where C cannot take it, "DOP853", and
+        "cvode", or "BDF" without scikit-sundae.
     reason : str
         One sentence.
 
@@ -102,33 +105,44 @@ def choose_method(problem: Problem) -> tuple[str, str]:
         If the problem cannot be accepted.
     """
     check_problem(problem)
-    if problem.n_algebraic:
-        problem = reduce_problem(problem)
-    if problem.size == 0:
+    if problem.n_states == problem.n_algebraic:
         return "DOP853", "There are no states to integrate."
-    explicit = "DOP853" if problem.native is None else "dop853"
+    explicit = "DOP853" if refusal("dop853", problem) else "dop853"
     span = abs(problem.t_span[1] - problem.t_span[0])
-    count = span * max(_fastest_decay(problem, t, z) for t, z in _probe(problem))
+    count = span * _fastest_decay(problem, _probe(problem, explicit))
     length = f"the span is {float(f'{count:.2g}'):.6g} times the shortest decay"
     if count <= _STIFF_TIME_CONSTANTS:
         reason = f"not stiff, {length}" if count >= 1.0 else "not stiff, nothing decays fast"
         return explicit, f"{explicit} was chosen: {reason}."
+    if not refusal("rodas4", problem):
+        return "rodas4", f"rodas4 was chosen: stiff, {length}."
     method = "cvode" if importlib.util.find_spec("sksundae") is not None else "BDF"
     return method, f"{method} was chosen: stiff, {length}."
 
 
-def _probe(problem: Problem) -> list[tuple[float, FloatArray]]:
-    """Return the start and a point a few loose steps later."""
+def _probe(problem: Problem, method: str) -> list[tuple[float, FloatArray]]:
+    """Return the start and a point a few loose steps later, without algebraic unknowns."""
     probe = dataclasses.replace(
         problem, t_eval=None, rtol=max(problem.rtol, _PROBE_RTOL), max_steps=_PROBE_STEPS
     )
-    trajectory = solver_for("DOP853").solve(probe)
-    return [(float(trajectory.t[i]), trajectory.z[:, i]) for i in (0, -1)]
+    trajectory = _solve(probe, method)
+    if not trajectory.t.size:
+        return []
+    n, cut = problem.n_states, problem.n_states - problem.n_algebraic
+    points = trajectory.z.reshape(-1, n, trajectory.t.size)[:, :cut]
+    return [(float(trajectory.t[i]), points[:, :, i].ravel()) for i in (0, -1)]
 
 
-def _fastest_decay(problem: Problem, t: float, z: FloatArray) -> float:
+def _fastest_decay(problem: Problem, points: Sequence[tuple[float, FloatArray]]) -> float:
     """Return the largest decay rate among modes that decay faster than they oscillate, [1/s]."""
-    evaluator = Evaluator(problem)
+    evaluator = Evaluator(reduce_problem(problem) if problem.n_algebraic else problem)
+    rates = [_decay_at(evaluator, t, z) for t, z in points]
+    return max(rates, default=0.0)
+
+
+def _decay_at(evaluator: Evaluator, t: float, z: FloatArray) -> float:
+    """Return the largest decay rate at a point."""
+    problem = evaluator.problem
     try:
         if problem.sparse_jacobian is not None:
             matrix = evaluator.sparse_jacobian(t, z)
