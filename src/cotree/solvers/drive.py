@@ -27,6 +27,7 @@ from cotree.solvers.evaluate import BUDGET_SPENT, FAILED, Evaluator, Integration
 from cotree.solvers.events import Watch
 from cotree.solvers.messages import summary
 from cotree.solvers.passage import Passage
+from cotree.solvers.progress import Progress
 from cotree.solvers.stepper import Idle
 
 if TYPE_CHECKING:
@@ -73,14 +74,15 @@ def drive(problem: Problem, method: str, start: StartStepper) -> Trajectory:
         With status 0, or with the last good point as its last column.
     """
     begin = time.perf_counter()
-    run = _Run(problem, start if problem.size else Idle)
+    run = _Run(problem, start if problem.size else Idle, Progress(method, problem.t_span))
     status, reason = 0, ""
     # What is not finite is watched and reported here; SciPy's own warnings say it once more.
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.filterwarnings("ignore", module=r"scipy\.")
         try:
-            for segment in segments(problem):
-                run.integrate_segment(*segment)
+            with run.progress:
+                for segment in segments(problem):
+                    run.integrate_segment(*segment)
         except IntegrationStopError as stop:
             status, reason = stop.status, stop.reason
             run.keep_last_point()
@@ -108,8 +110,9 @@ def drive(problem: Problem, method: str, start: StartStepper) -> Trajectory:
 class _Run:
     """The moving parts of one integration."""
 
-    def __init__(self, problem: Problem, start: StartStepper) -> None:
+    def __init__(self, problem: Problem, start: StartStepper, progress: Progress) -> None:
         self.problem = problem
+        self.progress = progress
         self.evaluator = Evaluator(problem)
         self.t = float(problem.t_span[0])
         self.z = np.array(problem.z0, dtype=np.float64)
@@ -284,6 +287,7 @@ class _Run:
         self.n_steps += 1
         self._steps_unheld += 1
         self.evaluator.step_done()
+        self.progress.reached(stepper.t)
         first = self._next
         wanted = self._wanted_until(stepper.t) if found is None else self._wanted_before(found)
         points = [(t, stepper.z if t == stepper.t else stepper.interpolate(t)) for t in wanted]

@@ -19,6 +19,7 @@ from cotree.solvers.evaluate import BUDGET_SPENT, FAILED
 from cotree.solvers.messages import summary
 from cotree.solvers.methods import METHODS
 from cotree.solvers.problem import check_problem, describe_entry
+from cotree.solvers.progress import Progress
 
 if TYPE_CHECKING:
     from cotree.solvers.problem import FloatArray, Problem
@@ -87,7 +88,7 @@ class NativeSolver:
         begin = time.perf_counter()
         corners = segments(problem)
         job = Job(engine, problem, [corners[0][0], *(end for _, end in corners)])
-        status, reason = _run(job, problem, begin)
+        status, reason = _run(job, problem, self.method, begin)
         if status == FAILED and (problem.n_algebraic or problem.singular is not None):
             # What looks far for algebraic unknowns, and passes singular positions, is Python.
             return self._stand_in(problem, f"{reason} at t = {float(job.job.t):.10g}")
@@ -102,14 +103,20 @@ class NativeSolver:
         return replace(trajectory, message=message)
 
 
-def _run(job: Job, problem: Problem, begin: float) -> tuple[int, str]:
+def _run(job: Job, problem: Problem, method: str, begin: float) -> tuple[int, str]:
     """Advance a job to its end; give status and reason."""
+    with Progress(method, problem.t_span) as progress:
+        return _advance(job, problem, begin, progress)
+
+
+def _advance(job: Job, problem: Problem, begin: float, progress: Progress) -> tuple[int, str]:
     steps, limit = _FIRST_STEPS, problem.max_steps
     while True:
         allowed = steps if limit is None else min(steps, limit - job.job.n_steps)
         before = time.perf_counter()
         result = job.run(allowed)
         now = time.perf_counter()
+        progress.reached(float(job.job.t))
         if result == _FAILED:
             return FAILED, _reason(job, problem)
         if result != _MORE:
