@@ -369,13 +369,15 @@ class Model(CompiledModel):
         u = self.input_values(t, p) if u is None else as_array(u, (len(self.inputs),), "inputs")
         return self._linearizer.at(float(t), solve_states(self, float(t), p, u, y), p, u)
 
-    def write(self, directory: str | Path) -> CProject:
+    def write(self, directory: str | Path, integrator: str = "dopri5") -> CProject:
         """Write model, header, integrator and a main program that need no Python.
 
         Parameters
         ----------
         directory : str or Path
             Where to; made if it does not exist.
+        integrator : str
+            ``dopri5``, ``rkf45``, ``dop853``, or ``rodas4`` for stiff systems.
 
         Returns
         -------
@@ -385,15 +387,10 @@ class Model(CompiledModel):
         Raises
         ------
         CodegenError
-            If the directory cannot be written.
+            If the directory cannot be written, or there is no such integrator.
         """
         from cotree.export.c_project import write_c_project
 
-        defaults = self._scene.defaults
-        return write_c_project(
-            self._program,
-            Path(directory),
-            t_end=defaults.t_end,
-            rtol=defaults.rtol,
-            atol=defaults.atol,
-        )
+        d, to = self._scene.defaults, Path(directory)
+        numbers = {"t_end": d.t_end, "rtol": d.rtol, "atol": d.atol}
+        return write_c_project(self._program, to, integrator, **numbers)

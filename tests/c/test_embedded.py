@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from c_programs import SANITIZE, STRICT, build, execute, need, printed, run
 
+from cotree import load
 from cotree.export.c_project import CProject, write_c_project
 from cotree.pipeline import formulate, generate
 from cotree.scene.description import SceneDescription
@@ -285,3 +286,14 @@ def test_a_short_pulse_of_every_period_is_not_stepped_over(compiler: str, tmp_pa
     lines = dict(line.split(" = ") for line in run(["./blows"], tmp_path).splitlines())
     # Times have a rounding of 1e-16, which the width of 1e-6 makes 1e-10 of a blow.
     assert float(lines["j.s_dot"]) == pytest.approx(4.0, abs=1e-8)
+
+
+@pytest.mark.parametrize("integrator", ["rkf45", "dop853", "rodas4"])
+def test_other_integrators_end_as_in_python(compiler: str, tmp_path: Path, integrator: str) -> None:
+    model = load("slider-pendulum").compile(["L"])
+    project = model.write(tmp_path, integrator)
+    values = printed(run([build(project, compiler)], tmp_path))
+    result = model.simulate((0.0, 10.0), [10.0], "DOP853", 1e-12, 1e-13)
+    # The scene's rtol of 1e-8, through hundreds of steps.
+    assert values["j1.s"] == pytest.approx(result["j1.s"][-1], abs=1e-7)
+    assert values["d(j1.s)/d(L)"] == pytest.approx(result.sensitivity("j1.s", "L")[-1], abs=1e-6)

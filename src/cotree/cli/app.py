@@ -210,11 +210,14 @@ def generate_project(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Folder to write.")],
     sensitivity: Sensitivity = [],  # noqa: B006
     tree: TreeOption = [],  # noqa: B006
+    integrator: Annotated[
+        str, typer.Option(help="dopri5, rkf45, dop853, or rodas4 for stiff systems.")
+    ] = "dopri5",
 ) -> None:
     """Write a C project that integrates a scene without Python."""
     from cotree.api import load
 
-    project = load(scene).compile(sensitivity, read_tree(tree)).write(output)
+    project = load(scene).compile(sensitivity, read_tree(tree)).write(output, integrator)
     for file in project.files:
         typer.echo(f"wrote {file}")
     typer.echo(f"build it there with: {project.command}")

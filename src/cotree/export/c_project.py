@@ -16,11 +16,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.codegen.context import model_context
-from cotree.codegen.integrators import integrator_files, run_files
+from cotree.codegen.integrators import INTEGRATORS, integrator_files, run_files
 from cotree.codegen.printer_c import literal
 from cotree.codegen.render import render, render_model
 from cotree.dag.evaluate import evaluate
-from cotree.errors import CodegenError, SceneError
+from cotree.errors import CodegenError, SceneError, nearest
 from cotree.model.kernels import PythonKernels
 from cotree.model.model import CompiledModel
 from cotree.naming import c_string
@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
     from cotree.codegen.context import ModelContext
     from cotree.program import Program
-
-_INTEGRATOR = "dopri5"
 
 
 @dataclass(frozen=True)
@@ -62,6 +60,10 @@ class MainContext:
     ----------
     title, name_literal, prefix, upper, generator : str
         As in the model's context.
+    integrator : str
+        Its name.
+    is_implicit : bool
+        Whether it takes a Jacobian.
     command : str
         What builds the executable.
     t_end, rtol, atol : str
@@ -89,6 +91,8 @@ class MainContext:
     prefix: str
     upper: str
     generator: str
+    integrator: str
+    is_implicit: bool
     command: str
     t_end: str
     rtol: str
@@ -104,7 +108,13 @@ class MainContext:
 
 
 def write_c_project(
-    program: Program, directory: Path, *, t_end: float, rtol: float, atol: float
+    program: Program,
+    directory: Path,
+    integrator: str = "dopri5",
+    *,
+    t_end: float,
+    rtol: float,
+    atol: float,
 ) -> CProject:
     """Write a model with a main program that integrates it.
 
@@ -116,6 +126,8 @@ def write_c_project(
         After its passes.
     directory : Path
         Folder of the files, created where it is missing.
+    integrator : str
+        A name in ``INTEGRATORS``.
     t_end : float
         End time of a run without arguments, [s].
     rtol, atol : float
@@ -135,8 +147,17 @@ def write_c_project(
     SingularSystemError
         If there are constraints, and a linear system is singular at the start.
     CodegenError
-        If the scene has events, or the folder or a file cannot be written.
+        If the scene has events, there is no such integrator, or it takes no constraints; or if the
+        folder or a file cannot be written.
     """
+    if integrator not in INTEGRATORS:
+        raise CodegenError(
+            f"there is no integrator '{integrator}'{nearest(integrator, INTEGRATORS)}"
+        )
+    if INTEGRATORS[integrator].is_implicit and program.layout.constraints:
+        raise CodegenError(
+            f"{integrator} does not hold a motion to constraints: take dopri5, rkf45 or dop853"
+        )
     _check_numbers(t_end, rtol, atol)
     if program.layout.events:
         raise CodegenError(
@@ -147,10 +168,10 @@ def write_c_project(
     model = model_context(program)
     command = (
         f"cc -std=c99 -O2 -ffp-contract=off -o {model.prefix} "
-        f"{model.prefix}.c cotree_run.c cotree_{_INTEGRATOR}.c cotree_integrator.c main.c -lm"
+        f"{model.prefix}.c cotree_run.c cotree_{integrator}.c cotree_integrator.c main.c -lm"
     )
-    main = _main_context(program, model, command, t_end, rtol, atol)
-    texts = {**render_model(model), **run_files(), **integrator_files(_INTEGRATOR)}
+    main = _main_context(program, model, integrator, command, t_end, rtol, atol)
+    texts = {**render_model(model), **run_files(), **integrator_files(integrator)}
     texts["main.c"] = render("c/main.c.jinja", main=main)
     _write_files(directory, texts)
     return CProject(directory, tuple(directory / name for name in texts), command)
@@ -167,6 +188,7 @@ def _check_numbers(t_end: float, rtol: float, atol: float) -> None:
 def _main_context(
     program: Program,
     model: ModelContext,
+    integrator: str,
     command: str,
     t_end: float,
     rtol: float,
@@ -178,6 +200,8 @@ def _main_context(
         prefix=model.prefix,
         upper=model.upper,
         generator=model.generator,
+        integrator=integrator,
+        is_implicit=INTEGRATORS[integrator].is_implicit,
         command=command,
         t_end=literal(t_end),
         rtol=literal(rtol),
