@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cotree.codegen.render import declared, render
+from cotree.codegen.sundials import SUNDIALS_FUNCTIONS, SUNDIALS_VERSION, VERSION_FUNCTION
 from cotree.codegen.tableaus import TABLEAUS
 from cotree.version import ABI_VERSION, VERSION
 
@@ -56,13 +57,35 @@ def engine_files(name: str, n: int | None) -> Mapping[str, str]:
     for end in (".h", ".c"):
         path = f"cotree_history{end}"
         files[path] = render(f"{_FOLDER}/{path}.jinja", **_COMMON)
-    headers = {path: text for path, text in files.items() if path.endswith(".h")}
-    headers["cotree_abi.h"] = render("c/cotree_abi.h.jinja", abi_version=ABI_VERSION, **_COMMON)
-    headers["cotree_job.h"] = render("c/engine/cotree_job.h.jinja", **_COMMON)
+    headers = {path: text for path, text in files.items() if path.endswith(".h")} | _job_headers()
     job = render("c/engine/explicit_job.c.jinja", method=TABLEAUS[name], **_COMMON)
     parts = [files["cotree_history.c"], files[f"cotree_{name}.c"], job]
     known = [] if n is None else [f"#define COTREE_N {n}"]
     return {**headers, "engine.c": "\n".join([*known, *parts])}
+
+
+def cvode_files() -> Mapping[str, str]:
+    """Write what runs a job with SUNDIALS' CVODE, the same for every model."""
+    header = render("c/engine/cotree_cvode.h.jinja", functions=SUNDIALS_FUNCTIONS, **_COMMON)
+    version = ".".join(map(str, SUNDIALS_VERSION))
+    engine = render("c/engine/cvode_job.c.jinja", version=version, **_COMMON)
+    return {**_job_headers(), "cotree_cvode.h": header, "engine.c": engine}
+
+
+def cvode_declarations(files: Mapping[str, str]) -> str:
+    """Give the declarations of that engine, and of SUNDIALS' functions, that cffi reads."""
+    functions = (
+        f"{result} {name}({arguments});\n"
+        for name, (result, arguments) in (SUNDIALS_FUNCTIONS | VERSION_FUNCTION).items()
+    )
+    return (
+        declared(files["cotree_abi.h"])
+        + declared(files["cotree_job.h"])
+        + declared(files["cotree_cvode.h"])
+        + "size_t cotree_cvode_doubles(int, int, int, int, int);\n"
+        + "int cotree_job_run(cotree_job *, long);\nvoid cotree_job_end(cotree_job *);\n"
+        + "".join(functions)
+    )
 
 
 def sweep_files() -> Mapping[str, str]:
@@ -88,6 +111,13 @@ def job_declarations(files: Mapping[str, str]) -> str:
         + declared(files["cotree_job.h"])
         + ("size_t cotree_job_memory(int n);\nint cotree_job_run(cotree_job *, long);\n")
     )
+
+
+def _job_headers() -> dict[str, str]:
+    return {
+        "cotree_abi.h": render("c/cotree_abi.h.jinja", abi_version=ABI_VERSION, **_COMMON),
+        "cotree_job.h": render("c/engine/cotree_job.h.jinja", **_COMMON),
+    }
 
 
 _COMMON = {"generator": VERSION}

@@ -15,6 +15,7 @@ from cotree.build import BuildOptions, build_library, find_toolchain, load_libra
 from cotree.codegen.integrators import engine_files, job_declarations
 from cotree.errors import BuildError
 from cotree.solvers.augmented import augmented_tolerances
+from cotree.solvers.problem import describe_entry
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
@@ -26,6 +27,14 @@ if TYPE_CHECKING:
 
 # A step loop over equations in memory, whatever their number, is hardly slower from here on.
 _MOST_EQUATIONS = 512
+
+# What cotree_status says, in the words of the other methods.
+_REASONS = {
+    3: "the step size fell to rounding level",
+    4: "the right-hand side fails",
+    5: "the right-hand side is not finite",
+    6: "the right-hand side stopped the integration",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,17 +67,22 @@ def load_engine(method: str, n: int) -> LoadedLibrary | None:
     n : int
         Number of equations.
     """
+    files = engine_files(method, n if n <= _MOST_EQUATIONS else None)
+    return build_engine(files, job_declarations(files))
+
+
+def build_engine(files: Mapping[str, str], declarations: str) -> LoadedLibrary | None:
+    """Build and load C that runs jobs; None where there is no compiler that can."""
     toolchain = find_toolchain()
     if toolchain is None:
         return None
-    files = engine_files(method, n if n <= _MOST_EQUATIONS else None)
     # Loops over equations become vector instructions, which round as scalar ones do.
     for options in (BuildOptions("-O3", native=True), BuildOptions("-O2")):
         try:
             library = build_library(
                 files, abi_version=ABI_VERSION, n_operations=1, options=options, toolchain=toolchain
             )
-            return load_library(library.path, job_declarations(files))
+            return load_library(library.path, declarations)
         except BuildError:
             continue  # a compiler may not know the processor
     return None
@@ -79,6 +93,7 @@ class Job:
 
     def __init__(self, engine: LoadedLibrary, problem: Problem, corners: Sequence[float]) -> None:
         assert problem.native is not None
+        self._engine, self._problem = engine, problem
         self._ffi, self._lib = engine.ffi, engine.lib
         self._kept: list[Any] = [engine, problem.native]
         native, n = problem.native, problem.size
@@ -97,8 +112,7 @@ class Job:
             job.n_wanted, job.wanted = len(wanted), self._doubles(np.array(wanted, dtype=float))
         self.z = np.array(problem.z0, dtype=np.float64)
         job.z, job.t, job.entry = self._doubles(self.z), corners[0], -1
-        size = int(self._lib.cotree_job_memory(n))
-        job.memory = self._doubles(np.zeros(-(-size // 8)))
+        job.memory = self._make_memory()
         self.job = job
         self._n = n
         self._room = 0
@@ -113,6 +127,28 @@ class Job:
             if needed > self._room:
                 self._make_room(max(needed, 2 * self._room))
         return int(self._lib.cotree_job_run(self.job, most_steps))
+
+    @property
+    def n_jacobians(self) -> int:
+        """Return how many Jacobians were evaluated."""
+        return 0
+
+    @property
+    def n_factorisations(self) -> int:
+        """Return how many matrices were factorised."""
+        return 0
+
+    def reason(self) -> str:
+        """Say why it failed."""
+        status, entry = int(self.job.status), int(self.job.entry)
+        if entry >= 0:
+            return f"the derivative of {describe_entry(self._problem, entry)} is not finite ahead"
+        return _REASONS.get(status, f"the integrator gives status {status}")
+
+    def _make_memory(self) -> Any:
+        """Give the engine its memory."""
+        size = int(self._lib.cotree_job_memory(self._problem.size))
+        return self._doubles(np.zeros(-(-size // 8)))
 
     def _make_room(self, rows: int) -> None:
         """Make room for kept values; those that are there stay."""

@@ -16,7 +16,7 @@ from cotree.solvers.base import Statistics, Trajectory
 from cotree.solvers.drive import segments, summary
 from cotree.solvers.engine import Job, load_engine
 from cotree.solvers.evaluate import BUDGET_SPENT, FAILED
-from cotree.solvers.problem import check_problem, describe_entry
+from cotree.solvers.problem import check_problem
 
 if TYPE_CHECKING:
     from cotree.solvers.problem import Problem
@@ -26,14 +26,6 @@ _MORE, _FAILED = 1, 2
 
 # How long C runs before Python looks up, [s], and how many steps it begins with.
 _GLANCE, _FIRST_STEPS = 0.1, 1000
-
-# What cotree_status says, in the words of the other methods.
-_REASONS = {
-    3: "the step size fell to rounding level",
-    4: "the right-hand side fails",
-    5: "the right-hand side is not finite",
-    6: "the right-hand side stopped the integration",
-}
 
 #: The methods of SciPy that stand in where there is no C.
 STAND_INS = {"dopri5": "RK45", "rkf45": "RK45", "dop853": "DOP853"}
@@ -68,8 +60,8 @@ class NativeSolver:
         begin = time.perf_counter()
         corners = segments(problem)
         job = Job(engine, problem, [corners[0][0], *(end for _, end in corners)])
-        status, reason = _run(job, problem, begin)
-        return _trajectory(job, problem, self.method, status, reason, begin)
+        status, reason = run_job(job, problem, begin)
+        return trajectory_of(job, problem, self.method, status, reason, begin)
 
     def _stand_in(self, problem: Problem, why: str) -> Trajectory:
         from cotree.solvers.scipy_ivp import ScipySolver
@@ -80,8 +72,18 @@ class NativeSolver:
         return replace(trajectory, message=message)
 
 
-def _run(job: Job, problem: Problem, begin: float) -> tuple[int, str]:
-    """Advance a job to its end; give status and reason."""
+def run_job(job: Job, problem: Problem, begin: float) -> tuple[int, str]:
+    """Advance a job to its end; give status and reason.
+
+    Parameters
+    ----------
+    job : Job
+        Not yet run.
+    problem : Problem
+        For its budgets.
+    begin : float
+        When its time began, by ``time.perf_counter``, [s].
+    """
     steps, limit = _FIRST_STEPS, problem.max_steps
     while True:
         allowed = steps if limit is None else min(steps, limit - job.job.n_steps)
@@ -89,7 +91,7 @@ def _run(job: Job, problem: Problem, begin: float) -> tuple[int, str]:
         result = job.run(allowed)
         now = time.perf_counter()
         if result == _FAILED:
-            return FAILED, _reason(job, problem)
+            return FAILED, job.reason()
         if result != _MORE:
             return 0, ""
         if limit is not None and job.job.n_steps >= limit:
@@ -101,17 +103,10 @@ def _run(job: Job, problem: Problem, begin: float) -> tuple[int, str]:
         steps = int(min(max(1.0, rate * min(_GLANCE, rest)), 10.0 * steps))
 
 
-def _reason(job: Job, problem: Problem) -> str:
-    status, entry = int(job.job.status), int(job.job.entry)
-    reason = _REASONS.get(status, f"the integrator gives status {status}")
-    if entry >= 0:
-        return f"the derivative of {describe_entry(problem, entry)} is not finite ahead"
-    return reason
-
-
-def _trajectory(
+def trajectory_of(
     job: Job, problem: Problem, method: str, status: int, reason: str, begin: float
 ) -> Trajectory:
+    """Give what a job has kept, with the last good point of one that failed."""
     c = job.job
     kept = int(c.n_kept)
     t, values = job.times[:kept], job.values[:kept]
@@ -120,8 +115,8 @@ def _trajectory(
     statistics = Statistics(
         method=method,
         nfev=int(c.n_evaluations),
-        njev=0,
-        nlu=0,
+        njev=job.n_jacobians,
+        nlu=job.n_factorisations,
         n_steps=int(c.n_steps),
         seconds=time.perf_counter() - begin,
     )
