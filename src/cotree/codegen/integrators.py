@@ -76,7 +76,7 @@ def cvode_declarations(files: Mapping[str, str]) -> str:
     """Give the declarations of that engine, and of SUNDIALS' functions, that cffi reads."""
     functions = (
         f"{result} {name}({arguments});\n"
-        for name, (result, arguments) in (SUNDIALS_FUNCTIONS | VERSION_FUNCTION).items()
+        for name, (result, arguments) in {**SUNDIALS_FUNCTIONS, **VERSION_FUNCTION}.items()
     )
     return (
         declared(files["cotree_abi.h"])

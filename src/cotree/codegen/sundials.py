@@ -35,6 +35,7 @@ SUNDIALS_FUNCTIONS: Mapping[str, tuple[str, str]] = {
     "CVodeSetLinSysFn": ("int", "void *cvode, cotree_cvode_system system"),
     "CVodeSetLinearSolutionScaling": ("int", "void *cvode, int is_on"),
     "CVodeSetMaxHnilWarns": ("int", "void *cvode, int most"),
+    "CVodeSetNonlinConvCoef": ("int", "void *cvode, double share"),
     "CVodeSetMaxStep": ("int", "void *cvode, double longest"),
     "CVodeSetStopTime": ("int", "void *cvode, double t"),
     "CVode": ("int", "void *cvode, double t_out, void *y, double *t, int task"),

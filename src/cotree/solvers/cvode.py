@@ -160,7 +160,8 @@ class CvodeJob(Job):
         """Say why it failed."""
         status, c = int(self.job.status), self._memory
         problem = self._problem
-        reasons = [f"SUNDIALS says: {_REASONS.get(status, f'flag {status}')}"]
+        reason = _REASONS.get(status, f"flag {status}")
+        reasons = [f"SUNDIALS says: {reason}" if status < 0 else reason]
         if c.complaint == SINGULAR:
             reasons.append("a linear system of the model is singular ahead")
         if c.row >= 0:
