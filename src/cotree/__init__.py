@@ -19,6 +19,7 @@ from cotree.errors import (
     TopologyError,
 )
 from cotree.solvers import Result
+from cotree.studies.bench import bench
 from cotree.version import VERSION as __version__
 
 __all__ = [
@@ -37,6 +38,7 @@ __all__ = [
     "SolveError",
     "TopologyError",
     "__version__",
+    "bench",
     "cache_directory",
     "clear_cache",
     "load",

@@ -58,7 +58,7 @@ _C_KEYWORDS = frozenset(
 
 
 #: Files and functions of a C project that are not the model's, in any case of letters.
-_TAKEN = frozenset({"main", "cotree_abi", "cotree_dopri5", "cotree_integrator"})
+_TAKEN = frozenset({"main", "cotree_abi", "cotree_dopri5", "cotree_integrator", "cotree_run"})
 
 
 def _shown(name: object) -> str:

@@ -1,4 +1,4 @@
-"""Scenes of hydraulic, thermal, chemical and one-dimensional mechanical reference files.
+"""Scenes of hydraulic, thermal, chemical, mechatronic and one-dimensional mechanical references.
 
 In: a file of tests/references. Out: a scene of its components, with its quantities as outputs.
 """
@@ -111,10 +111,26 @@ def _water_tubes(scene: Scene, reference: dict[str, Any]) -> None:
         scene.output(f"p_{node}", f"n{node}.p")
 
 
+def _geared_motor(scene: Scene, reference: dict[str, Any]) -> None:
+    """Build a motor on an ideal gear; it has one constant, Kt = Ke."""
+    winding = {"resistance": "R", "inductance": "L", "constant": "Kt"}
+    scene.edge("Vs", "voltage_source", "a", "ground", voltage="V")
+    scene.edge("M", "dc_motor", electrical=["a", "ground"], shaft=["ground", "m"], **winding)
+    scene.edge("Im", "rotational_inertia", "ground", "m", inertia="Jm")
+    scene.edge("Bm", "rotational_damper", "ground", "m", damping="bm")
+    scene.edge("G", "ideal_gear", input=["ground", "m"], output=["ground", "l"], ratio="N")
+    scene.edge("Il", "rotational_inertia", "ground", "l", inertia="Jl")
+    scene.edge("Bl", "rotational_damper", "ground", "l", damping="bl")
+    scene.edge("Load", "torque_source", "ground", "l", torque="-TL")
+    scene.output("i", "M.i")
+    scene.output("wm", "m.w")
+
+
 _BUILDERS: dict[str, Callable[[Scene, dict[str, Any]], None]] = {
     "surge_tank": _surge_tank,
     "tank_drain": _tank_drain,
     "thermal_3node": _thermal,
     "spring_mass_damper": _oscillator,
     "ivp_water_tube": _water_tubes,
+    "dc_motor_rigid_gear": _geared_motor,
 }

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     import numpy.typing as npt
 
@@ -32,6 +32,7 @@ _TYPES = {
     "V": ("voltage_source", "voltage"),
     "I": ("current_source", "current"),
     "T": ("transformer", "ratio"),
+    "G": ("gyrator", "conductance"),
 }
 
 
@@ -162,6 +163,11 @@ class Tableau:
                 static[row], dynamic[row] = -i, e.value * v
             elif e.kind == "L":
                 static[row], dynamic[row] = -v, e.value * i
+            elif e.kind == "G":
+                (second,) = others
+                static[row] = i - e.value * across[second]
+                row += 1
+                static[row] = through[second] + e.value * v
             elif e.kind == "T":
                 (second,) = others
                 static[row] = v - e.value * across[second]
@@ -200,6 +206,12 @@ def instant(
     found, determined = _solve(matrix, right)
     n = len(network.outputs)
     return found[:n], found[n:], determined
+
+
+def condition(network: LinearNetwork, states: Iterable[str]) -> float:
+    """Condition number of the equations at given states: of random values, few draws are bad."""
+    sizes = np.linalg.svd(_instant(network, dict.fromkeys(states, 0.0), 0.0)[0], compute_uv=False)
+    return float(sizes[0] / sizes[-1])
 
 
 def instant_along(
@@ -295,6 +307,22 @@ def random_network(seed: int, *, is_silly: bool = False) -> LinearNetwork:
             ports.append(_pair(rng, nodes))
         value, offset, omega = (float(x) for x in rng.uniform(0.5, 2.0, 3))
         elements.append(Element(f"{kind}{i}", tuple(ports), round(value, 3), offset, omega))
+    return LinearNetwork(tuple(elements))
+
+
+def random_couplings(
+    seed: int, n_nodes: int, n_transformers: int, n_gyrators: int, n_more: int
+) -> LinearNetwork:
+    """Draw a network of many ideal couplings between any nodes, and some other elements."""
+    rng = np.random.default_rng(seed)
+    nodes = ["ground", *(f"n{i}" for i in range(1, n_nodes))]
+    kinds = "T" * n_transformers + "G" * n_gyrators
+    kinds += "".join(rng.choice(list("RCLV"), p=[0.45, 0.25, 0.25, 0.05]) for _ in range(n_more))
+    elements = []
+    for i, kind in enumerate(kinds):
+        ports = tuple(_pair(rng, nodes) for _ in range(2 if kind in "TG" else 1))
+        value, offset, omega = (float(x) for x in rng.uniform(0.5, 2.0, 3))
+        elements.append(Element(f"{kind}{i}", ports, round(value, 3), offset, omega))
     return LinearNetwork(tuple(elements))
 
 

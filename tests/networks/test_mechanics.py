@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from cotree import Scene
-from cotree.errors import FormulationError, ParameterError, SceneError, TopologyError
+from cotree.errors import (
+    FormulationError,
+    ParameterError,
+    SceneError,
+    SingularSystemError,
+    TopologyError,
+)
 
 TIGHT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-14}
 # Runs of some ten periods at that tolerance: measured 1e-11 and less.
@@ -80,6 +86,44 @@ def test_a_linear_spring_in_series_with_one_by_an_expression():
     assert np.max(np.abs(result["gap"])) < 1e-12
 
 
+def test_two_springs_by_expressions_in_series():
+    """The second stretch balances the forces; both share the motion as their slopes say."""
+    scene = chain(
+        {"force": "c*k0.s**3 + 10*k0.s", "initial": {"s": 0.5}},
+        {"force": "40*k1.s + 20*k1.s**3"},
+    )
+    scene.parameter("c", 100.0)
+    scene.output("energy", "m.v**2 + c*k0.s**4/4 + 5*k0.s**2 + 20*k1.s**2 + 5*k1.s**4")
+    scene.output("gap", "k0.f - k1.f")
+    scene.output("slopes", "(3*c*k0.s**2 + 10)*k0.v - (40 + 60*k1.s**2)*k1.v")
+    scene.output("pull", "k0.f")
+    model = scene.compile(["c"])
+    assert model.states == ("k0.s", "m.v", "k1.s")
+    result = model.simulate((0, 3), **TIGHT)
+    assert np.ptp(result["energy"]) < 1e-9  # of 6 J
+    # The balance is solved to 1e-12 of forces of some 20 N, with slopes of 1e2 N/m.
+    assert np.max(np.abs(result["gap"])) < 1e-9
+    assert np.max(np.abs(result["slopes"])) < 1e-9
+    # The energy stays what it is at the start for any c, where c s1^3 + 10 s1 = 40 s2 + 20 s2^3.
+    s1, s2 = result["k0.s"][0], result["k1.s"][0]
+    force = 40 * s2 + 20 * s2**3
+    expected = s1**4 / 4 + force * s1**3 / (40 + 60 * s2**2)
+    np.testing.assert_allclose(result.sensitivity("energy", "c"), expected, atol=1e-9)
+
+
+def test_a_spring_by_an_expression_pressed_by_a_given_force():
+    scene = Scene("press")
+    scene.edge("k", "translational_spring", "ground", "A", force="8*k.s**3 + 2*k.s")
+    scene.edge("F", "force_source", "ground", "A", force="10 + sin(t)")
+    scene.edge("C", "heat_capacitor", "h", "ground", capacity=1.0)  # something with a state
+    scene.output("v", "A.v")
+    scene.output("s", "k.s")
+    result = scene.compile().simulate((0, 2), **TIGHT)
+    s, t = result["s"], result.t
+    np.testing.assert_allclose(8 * s**3 + 2 * s, 10 + np.sin(t), **CLOSE)
+    np.testing.assert_allclose(result["v"], np.cos(t) / (24 * s**2 + 2), **CLOSE)
+
+
 def test_a_spring_pressed_by_a_given_force_follows_it():
     scene = Scene("press")
     scene.edge("k", "translational_spring", "ground", "A", stiffness=50.0)
@@ -110,10 +154,17 @@ def test_shafts_in_a_row_keep_their_own_twist():
 
 def test_springs_without_a_law_that_can_be_solved_need_a_mass():
     scene = chain({"force": "10*k0.s**3"}, {"force": "10*k1.s**3"})
-    with pytest.raises(TopologyError, match=r"k0, k1 reach the node n1 .* a mass or a damper"):
+    with pytest.raises(SingularSystemError, match=r"springs .* no stiffness"):  # at rest
         scene.compile()
     scene.edge("d", "translational_damper", "ground", "n1", damping=0.1)
     assert set(scene.compile().states) == {"k0.s", "k1.s", "m.v"}
+    scene = Scene("stops")
+    limits = {"lower": -1.0, "upper": 1.0, "stiffness": 10.0, "damping": 1.0}
+    scene.edge("s0", "translational_stop", "ground", "n1", **limits)
+    scene.edge("s1", "translational_stop", "n1", "end", **limits)
+    scene.edge("m", "translational_mass", "ground", "end", mass=1.0)
+    with pytest.raises(TopologyError, match=r"s0, s1 reach the node n1 .* a mass or a damper"):
+        scene.compile()
 
 
 def test_what_a_spring_in_series_cannot_do_is_said():

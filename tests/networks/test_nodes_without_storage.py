@@ -100,6 +100,24 @@ def test_an_electrode_behind_a_resistance():
         assert q == pytest.approx(exact, abs=1e-10)
 
 
+def test_an_electrode_that_turns_its_species_over():
+    """A given current: what it has carried says all concentrations, and they the voltage."""
+    scene = Scene("electrode")
+    for name, c in (("Ox", 2.0), ("Red", 1.0)):
+        scene.edge(name, "species", name, "ground", volume=1.0, initial={"c": c})
+    faraday, gas, current = 96485.33212331, 8.31446261815324, 1e5
+    fields = {"oxidised": "Ox.c", "reduced": "Red.c", "electrons": 2.0, "temperature": 300.0}
+    scene.edge("N", "nernst", "p", "ground", standard_potential=0.5, **fields)
+    scene.edge("I", "current_source", "ground", "p", current=current)
+    scene.edge("turned", "molar_flow_source", "Red", "Ox", flow=f"N.i/(2*{faraday})")
+    scene.output("v", "p.v")
+    result = scene.compile().simulate((0, 1.5), rtol=1e-10, atol=1e-12)
+    made = current * result.t / (2 * faraday)
+    expected = 0.5 + gas * 300.0 / (2 * faraday) * np.log((2 + made) / (1 - made))
+    # A constant rate: no error of integration but rounding.
+    np.testing.assert_allclose(result["v"], expected, rtol=0, atol=1e-13)
+
+
 def test_dry_friction_holds_what_viscous_friction_lets_slip():
     scene = Scene("slip")
     scene.edge("pull", "velocity_source", "ground", "a", velocity=1.0)

@@ -192,7 +192,7 @@ def test_currents_of_storages_in_loops_through_a_transformer():
 
 @pytest.mark.parametrize("n", [3, 12])
 def test_many_transformers_on_one_bus(n):
-    """More than all combinations of their ports are tried of; each primary is across the source."""
+    """Each primary is across the source, so that each secondary is the branch."""
     elements = [Element("V0", (("bus", "ground"),), 1.0)]
     for i in range(1, n + 1):
         load = (f"a{i}", "ground")

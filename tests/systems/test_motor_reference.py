@@ -2,40 +2,16 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-
 import numpy as np
-
-from cotree import Scene
-
-FILE = Path(__file__).parents[1] / "references" / "dc_motor_rigid_gear.json"
-
-
-def geared_motor(parameters: dict[str, float]) -> Scene:
-    """Build the reference from its components; its motor has one constant, Kt = Ke."""
-    scene = Scene("geared-motor")
-    for name, value in parameters.items():
-        scene.parameter(name, value)
-    winding = {"resistance": "R", "inductance": "L", "constant": "Kt"}
-    scene.edge("Vs", "voltage_source", "a", "ground", voltage="V")
-    scene.edge("M", "dc_motor", electrical=["a", "ground"], shaft=["ground", "m"], **winding)
-    scene.edge("Im", "rotational_inertia", "ground", "m", inertia="Jm")
-    scene.edge("Bm", "rotational_damper", "ground", "m", damping="bm")
-    scene.edge("G", "ideal_gear", input=["ground", "m"], output=["ground", "l"], ratio="N")
-    scene.edge("Il", "rotational_inertia", "ground", "l", inertia="Jl")
-    scene.edge("Bl", "rotational_damper", "ground", "l", damping="bl")
-    scene.edge("Load", "torque_source", "ground", "l", torque="-TL")
-    scene.output("i", "M.i")
-    scene.output("wm", "m.w")
-    return scene
+from domain_scenes import scene_of_domain
+from reference_scenes import read_reference
 
 
 def test_the_motor_on_a_rigid_gear():
-    reference = json.loads(FILE.read_text(encoding="utf-8"))
+    reference = read_reference("dc_motor_rigid_gear")
     # Where torque and voltage have one constant, the file's separate ones are no parameters.
     known = [name for name in reference["sensitivities"]["values"] if name not in ("Kt", "Ke")]
-    model = geared_motor(reference["parameters"]).compile(known)
+    model = scene_of_domain("dc_motor_rigid_gear").compile(known)
     times = [row["t"] for row in reference["reference"]]
     result = model.simulate((0, times[-1]), t_eval=times, rtol=1e-11, atol=1e-13)
     for name in ("i", "wm"):

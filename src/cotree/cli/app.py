@@ -15,7 +15,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cotree.cli.arguments import check_folder, check_picture, read_numbers, read_pairs, read_tree
+from cotree.cli.arguments import (
+    check_folder,
+    check_picture,
+    read_numbers,
+    read_pairs,
+    read_tolerances,
+    read_tree,
+)
 from cotree.cli.report import run_report
 from cotree.errors import Error
 from cotree.version import VERSION
@@ -294,6 +301,65 @@ def check_scene(
     typer.echo(report.summary())
     if not report.passed:
         raise typer.Exit(1)
+
+
+@app.command("bench")
+def bench_scene(
+    scene: SceneName,
+    sensitivity: Sensitivity = [],  # noqa: B006 - typer copies it
+    method: Annotated[
+        list[str], typer.Option(help="A method; may be repeated. All of them if absent.")
+    ] = [],  # noqa: B006
+    tolerance: Annotated[
+        list[str],
+        typer.Option(
+            metavar="RTOL[,ATOL]",
+            help="Tolerances; may be repeated. 1e-3 to 1e-11 if absent, atol a hundredth of rtol.",
+        ),
+    ] = [],  # noqa: B006
+    repeats: Annotated[int, typer.Option(min=1, help="Timed runs of each.")] = 7,
+    t_end: EndTime = None,
+    time_limit: Annotated[
+        float, typer.Option(metavar="S", help="The longest run in s that counts.")
+    ] = 5.0,
+    setting: Setting = [],  # noqa: B006
+    tree: TreeOption = [],  # noqa: B006
+    json: Annotated[Path | None, typer.Option(help="Write all numbers to this file.")] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Draw to this file: .svg, .png or .pdf.")
+    ] = None,
+) -> None:
+    """Measure speed against error of every method on a scene, and name the one to take."""
+    from cotree.studies.bench import TOLERANCES, bench
+
+    check_folder(json)
+    check_picture(plot)
+    report = bench(
+        scene,
+        sensitivity,
+        method or None,
+        read_tolerances(tolerance) or TOLERANCES,
+        repeats,
+        t_end=t_end,
+        time_limit=time_limit,
+        values=read_numbers("--set", setting),
+        tree=read_tree(tree),
+        progress=_progress if sys.stderr.isatty() else None,
+    )
+    typer.echo(report.summary())
+    if json is not None:
+        report.to_json(json)
+        typer.echo(f"wrote {json}")
+    if plot is not None:
+        from cotree.plot import save_figure
+
+        save_figure(report.plot(), plot)
+        typer.echo(f"wrote {plot}")
+
+
+def _progress(text: str) -> None:
+    """Say what runs, for those who wait at a terminal."""
+    typer.echo(f"cotree: {text}", err=True)
 
 
 @app.command("scenes")

@@ -49,6 +49,28 @@ def read_pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
     return pairs
 
 
+def read_tolerances(texts: Sequence[str]) -> list[float | tuple[float, float]]:
+    """Read ``rtol`` or ``rtol,atol`` for each time that the option is given.
+
+    Raises
+    ------
+    ParameterError
+        If a text has another form.
+    """
+    tolerances: list[float | tuple[float, float]] = []
+    for text in texts:
+        try:
+            rtol, *rest = (float(part) for part in text.split(","))
+            (atol,) = rest or (None,)
+        except ValueError:
+            raise ParameterError(
+                f"--tolerance '{_short(text)}' is not of the form rtol or rtol,atol: "
+                "write it as --tolerance 1e-6"
+            ) from None
+        tolerances.append(rtol if atol is None else (rtol, atol))
+    return tolerances
+
+
 def read_tree(texts: Sequence[str]) -> TreeChoice:
     """Read branches: ``j1,h2`` for both graphs, or ``translation=m rotation=s`` for each.
 

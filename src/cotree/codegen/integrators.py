@@ -51,17 +51,17 @@ def engine_files(name: str, n: int | None) -> Mapping[str, str]:
     Returns
     -------
     mapping of str to str
-        Text by file name: headers, and one C file.
+        Text by file name.
     """
     files = dict(integrator_files(name))
     for end in (".h", ".c"):
         path = f"cotree_history{end}"
         files[path] = render(f"{_FOLDER}/{path}.jinja", **_COMMON)
-    headers = {path: text for path, text in files.items() if path.endswith(".h")} | _job_headers()
+    headers = {path: text for path, text in files.items() if path.endswith(".h")}
     job = render("c/engine/explicit_job.c.jinja", method=TABLEAUS[name], **_COMMON)
-    parts = [files["cotree_history.c"], files[f"cotree_{name}.c"], job]
+    parts = [*(files[f"cotree_{part}.c"] for part in ("history", name)), job]
     known = [] if n is None else [f"#define COTREE_N {n}"]
-    return {**headers, "engine.c": "\n".join([*known, *parts])}
+    return {**headers, **_job_files(), "engine.c": "\n".join([*known, *parts])}
 
 
 def cvode_files() -> Mapping[str, str]:
@@ -69,23 +69,33 @@ def cvode_files() -> Mapping[str, str]:
     header = render("c/engine/cotree_cvode.h.jinja", functions=SUNDIALS_FUNCTIONS, **_COMMON)
     version = ".".join(map(str, SUNDIALS_VERSION))
     engine = render("c/engine/cvode_job.c.jinja", version=version, **_COMMON)
-    return {**_job_headers(), "cotree_cvode.h": header, "engine.c": engine}
+    return {**_job_files(), "cotree_cvode.h": header, "engine.c": engine}
 
 
 def cvode_declarations(files: Mapping[str, str]) -> str:
     """Give the declarations of that engine, and of SUNDIALS' functions, that cffi reads."""
-    functions = (
-        f"{result} {name}({arguments});\n"
-        for name, (result, arguments) in {**SUNDIALS_FUNCTIONS, **VERSION_FUNCTION}.items()
-    )
+    functions = {**SUNDIALS_FUNCTIONS, **VERSION_FUNCTION}.items()
     return (
-        declared(files["cotree_abi.h"])
-        + declared(files["cotree_job.h"])
-        + declared(files["cotree_cvode.h"])
-        + "size_t cotree_cvode_doubles(int, int, int, int, int);\n"
+        _declared(files, ("cotree_abi.h", "cotree_run.h", "cotree_job.h", "cotree_cvode.h"))
+        + "size_t cotree_cvode_doubles(const cotree_model *, int, int, int);\n"
         + "int cotree_job_run(cotree_job *, long);\nvoid cotree_job_end(cotree_job *);\n"
-        + "".join(functions)
+        + "".join(f"{result} {name}({arguments});\n" for name, (result, arguments) in functions)
     )
+
+
+def _job_files() -> Mapping[str, str]:
+    """Write what every job needs: its own header, and the model's side of it."""
+    headers = {
+        "cotree_abi.h": render("c/cotree_abi.h.jinja", abi_version=ABI_VERSION, **_COMMON),
+        "cotree_job.h": render("c/engine/cotree_job.h.jinja", **_COMMON),
+    }
+    return {**headers, **run_files()}
+
+
+def run_files() -> Mapping[str, str]:
+    """Write what makes a model an equation for integrators, the same for every model."""
+    names = ("cotree_run.h", "cotree_run.c")
+    return {name: render(f"c/run/{name}.jinja", **_COMMON) for name in names}
 
 
 def sweep_files() -> Mapping[str, str]:
@@ -106,18 +116,14 @@ def sweep_declarations(files: Mapping[str, str]) -> str:
 
 def job_declarations(files: Mapping[str, str]) -> str:
     """Give the declarations that cffi reads, from an engine's headers."""
-    return (
-        declared(files["cotree_abi.h"])
-        + declared(files["cotree_job.h"])
-        + ("size_t cotree_job_memory(int n);\nint cotree_job_run(cotree_job *, long);\n")
+    return _declared(files, ("cotree_abi.h", "cotree_run.h", "cotree_job.h")) + (
+        "size_t cotree_job_memory(const cotree_model *, int);\n"
+        "int cotree_job_run(cotree_job *, long);\n"
     )
 
 
-def _job_headers() -> dict[str, str]:
-    return {
-        "cotree_abi.h": render("c/cotree_abi.h.jinja", abi_version=ABI_VERSION, **_COMMON),
-        "cotree_job.h": render("c/engine/cotree_job.h.jinja", **_COMMON),
-    }
+def _declared(files: Mapping[str, str], headers: tuple[str, ...]) -> str:
+    return "".join(declared(files[name]) for name in headers)
 
 
 _COMMON = {"generator": VERSION}

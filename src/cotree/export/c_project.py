@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.codegen.context import model_context
-from cotree.codegen.integrators import integrator_files
+from cotree.codegen.integrators import integrator_files, run_files
 from cotree.codegen.printer_c import literal
 from cotree.codegen.render import render, render_model
 from cotree.dag.evaluate import evaluate
@@ -82,8 +82,6 @@ class MainContext:
         How many of the states are algebraic unknowns.
     n_nonzeros : int
         How many entries the Jacobian has.
-    has_rows : bool
-        Whether there are constraints, and not only norms of quaternions.
     """
 
     title: str
@@ -103,7 +101,6 @@ class MainContext:
     n_constraints: int
     n_algebraic: int
     n_nonzeros: int
-    has_rows: bool
 
 
 def write_c_project(
@@ -144,10 +141,10 @@ def write_c_project(
     model = model_context(program)
     command = (
         f"cc -std=c99 -O2 -ffp-contract=off -o {model.prefix} "
-        f"{model.prefix}.c cotree_{_INTEGRATOR}.c cotree_integrator.c main.c -lm"
+        f"{model.prefix}.c cotree_run.c cotree_{_INTEGRATOR}.c cotree_integrator.c main.c -lm"
     )
     main = _main_context(program, model, command, t_end, rtol, atol)
-    texts = {**render_model(model), **integrator_files(_INTEGRATOR)}
+    texts = {**render_model(model), **run_files(), **integrator_files(_INTEGRATOR)}
     texts["main.c"] = render("c/main.c.jinja", main=main)
     _write_files(directory, texts)
     return CProject(directory, tuple(directory / name for name in texts), command)
@@ -187,7 +184,6 @@ def _main_context(
         n_constraints=model.n_constraints,
         n_algebraic=model.n_algebraic,
         n_nonzeros=model.n_nonzeros,
-        has_rows=bool(program.layout.constraint_edges),
     )
 
 

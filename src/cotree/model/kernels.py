@@ -38,7 +38,8 @@ def _singular(layout: Layout) -> SingularSystemError:
         return SingularSystemError(
             "the linear equations of the networks have no solution, or many, at these values of "
             "parameters and states: ideal couplings such as transformers contradict each other or "
-            "leave something undetermined; change a ratio, or put a resistance between them"
+            "leave something undetermined, or springs at a node without mass have no stiffness at "
+            "their stretch; change a ratio or a start, or put a resistance or a damper between them"
         )
     names = ", ".join(f"'{name}'" for name in layout.uncertain)
     return SingularSystemError(

@@ -6,15 +6,18 @@ positions on paper.
 
 from __future__ import annotations
 
+from cotree.plot.bench import PlottableBench, plot_bench
 from cotree.plot.files import check_suffix, save_figure
 from cotree.plot.graph import draw_graph, draw_graphs
 from cotree.plot.result import PlottableResult, plot_result
 
 __all__ = [
+    "PlottableBench",
     "PlottableResult",
     "check_suffix",
     "draw_graph",
     "draw_graphs",
+    "plot_bench",
     "plot_result",
     "save_figure",
 ]

@@ -133,7 +133,7 @@ def _check_overlay(
             )
 
 
-def _colors(n: int) -> list[tuple[float, ...]]:
+def curve_colors(n: int) -> list[tuple[float, ...]]:
     """Give ten colours that are told apart, or as many as needed that at least come in order."""
     import matplotlib
 
@@ -143,14 +143,14 @@ def _colors(n: int) -> list[tuple[float, ...]]:
 
 
 def _draw_curves(ax: Axes, t: Array, curves: Mapping[str, Array]) -> None:
-    for (name, values), color in zip(curves.items(), _colors(len(curves)), strict=True):
+    for (name, values), color in zip(curves.items(), curve_colors(len(curves)), strict=True):
         ax.plot(t, values, color=color, lw=1.6, label=name)
 
 
 def _draw_circles(ax: Axes, overlays: Sequence[tuple[Array, Array] | None]) -> None:
     """Lay open circles over those curves that have an overlay, few enough to be told apart."""
     style: dict[str, Any] = {"ls": "none", "marker": "o", "ms": 5.5, "mfc": "none"}
-    for overlay, color in zip(overlays, _colors(len(overlays)), strict=True):
+    for overlay, color in zip(overlays, curve_colors(len(overlays)), strict=True):
         if overlay is not None:
             every = max(1, -(-len(overlay[0]) // _OPEN_CIRCLES))
             times, values = (np.asarray(column)[::every] for column in overlay)

@@ -84,6 +84,10 @@ def solve_with_cvode(problem: Problem) -> Trajectory | str:
     """
     if problem.native is None:
         return problem.not_native
+    if problem.project is not None:
+        return "the motion is held to constraints"
+    if problem.complete is not None:
+        return "there are algebraic unknowns"
     if problem.size == 0:
         return "there are no states"
     cvode = load_cvode()
@@ -92,7 +96,7 @@ def solve_with_cvode(problem: Problem) -> Trajectory | str:
     begin = time.perf_counter()
     corners = segments(problem)
     job = CvodeJob(cvode, problem, [corners[0][0], *(end for _, end in corners)])
-    if job.is_wide:
+    if problem.is_sparse and job.is_wide:
         return "the Jacobian's band is wide"
     try:
         status, reason = run_job(job, problem, begin)
@@ -142,9 +146,8 @@ class CvodeJob(Job):
     @property
     def is_wide(self) -> bool:
         """Tell whether a sparse factorisation would be much cheaper."""
-        c, n = self._memory, self._problem.n_states
-        is_costly = n * c.lower * (c.lower + c.upper) > _MOST_MULTIPLICATIONS
-        return self._problem.is_sparse and is_costly
+        c, n = self._memory, self.job.model.n_states
+        return bool(n * c.lower * (c.lower + c.upper) > _MOST_MULTIPLICATIONS)
 
     @property
     def n_jacobians(self) -> int:
@@ -156,10 +159,9 @@ class CvodeJob(Job):
         """Return how many matrices were factorised."""
         return int(self._memory.n_factorisations)
 
-    def reason(self) -> str:
+    def reason(self, problem: Problem) -> str:
         """Say why it failed."""
         status, c = int(self.job.status), self._memory
-        problem = self._problem
         reason = _REASONS.get(status, f"flag {status}")
         reasons = [f"SUNDIALS says: {reason}" if status < 0 else reason]
         if c.complaint == SINGULAR:
@@ -176,24 +178,19 @@ class CvodeJob(Job):
         """Free what SUNDIALS holds."""
         self._lib.cotree_job_end(self.job)
 
-    def _make_memory(self) -> Any:
-        assert self._problem.native is not None
-        ffi, n = self._ffi, self._problem.n_states
-        model = ffi.cast("cotree_model *", self._problem.native.model.address)
+    def _make_memory(self, problem: Problem) -> Any:
+        ffi, job, n = self._ffi, self.job, problem.n_states
         c = self._memory = ffi.new("cotree_cvode *")
         c.sundials = self._cvode.functions
         c.row = c.column = -1
         # Nothing else would make the iteration go on for them.
-        has_some = self._problem.n_sensitivities > 0
-        c.are_followed = has_some and not self._problem.error_test_sensitivities
-        c.lower, c.upper, places = _order(ffi, model)
-        places = ffi.NULL if places is None else ffi.new("int[]", places.tolist())
+        c.are_followed = problem.n_sensitivities > 0 and not problem.error_test_sensitivities
+        c.lower, c.upper, order = _order(ffi, job.model)
+        places = ffi.NULL if order is None else ffi.new("int[]", order.tolist())
         pivots = ffi.new("int[]", n)
         self._kept += [c, places, pivots]
         c.places, c.pivots = places, pivots
-        size = self._lib.cotree_cvode_doubles(
-            self._problem.size, n, model.n_nonzeros, c.lower, c.upper
-        )
+        size = self._lib.cotree_cvode_doubles(job.model, job.has_sensitivities, c.lower, c.upper)
         c.doubles = self._doubles(np.zeros(size))
         return c
 

@@ -93,18 +93,22 @@ class Job:
 
     def __init__(self, engine: LoadedLibrary, problem: Problem, corners: Sequence[float]) -> None:
         assert problem.native is not None
-        self._engine, self._problem = engine, problem
         self._ffi, self._lib = engine.ffi, engine.lib
         self._kept: list[Any] = [engine, problem.native]
-        native, n = problem.native, problem.size
+        native, n_full = problem.native, problem.size
+        cut = problem.n_states - problem.n_algebraic
         rtol, atols = augmented_tolerances(problem)
+        atols = atols.reshape(-1, problem.n_states)[:, :cut].ravel()
+        n = len(atols)
         job = self._ffi.new("cotree_job *")
         job.model = self._ffi.cast("cotree_model *", native.model.address)
         job.p, job.k = self._doubles(native.model.p), self._doubles(native.model.k)
         job.u = self._doubles(np.zeros(native.n_inputs))
         job.n_replaced, job.replaced = len(native.replaced), self._tables(native)
         job.has_sensitivities = int(problem.n_sensitivities > 0)
+        job.is_held = int(problem.project is not None)
         job.n, job.rtol, job.atols = n, rtol, self._doubles(atols)
+        job.atol = float(np.min(problem.atol))
         job.max_step = min(problem.max_step, float(np.finfo(np.float64).max))
         job.n_corners, job.corners = len(corners), self._doubles(np.array(corners))
         wanted = problem.t_eval
@@ -112,11 +116,11 @@ class Job:
             job.n_wanted, job.wanted = len(wanted), self._doubles(np.array(wanted, dtype=float))
         self.z = np.array(problem.z0, dtype=np.float64)
         job.z, job.t, job.entry = self._doubles(self.z), corners[0], -1
-        job.memory = self._make_memory()
         self.job = job
-        self._n = n
+        job.memory = self._make_memory(problem)
+        self._n = n_full
         self._room = 0
-        self.times, self.values = np.zeros(0), np.zeros((0, n))
+        self.times, self.values = np.zeros(0), np.zeros((0, n_full))
         self._keeps_steps = wanted is None
         self._make_room(256 if wanted is None else len(wanted))
 
@@ -138,16 +142,16 @@ class Job:
         """Return how many matrices were factorised."""
         return 0
 
-    def reason(self) -> str:
+    def reason(self, problem: Problem) -> str:
         """Say why it failed."""
         status, entry = int(self.job.status), int(self.job.entry)
         if entry >= 0:
-            return f"the derivative of {describe_entry(self._problem, entry)} is not finite ahead"
+            return f"the derivative of {describe_entry(problem, entry)} is not finite ahead"
         return _REASONS.get(status, f"the integrator gives status {status}")
 
-    def _make_memory(self) -> Any:
+    def _make_memory(self, problem: Problem) -> Any:
         """Give the engine its memory."""
-        size = int(self._lib.cotree_job_memory(self._problem.size))
+        size = int(self._lib.cotree_job_memory(self.job.model, self.job.has_sensitivities))
         return self._doubles(np.zeros(-(-size // 8)))
 
     def _make_room(self, rows: int) -> None:

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cotree.solvers.base import Statistics, Trajectory
+from cotree.solvers.base import Drift, Statistics, Trajectory
 from cotree.solvers.drive import segments, summary
 from cotree.solvers.engine import Job, load_engine
 from cotree.solvers.evaluate import BUDGET_SPENT, FAILED
 from cotree.solvers.problem import check_problem
 
 if TYPE_CHECKING:
-    from cotree.solvers.problem import Problem
+    from cotree.solvers.problem import FloatArray, Problem
 
 # Results of cotree_job_run.
 _MORE, _FAILED = 1, 2
@@ -54,20 +54,24 @@ class NativeSolver:
         check_problem(problem)
         if problem.native is None or problem.size == 0:
             return self._stand_in(problem, problem.not_native or "there is nothing for C to do")
-        engine = load_engine(self.method, problem.size)
+        n = problem.size - problem.n_algebraic * (1 + problem.n_sensitivities)
+        engine = load_engine(self.method, n)
         if engine is None:
             return self._stand_in(problem, "no compiler can build its engine")
         begin = time.perf_counter()
         corners = segments(problem)
         job = Job(engine, problem, [corners[0][0], *(end for _, end in corners)])
         status, reason = run_job(job, problem, begin)
+        if status == FAILED and (problem.n_algebraic or problem.singular is not None):
+            # What looks far for algebraic unknowns, and passes singular positions, is Python.
+            return self._stand_in(problem, f"{reason} at t = {float(job.job.t):.10g}")
         return trajectory_of(job, problem, self.method, status, reason, begin)
 
     def _stand_in(self, problem: Problem, why: str) -> Trajectory:
-        from cotree.solvers.scipy_ivp import ScipySolver
+        from cotree.solvers.select import integrate
 
         other = STAND_INS[self.method]
-        trajectory = ScipySolver(other).solve(problem)
+        trajectory = integrate(problem, other)
         message = f"{trajectory.message} {other} stood in for {self.method}: {why}."
         return replace(trajectory, message=message)
 
@@ -91,7 +95,7 @@ def run_job(job: Job, problem: Problem, begin: float) -> tuple[int, str]:
         result = job.run(allowed)
         now = time.perf_counter()
         if result == _FAILED:
-            return FAILED, job.reason()
+            return FAILED, job.reason(problem)
         if result != _MORE:
             return 0, ""
         if limit is not None and job.job.n_steps >= limit:
@@ -121,4 +125,23 @@ def trajectory_of(
         seconds=time.perf_counter() - begin,
     )
     message = " ".join(summary(problem, method, float(c.t), reason))
-    return Trajectory(t.copy(), values.T.copy(), status, message, statistics)
+    t, z = t.copy(), values.T.copy()
+    return Trajectory(t, z, status, message, statistics, _drift(job, problem, t, z))
+
+
+def _drift(job: Job, problem: Problem, t: FloatArray, z: FloatArray) -> Drift | None:
+    """Say how well constraints and algebraic equations are met at the stored points."""
+    n, cut = problem.n_states, problem.n_states - problem.n_algebraic
+    if problem.residual is None and cut == n:
+        return None
+    columns = []
+    for j, at in enumerate(t.tolist()):
+        point = np.ascontiguousarray(z[:, j])
+        left = [] if problem.residual is None else [problem.residual(at, point)]
+        if cut < n:
+            assert problem.state_rhs is not None  # a native problem is a model's
+            left.append(np.array(problem.state_rhs(at, point[:n])[cut:]))
+        columns.append(np.concatenate(left))
+    names = (*problem.constraints, *problem.names[cut:])
+    residual = np.array(columns).reshape(len(t), len(names)).T.copy()
+    return Drift(names, residual, float(job.job.correction))

@@ -14,7 +14,7 @@ import numpy as np
 
 from cotree.solvers.algebraic import reduce_problem
 from cotree.solvers.evaluate import Evaluator, IntegrationStopError
-from cotree.solvers.methods import solver_for
+from cotree.solvers.methods import method_row, solver_for
 from cotree.solvers.problem import check_problem
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def integrate(problem: Problem, method: str = "auto") -> Trajectory:
 
 def _solve(problem: Problem, method: str) -> Trajectory:
     """Integrate, with algebraic unknowns eliminated."""
-    if not problem.n_algebraic:
+    if not problem.n_algebraic or method_row(method).family == "cotree":
         return solver_for(method).solve(problem)
     check_problem(problem)
     trajectory = solver_for(method).solve(reduce_problem(problem))

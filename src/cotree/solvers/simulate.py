@@ -270,11 +270,6 @@ def _sparse_jacobian(
 
 def _native(model: CompiledModel, p: FloatArray, signals: Signals) -> dict[str, Any]:
     """Give what C needs of the problem, or why it cannot take it."""
-    layout = model.layout
-    if layout.constraints:
-        return {"not_native": "the motion is held to constraints"}
-    if layout.n_algebraic:
-        return {"not_native": "there are algebraic unknowns"}
     if len(signals.tables) < len(signals.by_position):
         return {"not_native": "an input is neither a number nor a table"}
     native = model.native(p)

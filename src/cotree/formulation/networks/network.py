@@ -19,7 +19,8 @@ from cotree.formulation.networks.states import (
 )
 from cotree.formulation.networks.terminals import Terminals
 from cotree.formulation.networks.topology import Topology
-from cotree.scene.networks import normal_trees, scalar_graphs, scalar_ports
+from cotree.scene.networks import scalar_graphs, scalar_ports
+from cotree.scene.normal_trees import normal_trees
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -32,7 +33,8 @@ if TYPE_CHECKING:
     from cotree.formulation.networks.solved import Solved
     from cotree.graph import LinearGraph
     from cotree.scene.description import SceneDescription
-    from cotree.scene.networks import NormalTree, Port
+    from cotree.scene.networks import Port
+    from cotree.scene.normal_trees import NormalTree
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,7 @@ def held_variables(
         integral = integral_of(port.terminal)
         # The stretch of a spring in a cutset of its like follows from theirs.
         if integral is not None and not (port.kind is Kind.SPRING and is_branch):
-            item = Held(port, "stretch", integral.name, integral.unit)
+            item = _held(port, "stretch")
             names = {item.name, f"{port.name}.{item.short}"}
             if _uses_stretch(port) or names & used or item.short in port.initial:
                 found.append(item)
@@ -94,6 +94,10 @@ def held_variables(
 
 def _held(port: Port, quantity: str) -> Held:
     row = DOMAINS[port.terminal.domain]
+    if quantity == "stretch":
+        integral = integral_of(port.terminal)
+        assert integral is not None
+        return Held(port, quantity, integral.name, integral.unit)
     if quantity == "across":
         return Held(port, quantity, row.across_symbol, row.across_unit)
     return Held(port, quantity, row.through_symbol, row.through_unit)
@@ -150,9 +154,9 @@ def refuse_initials(ports: Mapping[str, Port], held: Iterable[Held]) -> None:
         quantity = quantities.get(port.kind)
         if quantity is None or (quantity, port.name) in known:
             continue
-        integral = integral_of(port.terminal)
-        short = integral.name if integral and quantity == "stretch" else _held(port, quantity).short
-        if short in port.initial:
+        is_guess = quantity == "stretch" and port.terminal.storage is None
+        short = _held(port, quantity).short
+        if short in port.initial and not is_guess:
             raise ParameterError(
                 f"edge '{port.name}' has no state '{short}' of its own, because others like it are "
                 "tied to it with nothing that dissipates between: its initial value follows from "

@@ -124,6 +124,8 @@ class Terminals:
             return self._lawful(port, integral.rate)
         if variable in self.states:
             return Field(self.states[variable])
+        if port.terminal.storage is None:
+            return Unknown(("residual_stretch", name))
         return self._lawful(port, spring_stretch(port.terminal))
 
     def _across(self, name: str, rate: str) -> Rule:
@@ -141,6 +143,8 @@ class Terminals:
             return Field(self.states["across", name])
         # In a cutset of its like the state of a spring or a storage of through is theirs.
         if port.kind is Kind.SPRING and not rate:
+            if port.terminal.storage is None:
+                return Unknown(("residual_across", name))
             law = spring_rate(port.terminal)
         elif port.kind is Kind.THROUGH_STORAGE and not rate:
             law = stored_value(port.terminal, False)
@@ -183,6 +187,8 @@ class Terminals:
         port = self.ports[name]
         terminal = port.terminal
         is_storage = port.kind in (Kind.ACROSS_STORAGE, Kind.THROUGH_STORAGE)
+        if quantity == "stretch":
+            return self._lawful(port, through_residual(terminal))
         if quantity == "across" and port.kind is Kind.SPRING:
             return self._lawful(port, spring_residual(terminal))
         if quantity == "across" and not is_storage:
@@ -275,6 +281,12 @@ class Terminals:
 
 
 def _higher_index(port: Port) -> FormulationError:
+    if port.kind in (Kind.ACROSS_STORAGE, Kind.THROUGH_STORAGE):
+        why = "sources, gyrators or others of its like give its rate of change, which would have to"
+        return FormulationError(
+            f"the equations of storage '{port.name}' have a higher index than can be solved: {why} "
+            "be differentiated once more; put a resistance beside it or in series with it"
+        )
     return FormulationError(
         f"the equations of '{port.name}' have a higher index than can be solved: a storage is tied "
         "to its nonlinear law so that the law's rate of change would be needed; put a resistance "

@@ -1,0 +1,107 @@
+"""Hard cases: digits reached against tolerance, drift, cost, and what was hard.
+
+Run it with ``python benchmarks/hard_cases.py [CASE ...]``. It prints Markdown; without names it
+runs all of them, some ten minutes, and writes ``docs/hard_cases.md``. Cost is counted in steps and
+evaluations, so that the page is the same on every machine, but for what rounding decides. The cases
+are those of ``tests/example_scenes/hard_cases.py``, of which tests run the quick ones.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "tests" / "example_scenes"))
+from hard_cases import CASES, Outcome, model_of, outcome, reversal  # noqa: E402
+
+PAGE = ROOT / "docs" / "hard_cases.md"
+REVERSAL = ((5.0, 10.0, 20.0), (1e-7, 1e-10, 1e-13))
+
+HEAD = """# Hard cases
+
+Made by `python benchmarks/hard_cases.py`. Every case runs at the relative tolerances 1e-4, 1e-7
+and 1e-10, unless it says otherwise: three numbers in a cell are theirs. Absolute tolerances are a
+hundredth, but those of reactions 1e-12 and 1e-14 of them. The method is that of `auto`, unless `*`
+says that it was named.
+
+- **digits**: −log₁₀ of the largest error of any quantity at any time, relative to the largest
+  value of the quantity, or to each value where it says so. No more than are known of what it is
+  compared with: the files of `tests/references`, a closed form, or two different methods that
+  agree.
+- **drift**: what should not change, and by how much it did: the energy, as a share of it (or in J
+  where that is less than 1 J), or what is left of constraints.
+- **cost**: steps, and evaluations of the right-hand side. Times are not given: they differ between
+  machines, and `cotree bench` measures them on yours.
+"""
+
+AFTER = """## Time reversal
+
+A chaotic motion cannot be compared at its end: errors of the start grow by e every 1.3 s or so. The
+double pendulum of above runs forwards and back again; the distance from where it began, largest of
+angles and rates, is what step errors have grown to. By DOP853, rtol = atol.
+"""
+
+
+def rounded(values: list[str]) -> str:
+    """Write three values in a cell, one where all are the same."""
+    return values[0] if len(set(values)) == 1 else " / ".join(values)
+
+
+def row(name: str, runs: list[Outcome]) -> str:
+    """Write a line of the table."""
+    case = CASES[name]
+    methods = list(dict.fromkeys(run.method for run in runs))
+    mark = "" if case.method == "auto" else "*"
+    digits = [run.stopped or f"{run.digits:.1f}" for run in runs]
+    drifts = [f"{run.drift:.0e}" for run in runs if math.isfinite(run.drift)]
+    drift = f"{case.drift[0]} {rounded(drifts)}" if case.drift and drifts else "–"
+    steps = [str(run.steps) for run in runs]
+    evaluations = [str(run.evaluations) for run in runs]
+    at = "" if case.tolerances == CASES["slider_pendulum"].tolerances else " (at 1e-7 / 1e-10)"
+    cells = [
+        name,
+        case.against,
+        f"{', '.join(methods)}{mark}",
+        f"{rounded(digits)}{at}",
+        drift,
+        rounded(steps),
+        rounded(evaluations),
+    ]
+    return f"| {' | '.join(cells)} |"
+
+
+def table(names: list[str]) -> str:
+    """Run cases, and write the table."""
+    head = ["case", "against", "method", "digits", "drift", "steps", "evaluations"]
+    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
+    for name in names:
+        lines.append(row(name, [outcome(name, rtol) for rtol in CASES[name].tolerances]))
+        print(lines[-1], file=sys.stderr, flush=True)
+    return "\n".join(lines)
+
+
+def what_was_hard(names: list[str]) -> str:
+    return "\n".join(f"- **{name}**: {CASES[name].hard}." for name in names)
+
+
+def reversals() -> str:
+    """Run the double pendulum forwards and back."""
+    times, tolerances = REVERSAL
+    model = model_of("double pendulum, 10 s")
+    lines = [f"| there and back | {' | '.join(f'{r:.0e}' for r in tolerances)} |"]
+    lines.append("|---" * (1 + len(tolerances)) + "|")
+    for t_end in times:
+        found = [reversal(model, t_end, "DOP853", rtol) for rtol in tolerances]
+        lines.append(f"| {t_end:g} s | {' | '.join(f'{x:.0e}' for x in found)} |")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    chosen = sys.argv[1:] or list(CASES)
+    text = f"{HEAD}\n{table(chosen)}\n\n## What is hard\n\n{what_was_hard(chosen)}\n"
+    if not sys.argv[1:]:
+        text += f"\n{AFTER}\n{reversals()}\n"
+        PAGE.write_text(text, encoding="utf-8")
+    print(text)

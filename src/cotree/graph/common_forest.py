@@ -1,0 +1,184 @@
+"""Sets of edges that are forests in two graphs at once, of most edges at the least cost.
+
+The two trees of a network with ideal amplifiers share such a set, and so do a tree and the graph
+that has two parallel edges for each ideal transformer: at most one of them is a branch. They are
+common independent sets of two matroids, found by augmenting along shortest paths of exchanges
+(A. Schrijver, Combinatorial Optimization, 2003, section 41.3).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cotree.errors import TopologyError
+from cotree.graph.tree import Parts
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+#: A cost and a number of edges: of paths of equal cost, the shortest must be taken.
+_Length = tuple[int, int]
+
+
+class Contracted:
+    """A graph of which some edges are branches beforehand.
+
+    Parameters
+    ----------
+    ends : mapping of str to (str, str)
+        The nodes of each edge.
+    branches : iterable of str
+        The branches.
+
+    Raises
+    ------
+    TopologyError
+        If these form a circuit.
+    """
+
+    def __init__(self, ends: Mapping[str, tuple[str, str]], branches: Iterable[str] = ()) -> None:
+        parts = Parts(node for pair in ends.values() for node in pair)
+        for name in branches:
+            if not parts.join(*ends[name]):
+                raise TopologyError(
+                    f"edge '{name}' closes a circuit of edges that must be branches"
+                )
+        self.ends = {name: (parts.top(a), parts.top(b)) for name, (a, b) in ends.items()}
+
+    def lightest(self, names: Iterable[str], costs: Mapping[str, int]) -> list[str]:
+        """Select a forest of least cost from some edges, the first among equals."""
+        parts = self._parts()
+        cheapest = sorted(names, key=costs.__getitem__)
+        return [name for name in cheapest if parts.join(*self.ends[name])]
+
+    def extended(self, forest: Iterable[str]) -> Parts:
+        """Find the connected parts of a forest."""
+        parts = self._parts()
+        for name in forest:
+            parts.join(*self.ends[name])
+        return parts
+
+    def _parts(self) -> Parts:
+        return Parts(node for pair in self.ends.values() for node in pair)
+
+    def circuits(
+        self, forest: Sequence[str], others: Iterable[str]
+    ) -> dict[str, Sequence[str] | None]:
+        """Name the edges of a forest between the ends of each other edge; None without such."""
+        neighbours: dict[str, list[tuple[str, str]]] = {}
+        for name in forest:
+            a, b = self.ends[name]
+            neighbours.setdefault(a, []).append((b, name))
+            neighbours.setdefault(b, []).append((a, name))
+        places: dict[str, tuple[int, str, str]] = {}  # depth, node above, edge to it
+        for root in neighbours:
+            if root not in places:
+                places[root] = (0, root, "")
+                waiting = [root]
+                while waiting:
+                    node = waiting.pop()
+                    for other, name in neighbours[node]:
+                        if other not in places:
+                            places[other] = (places[node][0] + 1, node, name)
+                            waiting.append(other)
+        parts = self.extended(forest)
+        found: dict[str, Sequence[str] | None] = {}
+        for name in others:
+            a, b = self.ends[name]
+            found[name] = None if parts.top(a) != parts.top(b) else _between(places, a, b)
+        return found
+
+
+def _between(places: Mapping[str, tuple[int, str, str]], a: str, b: str) -> list[str]:
+    """Name the edges between two nodes of a rooted tree."""
+    route = []
+    while a != b:
+        if places[a][0] < places[b][0]:
+            a, b = b, a
+        _, above, name = places[a]
+        route.append(name)
+        a = above
+    return route
+
+
+def common_forest(first: Contracted, second: Contracted, costs: Mapping[str, int]) -> set[str]:
+    """Select as many edges as are a forest in two graphs at once, at the least total cost.
+
+    Parameters
+    ----------
+    first, second : Contracted
+        The graphs.
+    costs : mapping of str to int
+        Cost of each edge that may be selected; of equal ones, the first are preferred.
+
+    Returns
+    -------
+    set of str
+        Names of the selected edges.
+
+    Examples
+    --------
+    >>> first = Contracted({"a": ("0", "1"), "b": ("0", "1"), "c": ("1", "2"), "d": ("1", "2")})
+    >>> second = Contracted({"a": ("0", "1"), "b": ("2", "3"), "c": ("0", "1"), "d": ("4", "5")})
+    >>> sorted(common_forest(first, second, {"a": 0, "b": 3, "c": 0, "d": 1}))
+    ['a', 'd']
+    """
+    cheapest = sorted(costs, key=costs.__getitem__)
+    shared: set[str] = set()
+    while True:
+        path = _exchange(first, second, costs, shared)
+        if path is None:
+            return shared
+        shared ^= set(path)
+        # No later edge adds less than this path: what is free in both graphs and costs no more
+        # needs no search.
+        least = sum(costs[name] if name in shared else -costs[name] for name in path)
+        grown = first.extended(shared), second.extended(shared)
+        for name in cheapest:
+            if costs[name] > least:
+                break
+            ends = first.ends[name], second.ends[name]
+            if name not in shared and all(
+                parts.top(a) != parts.top(b) for parts, (a, b) in zip(grown, ends, strict=True)
+            ):
+                shared.add(name)
+                for parts, pair in zip(grown, ends, strict=True):
+                    parts.join(*pair)
+
+
+def _exchange(
+    first: Contracted, second: Contracted, costs: Mapping[str, int], shared: set[str]
+) -> list[str] | None:
+    """Find the cheapest exchange that gives one more edge; None where there is none."""
+    forest = [name for name in costs if name in shared]
+    others = [name for name in costs if name not in shared]
+    enters, leaves = first.circuits(forest, others), second.circuits(forest, others)
+    # From what leaves to what the first graph then accepts, and on to what that makes leave the
+    # second. What is free in one of them begins or ends a path: one that passes it is no cheaper
+    # than its part from or up to there, as no exchange that adds no edge lowers the cost.
+    arcs: dict[str, list[str]] = {name: [] for name in costs}
+    for name in others:
+        for leaving in enters[name] or ():
+            arcs[leaving].append(name)
+        arcs[name] += leaves[name] or ()
+    length: dict[str, _Length] = {n: (costs[n], 0) for n in others if enters[n] is None}
+    before: dict[str, str] = {}
+    waiting = list(length)
+    while waiting:
+        changed: dict[str, None] = {}
+        for name in waiting:
+            cost, steps = length[name]
+            for other in arcs[name]:
+                step = -costs[other] if other in shared else costs[other]
+                found = (cost + step, steps + 1)
+                if other not in length or found < length[other]:
+                    length[other], before[other] = found, name
+                    changed[other] = None
+        waiting = list(changed)
+    ends = [name for name in others if leaves[name] is None and name in length]
+    if not ends:
+        return None
+    path = [min(ends, key=lambda name: length[name])]
+    while path[-1] in before:
+        path.append(before[path[-1]])
+    return path

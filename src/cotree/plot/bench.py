@@ -1,0 +1,148 @@
+"""Time over error of methods, a curve for each over its tolerances.
+
+In: the report of a bench. Out: a matplotlib `Figure`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Protocol
+
+from cotree.plot.result import curve_colors
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_MARKERS = "osD^v<>Ph*X"
+
+
+class PlottableRow(Protocol):
+    """What `plot_bench` needs of a method at a tolerance; times in s, nan where there is none."""
+
+    @property
+    def method(self) -> str: ...  # noqa: D102
+    @property
+    def seconds(self) -> float: ...  # noqa: D102
+    @property
+    def error_states(self) -> float: ...  # noqa: D102
+    @property
+    def error_sensitivities(self) -> float: ...  # noqa: D102
+
+
+class PlottablePair(Protocol):
+    """What `plot_bench` needs of a reference: the errors that it can tell."""
+
+    @property
+    def agreement_states(self) -> float: ...  # noqa: D102
+    @property
+    def agreement_sensitivities(self) -> float: ...  # noqa: D102
+
+
+class PlottableBench(Protocol):
+    """What `plot_bench` needs of a report."""
+
+    @property
+    def scene(self) -> str: ...  # noqa: D102
+    @property
+    def sensitivities(self) -> tuple[str, ...]: ...  # noqa: D102
+    @property
+    def rows(self) -> Sequence[PlottableRow]: ...  # noqa: D102
+    @property
+    def reference(self) -> PlottablePair: ...  # noqa: D102
+
+
+def plot_bench(report: PlottableBench) -> Figure:
+    """Plot seconds over error, of states and beside them of sensitivities.
+
+    Parameters
+    ----------
+    report : PlottableBench
+        The report of a bench. Runs without a time or an error are left out.
+
+    Returns
+    -------
+    Figure
+        Errors that the reference cannot tell lie in grey, with open markers at its border.
+    """
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    pair = report.reference
+    panels: list[tuple[str, Callable[[PlottableRow], float], float]] = [
+        ("states", lambda row: row.error_states, pair.agreement_states)
+    ]
+    if report.sensitivities:
+        to = ", ".join(report.sensitivities[:3]) + (", …" if len(report.sensitivities) > 3 else "")
+        panels.append(
+            (
+                f"sensitivities to {to}",
+                lambda row: row.error_sensitivities,
+                pair.agreement_sensitivities,
+            )
+        )
+    figure = Figure(
+        figsize=(1.6 + 4.8 * len(panels), 4.4),
+        layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.08),
+    )
+    axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+    for ax, (what, error, agreement) in zip(axes, panels, strict=True):
+        _draw_methods(ax, report.rows, error, agreement)
+        _finish(ax, f"error of {what}", agreement)
+    axes[0].set_ylabel("seconds of a run", fontsize=11)
+    if axes[-1].get_legend_handles_labels()[1]:
+        axes[-1].legend(loc="center left", bbox_to_anchor=(1, 0.5), frameon=False, fontsize=9)
+    figure.suptitle(report.scene, fontsize=11)
+    return figure
+
+
+def _draw_methods(
+    ax: Axes,
+    rows: Sequence[PlottableRow],
+    error: Callable[[PlottableRow], float],
+    agreement: float,
+) -> None:
+    methods = list(dict.fromkeys(row.method for row in rows))
+    for k, (method, color) in enumerate(zip(methods, curve_colors(len(methods)), strict=True)):
+        found = [
+            (max(error(row), agreement), row.seconds, error(row) < agreement)
+            for row in rows
+            if row.method == method and math.isfinite(error(row)) and math.isfinite(row.seconds)
+        ]
+        marker = _MARKERS[k % len(_MARKERS)]
+        # A method that never gave a point keeps its place in the legend and its colour.
+        ax.plot(
+            [x for x, _, _ in found],
+            [seconds for _, seconds, _ in found],
+            color=color,
+            lw=1.4,
+            label=method if found else f"{method}: no run",
+            marker="none" if not found else marker,
+            ms=5,
+        )
+        hidden = [(x, seconds) for x, seconds, is_below in found if is_below]
+        ax.plot(
+            [x for x, _ in hidden],
+            [seconds for _, seconds in hidden],
+            color=color,
+            ls="none",
+            marker=marker,
+            ms=5,
+            mfc="white",
+        )
+
+
+def _finish(ax: Axes, label: str, agreement: float) -> None:
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    if ax.get_legend_handles_labels()[1] and agreement > 0.0:
+        left, right = ax.get_xlim()
+        ax.axvspan(min(left, 0.3 * agreement), agreement, color="0.92", zorder=0)
+        ax.set_xlim(min(left, 0.3 * agreement), right)
+    # Small errors to the right, as in diagrams of work and precision.
+    ax.invert_xaxis()
+    ax.set_xlabel(label, fontsize=11)
+    ax.grid(color="0.9", lw=0.8)
+    ax.spines[["top", "right"]].set_visible(False)

@@ -1,0 +1,204 @@
+"""Normal trees of the scalar graphs of a scene.
+
+The normal tree takes across sources first, then across storages, dissipators and through
+storages, never through sources, so that states are across variables of its storages and through
+variables of the cotree's (H. E. Koenig, Y. Tokad, H. K. Kesavan, Analysis of Discrete Physical
+Systems, 1967). Of the two ports of a transformer one is a branch and the other a chord; of a
+gyrator both are one or the other. Circuits of a graph with ideal amplifiers follow a tree with
+their inputs, cutsets one with their outputs; all else is in both or in none.
+
+A network of sources, positive resistances, storages, transformers and gyrators with one solution
+has such a tree: its determinant is a sum of squares, one for each choice of the other branches,
+and such a square vanishes unless ports can be added to them to make a tree (compare A.
+Recski, Matroid Theory and its Applications, 1989).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.components import Kind
+from cotree.domains import DOMAINS
+from cotree.errors import TopologyError
+from cotree.graph import Tree, select_tree
+from cotree.graph.checks import listed
+from cotree.scene.coupled_trees import CoupledTrees
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable, Mapping, Sequence
+
+    from cotree.graph import LinearGraph
+    from cotree.scene.networks import Port
+
+#: Weight of what never becomes a branch.
+_NEVER = float("inf")
+
+
+@dataclass(frozen=True)
+class NormalTree:
+    """The tree that circuits follow and that which cutsets do; one but for ideal amplifiers.
+
+    Attributes
+    ----------
+    across, through : Tree
+        Of across and of through variables.
+    """
+
+    across: Tree
+    through: Tree
+
+    @property
+    def is_split(self) -> bool:
+        """Whether they differ."""
+        return self.across is not self.through
+
+
+def normal_trees(
+    graphs: Mapping[str, LinearGraph], ports: Mapping[str, Port]
+) -> dict[str, NormalTree]:
+    """Choose the normal tree of each scalar graph.
+
+    Raises
+    ------
+    TopologyError
+        If a part floats, across sources form a loop, only through sources reach a part, or ideal
+        transformers or amplifiers leave no choice of branches.
+    """
+    weights = {name: _weight(port) for name, port in ports.items()}
+    for graph in graphs.values():
+        for kind in (Kind.NULLATOR, Kind.NORATOR):
+            _check_across_sources(graph, ports, kind)
+            _check_reached(graph, ports, weights, kind)
+    tied = {p.terminal.domain for p in ports.values() if p.kind in (Kind.COUPLED, Kind.NULLATOR)}
+    trees = {}
+    for domain, graph in graphs.items():
+        if domain not in tied:
+            tree = select_tree(graph, {name: weights[name] for name in graph.edge_names})
+            trees[domain] = NormalTree(tree, tree)
+    coupled = [graph for domain, graph in graphs.items() if domain in tied]
+    if coupled:
+        found = CoupledTrees.of(coupled, ports, weights).select()
+        for graph in coupled:
+            trees[graph.domain] = _trees_of(graph, ports, found)
+    return trees
+
+
+def _trees_of(graph: LinearGraph, ports: Mapping[str, Port], shared: Collection[str]) -> NormalTree:
+    """Make the trees of a graph from what they share."""
+
+    def tree(kind: Kind) -> Tree:
+        own = {name for name in graph.edge_names if name in shared or ports[name].kind is kind}
+        return Tree(graph, tuple(name for name in graph.edge_names if name in own))
+
+    across = tree(Kind.NULLATOR)
+    is_split = any(ports[name].kind is Kind.NULLATOR for name in graph.edge_names)
+    return NormalTree(across, tree(Kind.NORATOR) if is_split else across)
+
+
+def _weight(port: Port) -> float:
+    """Order the kinds; among its like, a storage with an initial value keeps its state."""
+    if port.is_coupling:
+        return _NEVER
+    if port.kind in (Kind.THROUGH_SOURCE, Kind.NULLATOR, Kind.NORATOR):
+        return _NEVER
+    # Ports of gyrators are no better branches than dissipators: a choice that gains nothing by
+    # them is found at once.
+    own = float((Kind.DISSIPATOR if port.kind is Kind.COUPLED else port.kind).value)
+    row, initial = DOMAINS[port.terminal.domain], port.initial
+    if port.kind is Kind.ACROSS_STORAGE and row.across_symbol in initial:
+        return own - 0.25  # a branch
+    if port.kind is Kind.THROUGH_STORAGE and row.through_symbol in initial:
+        return own + 0.25  # a chord
+    if port.kind is Kind.SPRING:
+        law = port.terminal.through
+        if law is None or "across" in law.arguments:
+            return _NEVER
+        # The stretch of a nonlinear one would be the unknown of an equation.
+        is_linear = port.terminal.storage is not None
+        return own + 0.25 * (row.stretch in initial) + 0.5 * (not is_linear)
+    # Unknowns of nonlinear equations are better the junctions' own voltages.
+    is_implicit = port.kind is Kind.DISSIPATOR and port.terminal.across is None
+    return own - (0.25 if is_implicit else 0.0)
+
+
+def _check_across_sources(graph: LinearGraph, ports: Mapping[str, Port], kind: Kind) -> None:
+    """Refuse loops of across sources, and of what an ideal amplifier has of this kind."""
+    above: dict[str, str] = {node: node for node in graph.nodes}
+    through: dict[str, list[tuple[str, str]]] = {node: [] for node in graph.nodes}
+
+    def top(node: str) -> str:
+        while above[node] != node:
+            node = above[node]
+        return node
+
+    for edge in graph.edges:
+        if ports[edge.name].kind not in (Kind.ACROSS_SOURCE, kind):
+            continue
+        a, b = top(edge.tail), top(edge.head)
+        if a == b:
+            loop = [*_route(through, edge.tail, edge.head), edge.name]
+            what = DOMAINS[graph.domain].across[0]
+            raise TopologyError(
+                f"{listed(loop)} form a loop of {what} sources in the {graph.domain} graph: their "
+                f"{what}s contradict each other or leave the {DOMAINS[graph.domain].through} "
+                "undetermined; put a resistance into the loop or take one out"
+            )
+        above[b] = a
+        through[edge.tail].append((edge.head, edge.name))
+        through[edge.head].append((edge.tail, edge.name))
+
+
+def _route(neighbours: Mapping[str, Sequence[tuple[str, str]]], start: str, end: str) -> list[str]:
+    """Name the edges from a node to another."""
+    came: dict[str, tuple[str, str]] = {start: ("", "")}
+    waiting = [start]
+    while end not in came:
+        node = waiting.pop()
+        for other, edge in neighbours[node]:
+            if other not in came:
+                came[other] = (node, edge)
+                waiting.append(other)
+    found = []
+    while end != start:
+        end, edge = came[end]
+        found.append(edge)
+    return found[::-1]
+
+
+def _check_reached(
+    graph: LinearGraph, ports: Mapping[str, Port], weights: Mapping[str, float], kind: Kind
+) -> None:
+    """Refuse parts that nothing connects to the ground, or only through sources and springs."""
+    everything = _reached(graph, graph.edge_names)
+    if floating := [node for node in graph.nodes if node not in everything]:
+        raise TopologyError(
+            f"the {graph.domain} part with the node {listed(floating)} floats: connect one of its "
+            f"nodes to 'ground', where its {DOMAINS[graph.domain].across[0]} is measured from"
+        )
+    allowed = [n for n in graph.edge_names if weights[n] != _NEVER or ports[n].kind is kind]
+    reached = _reached(graph, allowed)
+    if cut := [node for node in graph.nodes if node not in reached]:
+        own = set(cut)
+        edges = [e.name for e in graph.edges if (e.tail in own) != (e.head in own)]
+        row = DOMAINS[graph.domain]
+        raise TopologyError(
+            f"only {listed(edges)} reach the node {listed(cut)} of the {graph.domain} graph: "
+            f"their {row.through}s are given, so that its {row.across[0]} is undetermined; add "
+            f"{row.remedy} there"
+        )
+
+
+def _reached(graph: LinearGraph, names: Iterable[str]) -> set[str]:
+    neighbours: dict[str, list[str]] = {node: [] for node in graph.nodes}
+    for name in names:
+        edge = graph.edge(name)
+        neighbours[edge.tail].append(edge.head)
+        neighbours[edge.head].append(edge.tail)
+    reached, waiting = {graph.reference}, [graph.reference]
+    while waiting:
+        for node in neighbours[waiting.pop()]:
+            if node not in reached:
+                reached.add(node)
+                waiting.append(node)
+    return reached

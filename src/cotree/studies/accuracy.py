@@ -1,0 +1,195 @@
+"""How wrong a run is: a reference that two methods agree on, and the error against it.
+
+In: a model and times. Out: a ``Reference``, with the two methods that made it and how far they are
+apart, which bounds the errors that it can tell.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.errors import Error, SolveError
+from cotree.solvers.methods import METHODS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from cotree.solvers import Result
+
+Array = npt.NDArray[np.float64]
+
+#: What an error is, for tables and pictures.
+ERROR = "largest |y - ref| / max(1, max |ref|)"
+
+# Where the ends of two methods agree to this, no further method is asked: it is a tenth of the
+# tightest error that a method is recommended for.
+_ENOUGH = 1e-10
+# Beyond this nothing can be said of any method.
+_TOO_FAR = 1e-6
+
+# Methods with their tolerances, best first: formulas of different families, of high order. Those of
+# BDF lose digits to rounding in their many steps at tolerances as tight as the first one's.
+_EXPLICIT_FIRST = (("DOP853", 1e-13), ("Radau", 1e-12), ("LSODA", 1e-12), ("cvode", 1e-12))
+_IMPLICIT_FIRST = (
+    ("Radau", 1e-12),
+    ("cvode", 1e-12),
+    ("BDF", 1e-12),
+    ("LSODA", 1e-12),
+    ("DOP853", 1e-13),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """States and sensitivities that one method gives, to compare.
+
+    Attributes
+    ----------
+    method : str
+        The method.
+    rtol : float
+        Its relative tolerance.
+    y : ndarray, shape (n_states, n_t)
+        States.
+    s : ndarray, shape (n_states, n_parameters, n_t)
+        Their sensitivities.
+    """
+
+    method: str
+    rtol: float
+    y: Array
+    s: Array
+
+    def distance(self, other: Solution | Result) -> tuple[float, float]:
+        """Give the error of another one, of its states and of its sensitivities.
+
+        Returns
+        -------
+        states, sensitivities : float
+            max |y - ref| / max(1, max |ref|) over points and states, and the same over points,
+            states and parameters: max |ref| is that over the points, of each state and of each
+            sensitivity on its own. nan where there are none.
+        """
+        return _error(other.y, self.y), _error(other.s, self.s)
+
+    def __str__(self) -> str:
+        """Name the method with its tolerance."""
+        return f"{self.method} at rtol {self.rtol:.0e}"
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """What two different methods agree on.
+
+    Attributes
+    ----------
+    solution : Solution
+        What errors are taken against.
+    other : Solution
+        What confirms it.
+    agreement_states, agreement_sensitivities : float
+        The error of one against the other. Errors below are not told apart from it.
+    """
+
+    solution: Solution
+    other: Solution
+    agreement_states: float
+    agreement_sensitivities: float
+
+    @property
+    def agreement(self) -> float:
+        """Give the larger of both."""
+        return worse(self.agreement_states, self.agreement_sensitivities)
+
+    def summary(self) -> str:
+        """Say in a line which methods agree, and to what."""
+        sensitivities = (
+            ""
+            if math.isnan(self.agreement_sensitivities)
+            else f", of sensitivities to {self.agreement_sensitivities:.1e}"
+        )
+        return (
+            f"{self.solution} and {self.other} agree to {self.agreement_states:.1e}{sensitivities}"
+        )
+
+
+def worse(*errors: float) -> float:
+    """Give the largest error, without those that are nan since there is nothing to compare."""
+    return max((error for error in errors if not math.isnan(error)), default=math.nan)
+
+
+def find_reference(run: Callable[[str, float], Result], is_stiff: bool) -> Reference:
+    """Solve by different methods at tight tolerances until two agree.
+
+    Parameters
+    ----------
+    run : callable
+        ``run(method, rtol)`` gives a result at the points to compare.
+    is_stiff : bool
+        Whether to begin with implicit methods.
+
+    Returns
+    -------
+    Reference
+        The first two that agree to 1e-10, or else the two of all that agree best.
+
+    Raises
+    ------
+    SolveError
+        If no two agree to 1e-6.
+    """
+    solutions: list[Solution] = []
+    pairs: list[Reference] = []
+    notes: list[str] = []
+    for method, rtol in _IMPLICIT_FIRST if is_stiff else _EXPLICIT_FIRST:
+        try:
+            result = run(method, rtol)
+        except Error as error:
+            notes.append(f"{method}: {error}")
+            continue
+        if not result.success:
+            notes.append(f"{method}: {result.message}")
+            continue
+        found = Solution(method, rtol, result.y, result.s)
+        pairs += _pairs(solutions, found)
+        solutions.append(found)
+        best = min(pairs, key=lambda pair: pair.agreement, default=None)
+        if best is not None and best.agreement <= _ENOUGH:
+            return best
+    best = min(pairs, key=lambda pair: pair.agreement, default=None)
+    if best is None or not best.agreement <= _TOO_FAR:
+        said = [pair.summary() for pair in pairs] + notes
+        raise SolveError(
+            f"no two methods agree to {_TOO_FAR:.0e}, so errors cannot be measured "
+            f"({'; '.join(said)}): give a shorter end time, as a chaotic motion needs, or a longer "
+            "time limit"
+        )
+    return best
+
+
+def _pairs(earlier: list[Solution], found: Solution) -> Iterator[Reference]:
+    """Confirm earlier solutions, better ones as their methods go, by a new one."""
+    for solution in earlier:
+        pair = Reference(solution, found, *solution.distance(found))
+        if math.isfinite(pair.agreement):
+            yield pair
+
+
+def starts_implicit(method: str) -> bool:
+    """Tell whether a method that was chosen for a problem shows it to be stiff."""
+    return method in METHODS and METHODS[method].implicit
+
+
+def _error(found: Array, reference: Array) -> float:
+    """Give the largest difference, the last axis that of the points, scaled row by row."""
+    if reference.size == 0:
+        return math.nan
+    scale = np.maximum(1.0, np.max(np.abs(reference), axis=-1, keepdims=True))
+    largest = float(np.max(np.abs(found - reference) / scale))
+    # A value that is not finite is as wrong as can be; nan says that there is nothing to compare.
+    return largest if math.isfinite(largest) else math.inf
