@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 from domain_scenes import scene_of_domain
@@ -183,6 +185,74 @@ def test_narrow_and_wide_bands(make, size, in_python):
     assert result.statistics.n_steps == pytest.approx(other.statistics.n_steps, abs=5)
     # The same method, whose linear algebra rounds differently.
     np.testing.assert_allclose(result.y, other.y, rtol=1e-5, atol=1e-8)
+
+
+_BAND_TEST = """
+#include <math.h>
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+%s
+/* Entries column by column; each array has exactly its size. Returns whether it is singular. */
+%s int solve(int n, int lower, int upper, const double *entries, double *b)
+{
+    const size_t size = band_doubles(n, lower, upper);
+    double *const memory = (double *)calloc(size, sizeof(double));
+    int *const pivots = (int *)calloc((size_t)n, sizeof(int));
+    const cotree_band a = band_of(n, lower, upper, memory, pivots);
+    int i, j, status;
+    for (j = 0; j < n; ++j) {
+        for (i = 0; i < n; ++i) {
+            if (i - j <= lower && j - i <= upper) a.first[i + j * a.stride] = entries[i + j * n];
+        }
+    }
+    status = band_factorise(&a);
+    if (status == 0) band_solve(&a, b);
+    free(memory);
+    free(pivots);
+    return status;
+}
+"""
+
+
+def test_bands_against_another_factorisation():
+    """Random matrices without large diagonals, so that rows are exchanged; and singular ones."""
+    import cffi
+
+    from cotree.build import BuildOptions, build_library, find_toolchain
+    from cotree.codegen.render import render
+
+    export = "__declspec(dllexport)" if sys.platform == "win32" else ""
+    text = _BAND_TEST % (render("c/engine/cotree_band.c.jinja"), export)
+    built = build_library(
+        {"band.c": text},
+        abi_version=0,
+        n_operations=1,
+        options=BuildOptions("-O1"),
+        toolchain=find_toolchain(),
+    )
+    ffi = cffi.FFI()
+    ffi.cdef("int solve(int, int, int, const double *, double *);")
+    library = ffi.dlopen(str(built.path))
+    rng = np.random.default_rng(3)
+
+    def solve(matrix, lower, upper, b):
+        entries = np.asfortranarray(matrix).ravel(order="F").copy()
+        x = b.copy()
+        pointers = (ffi.from_buffer("double[]", array) for array in (entries, x))
+        return library.solve(len(b), lower, upper, *pointers), x
+
+    for n, lower, upper in [(1, 0, 0), (7, 6, 6), (9, 0, 2), (12, 1, 1), (30, 3, 1), (30, 2, 7)]:
+        i, j = np.indices((n, n))
+        matrix = np.where((i - j <= lower) & (j - i <= upper), rng.normal(size=(n, n)), 0.0)
+        b = rng.normal(size=n)
+        status, x = solve(matrix, lower, upper, b)
+        assert status == 0
+        # Rounding, times the condition of the matrix.
+        accuracy = 1e-14 * n * np.linalg.cond(matrix)
+        np.testing.assert_allclose(x, np.linalg.solve(matrix, b), rtol=accuracy, atol=accuracy)
+        matrix[:, n // 2] = 0.0
+        assert solve(matrix, lower, upper, b)[0] == 1
 
 
 def test_too_wide_a_band_is_left_to_sparse_matrices(monkeypatch):
