@@ -42,7 +42,9 @@ def own_types():
 
 
 @pytest.mark.usefixtures("own_types")
-@pytest.mark.parametrize("block", blocks(README, "python"), ids=["first", "loops", "networks"])
+@pytest.mark.parametrize(
+    "block", blocks(README, "python"), ids=["first", "loops", "networks", "events"]
+)
 def test_the_readme_examples_run(block, tmp_path, monkeypatch):
     """Files go where it runs; numbers in its comments are what the expressions before them give."""
     monkeypatch.chdir(tmp_path)
@@ -65,6 +67,21 @@ def test_the_scene_page_says_the_same_in_toml_and_python():
     first, second = (scene.compile() for scene in (from_toml, from_python))
     y = first.initial_state + 0.2
     assert (first.rhs(0.3, y) == second.rhs(0.3, y)).all()
+
+
+def test_the_events_on_the_scene_page_run():
+    names: dict = {}
+    exec(compile(blocks(SCENES, "python")[1], "scenes.md", "exec"), names)
+    result = names["result"]
+    times = [np.sqrt(4 / 9.81), 2.6 * np.sqrt(4 / 9.81)]
+    np.testing.assert_allclose(result.events["hit"].t, times, atol=1e-9)
+    slopes = [0.0, 2 * np.sqrt(4 / 9.81)]
+    np.testing.assert_allclose(result.event_sensitivity("hit", "e"), slopes, atol=1e-9)
+    table = blocks(SCENES, "toml")[1]
+    head = 'name = "x"\n[parameters]\ne = 0.5\n[edges.b]\ntype = "rigid_body"\nmass = 1.0\n'
+    body = 'nodes = ["ground", "B"]\n[edges.j]\ntype = "prismatic"\nnodes = ["ground", "B"]\n'
+    scene = read_scene(f"{head}{body}axis = [0, 0, 1]\n{table}", "x.toml", Scene)
+    assert scene.compile().states == ("j.s", "j.s_dot", "free")
 
 
 @pytest.mark.parametrize("component", BUILT_IN, ids=lambda c: c.name)

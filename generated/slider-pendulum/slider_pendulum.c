@@ -307,6 +307,10 @@ static const cotree_model model = {
     NULL,
     NULL,
     NULL,
+    NULL,
+    NULL,
+    NULL,
+    NULL,
     NULL
 };
 

@@ -222,6 +222,10 @@ static const cotree_model model = {
     NULL,
     NULL,
     NULL,
+    NULL,
+    NULL,
+    NULL,
+    NULL,
     NULL
 };
 

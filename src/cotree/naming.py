@@ -82,7 +82,7 @@ def check_name(kind: str, name: object) -> str:
         )
     if keyword.iskeyword(name):
         raise SceneError(f"{kind} name '{name}' is a reserved word: try '{name}_'")
-    if kind in ("parameter", "input", "output") and name in RESERVED:
+    if kind in ("parameter", "input", "output", "mode") and name in RESERVED:
         raise SceneError(f"{kind} name '{name}' already means something in expressions: rename it")
     return name
 

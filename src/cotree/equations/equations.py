@@ -213,6 +213,32 @@ class Guard:
 
 
 @dataclass(frozen=True)
+class EventRow:
+    """What happens where a value passes through zero.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    direction : int
+        -1 for downwards, 1 for upwards, 0 for both.
+    is_stop : bool
+        Whether a run ends there.
+    targets : tuple of int
+        The states that it sets, in the order of their new values.
+    is_impact : bool
+        Whether an impulse changes all speeds; the coefficient of restitution then follows the new
+        values.
+    """
+
+    name: str
+    direction: int
+    is_stop: bool
+    targets: tuple[int, ...]
+    is_impact: bool
+
+
+@dataclass(frozen=True)
 class Equations:
     """Governing and sensitivity equations of a scene.
 
@@ -247,14 +273,21 @@ class Equations:
     constraints : ConstraintSet
         What the states must satisfy; the last unknowns are its multipliers.
     output_values : tuple of Node
-        y.
+        y; then what each event looks at; then, event by event, new values and restitution.
     sensitivities, columns : tuple of Derivative
         Along each requested parameter together with its states' sensitivities, and along each
         state.
     guards : tuple of Guard
         What parameter values must satisfy.
     n_network_states : int
-        How many states of networks there are, algebraic unknowns not counted.
+        How many modes and states of networks there are, algebraic unknowns not counted.
+    n_modes : int
+        How many of these, which come first, are modes.
+    events : tuple of EventRow
+        The events.
+    motion : Derivative or None
+        Along the motion itself, where there are events: the symbol ``("s", i)`` stands for the
+        rate of state i.
     """
 
     name: str
@@ -280,6 +313,9 @@ class Equations:
     columns: tuple[Derivative, ...]
     guards: tuple[Guard, ...]
     n_network_states: int = 0
+    n_modes: int = 0
+    events: tuple[EventRow, ...] = ()
+    motion: Derivative | None = None
 
     @property
     def n_algebraic(self) -> int:

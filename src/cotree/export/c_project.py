@@ -135,9 +135,15 @@ def write_c_project(
     SingularSystemError
         If there are constraints, and a linear system is singular at the start.
     CodegenError
-        If the folder or a file cannot be written.
+        If the scene has events, or the folder or a file cannot be written.
     """
     _check_numbers(t_end, rtol, atol)
+    if program.layout.events:
+        raise CodegenError(
+            f"scene '{program.layout.name}' has the event '{program.layout.events[0].name}', which "
+            "the main program of a C project does not locate: its kernels are in the C text of "
+            "the model (Model.source), to be called from a loop of your own"
+        )
     model = model_context(program)
     command = (
         f"cc -std=c99 -O2 -ffp-contract=off -o {model.prefix} "

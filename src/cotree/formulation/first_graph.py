@@ -18,6 +18,7 @@ from cotree.equations import Link, State
 from cotree.errors import ExpressionError
 from cotree.formulation.across import accelerate, move
 from cotree.formulation.augmented import augmented_mass_matrix
+from cotree.formulation.events import bind_events
 from cotree.formulation.laws import applied_laws
 from cotree.formulation.lumping import lump
 from cotree.formulation.networks.attached import attach_network
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
     from cotree.dag.nodes import Node
-    from cotree.equations import Guard
+    from cotree.equations import EventRow, Guard
     from cotree.formulation.across import Motion
     from cotree.formulation.laws import Applied
     from cotree.formulation.networks.network import Network
@@ -88,6 +89,8 @@ class FirstGraph:
         Whether storages of the networks are tied to joints, so that the mass matrix holds them.
     links : tuple of Link
         The tree, where the unknowns are to be eliminated along it; see :func:`tree_links`.
+    events : tuple of EventRow
+        The events.
     """
 
     scene: SceneDescription
@@ -110,6 +113,7 @@ class FirstGraph:
     network: Network | None = None
     has_far_inertia: bool = False
     links: tuple[Link, ...] = ()
+    events: tuple[EventRow, ...] = ()
 
     @property
     def system(self) -> System:
@@ -177,6 +181,7 @@ def form_first_graph(
     loaded = loads.plus(multiplier_loads(constraints.applied))
     balanced = balance(motion, loaded, view.across)
     observer = Observer(view, loaded, balanced, applied, observed)
+    states = (*_states(scene, system), *system.modes, *(network.states if network else ()))
     return FirstGraph(
         scene=whole,
         motion=motion,
@@ -197,15 +202,17 @@ def form_first_graph(
             *idle_guards,
             *(network.guards if network else ()),
         ),
-        states=(*_states(scene, system), *(network.states if network else ())),
+        states=states,
         rates=(
             *_kinematic_rates(system),
             *accelerations,
+            *(dag.zero for _ in system.modes),
             *(network.rate_values if network else ()),
         ),
-        outputs=form_outputs(observer, scene.outputs),
+        outputs=form_outputs(observer, scene),
         network=network,
         has_far_inertia=bool(attached.slopes),
+        events=bind_events(whole, system, states),
     )
 
 

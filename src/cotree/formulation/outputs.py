@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from cotree.scene.events import event_expressions
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from cotree.dag.nodes import Node
     from cotree.formulation.observed import Observer
-    from cotree.scene.expressions import Expression
+    from cotree.scene.description import SceneDescription
     from cotree.sensitivity.across import MotionTangent
 
 
@@ -21,7 +23,8 @@ class Outputs:
     Attributes
     ----------
     values : tuple of Node
-        The outputs, in terms of states and unknowns.
+        The outputs, in terms of states and unknowns; then the expressions of the events, in the
+        order of :func:`cotree.scene.events.event_expressions`.
     across : mapping of str to Node
         Positions and velocities of nodes that they use, by ``node.variable``.
     networks : mapping of str to Node
@@ -33,8 +36,8 @@ class Outputs:
     networks: Mapping[str, Node]
 
 
-def form_outputs(observer: Observer, expressions: Mapping[str, Expression]) -> Outputs:
-    """Form the outputs.
+def form_outputs(observer: Observer, scene: SceneDescription) -> Outputs:
+    """Form the outputs of a scene, and what its events look at and set.
 
     Raises
     ------
@@ -57,8 +60,13 @@ def form_outputs(observer: Observer, expressions: Mapping[str, Expression]) -> O
         return known[name]
 
     with system.dag.labelled("outputs"):
-        values = tuple(item.lower(system.dag, resolve) for item in expressions.values())
-    return Outputs(values, across, observer.networks)
+        values = [item.lower(system.dag, resolve) for item in scene.outputs.values()]
+        for name, value in zip(scene.outputs, values, strict=True):
+            known.setdefault(name, value)  # events may name outputs too
+        values += [
+            item.lower(system.dag, resolve) for item in event_expressions(scene.events.values())
+        ]
+    return Outputs(tuple(values), across, observer.networks)
 
 
 def _place(name: str) -> tuple[int, int] | None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from cotree.components import FreeRotation, Role
 from cotree.dag.several import Table, table
+from cotree.equations import State
 from cotree.errors import ExpressionError, nearest
 from cotree.formulation.fields import Resolver, Resolvers, bind_edge, lower_vector
 from cotree.formulation.initial import initial_values
@@ -101,6 +102,8 @@ class System:
         The symbol of time.
     parameters, inputs : mapping of str to Node
         Symbols (or numbers, for parameters that are not tunable) by name.
+    modes : tuple of State
+        Numbers that only events change: states without a rate, which come after the speeds.
     steps : mapping of str to tuple of Step
         The motion space of each branch that has one, in the order of the scene's edges: of an edge
         in one tree only, its translations or its rotations.
@@ -128,6 +131,7 @@ class System:
     time: Node
     parameters: Mapping[str, Node]
     inputs: Mapping[str, Node]
+    modes: tuple[State, ...]
     steps: Mapping[str, tuple[Step, ...]]
     plane: str
     edges: Mapping[str, BoundEdge]
@@ -151,9 +155,10 @@ class System:
 
     @cached_property
     def names(self) -> dict[str, Node]:
-        """Coordinates and speeds by name."""
+        """Coordinates, speeds and modes by name."""
         coordinates = {row.name: row.symbol for row in self.coordinates}
-        return coordinates | {row.name: row.symbol for row in self.speeds}
+        speeds = {row.name: row.symbol for row in self.speeds}
+        return coordinates | speeds | {row.name: row.symbol for row in self.modes}
 
     @property
     def bodies(self) -> list[BoundEdge]:
@@ -200,8 +205,8 @@ def bind(
         for name, row in scene.parameters.items()
     }
     inputs = {name: dag.symbol("u", i) for i, name in enumerate(scene.inputs)}
-    of_parameters = _resolver([parameters], "parameters")
-    of_time = _resolver([parameters, {"t": time}], "parameters and t")
+    of_parameters = _resolver([parameters], "parameters", scene.modes)
+    of_time = _resolver([parameters, {"t": time}], "parameters and t", scene.modes)
     spaces = motion_spaces(scene)
     with dag.labelled("initial values"):
         steps = _steps(scene, trees, spaces.of, dag, of_parameters, starts or {})
@@ -210,6 +215,8 @@ def bind(
     kept = [step for own in steps.values() for step in own]
     states = {c.name: c.symbol for step in kept for c in step.coordinates}
     states |= {v.name: v.symbol for step in kept for v in step.speeds}
+    modes = _modes(scene, dag, len(states), of_parameters)
+    states |= {mode.name: mode.symbol for mode in modes}
     measured: dict[str, Node] = {}
     of_states = _resolver([parameters, {"t": time}, inputs, states], "")
 
@@ -245,6 +252,7 @@ def bind(
         time=time,
         parameters=parameters,
         inputs=inputs,
+        modes=modes,
         steps=steps,
         plane=spaces.plane,
         edges=edges,
@@ -276,14 +284,26 @@ def _at_start(step: Step) -> Step:
     )
 
 
-def _resolver(known: Sequence[Mapping[str, Node]], allowed: str) -> Resolver:
+def _modes(
+    scene: SceneDescription, dag: Dag, n_before: int, resolve: Resolver
+) -> tuple[State, ...]:
+    """Give every mode its symbol, after those of the coordinates and speeds."""
+    return tuple(
+        State(mode.name, "", dag.symbol("x", n_before + i), mode.initial.lower(dag, resolve))
+        for i, mode in enumerate(scene.modes.values())
+    )
+
+
+def _resolver(
+    known: Sequence[Mapping[str, Node]], allowed: str, refused: Collection[str] = ()
+) -> Resolver:
     """Make the function that gives the node of a name; ``allowed`` says what may be used."""
     by_name = {name: node for mapping in known for name, node in mapping.items()}
 
     def resolve(name: str) -> Node:
         if name in by_name:
             return by_name[name]
-        if allowed and (name == "t" or "." in name):
+        if allowed and (name == "t" or "." in name or name in refused):
             raise ExpressionError(f"uses '{name}', but may depend on {allowed} only")
         raise ExpressionError(f"uses the unknown name '{name}'{nearest(name, by_name)}")
 

@@ -116,7 +116,7 @@ class CKernels:
         self._model = model
         self._layout, self._guards = layout, program.guards
         n, m = len(layout.states), len(layout.sensitivities)
-        sizes = {"x": n, "s": n * m, "u": len(layout.inputs), "p": len(layout.parameters)}
+        sizes = {"x": n, "s": n * max(m, 1), "u": len(layout.inputs), "p": len(layout.parameters)}
         self._arrays = {key: np.zeros(size) for key, size in sizes.items()}
         self._arrays["k"] = np.zeros(model.n_prepared)
 
@@ -149,7 +149,7 @@ class CKernels:
         arrays = self._arrays
         for key, given in (("x", x), ("s", s), ("u", u)):
             if given.size:
-                arrays[key][:] = given
+                arrays[key][: given.size] = given  # of event_rates, s holds one direction
         is_timed = KERNELS[name].arguments[0] == "t"
         status = function(t, *arguments) if is_timed else function(*arguments)
         if status:

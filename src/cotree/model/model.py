@@ -77,7 +77,7 @@ class CompiledModel:
     def unreached(self) -> tuple[str, ...]:
         """Parameters among :attr:`sensitivities` that no state or output depends on."""
         kernels = self._program.kernels
-        names = ("rhs", "initial", "inputs", "constraints", "start", "outputs")
+        names = ("rhs", "initial", "inputs", "constraints", "start", "outputs", "events", "jumps")
         read = symbols_in([node for name in names for node in kernels[name].results])
         reached = {self.parameters[node.data[1]] for node in read if node.data[0] == "p"}
         return tuple(n for n in self.sensitivities if n in self.parameters and n not in reached)

@@ -15,7 +15,7 @@ from cotree.dag.nodes import Dag
 from cotree.dag.several import Table, table
 from cotree.dag.traverse import reachable
 from cotree.errors import ExpressionError, ParameterError, nearest
-from cotree.scene.description import parse_signal
+from cotree.scene.tables import parse_signal
 
 if TYPE_CHECKING:
     from cotree.dag.nodes import Node

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
 from cotree.dag.stops import acts_in_part, find_longest_steps, find_stops
@@ -9,6 +10,7 @@ from cotree.dag.traverse import substitute, symbols_in
 from cotree.equations import Quantity, spread
 from cotree.errors import ParameterError
 from cotree.formulation.elimination import solve_unknowns
+from cotree.program.events import event_kernels, event_quantities
 from cotree.program.kernels import KERNELS
 from cotree.program.program import Kernel, Layout, Program
 from cotree.program.projection import constraint_quantities, projection_kernels
@@ -42,7 +44,7 @@ def lower(equations: Equations) -> Program:
     factors, solved = solve_unknowns(equations)
     rates = substitute(equations.rates, solved)
     outputs = substitute(equations.output_values, solved)
-    along, columns, observed = _solve_derivatives(equations, factors, solved)
+    along, columns, observed, motion = _solve_derivatives(equations, factors, solved)
     zero, n, m = equations.dag.zero, len(equations.states), len(equations.outputs)
     sensitivity_rates = [node for row in along for node in spread(row, n, zero)]
     output_tangents = [node for row in observed for node in spread(row, m, zero)]
@@ -58,18 +60,33 @@ def lower(equations: Equations) -> Program:
         "jacobian": values,
         "augmented_rhs": [*rates, *sensitivity_rates] if along else [],
         "sensitivity_rhs": sensitivity_rates,
-        "outputs": outputs,
+        "outputs": outputs[:m],
         "output_sensitivity": output_tangents,
         **projection_kernels(equations, factors),
+        **event_kernels(equations, factors, outputs, observed, motion),
     }
+    layout = replace(
+        _layout(equations, starts, rows),
+        event_inputs=_inputs_in(equations, [*results["events"], *results["jumps"]]),
+    )
     return Program(
         equations.dag,
-        _layout(equations, starts, rows),
+        layout,
         {name: Kernel(spec, tuple(results[name]), {}) for name, spec in KERNELS.items()},
         equations.guards,
-        _of_time(equations, rates, find_stops),
-        _of_time(equations, rates, find_longest_steps) if acts_in_part(rates) else {},
+        _of_time(equations, [*rates, *results["events"]], find_stops),
+        # A long step would pass over what events look at, too, where it is driven by a sine.
+        _of_time(equations, [*rates, *results["events"]], find_longest_steps)
+        if acts_in_part(rates) or results["events"]
+        else {},
     )
+
+
+def _inputs_in(equations: Equations, nodes: Sequence[Node]) -> tuple[str, ...]:
+    """Name the inputs that some values depend on."""
+    read = set(symbols_in(nodes))
+    pairs = zip(equations.inputs, equations.input_symbols, strict=True)
+    return tuple(quantity.name for quantity, symbol in pairs if symbol in read)
 
 
 def _of_time(
@@ -95,12 +112,22 @@ def _check_sensitivities(equations: Equations) -> None:
             )
 
 
+#: Derivatives along one direction, by place.
+_Row = dict[int, "Node"]
+
+
 def _solve_derivatives(
     equations: Equations, factors: Solver, solved: dict[Node, Node]
-) -> tuple[list[dict[int, Node]], list[dict[int, Node]], list[dict[int, Node]]]:
-    """Form the derivatives of the rates along each sensitivity and each state, and of outputs."""
-    directions = (*equations.sensitivities, *equations.columns)
+) -> tuple[list[_Row], list[_Row], list[_Row], tuple[_Row, _Row]]:
+    """Form the derivatives of the rates along each sensitivity and each state, and of outputs.
+
+    The last pair are those of both along the motion, empty where there are no events.
+    """
     n = len(equations.sensitivities)
+    motion = () if equations.motion is None else (equations.motion,)
+    # Outputs are differentiated along all but the states.
+    directions = (*equations.sensitivities, *motion, *equations.columns)
+    n_observed = n + len(motion)
     # One substitution for all directions: what they share is visited once.
     known = iter(
         substitute(
@@ -110,24 +137,25 @@ def _solve_derivatives(
                 for node in (
                     *row.forcing,
                     *row.rates.values(),
-                    *(row.outputs.values() if i < n else ()),
+                    *(row.outputs.values() if i < n_observed else ()),
                 )
             ],
             solved,
         )
     )
-    rates: list[dict[int, Node]] = []
-    outputs: list[dict[int, Node]] = []
+    rates: list[_Row] = []
+    outputs: list[_Row] = []
     for i, row in enumerate(directions):
         forcing = [next(known) for _ in row.forcing]
         unsolved = [next(known) for _ in row.rates]
-        observed = [next(known) for _ in row.outputs] if i < n else []
+        observed = [next(known) for _ in row.outputs] if i < n_observed else []
         unknowns = factors.solve(forcing)
         tangents = dict(zip(equations.unknown_tangents, unknowns, strict=True))
         rates.append(dict(zip(row.rates, substitute(unsolved, tangents), strict=True)))
-        if i < n:
+        if i < n_observed:
             outputs.append(dict(zip(row.outputs, substitute(observed, tangents), strict=True)))
-    return rates[:n], rates[n:], outputs
+    along_motion = (rates[n], outputs[n]) if motion else ({}, {})
+    return rates[:n], rates[n_observed:], outputs[:n], along_motion
 
 
 def _compress(columns: Sequence[Mapping[int, Node]]) -> tuple[list[int], list[int], list[Node]]:
@@ -180,6 +208,8 @@ def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
         start_rows=tuple(row.name for row in equations.constraints.start_rows),
         start_is_rate=equations.constraints.start_is_rate,
         uses_multipliers=tuple(
-            not multipliers.isdisjoint(symbols_in([node])) for node in equations.output_values
+            not multipliers.isdisjoint(symbols_in([node]))
+            for node in equations.output_values[: len(equations.outputs)]
         ),
+        events=event_quantities(equations),
     )

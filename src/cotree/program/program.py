@@ -55,6 +55,31 @@ class Kernel:
 
 
 @dataclass(frozen=True)
+class EventQuantity:
+    """An event.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    direction : int
+        -1 for downwards, 1 for upwards, 0 for both.
+    is_stop : bool
+        Whether a run ends there.
+    targets : tuple of int
+        The states that it sets, in the order of its results of the kernel ``jumps``.
+    is_impact : bool
+        Whether the last of them are all speeds, after an impulse.
+    """
+
+    name: str
+    direction: int
+    is_stop: bool
+    targets: tuple[int, ...]
+    is_impact: bool
+
+
+@dataclass(frozen=True)
 class Layout:
     """Names, units and patterns of a program's arguments and results.
 
@@ -94,6 +119,10 @@ class Layout:
         Whether each is a rate.
     uses_multipliers : tuple of bool
         Whether each output depends on multipliers themselves: a reaction.
+    events : tuple of EventQuantity
+        In the order of the kernel ``events``.
+    event_inputs : tuple of str
+        The inputs that these kernels read.
     """
 
     name: str
@@ -117,6 +146,8 @@ class Layout:
     start_rows: tuple[str, ...]
     start_is_rate: tuple[bool, ...]
     uses_multipliers: tuple[bool, ...]
+    events: tuple[EventQuantity, ...] = ()
+    event_inputs: tuple[str, ...] = ()
 
     @property
     def units(self) -> dict[str, str]:

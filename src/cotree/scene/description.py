@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-import numbers
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from cotree.components import COMPONENTS, Component, Role
 from cotree.errors import ParameterError, SceneError, nearest
 from cotree.naming import check_name, check_scene_name
+from cotree.scene.events import Event, Mode, make_event
 from cotree.scene.expressions import Expression, parse
 from cotree.scene.fields import check_fields, check_initial, check_vector
 from cotree.scene.ports import check_heat, check_ports
-from cotree.scene.tables import make_table
+from cotree.scene.tables import parse_signal
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -99,12 +99,15 @@ class SceneDescription:
     inputs: dict[str, Input] = field(default_factory=dict)
     edges: dict[str, Edge] = field(default_factory=dict)
     outputs: dict[str, Expression] = field(default_factory=dict)
+    modes: dict[str, Mode] = field(default_factory=dict)
+    events: dict[str, Event] = field(default_factory=dict)
     defaults: Simulation = field(default_factory=Simulation)
 
     def __init__(self, name: str, gravity: Sequence[float | str] = (0.0, 0.0, 0.0)) -> None:
         self.name = check_scene_name(name)
         self.gravity = check_vector(gravity, "gravity")
         self.parameters, self.inputs, self.edges, self.outputs = {}, {}, {}, {}
+        self.modes, self.events = {}, {}
         self.defaults = Simulation()
 
     def __repr__(self) -> str:
@@ -124,6 +127,7 @@ class SceneDescription:
         part = SceneDescription(self.name)
         part.gravity, part.defaults = self.gravity, self.defaults
         part.parameters, part.inputs, part.outputs = self.parameters, self.inputs, self.outputs
+        part.modes, part.events = self.modes, self.events
         part.edges = {
             name: edge
             for name, edge in self.edges.items()
@@ -140,6 +144,8 @@ class SceneDescription:
             "parameter": len(self.parameters),
             "input": len(self.inputs),
             "output": len(self.outputs),
+            "mode": len(self.modes),
+            "event": len(self.events),
         }
         shown = [f"{n} {noun}{'s' if n != 1 else ''}" for noun, n in counts.items() if n]
         return f"{self.name}: {', '.join(shown)}"
@@ -174,7 +180,7 @@ class SceneDescription:
             If the name is not allowed or taken, or the value is not a finite number.
         """
         check_name("parameter", name)
-        self._check_new("parameter", name, {**self.parameters, **self.inputs})
+        self._check_new("parameter", name, {**self.parameters, **self.inputs, **self.modes})
         number = check_number(value, f"parameter '{name}'")
         if not isinstance(tunable, bool):
             raise SceneError(f"tunable of parameter '{name}' must be true or false")
@@ -212,7 +218,7 @@ class SceneDescription:
             If the name is not allowed or taken, or the value is none of these.
         """
         check_name("input", name)
-        self._check_new("input", name, {**self.parameters, **self.inputs, **self.outputs})
+        self._check_new("input", name, self._signals)
         signal = parse_signal(value, f"input '{name}'")
         self.inputs[name] = Input(
             name,
@@ -286,8 +292,61 @@ class SceneDescription:
             If the name is not allowed or taken, or the expression is not accepted.
         """
         check_name("output", name)
-        self._check_new("output", name, {**self.outputs, **self.inputs})
+        self._check_new("output", name, {**self.outputs, **self.inputs, **self.modes})
         self.outputs[name] = parse(value, f"output '{name}'")
+
+    def mode(self, name: str, initial: float | str, *, doc: str = "") -> None:
+        """Declare a mode: a number that only events change.
+
+        Parameters
+        ----------
+        name, doc : str
+            Its name in expressions and results, and its meaning, for people.
+        initial : float or str
+            Its value at the start, a number or an expression of parameters.
+
+        Raises
+        ------
+        SceneError, ExpressionError
+            If the name is not allowed or taken, or the value is not accepted.
+        """
+        check_name("mode", name)
+        self._check_new("mode", name, self._signals)
+        text = _text(doc, f"doc of mode '{name}'")
+        self.modes[name] = Mode(name, parse(initial, f"mode '{name}'"), text)
+
+    def event(
+        self,
+        name: str,
+        when: str,
+        *,
+        direction: int = 0,
+        set: Mapping[str, float | str] | None = None,
+        stop: bool = False,
+        impact: Mapping[str, float | str] | None = None,
+    ) -> None:
+        """Declare what happens where an expression passes through zero.
+
+        Parameters
+        ----------
+        name, when : str
+            Its name in results, and an expression of whatever outputs may use, and outputs.
+        direction : int
+            -1 where it passes downwards, 1 upwards, 0 either way.
+        set : mapping of str to float or str, optional
+            New values of states and modes: expressions of the values before.
+        stop : bool
+            Whether the run ends there.
+        impact : mapping, optional
+            ``{"restitution": e}``: an impulse makes the rate of ``when`` -e times what it was.
+
+        Raises
+        ------
+        SceneError, ExpressionError
+            If the name is not allowed or taken, or a field is not accepted.
+        """
+        self._check_new("event", name, self.events)
+        self.events[name] = make_event(name, when, direction, set or {}, stop, impact)
 
     def simulation(self, **settings: Any) -> None:
         """Set what a plain run does: ``t_end``, ``rtol``, ``atol``, ``method``.
@@ -306,6 +365,10 @@ class SceneDescription:
             elif check_number(value, f"{key} of the simulation") <= 0.0:
                 raise SceneError(f"{key} of the simulation is {value}: it must be positive")
         self.defaults = Simulation(**{**vars(self.defaults), **settings})
+
+    @property
+    def _signals(self) -> dict[str, object]:
+        return {**self.parameters, **self.inputs, **self.outputs, **self.modes}
 
     def _check_new(self, kind: str, name: str, taken: Mapping[str, object]) -> None:
         if name in taken:
@@ -329,13 +392,6 @@ def check_number(value: object, what: str) -> float:
     if not math.isfinite(number):
         raise ParameterError(f"{what} is {number}: give a finite number")
     return number
-
-
-def parse_signal(value: object, where: str) -> Expression | Table:
-    """Accept a number, an expression string or a pair (times, values)."""
-    if isinstance(value, (str, numbers.Real)):
-        return parse(value, where)
-    return make_table(value, where, "times")
 
 
 def _text(value: object, what: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import numbers
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
@@ -87,3 +88,10 @@ def make_table(value: object, where: str, argument: str) -> Table:
     if any(b <= a for a, b in zip(made.x, made.x[1:], strict=False)):
         raise SceneError(f"{where} needs {argument} that increase")
     return made
+
+
+def parse_signal(value: object, where: str) -> Expression | Table:
+    """Accept a number, an expression string or a pair (times, values)."""
+    if isinstance(value, (str, numbers.Real)):
+        return parse(value, where)
+    return make_table(value, where, "times")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from cotree.errors import ModelError, SceneError, nearest
 from cotree.scene.description import SceneDescription
+from cotree.scene.events import check_event_table
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -17,7 +18,10 @@ if TYPE_CHECKING:
 _Scene = TypeVar("_Scene", bound=SceneDescription)
 
 _LARGEST_FILE = 50_000_000  # bytes
-_SECTIONS = ("name", "gravity", "parameters", "inputs", "edges", "outputs", "simulation")
+_SECTIONS = (
+    *("name", "gravity", "parameters", "inputs", "modes", "edges", "outputs", "events"),
+    "simulation",
+)
 
 
 def shipped_scenes() -> tuple[str, ...]:
@@ -87,10 +91,15 @@ def _fill(data: Mapping[str, Any], stem: str, scene_type: type[_Scene]) -> _Scen
         scene.parameter(name, **_named_value("parameter", name, value, ("unit", "doc", "tunable")))
     for name, value in _table(data, "inputs").items():
         scene.input(name, **_named_value("input", name, value, ("unit", "doc")))
+    for name, value in _table(data, "modes").items():
+        given = _named_value("mode", name, value, ("doc",))
+        scene.mode(name, given["value"], doc=given.get("doc", ""))
     for name, edge in _table(data, "edges").items():
         _add_edge(scene, name, edge)
     for name, value in _table(data, "outputs").items():
         scene.output(name, value)
+    for name, event in _table(data, "events").items():
+        scene.event(name, **check_event_table(name, event))
     scene.simulation(**_table(data, "simulation"))
     return scene
 

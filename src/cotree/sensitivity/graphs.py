@@ -11,15 +11,16 @@ from collections import Counter, defaultdict
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from cotree.components import FreeRotation
 from cotree.dag.derivative import tangents
 from cotree.dag.traverse import substitute
-from cotree.equations import ConstraintSet, Derivative, Equations, Quantity
+from cotree.equations import Derivative, Equations, Quantity
 from cotree.errors import ParameterError, nearest
 from cotree.formulation.observed import observed_unit
 from cotree.formulation.outputs import output_seed
 from cotree.formulation.pulls import stabilised
 from cotree.sensitivity.across import accelerate_tangent, move_tangent
+from cotree.sensitivity.held import gather_constraints
+from cotree.sensitivity.motion import motion_seed
 from cotree.sensitivity.networks import network_tangents
 from cotree.sensitivity.seed import Seed, Support
 from cotree.sensitivity.through import balance_tangent
@@ -298,12 +299,17 @@ def form_equations(first: FirstGraph, sensitivities: Sequence[str]) -> Equations
         links=first.links,
         rates=first.rates,
         balances=first.balance.residual,
-        constraints=_constraints(first),
+        constraints=gather_constraints(first),
         output_values=first.outputs.values,
         sensitivities=form_derivatives(first, sensitivities, support),
         columns=state_columns(first, support),
         guards=first.guards,
-        n_network_states=first.network.n_differential if first.network else 0,
+        n_network_states=len(system.modes) + (first.network.n_differential if first.network else 0),
+        n_modes=len(system.modes),
+        events=first.events,
+        motion=(
+            differentiate(first, {"t": motion_seed(first)}, support)[0] if scene.events else None
+        ),
     )
     return _closed(equations, first.measured) if first.measured else equations
 
@@ -326,6 +332,7 @@ def _closed(equations: Equations, measured: Mapping[Node, Node]) -> Equations:
         output_values=closed(equations.output_values),
         sensitivities=tuple(_closed_row(row, known) for row in equations.sensitivities),
         columns=tuple(_closed_row(row, known) for row in equations.columns),
+        motion=None if equations.motion is None else _closed_row(equations.motion, known),
     )
 
 
@@ -340,33 +347,6 @@ def _closed_row(row: Derivative, measured: Mapping[Node, Node]) -> Derivative:
 
 def _closed_at(row: Mapping[int, Node], measured: Mapping[Node, Node]) -> dict[int, Node]:
     return dict(zip(row, substitute(list(row.values()), measured), strict=True))
-
-
-def _constraints(first: FirstGraph) -> ConstraintSet:
-    """Gather what projection and reports need of the constraints."""
-    rows = first.constraints
-    steps = [step for own in first.system.steps.values() for step in own]
-    return ConstraintSet(
-        rows=tuple(Quantity(row.name, row.unit) for row in rows.rows),
-        edges=tuple(row.edge for row in rows.rows),
-        values=rows.values,
-        rates=rows.rates,
-        gradient=rows.gradient,
-        sizes=rows.sizes,
-        quaternions=tuple(
-            (step.edge, tuple(c.symbol for c in step.coordinates))
-            for step in steps
-            if isinstance(step.kind, FreeRotation)
-        ),
-        start_rows=tuple(Quantity(row.name) for row in first.conditions),
-        start_is_rate=tuple(row.is_rate for row in first.conditions),
-        start_values=tuple(
-            (row.measure.rate(first.view) if row.is_rate else row.measure.value(first.view))
-            - row.given
-            for row in first.conditions
-        ),
-        start_gradient=tuple(row.gradient for row in first.conditions),
-    )
 
 
 def output_unit(first: FirstGraph, name: str) -> str:

@@ -14,7 +14,7 @@ half way, and a transistor amplifier takes a third more evaluations.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,7 +24,8 @@ from cotree.model.algebraic import Algebraic, UnsolvedError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from cotree.solvers.problem import FloatArray, Problem
+    from cotree.program.program import EventQuantity
+    from cotree.solvers.problem import Events, FloatArray, Problem
 
 #: How many solutions are remembered as guesses, and how many of them are tried.
 _REMEMBERED, _NEAREST = 200, 3
@@ -54,7 +55,33 @@ def reduce_problem(problem: Problem) -> Problem:
         complete=reduction.complete,
         residual=reduction.residual,
         constraints=reduction.residual_names,
+        events=reduction.events(reduction.complete, reduction.without),
     )
+
+
+@dataclass(frozen=True)
+class _CompletedEvents:
+    """Events of a problem that does not integrate its algebraic unknowns as they are stored."""
+
+    inner: Events
+    complete: Callable[[float, FloatArray], FloatArray]
+    integrated: Callable[[FloatArray], FloatArray]
+
+    @property
+    def rows(self) -> tuple[EventQuantity, ...]:
+        return self.inner.rows
+
+    def values(self, t: float, z: FloatArray) -> FloatArray:
+        return self.inner.values(t, self.complete(t, z))
+
+    def rates(self, t: float, z: FloatArray) -> FloatArray:
+        return self.inner.rates(t, self.complete(t, z))
+
+    def apply(
+        self, i: int, t: float, z: FloatArray, time_sensitivity: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        after, t_p = self.inner.apply(i, t, self.complete(t, z), time_sensitivity)
+        return self.integrated(after), t_p
 
 
 class _Reduction:
@@ -79,6 +106,15 @@ class _Reduction:
         self._found: deque[tuple[float, FloatArray]] = deque(maxlen=_REMEMBERED)
         self._completed = float(problem.t_span[0])
         self.residual_names = (*problem.constraints, *names[self.cut :])
+
+    def events(
+        self,
+        complete: Callable[[float, FloatArray], FloatArray],
+        integrated: Callable[[FloatArray], FloatArray],
+    ) -> Events | None:
+        """Give the problem's events as functions of what is integrated."""
+        inner = self._problem.events
+        return None if inner is None else _CompletedEvents(inner, complete, integrated)
 
     def without(self, full: FloatArray) -> FloatArray:
         """Leave the algebraic unknowns and their sensitivities out."""

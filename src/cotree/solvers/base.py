@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 if TYPE_CHECKING:
+    from cotree.solvers.events import Occurrence
     from cotree.solvers.problem import FloatArray, Problem
 
 
@@ -85,6 +86,8 @@ class Trajectory:
         Work done.
     drift : Drift or None
         How well the constraints are held; None where there are none.
+    events : tuple of Occurrence
+        The events that happened, in order.
     """
 
     t: FloatArray
@@ -93,6 +96,7 @@ class Trajectory:
     message: str
     statistics: Statistics
     drift: Drift | None = None
+    events: tuple[Occurrence, ...] = ()
 
 
 class Solver(Protocol):

@@ -21,13 +21,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cotree.solvers.augmented import RTOL_FLOOR, augmented_tolerances
+from cotree.solvers.augmented import augmented_tolerances
 from cotree.solvers.base import Drift, Statistics, Trajectory
 from cotree.solvers.evaluate import BUDGET_SPENT, FAILED, Evaluator, IntegrationStopError
+from cotree.solvers.events import Watch
+from cotree.solvers.messages import summary
 from cotree.solvers.passage import Passage
 from cotree.solvers.stepper import Idle
 
 if TYPE_CHECKING:
+    from cotree.solvers.locate import Located
     from cotree.solvers.problem import FloatArray, Problem
     from cotree.solvers.stepper import StartStepper, Stepper
 
@@ -98,6 +101,7 @@ def drive(problem: Problem, method: str, start: StartStepper) -> Trajectory:
         message=_message(problem, method, run, reason),
         statistics=statistics,
         drift=run.drift(),
+        events=() if run.watch is None else tuple(run.watch.happened),
     )
 
 
@@ -119,6 +123,8 @@ class _Run:
         self._next = 0
         self._steps_unheld = 0
         self.passage = Passage()
+        events = problem.events
+        self.watch = Watch(problem, events, self.evaluator, start) if events else None
         self._reach = 0.0  # of the last step, or of those allowed since
 
     def integrate_segment(self, start: float, end: float) -> None:
@@ -128,6 +134,7 @@ class _Run:
         # A jump of an input may leave the motion of the segment before off the constraints.
         self.z = evaluator.project(start, self.z)
         evaluator.settle(start, self.z)
+        self._look_at_start()
         self._keep_start()
         self._derivative(start, self.z, "it cannot start")
         self._steps_unheld = 0
@@ -138,7 +145,7 @@ class _Run:
         try:
             while self.problem.direction * (end - self.t) > 0:
                 self._check_steps()
-                before = self.t
+                before, z_before = self.t, self.z
                 if evaluator.problem is not self.problem and self.t == crossing:
                     evaluator.problem = self.problem
                     stepper, nlu_before = self._start(evaluator, self.t, self.z, end), self.nlu
@@ -148,13 +155,21 @@ class _Run:
                 self.nlu = nlu_before + stepper.nlu
                 if not reason and not np.all(np.isfinite(stepper.z)):
                     reason = "the solution is no longer finite"
-                reason = reason or self._accept(stepper)
+                found = None
+                if self.watch is not None and not reason:
+                    found = self.watch.find(stepper, before, z_before, end)
+                reason = reason or self._accept(stepper, found)
                 if reason:
                     crossing = self._retreat(stepper, end, reason)
                     stepper = self._start(evaluator, self.t, self.z, crossing)
                     nlu_before = self.nlu
                     continue
                 self._reach = abs(self.t - before)
+                if found is not None:
+                    self._let_happen(found)
+                    stepper = self._start(evaluator, self.t, self.z, limit)
+                    nlu_before = self.nlu
+                    continue
                 is_short = abs(self.t - before) <= _STALL_SPACINGS * np.spacing(abs(self.t))
                 short_steps = short_steps + 1 if is_short else 0
                 if not is_short:
@@ -167,6 +182,37 @@ class _Run:
                     nlu_before = self.nlu
         finally:
             self.nlu = nlu_before + stepper.nlu
+
+    def _look_at_start(self) -> None:
+        """Let happen what happens at the start of a segment."""
+        watch = self.watch
+        if watch is None:
+            return
+        is_first = self.t == float(self.problem.t_span[0]) and not self.times
+        n_before = len(watch.happened)
+        self.z = (watch.begin if is_first else watch.resume)(self.t, self.z)
+        if len(watch.happened) > n_before:
+            self._keep_after(self.t)
+
+    def _let_happen(self, found: Located) -> None:
+        """Go on from what an event leaves."""
+        assert self.watch is not None  # which found it
+        self.z = self.watch.happen(found)
+        self.evaluator.progressed()
+        self.passage.restarted()
+        self._keep_after(found.t)
+
+    def _keep_after(self, t: float) -> None:
+        """Store what an event leaves, in place of what was before it; stop where it says so."""
+        assert self.watch is not None
+        if self.times and self.times[-1] == t:
+            for kept in (self.times, self.columns, self.residuals):
+                del kept[-1:]
+            self._keep(t, self.z)
+        for at in self._wanted_until(t):
+            self._keep(at, self.z)
+        if self.watch.stopped:
+            raise IntegrationStopError(0, f"event '{self.watch.stopped}' ends the run")
 
     def _is_stuck(self, stepper: Stepper, before: float, bound: float) -> bool:
         """Watch a step for a singular configuration; tell whether to cross it."""
@@ -230,27 +276,35 @@ class _Run:
         wanted = self._wanted[self._next]
         return wanted if self.problem.direction * (end - wanted) > 0 else end
 
-    def _accept(self, stepper: Stepper) -> str:
-        """Take a step, with the outputs in it; give a reason where a value cannot be completed."""
+    def _accept(self, stepper: Stepper, found: Located | None = None) -> str:
+        """Take a step, with the outputs in it; give a reason where a value cannot be completed.
+
+        Of a step with an event, that as far as the event, without what is wanted there.
+        """
         self.n_steps += 1
         self._steps_unheld += 1
         self.evaluator.step_done()
         first = self._next
-        points = [
-            (t, stepper.z if t == stepper.t else stepper.interpolate(t))
-            for t in self._wanted_until(stepper.t)
-        ]
-        if self.problem.project is not None:
+        wanted = self._wanted_until(stepper.t) if found is None else self._wanted_before(found)
+        points = [(t, stepper.z if t == stepper.t else stepper.interpolate(t)) for t in wanted]
+        if self.problem.project is not None and found is None:
             points = self._hold(stepper, points)
+        elif self.problem.project is not None:
+            points = [(t, self.evaluator.project(t, z)) for t, z in points]
         try:
             columns = [(t, self.evaluator.complete(t, z)) for t, z in points]
         except IntegrationStopError as stop:
             self._next = first
             return stop.reason
-        self.t, self.z = stepper.t, stepper.z
+        end = stepper if found is None else found
+        self.t, self.z = end.t, end.z
         for t, column in columns:
             self._store(t, column)
         return ""
+
+    def _wanted_before(self, found: Located) -> list[float]:
+        """Take the outputs before an event, but for what its time cannot be told from."""
+        return [] if self.problem.t_eval is None else self._wanted_until(found.t - found.margin)
 
     def _wanted_until(self, t: float) -> list[float]:
         """Take the outputs up to a time from those still wanted; without any, each step is one."""
@@ -333,18 +387,3 @@ def _message(problem: Problem, method: str, run: _Run, reason: str) -> str:
     if run.passage.crossed:
         sentences.insert(1, run.passage.summary())
     return " ".join(sentences)
-
-
-def summary(problem: Problem, method: str, t: float, reason: str) -> list[str]:
-    """Say in sentences where a method arrived, or why it stopped, and with which tolerance."""
-    sentences = [f"{method} reached t = {t:.10g}."]
-    if reason:
-        end = problem.t_span[1]
-        sentences = [f"{method} stopped at t = {t:.10g} of {end:.10g}: {reason}."]
-    rtol, _ = augmented_tolerances(problem)
-    if rtol > problem.rtol:
-        sentences.append(
-            f"rtol = {problem.rtol:.3g} is below what double precision can test; "
-            f"{RTOL_FLOOR:.3g} was used."
-        )
-    return sentences

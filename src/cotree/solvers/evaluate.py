@@ -113,7 +113,7 @@ class Evaluator:
             return z
         point = np.ascontiguousarray(z, dtype=np.float64)
         try:
-            projected = np.array(self.problem.project(self._inside(t), point), dtype=np.float64)
+            projected = np.array(self.problem.project(self.inside(t), point), dtype=np.float64)
         except (SolveError, SingularSystemError) as error:
             raise IntegrationStopError(FAILED, str(error).rstrip(".")) from None
         if projected.shape != point.shape:
@@ -133,7 +133,7 @@ class Evaluator:
         assert self.problem.project is not None
         try:
             point = np.ascontiguousarray(z, dtype=np.float64)
-            return np.array(self.problem.project(self._inside(t), point), dtype=np.float64)
+            return np.array(self.problem.project(self.inside(t), point), dtype=np.float64)
         except (SolveError, SingularSystemError):
             return z
 
@@ -145,7 +145,7 @@ class Evaluator:
         IntegrationStopError
             If they cannot be found.
         """
-        self.complete(self._inside(t), z)
+        self.complete(self.inside(t), z)
 
     def complete(self, t: float, z: FloatArray) -> FloatArray:
         """Return what is stored in place of z; at a breakpoint, what holds at that very time.
@@ -163,11 +163,16 @@ class Evaluator:
             self.not_finite = str(error).rstrip(".")
             raise IntegrationStopError(FAILED, self.not_finite) from None
 
+    def inside(self, t: float) -> float:
+        """Give the time nearest to t that lies in the segment; see :meth:`open_segment`."""
+        low, high = self._bounds
+        return min(max(float(t), low), high)
+
     def residual(self, t: float, z: FloatArray) -> FloatArray:
         """Return what is left of the constraints at a stored value, empty where there are none."""
         if self.problem.residual is None:
             return np.zeros(0)
-        return np.array(self.problem.residual(self._inside(t), z), dtype=np.float64)
+        return np.array(self.problem.residual(self.inside(t), z), dtype=np.float64)
 
     def state_jacobian(self, t: float, z: FloatArray) -> FloatArray:
         """Return the Jacobian of the states, dense, shape (n_states, n_states).
@@ -186,7 +191,7 @@ class Evaluator:
         self._check_budgets()
         point = np.ascontiguousarray(z[:n_states], dtype=np.float64)
         try:
-            matrix = self.problem.jacobian(self._inside(t), point)
+            matrix = self.problem.jacobian(self.inside(t), point)
         except SingularSystemError as error:
             raise IntegrationStopError(FAILED, str(error)) from None
         except UnsolvedError as error:
@@ -202,7 +207,7 @@ class Evaluator:
         self._check_budgets()
         point = np.ascontiguousarray(z[: self.problem.n_states], dtype=np.float64)
         try:
-            matrix = self.problem.sparse_jacobian(self._inside(t), point)
+            matrix = self.problem.sparse_jacobian(self.inside(t), point)
         except SingularSystemError as error:
             raise IntegrationStopError(FAILED, str(error)) from None
         return self._checked(t, matrix)
@@ -239,7 +244,7 @@ class Evaluator:
         self._check_budgets()
         point = np.ascontiguousarray(z, dtype=np.float64)
         try:
-            rates = self.problem.rhs(self._inside(t), point)
+            rates = self.problem.rhs(self.inside(t), point)
         except SingularSystemError as error:  # a configuration on the way, not a wrong scene
             raise IntegrationStopError(FAILED, str(error)) from None
         except UnsolvedError as error:
@@ -253,10 +258,6 @@ class Evaluator:
                 f"The right-hand side returned shape {dz.shape} where {point.shape} is needed."
             )
         return dz
-
-    def _inside(self, t: float) -> float:
-        low, high = self._bounds
-        return min(max(float(t), low), high)
 
     def _differences(self, t: float, z: FloatArray) -> FloatArray:
         point = np.array(z, dtype=np.float64)

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cotree.solvers.base import Drift, Statistics, Trajectory
-from cotree.solvers.drive import segments, summary
+from cotree.solvers.drive import segments
 from cotree.solvers.engine import Job, load_engine
 from cotree.solvers.evaluate import BUDGET_SPENT, FAILED
+from cotree.solvers.messages import summary
 from cotree.solvers.problem import check_problem
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ parameter by parameter, so each block of ``n_states`` entries obeys the same sta
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -20,9 +20,30 @@ if TYPE_CHECKING:
 
     from scipy.sparse import csc_matrix
 
+    from cotree.program.program import EventQuantity
     from cotree.solvers.engine import Native
 
 FloatArray = npt.NDArray[np.float64]
+
+
+class Events(Protocol):
+    """What happens where values pass through zero."""
+
+    @property
+    def rows(self) -> tuple[EventQuantity, ...]:
+        """Names, directions, and which of them end a run."""
+        ...
+
+    def values(self, t: float, z: FloatArray) -> FloatArray:
+        """Evaluate what the events look at, shape (n_events,), a fresh array."""
+
+    def rates(self, t: float, z: FloatArray) -> FloatArray:
+        """Evaluate its time derivatives along the motion, shape (n_events,)."""
+
+    def apply(
+        self, i: int, t: float, z: FloatArray, time_sensitivity: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Let one happen: give z after it, and how its time depends on the parameters."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +114,8 @@ class Problem:
     singular : callable or None
         ``singular(t, z)`` names the edges whose constraints are nearly dependent at a point. With
         it the right-hand side is evaluated at projected points; see :mod:`cotree.solvers.passage`.
+    events : Events or None
+        What happens where values pass through zero; time must then increase.
     """
 
     rhs: Callable[[float, FloatArray], FloatArray]
@@ -121,6 +144,7 @@ class Problem:
     sparse_jacobian: Callable[[float, FloatArray], csc_matrix] | None = None
     native: Native | None = None
     not_native: str = ""
+    events: Events | None = None
 
     @property
     def size(self) -> int:
@@ -200,6 +224,8 @@ def _check_times(problem: Problem) -> None:
         raise SolveError(f"The time span ({start}, {end}) is not finite.")
     if start == end:
         raise SolveError(f"The time span is empty: it starts and ends at t = {start:g}.")
+    if end < start and problem.events is not None:
+        raise SolveError("A scene with events runs forwards only: what they set is not undone.")
     if not np.all(np.isfinite(problem.breakpoints)):
         raise SolveError("A breakpoint is not finite; give times in seconds.")
     if problem.t_eval is None:

@@ -30,6 +30,26 @@ class UnknownNameError(ModelError, KeyError):
         return str(self.args[0]) if self.args else ""
 
 
+@dataclass(frozen=True, eq=False)
+class EventTimes:
+    """When an event happened in a simulation, and what it changed.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n_events,)
+        Times, [s].
+    y_before, y_after : ndarray, shape (n_states, n_events)
+        States, modes among them.
+    s : ndarray, shape (n_parameters, n_events)
+        Sensitivities of the times, [s / parameter unit].
+    """
+
+    t: FloatArray
+    y_before: FloatArray
+    y_after: FloatArray
+    s: FloatArray
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Result:
     """The outcome of one simulation.
@@ -70,6 +90,8 @@ class Result:
         How well the constraints are held; None where the model has none.
     redundant : int
         How many constraints follow from the others, at the most.
+    events : mapping of str to EventTimes
+        What happened of each event of the scene.
     """
 
     t: FloatArray
@@ -89,6 +111,7 @@ class Result:
     times: Mapping[str, float] = field(default_factory=dict)
     drift: Drift | None = None
     redundant: int = 0
+    events: Mapping[str, EventTimes] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"<Result of {len(self.states)} states at {len(self.t)} times: {self.message}>"
@@ -141,12 +164,7 @@ class Result:
             If there is no such state or output, or its sensitivities to this parameter were not
             asked for.
         """
-        if parameter not in self.parameters_of_sensitivity:
-            raise UnknownNameError(
-                f"Sensitivities to '{parameter}' were not asked for"
-                f"{_hint(parameter, self.parameters_of_sensitivity)}"
-            )
-        column = self.parameters_of_sensitivity.index(parameter)
+        column = self._column(parameter)
         for names, values in (
             (self.states, self.s),
             (self.outputs, self.output_sensitivities),
@@ -157,6 +175,32 @@ class Result:
         raise UnknownNameError(
             f"There is no state or output '{name}'{_hint(name, [*self.states, *self.outputs])}"
         )
+
+    def event_sensitivity(self, event: str, parameter: str) -> FloatArray:
+        """Return the derivatives of the times of an event with respect to a parameter.
+
+        Returns
+        -------
+        ndarray, shape (n_events,), [s / unit of parameter]
+
+        Raises
+        ------
+        UnknownNameError
+            If there is no such event, or its sensitivities to this parameter were not asked for.
+        """
+        column = self._column(parameter)
+        if event not in self.events:
+            raise UnknownNameError(f"There is no event '{event}'{_hint(event, self.events)}")
+        row: FloatArray = self.events[event].s[column]
+        return row
+
+    def _column(self, parameter: str) -> int:
+        if parameter not in self.parameters_of_sensitivity:
+            raise UnknownNameError(
+                f"Sensitivities to '{parameter}' were not asked for"
+                f"{_hint(parameter, self.parameters_of_sensitivity)}"
+            )
+        return self.parameters_of_sensitivity.index(parameter)
 
     def unit(self, name: str) -> str:
         """Return the unit of a state, output, input or parameter, "" where none is known."""
@@ -244,6 +288,11 @@ class Result:
                 for name, values in self.columns().items()
                 if name != "t"
             )
+        lines += [
+            f"Event '{name}' happened {len(row.t)} time{'' if len(row.t) == 1 else 's'}"
+            + (f", last at t = {row.t[-1]:.10g} s." if row.t.size else ".")
+            for name, row in self.events.items()
+        ]
         work = self.statistics
         lines.append(
             f"{work.method}: {work.n_steps} steps, {work.nfev} evaluations, {work.njev} Jacobians."

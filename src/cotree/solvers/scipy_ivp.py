@@ -71,6 +71,7 @@ class ScipyStepper:
         self._evaluator = evaluator
         self._t_end = t_end
         self._nlu_before = 0
+        self._interpolant: Any = None  # of the last step: DOP853's costs three evaluations
         self._solver = self._make()
 
     @property
@@ -81,6 +82,7 @@ class ScipyStepper:
     def step(self, t_bound: float) -> str:
         """Take one step, not past ``t_bound``."""
         solver = self._solver
+        self._interpolant = None
         if self.lands:
             # The one-step methods read the bound afresh at each step. LSODA copies it at the
             # start and BDF rescales its history at each, so theirs is never moved.
@@ -103,11 +105,14 @@ class ScipyStepper:
 
     def interpolate(self, t: float) -> FloatArray:
         """Return the values at a time inside the last step."""
-        return np.asarray(self._solver.dense_output()(t), dtype=np.float64)
+        if self._interpolant is None:
+            self._interpolant = self._solver.dense_output()
+        return np.asarray(self._interpolant(t), dtype=np.float64)
 
     def replace(self, z: FloatArray, dz: FloatArray) -> None:
         """Go on from other values; a method with a memory starts anew."""
         self.z = z
+        self._interpolant = None
         if self.has_memory:
             self._nlu_before = self.nlu
             self._solver = self._make()

@@ -16,20 +16,22 @@ from cotree.model.signals import Signals, read_signals
 from cotree.scene.description import check_number
 from cotree.solvers.augmented import DENSE_LIMIT
 from cotree.solvers.engine import Native
+from cotree.solvers.jumps import ModelEvents
 from cotree.solvers.methods import METHODS
 from cotree.solvers.problem import Problem
 from cotree.solvers.project import Projection
-from cotree.solvers.result import Result
+from cotree.solvers.result import EventTimes, Result
 from cotree.solvers.select import integrate
 from cotree.solvers.sweep import sweep
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from scipy.sparse import csc_matrix
 
     from cotree.model.model import CompiledModel
     from cotree.solvers.base import Drift, Trajectory
+    from cotree.solvers.events import Occurrence
     from cotree.solvers.problem import FloatArray
 
 
@@ -120,6 +122,7 @@ def simulate(
         state_rhs=_state_rhs(model, p, u),
         sparse_jacobian=_sparse_jacobian(model, p, u),
         **_native(model, p, signals),
+        events=ModelEvents(model, p, u, is_held) if model.layout.events else None,
     )
     method = settings.method
     if method == "auto" and signals.has_function:
@@ -156,7 +159,22 @@ def simulate(
         times={"integrate": time.perf_counter() - start},
         drift=trajectory.drift,
         redundant=redundant,
+        events=_event_times(model, trajectory.events),
     )
+
+
+def _event_times(model: CompiledModel, happened: Sequence[Occurrence]) -> dict[str, EventTimes]:
+    """Sort what happened by events."""
+    n, m, found = len(model.states), len(model.sensitivities), {}
+    for i, row in enumerate(model.layout.events):
+        own = [item for item in happened if item.event == i]
+        found[row.name] = EventTimes(
+            np.array([item.t for item in own]),
+            np.array([item.before[:n] for item in own]).reshape(len(own), n).T,
+            np.array([item.after[:n] for item in own]).reshape(len(own), n).T,
+            np.array([item.time_sensitivity for item in own]).reshape(len(own), m).T,
+        )
+    return found
 
 
 def _check_settings(settings: Settings) -> None:
@@ -208,6 +226,13 @@ def _check_replaced(model: CompiledModel, inputs: Mapping[str, Any], signals: Si
                     "sensitivity would not know of it: write the expression into the scene, or "
                     "compile without that sensitivity"
                 )
+    for name in inputs:
+        if model.sensitivities and name in model.layout.event_inputs:
+            raise ParameterError(
+                f"input '{name}' decides when an event happens, or what it sets, and the "
+                "sensitivities there need its own rate: to replace it, write it into the scene, "
+                "or compile without sensitivities"
+            )
     for name, wanted in zip(model.inputs, model.layout.input_sensitivities, strict=True):
         if name in inputs and wanted:
             raise ParameterError(
@@ -270,6 +295,8 @@ def _sparse_jacobian(
 
 def _native(model: CompiledModel, p: FloatArray, signals: Signals) -> dict[str, Any]:
     """Give what C needs of the problem, or why it cannot take it."""
+    if model.layout.events:
+        return {"not_native": "there are events"}
     if len(signals.tables) < len(signals.by_position):
         return {"not_native": "an input is neither a number nor a table"}
     native = model.native(p)

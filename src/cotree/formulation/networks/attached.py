@@ -11,6 +11,7 @@ from cotree.dag.traverse import symbols_in
 from cotree.formulation.networks.couplings import coupling_loads, form_couplings, through_name
 from cotree.formulation.networks.network import Surroundings, form_network
 from cotree.formulation.pulls import along_speeds
+from cotree.scene.events import event_expressions
 from cotree.scene.networks import scalar_ports
 
 if TYPE_CHECKING:
@@ -88,11 +89,12 @@ def attach_network(scene: SceneDescription, view: FirstView) -> Attached:
         name: system.of_everything(through_name(coupling.port))
         for name, coupling in couplings.items()
     }
-    names = {name for output in scene.outputs.values() for name in output.names}
+    observing = (*scene.outputs.values(), *event_expressions(scene.events.values()))
+    names = {name for expression in observing for name in expression.names}
     around = Surroundings(
         system.dag,
         system.time,
-        len(system.coordinates) + len(system.speeds),
+        len(system.coordinates) + len(system.speeds) + len(system.modes),
         system.of_parameters,
         system.of_everything,
         couplings,

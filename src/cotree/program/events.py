@@ -1,0 +1,96 @@
+"""Kernels of events: what they look at, what they set, and the derivatives of both."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cotree.equations import spread
+from cotree.program.impacts import form_impact
+from cotree.program.program import EventQuantity
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cotree.dag.nodes import Node
+    from cotree.equations import Equations
+    from cotree.formulation.elimination import Solver
+
+
+def event_quantities(equations: Equations) -> tuple[EventQuantity, ...]:
+    """Name the events, with the states that each sets, those of its impact included."""
+    n, first = equations.n_speeds, equations.n_coordinates
+    speeds = tuple(range(first, first + n))
+    return tuple(
+        EventQuantity(
+            row.name,
+            row.direction,
+            row.is_stop,
+            (*row.targets, *speeds) if row.is_impact else row.targets,
+            row.is_impact,
+        )
+        for row in equations.events
+    )
+
+
+def event_kernels(
+    equations: Equations,
+    factors: Solver,
+    values: Sequence[Node],
+    along: Sequence[Mapping[int, Node]],
+    motion: tuple[Mapping[int, Node], Mapping[int, Node]],
+) -> dict[str, list[Node]]:
+    """Form the results of the kernels of events; empty where there are none.
+
+    Parameters
+    ----------
+    equations : Equations
+        The equations.
+    factors : Solver
+        Their factorised matrix.
+    values : sequence of Node
+        Outputs, then the expressions of events, unknowns eliminated.
+    along : sequence of mapping of int to Node
+        Their derivatives along each parameter, by place.
+    motion : pair of mappings of int to Node
+        Derivatives along the motion of the rates, and of these values.
+    """
+    if not equations.events:
+        return {name: [] for name in ("events", "jumps", "event_sensitivity", "event_rates")}
+    dag, start = equations.dag, len(equations.outputs)
+    n_events = len(equations.events)
+    # For each event, the places of its new values, and of its restitution.
+    places, place = [], start + n_events
+    for row in equations.events:
+        places.append((range(place, place + len(row.targets)), place + len(row.targets)))
+        place += len(row.targets) + row.is_impact
+    impacts = [
+        form_impact(equations, factors, start + i, values[last], row.name)
+        if row.is_impact
+        else None
+        for i, (row, (_, last)) in enumerate(zip(equations.events, places, strict=True))
+    ]
+    jumps: list[Node] = []
+    for (own, _), impact in zip(places, impacts, strict=True):
+        jumps += [*(values[i] for i in own), *(impact.speeds if impact else ())]
+
+    def derivatives(row: Mapping[int, Node], seed: Mapping[Node, Node]) -> list[Node]:
+        whole = spread(row, len(values), dag.zero)
+        found = whole[start : start + n_events]
+        for (own, last), impact in zip(places, impacts, strict=True):
+            found += [whole[i] for i in own]
+            if impact is not None:
+                found += impact.tangent(equations, factors, seed, whole[last])
+        return found
+
+    assert equations.motion is not None  # it comes with the events
+    directions = zip(along, equations.sensitivities, strict=True)
+    n_rated = len(equations.states) - equations.n_algebraic
+    residuals = (motion[0].get(i, dag.zero) for i in range(n_rated, len(equations.states)))
+    return {
+        "events": list(values[start : start + n_events]),
+        "jumps": jumps,
+        "event_sensitivity": [
+            node for row, direction in directions for node in derivatives(row, direction.seed)
+        ],
+        "event_rates": [*derivatives(motion[1], equations.motion.seed), *residuals],
+    }

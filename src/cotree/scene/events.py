@@ -1,0 +1,144 @@
+"""Modes and events of a scene, checked one statement at a time.
+
+A mode is a number that only events change. An event happens when an expression passes through
+zero; it sets states and modes, passes an impulse on, or ends the run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from cotree.errors import SceneError, nearest
+from cotree.naming import check_name
+from cotree.scene.expressions import Expression, parse
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+_IMPACT = ("restitution",)
+
+#: Fields of an event in a scene file.
+EVENT_FIELDS = ("when", "direction", "set", "stop", "impact")
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A number that only events change: name, initial value, meaning."""
+
+    name: str
+    initial: Expression
+    doc: str = ""
+
+
+@dataclass(frozen=True)
+class Event:
+    """What happens where an expression passes through zero.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    when : Expression
+        What passes through zero.
+    direction : int
+        -1 for downwards, 1 for upwards, 0 for both.
+    set : mapping of str to Expression
+        New values of states and modes, of the values before.
+    is_stop : bool
+        Whether the run ends there.
+    restitution : Expression or None
+        Of an impact: the rate of ``when`` after it over that before, with its sign changed.
+    """
+
+    name: str
+    when: Expression
+    direction: int
+    set: Mapping[str, Expression]
+    is_stop: bool
+    restitution: Expression | None
+
+    @property
+    def expressions(self) -> tuple[Expression, ...]:
+        """Every expression of the event."""
+        own = (self.when, *self.set.values())
+        return own if self.restitution is None else (*own, self.restitution)
+
+
+def make_event(
+    name: object, when: object, direction: object, values: object, stop: object, impact: object
+) -> Event:
+    """Check an event; see :meth:`SceneDescription.event`.
+
+    Raises
+    ------
+    SceneError, ExpressionError
+        If a field is not accepted; the message names event and field.
+    """
+    accepted = check_name("event", name)
+    whose = f"event '{accepted}'"
+    if isinstance(direction, bool) or direction not in (-1, 0, 1):
+        raise SceneError(
+            f"direction of {whose} is {_shown(direction)}: give -1 (downwards), 1 (upwards) or 0 "
+            "(both)"
+        )
+    if not isinstance(stop, bool):
+        raise SceneError(f"stop of {whose} must be true or false")
+    if not isinstance(values, Mapping):
+        raise SceneError(f"set of {whose} must be a table of states and modes")
+    for target in values:
+        if not isinstance(target, str):
+            raise SceneError(f"set of {whose} holds {_shown(target)}: give names in quotes")
+    return Event(
+        accepted,
+        parse(when, f"when of {whose}"),
+        int(direction),
+        {target: parse(v, f"'{target}' in set of {whose}") for target, v in values.items()},
+        stop,
+        _restitution(impact, whose),
+    )
+
+
+def _restitution(impact: object, whose: str) -> Expression | None:
+    if impact is None:
+        return None
+    if not isinstance(impact, Mapping):
+        raise SceneError(f"impact of {whose} must be a table with the field 'restitution'")
+    for key in impact:
+        if key not in _IMPACT:
+            raise SceneError(f"impact of {whose} has no field '{key}'{nearest(str(key), _IMPACT)}")
+    if "restitution" not in impact:
+        raise SceneError(f"impact of {whose} needs the field 'restitution'")
+    return parse(impact["restitution"], f"restitution of {whose}")
+
+
+def event_expressions(events: Iterable[Event]) -> tuple[Expression, ...]:
+    """List the expressions of events in one fixed order: every ``when``, then the others."""
+    listed = tuple(events)
+    return (
+        *(event.when for event in listed),
+        *(value for event in listed for value in event.expressions[1:]),
+    )
+
+
+def check_event_table(name: str, table: Any) -> Mapping[str, Any]:
+    """Check the fields of an event in a scene file, and call ``set`` as Python can.
+
+    Raises
+    ------
+    SceneError
+        If a field is unknown or ``when`` is missing.
+    """
+    if not isinstance(table, dict):
+        raise SceneError(f"event '{name}' must be a table")
+    for key in table:
+        if key not in EVENT_FIELDS:
+            raise SceneError(f"event '{name}' has no field '{key}'{nearest(key, EVENT_FIELDS)}")
+    if "when" not in table:
+        raise SceneError(f"event '{name}' needs the field 'when'")
+    return table
+
+
+def _shown(value: object) -> str:
+    return str(value)[:60]
