@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from cotree.codegen.render import declared, render
 from cotree.codegen.rosenbrock import ROSENBROCK, RosenbrockTableau
+from cotree.codegen.sundials import SUNDIALS_FUNCTIONS, SUNDIALS_VERSION, VERSION_FUNCTION
 from cotree.codegen.tableaus import TABLEAUS, Tableau
 from cotree.version import ABI_VERSION, VERSION
 
@@ -64,18 +65,39 @@ def engine_files(name: str, n: int | None, block: int) -> Mapping[str, str]:
     for end in (".h", ".c"):
         path = f"cotree_history{end}"
         files[path] = render(f"{_FOLDER}/{path}.jinja", **_COMMON)
-    files |= run_files()
     headers = {path: text for path, text in files.items() if path.endswith(".h")}
-    headers["cotree_abi.h"] = render("c/cotree_abi.h.jinja", abi_version=ABI_VERSION, **_COMMON)
-    headers["cotree_job.h"] = render("c/engine/cotree_job.h.jinja", **_COMMON)
     job = render("c/engine/cotree_job.c.jinja", method=INTEGRATORS[name], **_COMMON)
     parts = [*(files[f"cotree_{part}.c"] for part in ("history", name)), job]
     known = [] if n is None else [f"#define COTREE_N {n}", f"#define COTREE_BLOCK {block}"]
-    return {
-        **headers,
-        "cotree_run.c": files["cotree_run.c"],
-        "engine.c": "\n".join([*known, *parts]),
+    return {**headers, **_job_files(), "engine.c": "\n".join([*known, *parts])}
+
+
+def cvode_files() -> Mapping[str, str]:
+    """Write what runs a job with SUNDIALS' CVODE, the same for every model."""
+    header = render("c/engine/cotree_cvode.h.jinja", functions=SUNDIALS_FUNCTIONS, **_COMMON)
+    version = ".".join(map(str, SUNDIALS_VERSION))
+    engine = render("c/engine/cvode_job.c.jinja", version=version, **_COMMON)
+    return {**_job_files(), "cotree_cvode.h": header, "engine.c": engine}
+
+
+def cvode_declarations(files: Mapping[str, str]) -> str:
+    """Give the declarations of that engine, and of SUNDIALS' functions, that cffi reads."""
+    functions = {**SUNDIALS_FUNCTIONS, **VERSION_FUNCTION}.items()
+    return (
+        _declared(files, ("cotree_abi.h", "cotree_run.h", "cotree_job.h", "cotree_cvode.h"))
+        + "size_t cotree_cvode_doubles(const cotree_model *, int, int, int);\n"
+        + "int cotree_job_run(cotree_job *, long);\nvoid cotree_job_end(cotree_job *);\n"
+        + "".join(f"{result} {name}({arguments});\n" for name, (result, arguments) in functions)
+    )
+
+
+def _job_files() -> Mapping[str, str]:
+    """Write what every job needs: its own header, and the model's side of it."""
+    headers = {
+        "cotree_abi.h": render("c/cotree_abi.h.jinja", abi_version=ABI_VERSION, **_COMMON),
+        "cotree_job.h": render("c/engine/cotree_job.h.jinja", **_COMMON),
     }
+    return {**headers, **run_files()}
 
 
 def run_files() -> Mapping[str, str]:
@@ -102,11 +124,14 @@ def sweep_declarations(files: Mapping[str, str]) -> str:
 
 def job_declarations(files: Mapping[str, str]) -> str:
     """Give the declarations that cffi reads, from an engine's headers."""
-    headers = ("cotree_abi.h", "cotree_run.h", "cotree_job.h")
-    return "".join(declared(files[name]) for name in headers) + (
+    return _declared(files, ("cotree_abi.h", "cotree_run.h", "cotree_job.h")) + (
         "size_t cotree_job_memory(const cotree_model *, int);\n"
         "int cotree_job_run(cotree_job *, long);\n"
     )
+
+
+def _declared(files: Mapping[str, str], headers: tuple[str, ...]) -> str:
+    return "".join(declared(files[name]) for name in headers)
 
 
 _COMMON = {"generator": VERSION}

@@ -28,6 +28,8 @@ class Statistics:
         Accepted steps.
     seconds : float
         Wall-clock time, [s].
+    through : str
+        What ran the method in place of C, and why; or empty.
     """
 
     method: str
@@ -36,6 +38,7 @@ class Statistics:
     nlu: int
     n_steps: int
     seconds: float
+    through: str = ""
 
 
 @dataclass(frozen=True, eq=False)

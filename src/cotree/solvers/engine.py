@@ -15,6 +15,7 @@ from cotree.build import BuildOptions, build_library, find_toolchain, load_libra
 from cotree.codegen.integrators import engine_files, job_declarations
 from cotree.errors import BuildError
 from cotree.solvers.augmented import augmented_tolerances
+from cotree.solvers.problem import describe_entry
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
@@ -26,6 +27,14 @@ if TYPE_CHECKING:
 
 # A step loop over equations in memory, whatever their number, is hardly slower from here on.
 _MOST_EQUATIONS = 512
+
+# What cotree_status says, in the words of the other methods.
+_REASONS = {
+    3: "the step size fell to rounding level",
+    4: "the right-hand side fails",
+    5: "the right-hand side is not finite",
+    6: "the right-hand side stopped the integration",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,17 +67,22 @@ def load_engine(method: str, n: int, block: int) -> LoadedLibrary | None:
     n, block : int
         Number of equations, and how many of these are states.
     """
+    files = engine_files(method, n if n <= _MOST_EQUATIONS else None, block)
+    return build_engine(files, job_declarations(files))
+
+
+def build_engine(files: Mapping[str, str], declarations: str) -> LoadedLibrary | None:
+    """Build and load C that runs jobs; None where there is no compiler that can."""
     toolchain = find_toolchain()
     if toolchain is None:
         return None
-    files = engine_files(method, n if n <= _MOST_EQUATIONS else None, block)
     # Loops over equations become vector instructions, which round as scalar ones do.
     for options in (BuildOptions("-O3", native=True), BuildOptions("-O2")):
         try:
             library = build_library(
                 files, abi_version=ABI_VERSION, n_operations=1, options=options, toolchain=toolchain
             )
-            return load_library(library.path, job_declarations(files))
+            return load_library(library.path, declarations)
         except BuildError:
             continue  # a compiler may not know the processor
     return None
@@ -102,9 +116,8 @@ class Job:
             job.n_wanted, job.wanted = len(wanted), self._doubles(np.array(wanted, dtype=float))
         self.z = np.array(problem.z0, dtype=np.float64)
         job.z, job.t, job.entry = self._doubles(self.z), corners[0], -1
-        size = int(self._lib.cotree_job_memory(job.model, job.has_sensitivities))
-        job.memory = self._doubles(np.zeros(-(-size // 8)))
         self.job = job
+        job.memory = self._make_memory(problem)
         self._n = n_full
         self._room = 0
         self.times, self.values = np.zeros(0), np.zeros((0, n_full))
@@ -118,6 +131,28 @@ class Job:
             if needed > self._room:
                 self._make_room(max(needed, 2 * self._room))
         return int(self._lib.cotree_job_run(self.job, most_steps))
+
+    @property
+    def n_jacobians(self) -> int:
+        """Return how many Jacobians were evaluated."""
+        return int(self.job.n_jacobians)
+
+    @property
+    def n_factorisations(self) -> int:
+        """Return how many matrices were factorised."""
+        return int(self.job.n_factorisations)
+
+    def reason(self, problem: Problem) -> str:
+        """Say why it failed."""
+        status, entry = int(self.job.status), int(self.job.entry)
+        if entry >= 0:
+            return f"the derivative of {describe_entry(problem, entry)} is not finite ahead"
+        return _REASONS.get(status, f"the integrator gives status {status}")
+
+    def _make_memory(self, problem: Problem) -> Any:
+        """Give the engine its memory."""
+        size = int(self._lib.cotree_job_memory(self.job.model, self.job.has_sensitivities))
+        return self._doubles(np.zeros(-(-size // 8)))
 
     def _make_room(self, rows: int) -> None:
         """Make room for kept values; those that are there stay."""

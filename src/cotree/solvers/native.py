@@ -18,7 +18,7 @@ from cotree.solvers.engine import Job, load_engine
 from cotree.solvers.evaluate import BUDGET_SPENT, FAILED
 from cotree.solvers.messages import summary
 from cotree.solvers.methods import METHODS
-from cotree.solvers.problem import check_problem, describe_entry
+from cotree.solvers.problem import check_problem
 from cotree.solvers.progress import Progress
 
 if TYPE_CHECKING:
@@ -29,14 +29,6 @@ _MORE, _FAILED = 1, 2
 
 # How long C runs before Python looks up, [s], and how many steps it begins with.
 _GLANCE, _FIRST_STEPS = 0.1, 1000
-
-# What cotree_status says, in the words of the other methods.
-_REASONS = {
-    3: "the step size fell to rounding level",
-    4: "the right-hand side fails",
-    5: "the right-hand side is not finite",
-    6: "the right-hand side stopped the integration",
-}
 
 #: The methods of SciPy that stand in where there is no C.
 STAND_INS = {"dopri5": "RK45", "rkf45": "RK45", "dop853": "DOP853", "rodas4": "Radau"}
@@ -88,11 +80,11 @@ class NativeSolver:
         begin = time.perf_counter()
         corners = segments(problem)
         job = Job(engine, problem, [corners[0][0], *(end for _, end in corners)])
-        status, reason = _run(job, problem, self.method, begin)
+        status, reason = run_job(job, problem, self.method, begin)
         if status == FAILED and (problem.n_algebraic or problem.singular is not None):
             # What looks far for algebraic unknowns, and passes singular positions, is Python.
             return self._stand_in(problem, f"{reason} at t = {float(job.job.t):.10g}")
-        return _trajectory(job, problem, self.method, status, reason, begin)
+        return trajectory_of(job, problem, self.method, status, reason, begin)
 
     def _stand_in(self, problem: Problem, why: str) -> Trajectory:
         from cotree.solvers.select import integrate
@@ -103,8 +95,20 @@ class NativeSolver:
         return replace(trajectory, message=message)
 
 
-def _run(job: Job, problem: Problem, method: str, begin: float) -> tuple[int, str]:
-    """Advance a job to its end; give status and reason."""
+def run_job(job: Job, problem: Problem, method: str, begin: float) -> tuple[int, str]:
+    """Advance a job to its end; give status and reason.
+
+    Parameters
+    ----------
+    job : Job
+        Not yet run.
+    problem : Problem
+        For its budgets.
+    method : str
+        What runs, for a progress bar.
+    begin : float
+        When its time began, by ``time.perf_counter``, [s].
+    """
     with Progress(method, problem.t_span) as progress:
         return _advance(job, problem, begin, progress)
 
@@ -118,7 +122,7 @@ def _advance(job: Job, problem: Problem, begin: float, progress: Progress) -> tu
         now = time.perf_counter()
         progress.reached(float(job.job.t))
         if result == _FAILED:
-            return FAILED, _reason(job, problem)
+            return FAILED, job.reason(problem)
         if result != _MORE:
             return 0, ""
         if limit is not None and job.job.n_steps >= limit:
@@ -130,17 +134,10 @@ def _advance(job: Job, problem: Problem, begin: float, progress: Progress) -> tu
         steps = int(min(max(1.0, rate * min(_GLANCE, rest)), 10.0 * steps))
 
 
-def _reason(job: Job, problem: Problem) -> str:
-    status, entry = int(job.job.status), int(job.job.entry)
-    reason = _REASONS.get(status, f"the integrator gives status {status}")
-    if entry >= 0:
-        return f"the derivative of {describe_entry(problem, entry)} is not finite ahead"
-    return reason
-
-
-def _trajectory(
+def trajectory_of(
     job: Job, problem: Problem, method: str, status: int, reason: str, begin: float
 ) -> Trajectory:
+    """Give what a job has kept, with the last good point of one that failed."""
     c = job.job
     kept = int(c.n_kept)
     t, values = job.times[:kept], job.values[:kept]
@@ -149,8 +146,8 @@ def _trajectory(
     statistics = Statistics(
         method=method,
         nfev=int(c.n_evaluations),
-        njev=int(c.n_jacobians),
-        nlu=int(c.n_factorisations),
+        njev=job.n_jacobians,
+        nlu=job.n_factorisations,
         n_steps=int(c.n_steps),
         seconds=time.perf_counter() - begin,
     )

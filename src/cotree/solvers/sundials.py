@@ -1,7 +1,9 @@
-"""SUNDIALS' CVODE and IDA through scikit-sundae, driven one step at a time.
+"""SUNDIALS' CVODE and IDA.
 
-In: a ``Problem``. Out: a ``Trajectory``. Their outputs come from the polynomials that they step
-with, which are as accurate as the steps: stopping at outputs costs more and gains nothing.
+In: a ``Problem``. Out: a ``Trajectory``. Where C can drive CVODE, :mod:`cotree.solvers.cvode` does.
+Else both run through scikit-sundae's own interface, one step at a time, and statistics say so.
+Their outputs come from the polynomials that they step with, which are as accurate as the steps:
+stopping at outputs costs more and gains nothing.
 """
 
 from __future__ import annotations
@@ -9,13 +11,14 @@ from __future__ import annotations
 import contextlib
 import io
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cotree.errors import SolveError
 from cotree.solvers.augmented import DENSE_LIMIT, augmented_tolerances, diagonal_blocks
+from cotree.solvers.cvode import solve_with_cvode
 from cotree.solvers.drive import drive
 from cotree.solvers.first_step import first_step
 from cotree.solvers.problem import check_problem
@@ -53,7 +56,17 @@ class SundialsSolver:
         """
         _sksundae(self.method)
         check_problem(problem)
-        return drive(problem, self.method, self._start)
+        is_python = problem.native is None and not problem.not_native
+        if self.method != "cvode" or is_python:
+            return drive(problem, self.method, self._start)
+        found = solve_with_cvode(problem)
+        if not isinstance(found, str):
+            return found
+        trajectory = drive(problem, self.method, self._start)
+        through = f"scikit-sundae's Python interface: {found}"
+        statistics = replace(trajectory.statistics, through=through)
+        message = f"{trajectory.message} {self.method} ran through {through}."
+        return replace(trajectory, message=message, statistics=statistics)
 
     def _start(
         self, evaluator: Evaluator, t: float, z: FloatArray, t_end: float

@@ -1,0 +1,364 @@
+"""CVODE driven from C, on compiled models."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+from domain_scenes import scene_of_domain
+from network_scenes import rc_grid, rc_ladder, rc_ladder_matrix
+
+from cotree import Scene, load
+from cotree.solvers import cvode, sundials
+
+pytest.importorskip("sksundae")
+pytestmark = pytest.mark.compiler
+
+
+@pytest.fixture(autouse=True)
+def _in_c():
+    loaded = cvode.load_cvode()
+    if isinstance(loaded, str):
+        pytest.skip(loaded)
+
+
+@pytest.fixture(scope="module")
+def slider():
+    return load("slider-pendulum").compile(["L", "k"])
+
+
+@pytest.fixture
+def in_python(monkeypatch):
+    """Hide SUNDIALS' functions from C, until called with False."""
+
+    def hide(hidden: bool = True) -> None:
+        if hidden:
+            monkeypatch.setattr(sundials, "solve_with_cvode", lambda problem: "it is hidden")
+        else:
+            monkeypatch.undo()
+
+    return hide
+
+
+def test_the_structures_are_those_of_the_library():
+    """SUNDIALS' own dense solver has its functions where C puts others."""
+    loaded = cvode.load_cvode()
+    ffi = loaded.engine.ffi.__class__()
+    names = ("SUNLinSolSetup_Dense", "SUNLinSolSolve_Dense", "SUNLinSolGetType_Dense")
+    ffi.cdef(
+        "int SUNContext_Create(int, void **); int SUNContext_Free(void **);"
+        "void *N_VNew_Serial(int64_t, void *); void N_VDestroy(void *);"
+        "void *SUNDenseMatrix(int64_t, int64_t, void *); void SUNMatDestroy(void *);"
+        "void *SUNLinSol_Dense(void *, void *, void *); int SUNLinSolFree(void *);"
+        + "".join(f"void {name}(void);" for name in names)
+    )
+    from sksundae import _cy_cvode
+
+    library, context = ffi.dlopen(_cy_cvode.__file__), ffi.new("void **")
+    assert library.SUNContext_Create(0, context) == 0
+    vector = library.N_VNew_Serial(2, context[0])
+    matrix = library.SUNDenseMatrix(2, 2, context[0])
+    solver = library.SUNLinSol_Dense(vector, matrix, context[0])
+    fields = ffi.cast("void **", solver)
+    functions = ffi.cast("void **", fields[2])  # after content and python
+    assert fields[3] == context[0]
+    found = [functions[8], functions[9], functions[0]]
+    assert found == [ffi.cast("void *", ffi.addressof(library, name)) for name in names]
+    library.SUNLinSolFree(solver)
+    library.SUNMatDestroy(matrix)
+    library.N_VDestroy(vector)
+    library.SUNContext_Free(context)
+
+
+@pytest.mark.parametrize("tested", [True, False])
+def test_agrees_with_a_tight_solution(slider, tested):
+    times = np.linspace(0.0, 10.0, 101)
+    reference = slider.simulate((0.0, 10.0), times, "DOP853", 1e-12, 1e-13)
+    settings = {"error_test_sensitivities": tested, "throw": True}
+    result = slider.simulate((0.0, 10.0), times, "cvode", 1e-9, 1e-10, **settings)
+    assert result.message == "cvode reached t = 10."
+    assert result.statistics.through == ""
+    # 1e-9 a step through a thousand steps of a motion that stretches errors.
+    assert np.abs(result.y - reference.y).max() < 1e-6
+    assert np.abs(result.s - reference.s).max() < 1e-5
+    assert np.array_equal(result.t, times)
+
+
+def test_the_same_steps_as_through_python(slider, in_python):
+    """Of states alone, where both solve the same equations: to the digit."""
+    model = load("slider-pendulum").compile()
+    there = model.simulate((0.0, 10.0), None, "cvode")
+    in_python()
+    here = model.simulate((0.0, 10.0), None, "cvode")
+    assert here.statistics.through == "scikit-sundae's Python interface: it is hidden"
+    assert here.message.endswith(
+        "cvode ran through scikit-sundae's Python interface: it is hidden."
+    )
+    assert there.statistics.n_steps == here.statistics.n_steps
+    # Their linear algebra rounds differently, and the motion stretches that.
+    np.testing.assert_allclose(there.t, here.t, rtol=1e-6)
+    np.testing.assert_allclose(there.y, here.y, atol=3e-6)
+
+
+@pytest.mark.parametrize(("name", "span"), [("chem_hires", 321.8122), ("chem_robertson", 1e5)])
+@pytest.mark.parametrize("tested", [True, False])
+def test_stiff_reactions_agree_with_python(name, span, tested, in_python):
+    scene = scene_of_domain(name)
+    model = scene.compile(list(scene.compile().parameters)[:3])
+    times = np.geomspace(1e-3, span, 40)
+    settings = {"method": "cvode", "rtol": 1e-8, "atol": 1e-13, "throw": True}
+    in_python()
+    tight = settings | {"rtol": 1e-11, "atol": 1e-16}
+    reference = model.simulate((0.0, span), times, **tight)
+    through_python = model.simulate((0.0, span), times, error_test_sensitivities=tested, **settings)
+    in_python(False)
+    result = model.simulate((0.0, span), times, error_test_sensitivities=tested, **settings)
+    assert result.statistics.through == ""
+    scale_y = np.abs(reference.y).max(axis=1, keepdims=True)
+    scale_s = np.abs(reference.s).max(axis=2, keepdims=True)
+
+    def errors(found):
+        return (
+            np.max(np.abs(found.y - reference.y) / scale_y),
+            np.max(np.abs(found.s - reference.s) / scale_s),
+        )
+
+    # Some thousand steps of 1e-8. Sensitivities outside the error test only follow the states.
+    y, s = errors(result)
+    assert y < 1e-6
+    assert s < (1e-6 if tested else 1e-4)
+    # No worse than the full matrix, up to chance, and no more work.
+    assert s < 3.0 * errors(through_python)[1] + 1e-7
+    assert result.statistics.n_steps < 1.3 * through_python.statistics.n_steps
+    # One factorisation for all parameters: many fewer than evaluations.
+    assert result.statistics.njev < 0.06 * result.statistics.n_steps
+    assert result.statistics.nlu < 0.25 * result.statistics.n_steps
+
+
+def test_sensitivities_against_a_closed_form():
+    scene = Scene("oscillator")
+    scene.parameter("c", 1.0)
+    scene.edge("L1", "inductor", "a", "ground", inductance=1.0, initial={"i": 0.0})
+    scene.edge("C1", "capacitor", "a", "ground", capacitance="c", initial={"v": 1.0})
+    result = scene.compile(["c"]).simulate((0.0, 5.0), None, "cvode", 1e-10, 1e-12)
+    # v = cos(t / sqrt(c)), dv/dc = t sin(t) / 2 at c = 1. Some thousand steps of 1e-10.
+    np.testing.assert_allclose(result["C1.v"], np.cos(result.t), atol=1e-7)
+    found = result.sensitivity("C1.v", "c")
+    np.testing.assert_allclose(found, 0.5 * result.t * np.sin(result.t), atol=5e-7)
+    assert len(result.t) == result.statistics.n_steps + 1
+
+
+def test_backwards():
+    scene = Scene("discharge")
+    scene.edge("C1", "capacitor", "a", "ground", capacitance=1.0, initial={"v": 1.0})
+    scene.edge("R1", "resistor", "a", "ground", resistance=1.0)
+    result = scene.compile().simulate((1.0, 0.0), [0.5, 0.0], "cvode", 1e-10, 1e-12)
+    # A hundred steps of 1e-10.
+    np.testing.assert_allclose(result["C1.v"], np.exp([0.5, 1.0]), rtol=1e-8)
+
+
+def test_jumps_of_an_input_are_corners():
+    scene = Scene("forced")
+    scene.input("u", 0.0)
+    scene.edge("m", "translational_mass", "ground", "a", mass=2.0)
+    scene.edge("f", "force_source", "ground", "a", force="u")
+    scene.output("v", "m.v")
+    pulse = ([0.0, 1.0, 1.001, 1.002, 1.003], [0.0, 0.0, 2000.0, 2000.0, 0.0])
+    result = scene.compile().simulate(
+        (0.0, 5.0), [0.5, 1.0, 5.0], "cvode", 1e-9, 1e-12, inputs={"u": pulse}
+    )
+    # The pulse's area is 4 N s: 2 m/s for 2 kg.
+    np.testing.assert_allclose(result["v"], [0.0, 0.0, 2.0], rtol=1e-8, atol=1e-10)
+    assert result.statistics.through == ""
+
+
+@pytest.mark.parametrize(("make", "size"), [(rc_ladder, 200), (rc_grid, 15)])
+def test_narrow_and_wide_bands(make, size, in_python):
+    """Networks of hundreds of states: a band of a few entries, and one of tens."""
+    model = make(size).compile()
+    settings = {"method": "cvode", "rtol": 1e-7, "atol": 1e-10, "throw": True}
+    result = model.simulate((0.0, 50.0), [1.0, 50.0], **settings)
+    assert result.statistics.through == ""
+    in_python()
+    other = model.simulate((0.0, 50.0), [1.0, 50.0], **settings)
+    assert result.statistics.n_steps == pytest.approx(other.statistics.n_steps, abs=5)
+    # The same method, whose linear algebra rounds differently.
+    np.testing.assert_allclose(result.y, other.y, rtol=1e-5, atol=1e-8)
+
+
+_BAND_TEST = """
+#include <math.h>
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+%s
+/* Entries column by column; each array has exactly its size. Returns whether it is singular. */
+%s int solve(int n, int lower, int upper, const double *entries, double *b)
+{
+    const size_t size = band_doubles(n, lower, upper);
+    double *const memory = (double *)calloc(size, sizeof(double));
+    int *const pivots = (int *)calloc((size_t)n, sizeof(int));
+    const cotree_band a = band_of(n, lower, upper, memory, pivots);
+    int i, j, status;
+    for (j = 0; j < n; ++j) {
+        for (i = 0; i < n; ++i) {
+            if (i - j <= lower && j - i <= upper) a.first[i + j * a.stride] = entries[i + j * n];
+        }
+    }
+    status = band_factorise(&a);
+    if (status == 0) band_solve(&a, b);
+    free(memory);
+    free(pivots);
+    return status;
+}
+"""
+
+
+def test_bands_against_another_factorisation():
+    """Random matrices without large diagonals, so that rows are exchanged; and singular ones."""
+    import cffi
+
+    from cotree.build import BuildOptions, build_library, find_toolchain
+    from cotree.codegen.render import render
+
+    export = "__declspec(dllexport)" if sys.platform == "win32" else ""
+    text = _BAND_TEST % (render("c/engine/cotree_band.c.jinja"), export)
+    built = build_library(
+        {"band.c": text},
+        abi_version=0,
+        n_operations=1,
+        options=BuildOptions("-O1"),
+        toolchain=find_toolchain(),
+    )
+    ffi = cffi.FFI()
+    ffi.cdef("int solve(int, int, int, const double *, double *);")
+    library = ffi.dlopen(str(built.path))
+    rng = np.random.default_rng(3)
+
+    def solve(matrix, lower, upper, b):
+        entries = np.asfortranarray(matrix).ravel(order="F").copy()
+        x = b.copy()
+        pointers = (ffi.from_buffer("double[]", array) for array in (entries, x))
+        return library.solve(len(b), lower, upper, *pointers), x
+
+    for n, lower, upper in [(1, 0, 0), (7, 6, 6), (9, 0, 2), (12, 1, 1), (30, 3, 1), (30, 2, 7)]:
+        i, j = np.indices((n, n))
+        matrix = np.where((i - j <= lower) & (j - i <= upper), rng.normal(size=(n, n)), 0.0)
+        b = rng.normal(size=n)
+        status, x = solve(matrix, lower, upper, b)
+        assert status == 0
+        # Rounding, times the condition of the matrix.
+        accuracy = 1e-14 * n * np.linalg.cond(matrix)
+        np.testing.assert_allclose(x, np.linalg.solve(matrix, b), rtol=accuracy, atol=accuracy)
+        matrix[:, n // 2] = 0.0
+        assert solve(matrix, lower, upper, b)[0] == 1
+
+
+def test_too_wide_a_band_is_left_to_sparse_matrices(monkeypatch):
+    monkeypatch.setattr(cvode, "_MOST_MULTIPLICATIONS", 1e3)
+    model = rc_grid(15).compile()
+    result = model.simulate((0.0, 1.0), [1.0], "cvode")
+    assert "the Jacobian's band is wide" in result.statistics.through
+
+
+def test_sensitivities_of_a_long_ladder():
+    model = rc_ladder(150).compile(["R"])
+    end = 10.0
+    result = model.simulate((0.0, end), [end], "cvode", 1e-9, 1e-12, throw=True)
+    # All voltages depend on t / R, so that dv/dR = -t v' at R = 1; v' = A v + e_1.
+    rates = rc_ladder_matrix(150) @ result.y[:, -1] + np.eye(150)[0]
+    # Some hundred steps of 1e-9, times t.
+    np.testing.assert_allclose(result.s[:, 0, -1], -end * rates, atol=1e-6)
+    assert result.statistics.through == ""
+
+
+@pytest.mark.parametrize(
+    ("current", "end", "words"),
+    [
+        ("C1.v**2", 1.0, ""),
+        ("sqrt(0.5 - t)", 0.5, "the derivative of 'C1.v' is not finite ahead"),
+    ],
+)
+def test_failures_are_reported_where_they_happen(current, end, words):
+    scene = Scene("explosion")
+    scene.edge("C1", "capacitor", "a", "ground", capacitance=1.0, initial={"v": 1.0})
+    scene.edge("I1", "current_source", "ground", "a", current=current)
+    model = scene.compile()
+    with pytest.warns(RuntimeWarning, match="cvode stopped at t = "):
+        result = model.simulate((0.0, 2.0), [0.25, 1.5], "cvode", 1e-6, 1e-8)
+    assert result.status == -1
+    assert words in result.message
+    # v' = v^2 with v(0) = 1 has its pole at 1, which 1e-6 places within 1e-4.
+    assert result.t.tolist() == [0.25, pytest.approx(end, abs=1e-4)]
+    assert np.all(np.isfinite(result.y))
+
+
+def test_budgets(slider):
+    with pytest.warns(RuntimeWarning, match="the limit of 7 steps is reached"):
+        result = slider.simulate((0.0, 10.0), None, "cvode", max_steps=7)
+    assert result.status == -2
+    assert len(result.t) == 8
+    with pytest.warns(RuntimeWarning, match="time limit of 0.05 s is spent"):
+        result = slider.simulate((0.0, 1e9), [1e9], "cvode", time_limit=0.05)
+    assert result.status == -2
+    assert 0.0 < result.t[-1] < 1e9
+
+
+def test_the_longest_step_is_kept(slider):
+    result = slider.simulate((0.0, 1.0), None, "cvode", max_step=1e-3)
+    assert result.statistics.n_steps >= 1000
+    assert np.diff(result.t).max() <= 1e-3 * (1 + 1e-9)
+
+
+def test_memory_is_freed_after_an_interruption(slider, monkeypatch):
+    ended = []
+
+    class Interrupted(cvode.CvodeJob):
+        def run(self, most_steps: int) -> int:
+            super().run(5)
+            raise KeyboardInterrupt
+
+        def end(self) -> None:
+            super().end()
+            ended.append(self._memory.context)
+
+    monkeypatch.setattr(cvode, "CvodeJob", Interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        slider.simulate((0.0, 10.0), [10.0], "cvode")
+    assert [bool(context) for context in ended] == [False]
+
+
+@pytest.mark.parametrize("missing", ["symbols", "version", "compiler"])
+def test_what_is_missing_is_said(slider, monkeypatch, missing):
+    if missing == "symbols":
+        more = dict(cvode.SUNDIALS_FUNCTIONS, CVodeFlyAway=("int", "void"))
+        monkeypatch.setattr(cvode, "SUNDIALS_FUNCTIONS", more)
+    elif missing == "version":
+        monkeypatch.setattr(cvode, "SUNDIALS_VERSION", (6, 0))
+    else:
+        monkeypatch.setattr(cvode, "build_engine", lambda *_: None)
+    cvode._load.cache_clear()
+    try:
+        result = slider.simulate((0.0, 0.1), [0.1], "cvode")
+    finally:
+        cvode._load.cache_clear()
+    why = {
+        "symbols": "SUNDIALS' functions cannot be found",
+        "version": "SUNDIALS is of version 7.9, not 6.0",
+        "compiler": "no compiler can build its engine",
+    }[missing]
+    assert why in result.message
+    assert why in result.statistics.through
+    exact = slider.simulate((0.0, 0.1), [0.1], "DOP853", 1e-11, 1e-12)
+    np.testing.assert_allclose(result.y, exact.y, atol=1e-6)
+
+
+def test_what_c_cannot_take_is_said():
+    scene = Scene("bridge")
+    scene.edge("C1", "capacitor", "a", "ground", capacitance=1.0, initial={"v": 1.0})
+    scene.edge("R1", "resistor", "a", "b", resistance=1.0)
+    scene.edge("D1", "diode", "b", "ground", saturation_current=1e-12)
+    result = scene.compile().simulate((0.0, 1.0), [1.0], "cvode")
+    assert "there are algebraic unknowns" in result.statistics.through
+    assert "there are algebraic unknowns" in result.message
