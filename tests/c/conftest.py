@@ -9,7 +9,7 @@ from c_programs import SANITIZE, STRICT, execute, need, run
 from cotree.codegen.integrators import integrator_files
 
 
-@pytest.fixture(scope="module", params=["gcc", "clang"])
+@pytest.fixture(scope="module", params=["gcc", pytest.param("clang", marks=pytest.mark.slow)])
 def compiler(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> str:
     """Give a compiler that has its sanitizers."""
     name = need(request.param)

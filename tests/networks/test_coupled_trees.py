@@ -132,11 +132,11 @@ def _check_random_couplings(seeds, **size):
 
 
 def test_ten_transformers_on_fifteen_nodes():
-    _check_random_couplings(range(8), n_nodes=15, n_transformers=10, n_gyrators=0, n_more=15)
+    _check_random_couplings(range(4), n_nodes=15, n_transformers=10, n_gyrators=0, n_more=15)
 
 
 def test_transformers_with_gyrators():
-    _check_random_couplings(range(8), n_nodes=12, n_transformers=5, n_gyrators=5, n_more=12)
+    _check_random_couplings(range(4), n_nodes=12, n_transformers=5, n_gyrators=5, n_more=12)
 
 
 @pytest.mark.slow

@@ -51,7 +51,7 @@ def _peak_detector():
     return scene
 
 
-@pytest.mark.parametrize("sensitivities", [(), ("C",)])
+@pytest.mark.parametrize("sensitivities", [(), pytest.param(("C",), marks=pytest.mark.slow)])
 def test_no_charge_of_a_peak_detector_is_stepped_over(sensitivities):
     model = _peak_detector().compile(list(sensitivities))
     times = np.linspace(0.0, 0.2, 41)

@@ -18,7 +18,14 @@ from cotree.errors import (
 )
 
 TIGHT = {"rtol": 1e-11, "atol": 1e-13}
-METHODS = ["DOP853", "RK45", "RK23", "Radau", "BDF", "LSODA", "cvode", "ida"]
+QUICK = ["DOP853", "LSODA", "cvode"]
+METHODS = [
+    *QUICK,
+    *(
+        pytest.param(name, marks=pytest.mark.slow)
+        for name in ("RK45", "RK23", "Radau", "BDF", "ida")
+    ),
+]
 
 
 @pytest.fixture(params=METHODS)

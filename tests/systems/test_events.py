@@ -11,7 +11,11 @@ import pytest
 
 import cotree
 
-METHODS = ["DOP853", "RK45", "Radau", "BDF", "LSODA", "cvode", "ida"]
+QUICK = ["DOP853", "LSODA", "cvode"]
+METHODS = [
+    *QUICK,
+    *(pytest.param(name, marks=pytest.mark.slow) for name in ("RK45", "Radau", "BDF", "ida")),
+]
 TIGHT = {"rtol": 1e-12, "atol": 1e-13}
 CLOSE = 1e-9
 
