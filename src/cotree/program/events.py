@@ -2,32 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from cotree.equations import spread
 from cotree.program.impacts import form_impact
-from cotree.program.program import EventQuantity
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cotree.dag.nodes import Node
-    from cotree.equations import Equations
+    from cotree.equations import Equations, EventRow
     from cotree.formulation.elimination import Solver
 
 
-def event_quantities(equations: Equations) -> tuple[EventQuantity, ...]:
+def event_quantities(equations: Equations) -> tuple[EventRow, ...]:
     """Name the events, with the states that each sets, those of its impact included."""
     n, first = equations.n_speeds, equations.n_coordinates
     speeds = tuple(range(first, first + n))
     return tuple(
-        EventQuantity(
-            row.name,
-            row.direction,
-            row.is_stop,
-            (*row.targets, *speeds) if row.is_impact else row.targets,
-            row.is_impact,
-        )
+        replace(row, targets=(*row.targets, *speeds)) if row.is_impact else row
         for row in equations.events
     )
 

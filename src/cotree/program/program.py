@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
     from cotree.dag.stops import Stop
-    from cotree.equations import Guard, Quantity
+    from cotree.equations import EventRow, Guard, Quantity
     from cotree.program.kernels import KernelSpec
 
 
@@ -52,31 +52,6 @@ class Kernel:
     def operations(self) -> OperationCount:
         """Operation counts of the kernel alone."""
         return count_operations([node for node in self.order if node not in self.prepared])
-
-
-@dataclass(frozen=True)
-class EventQuantity:
-    """An event.
-
-    Attributes
-    ----------
-    name : str
-        Its name.
-    direction : int
-        -1 for downwards, 1 for upwards, 0 for both.
-    is_stop : bool
-        Whether a run ends there.
-    targets : tuple of int
-        The states that it sets, in the order of its results of the kernel ``jumps``.
-    is_impact : bool
-        Whether the last of them are all speeds, after an impulse.
-    """
-
-    name: str
-    direction: int
-    is_stop: bool
-    targets: tuple[int, ...]
-    is_impact: bool
 
 
 @dataclass(frozen=True)
@@ -119,7 +94,7 @@ class Layout:
         Whether each is a rate.
     uses_multipliers : tuple of bool
         Whether each output depends on multipliers themselves: a reaction.
-    events : tuple of EventQuantity
+    events : tuple of EventRow
         In the order of the kernel ``events``.
     event_inputs : tuple of str
         The inputs that these kernels read.
@@ -146,7 +121,7 @@ class Layout:
     start_rows: tuple[str, ...]
     start_is_rate: tuple[bool, ...]
     uses_multipliers: tuple[bool, ...]
-    events: tuple[EventQuantity, ...] = ()
+    events: tuple[EventRow, ...] = ()
     event_inputs: tuple[str, ...] = ()
 
     @property

@@ -24,7 +24,7 @@ from cotree.model.algebraic import Algebraic, UnsolvedError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from cotree.program.program import EventQuantity
+    from cotree.equations import EventRow
     from cotree.solvers.problem import Events, FloatArray, Problem
 
 #: How many solutions are remembered as guesses, and how many of them are tried.
@@ -68,7 +68,7 @@ class _CompletedEvents:
     integrated: Callable[[FloatArray], FloatArray]
 
     @property
-    def rows(self) -> tuple[EventQuantity, ...]:
+    def rows(self) -> tuple[EventRow, ...]:
         return self.inner.rows
 
     def values(self, t: float, z: FloatArray) -> FloatArray:

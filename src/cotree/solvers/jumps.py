@@ -20,8 +20,8 @@ from cotree.model.start import Start, consistent_start
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from cotree.equations import EventRow
     from cotree.model.model import CompiledModel
-    from cotree.program.program import EventQuantity
     from cotree.solvers.problem import FloatArray
 
 
@@ -47,7 +47,7 @@ class ModelEvents:
         u: Callable[[float], FloatArray | None],
         is_held: bool,
     ) -> None:
-        self.rows: tuple[EventQuantity, ...] = model.layout.events
+        self.rows: tuple[EventRow, ...] = model.layout.events
         self._model, self._p, self._u, self._is_held = model, p, u, is_held
         self._n, self._m = len(model.states), len(model.sensitivities)
         self._cut = self._n - model.layout.n_algebraic
@@ -131,7 +131,7 @@ class ModelEvents:
 
     def _settled(
         self,
-        row: EventQuantity,
+        row: EventRow,
         t: float,
         y: FloatArray,
         s: FloatArray,

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from scipy.sparse import csc_matrix
 
-    from cotree.program.program import EventQuantity
+    from cotree.equations import EventRow
     from cotree.solvers.engine import Native
 
 FloatArray = npt.NDArray[np.float64]
@@ -30,7 +30,7 @@ class Events(Protocol):
     """What happens where values pass through zero."""
 
     @property
-    def rows(self) -> tuple[EventQuantity, ...]:
+    def rows(self) -> tuple[EventRow, ...]:
         """Names, directions, and which of them end a run."""
         ...
 
