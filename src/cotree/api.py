@@ -327,7 +327,8 @@ class Model(CompiledModel):
             project=project,
         )
         result = simulate(self, settings, self.layout.units)
-        return replace(result, times={**self.times, **result.times})
+        compiling = self.times["compile"] + result.times["compile"]
+        return replace(result, times={**self.times, **result.times, "compile": compiling})
 
     @cached_property
     def _linearizer(self) -> Linearizer:

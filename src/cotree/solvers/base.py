@@ -28,6 +28,8 @@ class Statistics:
         Accepted steps.
     seconds : float
         Wall-clock time, [s].
+    compile_seconds : float
+        Wall-clock time that the C of the method itself took before, once on a machine, [s].
     through : str
         What ran the method in place of C, and why; or empty.
     """
@@ -39,6 +41,7 @@ class Statistics:
     n_steps: int
     seconds: float
     through: str = ""
+    compile_seconds: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from cotree.codegen.sundials import SUNDIALS_FUNCTIONS, SUNDIALS_VERSION
 from cotree.model.kernels import SINGULAR
 from cotree.solvers.drive import segments
 from cotree.solvers.engine import Job, build_engine
-from cotree.solvers.native import run_job, trajectory_of
+from cotree.solvers.native import compiled_in, run_job, trajectory_of
 from cotree.solvers.problem import describe_entry
 
 if TYPE_CHECKING:
@@ -90,6 +90,7 @@ def solve_with_cvode(problem: Problem) -> Trajectory | str:
         return "there are algebraic unknowns"
     if problem.size == 0:
         return "there are no states"
+    before = time.perf_counter()
     cvode = load_cvode()
     if isinstance(cvode, str):
         return cvode
@@ -102,7 +103,8 @@ def solve_with_cvode(problem: Problem) -> Trajectory | str:
         status, reason = run_job(job, problem, "cvode", begin)
     finally:
         job.end()
-    return trajectory_of(job, problem, "cvode", status, reason, begin)
+    trajectory = trajectory_of(job, problem, "cvode", status, reason, begin)
+    return compiled_in(trajectory, begin - before)
 
 
 def load_cvode() -> Cvode | str:

@@ -76,16 +76,15 @@ def build_engine(files: Mapping[str, str], declarations: str) -> LoadedLibrary |
     toolchain = find_toolchain()
     if toolchain is None:
         return None
-    # Loops over equations become vector instructions, which round as scalar ones do.
-    for options in (BuildOptions("-O3", native=True), BuildOptions("-O2")):
-        try:
-            library = build_library(
-                files, abi_version=ABI_VERSION, n_operations=1, options=options, toolchain=toolchain
-            )
-            return load_library(library.path, declarations)
-        except BuildError:
-            continue  # a compiler may not know the processor
-    return None
+    # For eight equations -O3 makes dop853 an eighth faster, and takes three times as long: 1.3 s.
+    options = BuildOptions("-O1")
+    try:
+        library = build_library(
+            files, abi_version=ABI_VERSION, n_operations=1, options=options, toolchain=toolchain
+        )
+    except BuildError:
+        return None
+    return load_library(library.path, declarations)
 
 
 class Job:

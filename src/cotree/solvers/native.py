@@ -22,6 +22,7 @@ from cotree.solvers.problem import check_problem
 from cotree.solvers.progress import Progress
 
 if TYPE_CHECKING:
+    from cotree.build import LoadedLibrary
     from cotree.solvers.problem import FloatArray, Problem
 
 # Results of cotree_job_run.
@@ -48,6 +49,12 @@ def refusal(method: str, problem: Problem) -> str:
     return "the motion is held to constraints" if problem.project is not None else ""
 
 
+def engine_for(method: str, problem: Problem) -> LoadedLibrary | None:
+    """Build or find the engine of a method for a problem; None where no compiler can."""
+    cut = problem.n_states - problem.n_algebraic
+    return load_engine(method, cut * (1 + problem.n_sensitivities), cut)
+
+
 @dataclass(frozen=True)
 class NativeSolver:
     """One of cotree's own methods.
@@ -69,12 +76,11 @@ class NativeSolver:
             If the problem cannot be accepted.
         """
         check_problem(problem)
-        n = problem.size - problem.n_algebraic * (1 + problem.n_sensitivities)
-        cut = problem.n_states - problem.n_algebraic
         why = refusal(self.method, problem)
         if why:
             return self._stand_in(problem, why)
-        engine = load_engine(self.method, n, cut)
+        before = time.perf_counter()
+        engine = engine_for(self.method, problem)
         if engine is None:
             return self._stand_in(problem, "no compiler can build its engine")
         begin = time.perf_counter()
@@ -84,7 +90,8 @@ class NativeSolver:
         if status == FAILED and (problem.n_algebraic or problem.singular is not None):
             # What looks far for algebraic unknowns, and passes singular positions, is Python.
             return self._stand_in(problem, f"{reason} at t = {float(job.job.t):.10g}")
-        return trajectory_of(job, problem, self.method, status, reason, begin)
+        trajectory = trajectory_of(job, problem, self.method, status, reason, begin)
+        return compiled_in(trajectory, begin - before)
 
     def _stand_in(self, problem: Problem, why: str) -> Trajectory:
         from cotree.solvers.select import integrate
@@ -93,6 +100,12 @@ class NativeSolver:
         trajectory = integrate(problem, other)
         message = f"{trajectory.message} {other} stood in for {self.method}: {why}."
         return replace(trajectory, message=message)
+
+
+def compiled_in(trajectory: Trajectory, seconds: float) -> Trajectory:
+    """Say how long the C of the method took to compile or to find."""
+    statistics = replace(trajectory.statistics, compile_seconds=seconds)
+    return replace(trajectory, statistics=statistics)
 
 
 def run_job(job: Job, problem: Problem, method: str, begin: float) -> tuple[int, str]:

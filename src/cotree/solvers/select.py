@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.util
+import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from cotree.solvers.algebraic import reduce_problem
 from cotree.solvers.evaluate import Evaluator, IntegrationStopError
 from cotree.solvers.methods import method_row, solver_for
-from cotree.solvers.native import refusal
+from cotree.solvers.native import compiled_in, engine_for, refusal
 from cotree.solvers.problem import check_problem
 
 if TYPE_CHECKING:
@@ -62,8 +63,14 @@ def integrate(problem: Problem, method: str = "auto") -> Trajectory:
     """
     if method != "auto":
         return _solve(problem, method)
+    check_problem(problem)
+    before = time.perf_counter()
+    if not refusal("dop853", problem):
+        engine_for("dop853", problem)
+    compiling = time.perf_counter() - before
     chosen, reason = choose_method(problem)
     trajectory = _solve(problem, chosen)
+    trajectory = compiled_in(trajectory, trajectory.statistics.compile_seconds + compiling)
     return dataclasses.replace(trajectory, message=f"{trajectory.message} {reason}")
 
 
