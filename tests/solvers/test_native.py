@@ -10,7 +10,6 @@ import pytest
 
 from cotree import Scene, load
 from cotree.codegen.integrators import INTEGRATORS
-from cotree.solvers.engine import load_engine
 
 pytestmark = pytest.mark.compiler
 
@@ -186,8 +185,7 @@ def test_stiff_method_leaves_constraints_to_another():
     assert "Radau stood in for rodas4: the motion is held to constraints" in result.message
 
 
-def test_wide_systems_leave_the_number_of_equations_to_run_time():
-    assert load_engine("dopri5", 600, 600) is not None
+def test_a_wide_system():
     scene = Scene("wide")
     for i in range(300):
         scene.edge(

@@ -44,17 +44,13 @@ def integrator_files(name: str) -> Mapping[str, str]:
     return files
 
 
-def engine_files(name: str, n: int | None, block: int) -> Mapping[str, str]:
-    """Write an integrator for a number of equations, with a job that it runs.
+def engine_files(name: str) -> Mapping[str, str]:
+    """Write an integrator with a job that it runs, the same for every model.
 
     Parameters
     ----------
     name : str
         A name in ``INTEGRATORS``.
-    n : int or None
-        Number of equations; None leaves it to run time.
-    block : int
-        How many of these are states.
 
     Returns
     -------
@@ -68,8 +64,7 @@ def engine_files(name: str, n: int | None, block: int) -> Mapping[str, str]:
     headers = {path: text for path, text in files.items() if path.endswith(".h")}
     job = render("c/engine/cotree_job.c.jinja", method=INTEGRATORS[name], **_COMMON)
     parts = [*(files[f"cotree_{part}.c"] for part in ("history", name)), job]
-    known = [] if n is None else [f"#define COTREE_N {n}", f"#define COTREE_BLOCK {block}"]
-    return {**headers, **_job_files(), "engine.c": "\n".join([*known, *parts])}
+    return {**headers, **_job_files(), "engine.c": "\n".join(parts)}
 
 
 def cvode_files() -> Mapping[str, str]:

@@ -25,9 +25,6 @@ if TYPE_CHECKING:
     from cotree.model.kernels import NativeModel
     from cotree.solvers.problem import FloatArray, Problem
 
-# A step loop over equations in memory, whatever their number, is hardly slower from here on.
-_MOST_EQUATIONS = 512
-
 # What cotree_status says, in the words of the other methods.
 _REASONS = {
     3: "the step size fell to rounding level",
@@ -57,17 +54,15 @@ class Native:
 
 
 @functools.cache
-def load_engine(method: str, n: int, block: int) -> LoadedLibrary | None:
+def load_engine(method: str) -> LoadedLibrary | None:
     """Build and load the engine of a method; None where there is no compiler that can.
 
     Parameters
     ----------
     method : str
         A name in ``INTEGRATORS``.
-    n, block : int
-        Number of equations, and how many of these are states.
     """
-    files = engine_files(method, n if n <= _MOST_EQUATIONS else None, block)
+    files = engine_files(method)
     return build_engine(files, job_declarations(files))
 
 
@@ -76,7 +71,8 @@ def build_engine(files: Mapping[str, str], declarations: str) -> LoadedLibrary |
     toolchain = find_toolchain()
     if toolchain is None:
         return None
-    # For eight equations -O3 makes dop853 an eighth faster, and takes three times as long: 1.3 s.
+    # Neither -O3 (an eighth) nor a number of equations known beforehand (nothing) is worth a second
+    # of compilation.
     options = BuildOptions("-O1")
     try:
         library = build_library(

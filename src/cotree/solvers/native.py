@@ -22,7 +22,6 @@ from cotree.solvers.problem import check_problem
 from cotree.solvers.progress import Progress
 
 if TYPE_CHECKING:
-    from cotree.build import LoadedLibrary
     from cotree.solvers.problem import FloatArray, Problem
 
 # Results of cotree_job_run.
@@ -47,12 +46,6 @@ def refusal(method: str, problem: Problem) -> str:
     if problem.n_states - problem.n_algebraic > _MOST_STATES:
         return f"more than {_MOST_STATES} states need sparse matrices"
     return "the motion is held to constraints" if problem.project is not None else ""
-
-
-def engine_for(method: str, problem: Problem) -> LoadedLibrary | None:
-    """Build or find the engine of a method for a problem; None where no compiler can."""
-    cut = problem.n_states - problem.n_algebraic
-    return load_engine(method, cut * (1 + problem.n_sensitivities), cut)
 
 
 @dataclass(frozen=True)
@@ -80,7 +73,7 @@ class NativeSolver:
         if why:
             return self._stand_in(problem, why)
         before = time.perf_counter()
-        engine = engine_for(self.method, problem)
+        engine = load_engine(self.method)
         if engine is None:
             return self._stand_in(problem, "no compiler can build its engine")
         begin = time.perf_counter()

@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.solvers.algebraic import reduce_problem
+from cotree.solvers.engine import load_engine
 from cotree.solvers.evaluate import Evaluator, IntegrationStopError
 from cotree.solvers.methods import method_row, solver_for
-from cotree.solvers.native import compiled_in, engine_for, refusal
+from cotree.solvers.native import compiled_in, refusal
 from cotree.solvers.problem import check_problem
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ def integrate(problem: Problem, method: str = "auto") -> Trajectory:
     check_problem(problem)
     before = time.perf_counter()
     if not refusal("dop853", problem):
-        engine_for("dop853", problem)
+        load_engine("dop853")
     compiling = time.perf_counter() - before
     chosen, reason = choose_method(problem)
     trajectory = _solve(problem, chosen)
