@@ -1,7 +1,7 @@
 """Hard cases: digits reached against tolerance, drift, cost, and what was hard.
 
 Run it with ``python benchmarks/hard_cases.py [CASE ...]``. It prints Markdown; without names it
-runs all of them, some ten minutes, and writes ``docs/hard_cases.md``. Cost is counted in steps and
+runs all of them, some minutes, and writes ``docs/hard_cases.md``. Cost is counted in steps and
 evaluations, so that the page is the same on every machine, but for what rounding decides. The cases
 are those of ``tests/example_scenes/hard_cases.py``, of which tests run the quick ones.
 """

@@ -297,7 +297,7 @@ CASES: dict[str, Case] = {
         "chaotic: the end is lost after 60 s at any tolerance, the energy need not be",
         "energy",
         lambda: {"energy": np.full(len(_SPAN), -3.0 * 9.81 * np.cos(2.0))},
-        method="DOP853",
+        method="dop853",
     ),
     "double pendulum, mass ratio 1e8": Case(
         lambda: hs.double_pendulum(_HEAVY, 0.5),
@@ -393,7 +393,7 @@ CASES: dict[str, Case] = {
         "a step would show",
         "closed form",
         lambda: hs.light_oscillator_exact(_PERIODS),
-        method="DOP853",
+        method="dop853",
         tolerances=(1e-7, 1e-10),
     ),
 }
