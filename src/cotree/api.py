@@ -327,7 +327,7 @@ class Model(CompiledModel):
             project=project,
         )
         result = simulate(self, settings, self.layout.units)
-        compiling = self.times["compile"] + result.times["compile"]
+        compiling = self.times.get("compile", 0.0) + result.times["compile"]
         return replace(result, times={**self.times, **result.times, "compile": compiling})
 
     @cached_property
