@@ -3,6 +3,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import shutil
 import sys
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 from c_programs import SANITIZE, STRICT, build, execute, need, printed, run
 
 from cotree import load
+from cotree.codegen.integrators import integrator_files
 from cotree.export.c_project import CProject, write_c_project
 from cotree.pipeline import formulate, generate
 from cotree.scene.description import SceneDescription
@@ -297,3 +299,22 @@ def test_other_integrators_end_as_in_python(compiler: str, tmp_path: Path, integ
     # The scene's rtol of 1e-8, through hundreds of steps.
     assert values["j1.s"] == pytest.approx(result["j1.s"][-1], abs=1e-7)
     assert values["d(j1.s)/d(L)"] == pytest.approx(result.sensitivity("j1.s", "L")[-1], abs=1e-6)
+
+
+@pytest.mark.parametrize("rtol", [1e-5, 1e-8])
+def test_points_between_steps_of_the_stiff_method(
+    compiler: str, tmp_path: Path, rtol: float
+) -> None:
+    for name, text in integrator_files("rodas4").items():
+        (tmp_path / name).write_text(text)
+    shutil.copy(Path(__file__).with_name("rodas4_driver.c"), tmp_path)
+    sources = ["rodas4_driver.c", "cotree_rodas4.c", "cotree_integrator.c", "-lm"]
+    run([compiler, "-std=c99", "-O1", *STRICT, *SANITIZE, "-o", "driver", *sources], tmp_path)
+    lines = run(["./driver", str(rtol)], tmp_path).splitlines()
+    status, at_ends, between = (float(word) for word in lines[0].split())
+    assert status == OK
+    # The tolerance, through tens to hundreds of steps, of a sensitivity that grows to 2.5.
+    assert at_ends < 50 * rtol
+    # The polynomial of degree 3 is as good as the error estimate, of order 3, too.
+    assert between < 100 * rtol
+    assert int(lines[1]) == BAD_ARGUMENT

@@ -55,33 +55,32 @@ def reduce_problem(problem: Problem) -> Problem:
         complete=reduction.complete,
         residual=reduction.residual,
         constraints=reduction.residual_names,
-        events=reduction.events(reduction.complete, reduction.without),
+        events=_ReducedEvents(problem.events, reduction) if problem.events else None,
     )
 
 
 @dataclass(frozen=True)
-class _CompletedEvents:
-    """Events of a problem that does not integrate its algebraic unknowns as they are stored."""
+class _ReducedEvents:
+    """Events of a problem without its algebraic unknowns."""
 
     inner: Events
-    complete: Callable[[float, FloatArray], FloatArray]
-    integrated: Callable[[FloatArray], FloatArray]
+    reduction: _Reduction
 
     @property
     def rows(self) -> tuple[EventRow, ...]:
         return self.inner.rows
 
     def values(self, t: float, z: FloatArray) -> FloatArray:
-        return self.inner.values(t, self.complete(t, z))
+        return self.inner.values(t, self.reduction.complete(t, z))
 
     def rates(self, t: float, z: FloatArray) -> FloatArray:
-        return self.inner.rates(t, self.complete(t, z))
+        return self.inner.rates(t, self.reduction.complete(t, z))
 
     def apply(
         self, i: int, t: float, z: FloatArray, time_sensitivity: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        after, t_p = self.inner.apply(i, t, self.complete(t, z), time_sensitivity)
-        return self.integrated(after), t_p
+        after, t_p = self.inner.apply(i, t, self.reduction.complete(t, z), time_sensitivity)
+        return self.reduction.without(after), t_p
 
 
 class _Reduction:
@@ -106,15 +105,6 @@ class _Reduction:
         self._found: deque[tuple[float, FloatArray]] = deque(maxlen=_REMEMBERED)
         self._completed = float(problem.t_span[0])
         self.residual_names = (*problem.constraints, *names[self.cut :])
-
-    def events(
-        self,
-        complete: Callable[[float, FloatArray], FloatArray],
-        integrated: Callable[[FloatArray], FloatArray],
-    ) -> Events | None:
-        """Give the problem's events as functions of what is integrated."""
-        inner = self._problem.events
-        return None if inner is None else _CompletedEvents(inner, complete, integrated)
 
     def without(self, full: FloatArray) -> FloatArray:
         """Leave the algebraic unknowns and their sensitivities out."""

@@ -1,4 +1,4 @@
-"""The C engine of a method: built once for a number of equations, loaded, and given jobs.
+"""The C engine of a method: built once on a machine, loaded, and given jobs.
 
 In: a ``Problem`` with its native form. Out: a job, a structure that C advances some steps at once.
 """
@@ -67,7 +67,7 @@ def load_engine(method: str) -> LoadedLibrary | None:
 
 
 def build_engine(files: Mapping[str, str], declarations: str) -> LoadedLibrary | None:
-    """Build and load C that runs jobs; None where there is no compiler that can."""
+    """Build and load C that is the same for every model; None where no compiler can."""
     toolchain = find_toolchain()
     if toolchain is None:
         return None

@@ -7,10 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cotree.build import BuildOptions, build_library, find_toolchain, load_library
 from cotree.codegen.integrators import sweep_declarations, sweep_files
-from cotree.errors import BuildError
-from cotree.version import ABI_VERSION
+from cotree.solvers.engine import build_engine
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -66,21 +64,8 @@ def sweep(
 @functools.cache
 def _load() -> LoadedLibrary | None:
     """Build and load the loop over points; None where there is no compiler."""
-    toolchain = find_toolchain()
-    if toolchain is None:
-        return None
     files = sweep_files()
-    try:
-        library = build_library(
-            files,
-            abi_version=ABI_VERSION,
-            n_operations=1,
-            options=BuildOptions("-O2"),
-            toolchain=toolchain,
-        )
-    except BuildError:
-        return None
-    return load_library(library.path, sweep_declarations(files))
+    return build_engine(files, sweep_declarations(files))
 
 
 def _in_c(
