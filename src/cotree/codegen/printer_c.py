@@ -166,8 +166,9 @@ class _Printer:
     def _several(self, node: Node) -> None:
         getattr(self, f"_{node.op}")(node)
 
-    def _array(self, name: str, args: Sequence[Node]) -> str:
-        return f"double {name}[{len(args)}] = {{{', '.join(self.operand(a, 0) for a in args)}}};"
+    def _array(self, name: str, args: Sequence[Node], spare: int = 0) -> str:
+        values = ", ".join(self.operand(arg, 0) for arg in args)
+        return f"double {name}[{len(args) + spare}] = {{{values}}};"
 
     def _solve(self, node: Node) -> None:
         """Print a solution; a matrix that several solutions share is factorised once."""
@@ -177,7 +178,7 @@ class _Printer:
         if key not in self._factors:
             self._factors[key] = number = name[1:]
             self.lines += [
-                self._array(f"a{number}", matrix),
+                self._array(f"a{number}", matrix, n),
                 f"int r{number}[{n}], c{number}[{n}];",
                 f"const int rank{number} = cotree_factorise({n}, {self.operand(reference, 0)}, "
                 f"{literal(node.data.tolerance)}, a{number}, r{number}, c{number});",
