@@ -100,10 +100,10 @@ def solve_with_cvode(problem: Problem) -> Trajectory | str:
     if problem.is_sparse and job.is_wide:
         return "the Jacobian's band is wide"
     try:
-        status, reason = run_job(job, problem, "cvode", begin)
+        ended = run_job(job, problem, "cvode")
     finally:
         job.end()
-    trajectory = trajectory_of(job, problem, "cvode", status, reason, begin)
+    trajectory = trajectory_of(job, problem, "cvode", ended)
     return compiled_in(trajectory, begin - before)
 
 
