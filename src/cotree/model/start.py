@@ -142,8 +142,7 @@ class _Finder:
         names = [row.name for row in layout.constraints]
         self.n_values = len(names) - self.n_rows - self.n_norms
         rates = names[self.n_values : self.n_values + self.n_rows]
-        held = set(names[: self.n_values])
-        self.with_value = [i for i, name in enumerate(rates) if name.removesuffix("_dot") in held]
+        self.with_value = list(layout.value_rows)
         is_rate = layout.start_is_rate
         self.conditions = [
             [i for i, rate in enumerate(is_rate) if rate == bool(level)] for level in (0, 1)

@@ -301,8 +301,6 @@ def _sparse_jacobian(
 
 def _native(model: CompiledModel, p: FloatArray, signals: Signals) -> dict[str, Any]:
     """Give what C needs of the problem, or why it cannot take it."""
-    if model.layout.events:
-        return {"not_native": "there are events"}
     if len(signals.tables) < len(signals.by_position):
         return {"not_native": "an input is neither a number nor a table"}
     native = model.native(p)
