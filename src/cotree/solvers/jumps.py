@@ -163,4 +163,4 @@ class ModelEvents:
     def _consistent(self, t: float, y: FloatArray, s: FloatArray, kept: Sequence[int]) -> Start:
         if not self._is_held:
             return Start(y, s.T)
-        return consistent_start(self._model, t, self._p, y, s.T, kept)
+        return consistent_start(self._model, t, self._p, y, s.T, kept, is_initial=False)
