@@ -80,7 +80,7 @@ class EventContext:
 
 @dataclass(frozen=True)
 class HybridContext:
-    """What events need to know of a model."""
+    """What events need to know of a model; without events it is not written."""
 
     events: list[EventContext]
     n_jumps: int
@@ -126,7 +126,7 @@ class ModelContext:
     n_nonzeros: int
     n_constraints: int
     n_algebraic: int
-    hybrid: HybridContext | None
+    hybrid: HybridContext
 
 
 def model_context(program: Program) -> ModelContext:
@@ -183,7 +183,7 @@ def model_context(program: Program) -> ModelContext:
         n_nonzeros=len(layout.row_indices),
         n_constraints=len(layout.constraints),
         n_algebraic=layout.n_algebraic,
-        hybrid=_hybrid_context(layout) if layout.events else None,
+        hybrid=_hybrid_context(layout),
     )
 
 
