@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cotree import Scene
+from cotree.errors import SolveError
 
 pytestmark = pytest.mark.compiler
 
@@ -170,6 +171,21 @@ def test_budgets_leave_what_happened():
     assert result.status == -2
     assert len(result.events["hit"].t) >= 1
     assert result.t[-1] >= result.events["hit"].t[-1]
+
+
+@pytest.mark.parametrize("loop", ["DOP853", "dop853"])
+def test_a_budget_of_events(loop):
+    model = ball().compile()
+    with pytest.warns(RuntimeWarning, match=r"t = 1.66023.*: the limit of 2 events is reached"):
+        result = model.simulate((0, 5), [1.0, 5.0], loop, max_events=2)
+    assert result.status == -2
+    assert len(result.events["hit"].t) == 2
+    # What the last event leaves is the last good point.
+    assert result.t.tolist() == [1.0, result.events["hit"].t[1]]
+    np.testing.assert_array_equal(result.y[:, -1], result.events["hit"].y_after[:, -1])
+    assert model.simulate((0, 2), [2.0], loop, max_events=3).success
+    with pytest.raises(SolveError, match="max_events is -1; give a positive number"):
+        model.simulate((0, 2), [2.0], loop, max_events=-1)
 
 
 def endless():

@@ -217,6 +217,9 @@ class _Run:
         for at in self._wanted_until(t):
             if at != t or not is_kept:
                 self._keep(at, self.z)
+        limit = self.problem.max_events
+        if limit is not None and len(self.watch.happened) >= limit:
+            raise IntegrationStopError(BUDGET_SPENT, verdict("spends", [], detail=limit))
         if self.watch.stopped:
             raise IntegrationStopError(0, verdict("stops", [self.watch.stopped]))
 

@@ -129,6 +129,7 @@ class Job:
         if problem.events is not None:
             self._at_once = len(problem.events.rows) + _ROUNDS
             self._make_records(4 * self._at_once)
+            job.most_events = problem.max_events or 0
 
     def run(self, most_steps: int) -> int:
         """Take some steps; see ``COTREE_JOB_DONE`` and its like."""
@@ -164,6 +165,11 @@ class Job:
         """Tell whether it failed for a reason that another method would meet, too."""
         name = BY_STATUS.get(int(self.job.status), UNCERTAIN[0])
         return name not in UNCERTAIN
+
+    @property
+    def has_spent_events(self) -> bool:
+        """Tell whether no more events may happen."""
+        return bool(0 < self.job.most_events <= self.job.n_records)
 
     def happened(self, problem: Problem) -> tuple[Occurrence, ...]:
         """List what happened."""

@@ -136,6 +136,8 @@ def _advance(job: Job, problem: Problem, begin: float, progress: Progress) -> tu
             return 0, verdict("stops", [problem.events.rows[job.job.event].name])
         if result != _MORE:
             return 0, ""
+        if job.has_spent_events:
+            return BUDGET_SPENT, verdict("spends", [], detail=job.job.most_events)
         if limit is not None and job.job.n_steps >= limit:
             return BUDGET_SPENT, f"the limit of {limit} steps is reached"
         if problem.time_limit is not None and now - begin > problem.time_limit:

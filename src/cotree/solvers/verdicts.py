@@ -25,6 +25,7 @@ VERDICTS = {
     "mode hold what chatters",
     "endless": "events {event} make each other happen without end at t = {t:.10g}: let a mode hold "
     "what chatters",
+    "spends": "the limit of {detail:g} events is reached",
     "stops": "event {event} ends the run",
     "fails": "the equations of the events cannot be evaluated at t = {t:.10g}",
 }
