@@ -311,6 +311,7 @@ static const cotree_model model = {
     NULL,
     NULL,
     NULL,
+    NULL,
     NULL
 };
 

@@ -226,6 +226,7 @@ static const cotree_model model = {
     NULL,
     NULL,
     NULL,
+    NULL,
     NULL
 };
 

@@ -254,6 +254,7 @@ class Model(CompiledModel):
         error_test_sensitivities: bool = True,
         max_step: float | None = None,
         max_steps: int | None = None,
+        max_events: int | None = None,
         time_limit: float | None = None,
         throw: bool = False,
         project: bool = True,
@@ -283,8 +284,8 @@ class Model(CompiledModel):
         max_step : float, optional
             Longest step, [s]; infinity for no limit. The default is a 32nd of the shortest period
             where sines of time drive laws that act for a part of it, as diodes do; else none.
-        max_steps, time_limit : int and float, optional
-            Budgets of steps and of seconds.
+        max_steps, max_events, time_limit : int, int and float, optional
+            Budgets of steps, of events that happen, and of seconds.
         throw : bool
             Raise SolveError where the integration fails; else it warns, and the result says so.
         project : bool
@@ -322,6 +323,7 @@ class Model(CompiledModel):
             error_test_sensitivities=error_test_sensitivities,
             max_step=max_step,
             max_steps=max_steps,
+            max_events=max_events,
             time_limit=time_limit,
             throw=throw,
             project=project,

@@ -57,8 +57,9 @@ _C_KEYWORDS = frozenset(
 )
 
 
-#: Files and functions of a C project that are not the model's, in any case of letters.
-_TAKEN = frozenset({"main", "cotree_abi", "cotree_dopri5", "cotree_integrator", "cotree_run"})
+#: Files and functions of a C project that are not the model's are this, or begin with that, in any
+#: case of letters.
+_MAIN, _OWN = "main", "cotree_"
 
 
 def _shown(name: object) -> str:
@@ -106,7 +107,8 @@ def check_scene_name(name: object) -> str:
 def c_identifier(name: str) -> str:
     """Turn an accepted name into a C identifier."""
     identifier = name.replace("-", "_")
-    taken = identifier in _C_KEYWORDS or identifier.lower() in _TAKEN
+    lower = identifier.lower()
+    taken = identifier in _C_KEYWORDS or lower == _MAIN or lower.startswith(_OWN)
     return f"{identifier}_" if taken else identifier
 
 

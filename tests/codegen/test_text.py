@@ -198,6 +198,7 @@ _VARIABLES = {
     "kernel": contexts.KernelContext,
     "table": contexts.TableContext,
     "row": contexts.QuantityContext,
+    "event": contexts.EventContext,
 }
 _TEMPLATES = ["cotree_abi.h.jinja", "model.c.jinja", "model.h.jinja", "macros.jinja"]
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 import sympy
 
+from cotree import Scene
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag
 from cotree.dag.several import Function, Table, call, solve, table
@@ -306,3 +307,24 @@ def test_a_symbol_without_a_name_is_refused():
     dag = Dag()
     with pytest.raises(KeyError, match="no SymPy symbol is given"):
         to_sympy([dag.symbol("p", 0) + 1.0], {})
+
+
+def test_events_are_listed() -> None:
+    scene = Scene("ball", gravity=[0, 0, "-g"])
+    scene.parameter("g", 9.81)
+    scene.parameter("e", 0.8)
+    scene.mode("n", 0)
+    scene.edge("j", "prismatic", "ground", "B", axis=[0, 0, 1], initial={"s": 2.0})
+    scene.edge("b", "rigid_body", "ground", "B", mass=1.0)
+    scene.event("hit", "j.s", direction=-1, impact={"restitution": "e"}, set={"n": "n + 1"})
+    scene.event("top", "j.s_dot", direction=1, stop=True)
+    scene.event("seen", "j.s - 1")
+    found = scene.equations(["e"])
+    assert found.event_lines() == [
+        "hit: where s falls through 0, n := n + 1, an impact with restitution e",
+        "top: where s_dot rises through 0, the run ends",
+        "seen: where s - 1 passes 0, it is noted",
+    ]
+    assert str(found).endswith("\n".join(found.event_lines()))
+    assert found.events["hit"].set == {"n": found.symbols["n"] + 1}
+    assert found.events["hit"].restitution == found.symbols["e"]

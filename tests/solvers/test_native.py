@@ -199,3 +199,13 @@ def test_a_wide_system():
     exact = np.arange(300) * np.exp(-1.0 / (1.0 + np.arange(300)))
     found = [result[f"C{i}.v"][-1] for i in range(300)]
     np.testing.assert_allclose(found, exact, rtol=1e-7, atol=1e-7)
+
+
+@pytest.mark.parametrize("method", NATIVE)
+def test_a_spent_budget_leaves_the_last_good_point(slider, method):
+    with pytest.warns(RuntimeWarning, match="the limit of 7 steps is reached"):
+        result = slider.simulate((0.0, 10.0), [5.0, 10.0], method, 1e-9, 1e-9, max_steps=7)
+    reference = slider.simulate((0.0, 10.0), result.t, "DOP853", 1e-12, 1e-13)
+    assert 0.0 < result.t[-1] < 5.0
+    # The tolerance, through seven steps.
+    np.testing.assert_allclose(result.y[:, -1], reference.y[:, -1], atol=1e-7)

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 import cotree
 from cotree.errors import (
-    CodegenError,
     ExpressionError,
     ModelError,
     ParameterError,
@@ -18,12 +17,12 @@ from cotree.errors import (
 )
 
 TIGHT = {"rtol": 1e-11, "atol": 1e-13}
-QUICK = ["DOP853", "LSODA", "cvode"]
+QUICK = ["DOP853", "LSODA", "cvode", "dop853", "dopri5", "rodas4"]
 METHODS = [
     *QUICK,
     *(
         pytest.param(name, marks=pytest.mark.slow)
-        for name in ("RK45", "RK23", "Radau", "BDF", "ida")
+        for name in ("RK45", "RK23", "Radau", "BDF", "ida", "rkf45")
     ),
 ]
 
@@ -32,6 +31,12 @@ METHODS = [
 def method(request):
     if request.param in ("cvode", "ida"):
         pytest.importorskip("sksundae")
+    return request.param
+
+
+@pytest.fixture(params=["DOP853", "dop853"])
+def loop(request):
+    """The same order of method, in the loops of Python and of C."""
     return request.param
 
 
@@ -71,8 +76,8 @@ def test_bounces_without_end_stop_with_a_message(ball_model, method, rtol, e):
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_accumulation_is_foretold(ball_model):
-    message = ball_model.simulate((0, 100), method="DOP853", **TIGHT).message
+def test_accumulation_is_foretold(ball_model, loop):
+    message = ball_model.simulate((0, 100), method=loop, **TIGHT).message
     speed = np.sqrt(2 * 9.81 * 2.0)
     end = speed / 9.81 + 2 * speed * 0.8 / 9.81 / 0.2
     assert f"accumulates at t = {end:.8f}" in message
@@ -135,14 +140,14 @@ def test_a_stop_ends_the_run(method):
     assert "Event 'ground' happened 1 time, last at t = 0.4515236" in result.summary()
 
 
-def test_one_event_makes_another_happen():
+def test_one_event_makes_another_happen(loop):
     scene = rail(s=1.0)
     scene.mode("on", 0)
     scene.mode("n", 0)
     scene.parameter("g0", 0.0)
     scene.event("switched", "on - 0.5", direction=1, set={"n": "n + 1", "j.s_dot": "j.s_dot - g0"})
     scene.event("low", "j.s - 0.5", direction=-1, set={"on": 1})
-    result = scene.compile(["g0"]).simulate((0, 0.4), method="DOP853", **TIGHT)
+    result = scene.compile(["g0"]).simulate((0, 0.4), method=loop, **TIGHT)
     time = np.sqrt(1 / 9.81)
     for event in ("low", "switched"):
         np.testing.assert_allclose(result.events[event].t, [time], atol=1e-12)
@@ -151,22 +156,22 @@ def test_one_event_makes_another_happen():
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_events_that_make_each_other_happen_without_end_stop():
+def test_events_that_make_each_other_happen_without_end_stop(loop):
     scene = rail(s=1.0)
     scene.mode("on", -1)
     scene.event("low", "j.s - 0.5", direction=-1, set={"on": 1})
     scene.event("flip", "on", direction=1, set={"on": -1})
     scene.event("flop", "on", direction=-1, set={"on": 1})
-    result = scene.compile().simulate((0, 1), method="DOP853")
+    result = scene.compile().simulate((0, 1), method=loop)
     assert "'flip', 'flop' make each other happen without end" in result.message
 
 
-def test_what_lies_at_zero_has_passed_it():
+def test_what_lies_at_zero_has_passed_it(loop):
     """A ball that bounces comes up from below zero, if by nothing."""
     scene = ball(s=2.0)
     scene.mode("n", 0)
     scene.event("up", "j.s", direction=1, set={"n": "n + 1"})
-    result = scene.compile(["e"]).simulate((0, 2), method="DOP853", **TIGHT)
+    result = scene.compile(["e"]).simulate((0, 2), method=loop, **TIGHT)
     np.testing.assert_array_equal(result.events["up"].t, result.events["hit"].t)
     assert result["n"][-1] == 2.0
     np.testing.assert_array_equal(
@@ -174,10 +179,10 @@ def test_what_lies_at_zero_has_passed_it():
     )
 
 
-def test_the_first_of_two_that_turns_the_motion_round_is_enough():
+def test_the_first_of_two_that_turns_the_motion_round_is_enough(loop):
     scene = ball(s=2.0)
     scene.event("again", "2*j.s", direction=-1, set={"j.s_dot": "-e*j.s_dot"})
-    result = scene.compile(["e"]).simulate((0, 1), method="DOP853", **TIGHT)
+    result = scene.compile(["e"]).simulate((0, 1), method=loop, **TIGHT)
     assert [len(result.events[name].t) for name in ("hit", "again")] == [1, 0]
     assert result["j.s"][-1] > 0.0
 
@@ -194,13 +199,13 @@ def test_an_input_that_jumps_through_zero_makes_an_event_happen(method):
     np.testing.assert_array_equal(result.event_sensitivity("open", "v"), [0.0])
 
 
-def test_a_moving_floor():
+def test_a_moving_floor(loop):
     """A floor that rises evenly: seen from it the ball falls as onto one at rest, but faster."""
     scene = rail(s=1.0)
     scene.parameter("w", 0.5)
     scene.parameter("e", 0.8)
     scene.event("hit", "j.s - w*t", direction=-1, impact={"restitution": "e"})
-    result = scene.compile(["w", "e"]).simulate((0, 0.6), method="DOP853", **TIGHT)
+    result = scene.compile(["w", "e"]).simulate((0, 0.6), method=loop, **TIGHT)
 
     def closed(w, e, end=0.6, g=9.81):
         t = (-w + (w * w + 2 * g) ** 0.5) / g
@@ -248,10 +253,10 @@ def five_points(run, value):
 
 
 @pytest.mark.parametrize("n", [2, 3, 9])
-def test_an_impulse_on_a_chain(n):
+def test_an_impulse_on_a_chain(n, loop):
     """The impulse acts along the gradient, through the mass matrix; of nine links, by the tree."""
     model = chain(n).compile()
-    elastic = model.simulate((0, 0.8), method="DOP853", parameters={"e": 1.0}, **TIGHT)
+    elastic = model.simulate((0, 0.8), method=loop, parameters={"e": 1.0}, **TIGHT)
     row = elastic.events["wall"]
     assert row.t.size
     t, before, after = row.t[0], row.y_before[:, 0], row.y_after[:, 0]
@@ -276,16 +281,16 @@ def test_an_impulse_on_a_chain(n):
 
 
 @pytest.mark.parametrize("n", [2, 9])
-def test_sensitivities_across_an_impulse_on_a_chain(n):
+def test_sensitivities_across_an_impulse_on_a_chain(n, loop):
     wanted = ["e", "g", "L", "h1.theta"]
     model = chain(n).compile(wanted)
-    result = model.simulate((0, 0.8), method="DOP853", **TIGHT)
+    result = model.simulate((0, 0.8), method=loop, **TIGHT)
     plain = chain(n).compile()
     for name in wanted:
 
         def run(value, name=name):
             kind = "initial" if name in plain.states else "parameters"
-            one = plain.simulate((0, 0.8), method="DOP853", **{kind: {name: value}}, **TIGHT)
+            one = plain.simulate((0, 0.8), method=loop, **{kind: {name: value}}, **TIGHT)
             return np.concatenate([one.y[:, -1], one.events["wall"].t])
 
         if name in plain.states:
@@ -329,9 +334,10 @@ class TestRandom:
         return scene
 
     @pytest.mark.filterwarnings("ignore::RuntimeWarning")
+    @pytest.mark.parametrize("loop", ["DOP853", "dop853"])
     @settings(max_examples=5)
     @given(st.integers(0, 10_000))
-    def test_sensitivities_are_differences(self, seed):
+    def test_sensitivities_are_differences(self, loop, seed):
         rng = np.random.default_rng(seed)
         names = ["g", "a", "w", "k", "c", "h", "v", "m", "l", "e"]
         values = dict(zip(names, rng.uniform(0.5, 1.5, len(names)).tolist(), strict=True))
@@ -341,7 +347,7 @@ class TestRandom:
 
         def run(used, **changed):
             given = {**values, **changed}
-            return used.simulate((0, 1.5), method="DOP853", parameters=given, **TIGHT)
+            return used.simulate((0, 1.5), method=loop, parameters=given, **TIGHT)
 
         result = run(model)
         if not result.success:  # an accumulation, or a crossing that may not take place
@@ -441,11 +447,9 @@ def test_what_modes_may_not_be_used_in():
         scene.mode("t", 1.0)
 
 
-def test_what_runs_with_events_cannot_do(ball_model, tmp_path):
+def test_what_runs_with_events_cannot_do(ball_model):
     with pytest.raises(SolveError, match="runs forwards only"):
         ball_model.simulate((1, 0))
-    with pytest.raises(CodegenError, match="has the event 'hit'"):
-        ball_model.write(tmp_path)
     scene = rail(gravity=0.0, s=0.0, s_dot=1.0)
     scene.parameter("e", 1.0)
     scene.input("level", "t")
@@ -456,7 +460,7 @@ def test_what_runs_with_events_cannot_do(ball_model, tmp_path):
         scene.compile(["e"]).simulate((0, 1)).event_sensitivity("hip", "e")
 
 
-def test_a_set_that_leaves_a_choice_has_no_sensitivities():
+def test_a_set_that_leaves_a_choice_has_no_sensitivities(loop):
     """Two bodies tied by a rod have three freedoms; one speed set leaves the others open."""
     scene = cotree.Scene("tied", gravity=[0, -9.81, 0])
     for i, place in (("1", 0.0), ("2", 1.0)):
@@ -467,9 +471,9 @@ def test_a_set_that_leaves_a_choice_has_no_sensitivities():
     scene.parameter("v", 1.0)
     scene.event("hit", "x1.s + y1.s - 0.5", direction=-1, set={"x1.s_dot": "v"})
     with pytest.warns(RuntimeWarning, match="sets fewer states than the constraints leave free"):
-        result = scene.compile(["v"]).simulate((0, 1), method="DOP853")
+        result = scene.compile(["v"]).simulate((0, 1), method=loop)
     assert result.status == -1
-    assert scene.compile().simulate((0, 0.5), method="DOP853").success
+    assert scene.compile().simulate((0, 0.5), method=loop).success
 
 
 def test_scene_files_say_the_same(tmp_path):
@@ -545,13 +549,13 @@ def test_crossings_that_only_time_decides_are_not_stepped_over(method):
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_a_relay_that_chatters_stops_with_a_message():
+def test_a_relay_that_chatters_stops_with_a_message(loop):
     """With friction against the motion, switched by its own speed, v = 0 is held by chatter."""
     scene = rail(gravity=0.0, force="-u", s=0.0, s_dot=1.0)
     scene.mode("u", 2)
     scene.event("back", "j.s_dot", direction=-1, set={"u": -2})
     scene.event("forth", "j.s_dot", direction=1, set={"u": 2})
-    result = scene.compile().simulate((0, 1), method="DOP853")
+    result = scene.compile().simulate((0, 1), method=loop)
     assert result.status == -1
     message = "events 'back', 'forth' make each other happen without end at t = 0.5: let a mode"
     assert message in result.message

@@ -11,10 +11,13 @@ import pytest
 
 import cotree
 
-QUICK = ["DOP853", "LSODA", "cvode"]
+QUICK = ["DOP853", "LSODA", "cvode", "dop853", "dopri5", "rodas4"]
 METHODS = [
     *QUICK,
-    *(pytest.param(name, marks=pytest.mark.slow) for name in ("RK45", "Radau", "BDF", "ida")),
+    *(
+        pytest.param(name, marks=pytest.mark.slow)
+        for name in ("RK45", "Radau", "BDF", "ida", "rkf45")
+    ),
 ]
 TIGHT = {"rtol": 1e-12, "atol": 1e-13}
 CLOSE = 1e-9
@@ -194,9 +197,10 @@ def test_pendulum_against_a_stop(method):
 
 
 @pytest.mark.parametrize("when", ["h.theta - a", "B.x - L*sin(a)"])
-def test_an_impact_of_one_coordinate_reverses_its_rate(when):
+@pytest.mark.parametrize("loop", ["DOP853", "dop853"])
+def test_an_impact_of_one_coordinate_reverses_its_rate(when, loop):
     scene = pendulum(when=when, impact={"restitution": "e"})
-    check_pendulum(scene.compile(list(PENDULUM)).simulate((0, 4), method="DOP853", **TIGHT))
+    check_pendulum(scene.compile(list(PENDULUM)).simulate((0, 4), method=loop, **TIGHT))
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Node
     from cotree.equations import Quantity
-    from cotree.program import Kernel, Program
+    from cotree.program import Kernel, Layout, Program
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,33 @@ class KernelContext:
 
 
 @dataclass(frozen=True)
+class EventContext:
+    """One event."""
+
+    name_literal: str
+    direction: int
+    is_stop: bool
+    n_kept: int
+    n_targets: int
+    targets: list[str]
+
+
+@dataclass(frozen=True)
+class HybridContext:
+    """What events need to know of a model; without events it is not written."""
+
+    events: list[EventContext]
+    n_jumps: int
+    n_coordinates: int
+    n_speeds: int
+    n_values: int
+    n_rows: int
+    value_rows: list[str]
+    n_quaternions: int
+    quaternions: list[str]
+
+
+@dataclass(frozen=True)
 class ModelContext:
     """One model."""
 
@@ -100,6 +127,7 @@ class ModelContext:
     n_nonzeros: int
     n_constraints: int
     n_algebraic: int
+    hybrid: HybridContext
 
 
 def model_context(program: Program) -> ModelContext:
@@ -157,6 +185,32 @@ def model_context(program: Program) -> ModelContext:
         n_nonzeros=len(layout.row_indices),
         n_constraints=len(layout.constraints),
         n_algebraic=layout.n_algebraic,
+        hybrid=_hybrid_context(layout),
+    )
+
+
+def _hybrid_context(layout: Layout) -> HybridContext:
+    events = [
+        EventContext(
+            c_string(row.name),
+            row.direction,
+            row.is_stop,
+            len(row.targets) - (layout.n_speeds if row.is_impact else 0),
+            len(row.targets),
+            _wrapped(map(str, row.targets)),
+        )
+        for row in layout.events
+    ]
+    return HybridContext(
+        events,
+        sum(event.n_targets for event in events),
+        layout.n_coordinates,
+        layout.n_speeds,
+        len(layout.value_rows),
+        len(layout.constraint_edges),
+        _wrapped(map(str, layout.value_rows)),
+        len(layout.quaternions),
+        _wrapped(map(str, layout.quaternions)),
     )
 
 

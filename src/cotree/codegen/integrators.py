@@ -57,14 +57,34 @@ def engine_files(name: str) -> Mapping[str, str]:
     mapping of str to str
         Text by file name.
     """
-    files = dict(integrator_files(name))
-    for end in (".h", ".c"):
-        path = f"cotree_history{end}"
-        files[path] = render(f"{_FOLDER}/{path}.jinja", **_COMMON)
-    headers = {path: text for path, text in files.items() if path.endswith(".h")}
+    files = {**integrator_files(name), **driver_files(name)}
+    # In one file, so that what is called often can be inlined.
+    parts = [files.pop(f"cotree_{part}.c") for part in ("history", name, "job")]
+    del files["cotree_integrator.c"]
+    return {**files, **_job_files(), "engine.c": "\n".join(parts)}
+
+
+def driver_files(name: str) -> Mapping[str, str]:
+    """Write what drives an integrator through breakpoints, wanted points and events.
+
+    Parameters
+    ----------
+    name : str
+        A name in ``INTEGRATORS``.
+
+    Returns
+    -------
+    mapping of str to str
+        Text by file name; :func:`run_files` and :func:`integrator_files` come with it.
+    """
+    files = {
+        f"cotree_{part}{end}": render(f"{folder}/cotree_{part}{end}.jinja", **_COMMON)
+        for part, folder in (("history", _FOLDER), ("jumps", "c/run"), ("events", "c/run"))
+        for end in (".h", ".c")
+    }
+    files["cotree_job.h"] = render("c/engine/cotree_job.h.jinja", **_COMMON)
     job = render("c/engine/cotree_job.c.jinja", method=INTEGRATORS[name], **_COMMON)
-    parts = [*(files[f"cotree_{part}.c"] for part in ("history", name)), job]
-    return {**headers, **_job_files(), "engine.c": "\n".join(parts)}
+    return {**files, "cotree_job.c": job}
 
 
 def cvode_files() -> Mapping[str, str]:

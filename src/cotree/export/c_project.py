@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.codegen.context import model_context
-from cotree.codegen.integrators import INTEGRATORS, integrator_files, run_files
+from cotree.codegen.integrators import INTEGRATORS, driver_files, integrator_files, run_files
 from cotree.codegen.printer_c import literal
 from cotree.codegen.render import render, render_model
 from cotree.dag.evaluate import evaluate
@@ -84,6 +84,8 @@ class MainContext:
         How many of the states are algebraic unknowns.
     n_nonzeros : int
         How many entries the Jacobian has.
+    n_events : int
+        How many events there are.
     """
 
     title: str
@@ -105,6 +107,7 @@ class MainContext:
     n_constraints: int
     n_algebraic: int
     n_nonzeros: int
+    n_events: int
 
 
 def write_c_project(
@@ -147,8 +150,8 @@ def write_c_project(
     SingularSystemError
         If there are constraints, and a linear system is singular at the start.
     CodegenError
-        If the scene has events, there is no such integrator, or it takes no constraints; or if the
-        folder or a file cannot be written.
+        If there is no such integrator, or it takes no constraints; or if the folder or a file
+        cannot be written.
     """
     if integrator not in INTEGRATORS:
         raise CodegenError(
@@ -159,19 +162,13 @@ def write_c_project(
             f"{integrator} does not hold a motion to constraints: take dopri5, rkf45 or dop853"
         )
     _check_numbers(t_end, rtol, atol)
-    if program.layout.events:
-        raise CodegenError(
-            f"scene '{program.layout.name}' has the event '{program.layout.events[0].name}', which "
-            "the main program of a C project does not locate: its kernels are in the C text of "
-            "the model (Model.source), to be called from a loop of your own"
-        )
     model = model_context(program)
-    command = (
-        f"cc -std=c99 -O2 -ffp-contract=off -o {model.prefix} "
-        f"{model.prefix}.c cotree_run.c cotree_{integrator}.c cotree_integrator.c main.c -lm"
-    )
+    driver = driver_files(integrator) if program.layout.events else {}
+    texts = {**render_model(model), **run_files(), **integrator_files(integrator), **driver}
+    own = [f"{model.prefix}.c", "cotree_run.c", f"cotree_{integrator}.c", "cotree_integrator.c"]
+    sources = " ".join([*own, *(name for name in driver if name.endswith(".c")), "main.c"])
+    command = f"cc -std=c99 -O2 -ffp-contract=off -o {model.prefix} {sources} -lm"
     main = _main_context(program, model, integrator, command, t_end, rtol, atol)
-    texts = {**render_model(model), **run_files(), **integrator_files(integrator)}
     texts["main.c"] = render("c/main.c.jinja", main=main)
     _write_files(directory, texts)
     return CProject(directory, tuple(directory / name for name in texts), command)
@@ -214,6 +211,7 @@ def _main_context(
         n_constraints=model.n_constraints,
         n_algebraic=model.n_algebraic,
         n_nonzeros=model.n_nonzeros,
+        n_events=len(program.layout.events),
     )
 
 

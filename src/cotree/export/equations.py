@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cotree.equations import spread
+from cotree.export.events import SymbolicEvent, symbolic_events
 from cotree.export.spelling import (
     acceleration_name,
     latex_subscript,
@@ -67,6 +68,8 @@ class SymbolicEquations:
         Initial values of the states and of their sensitivities.
     latex_names : mapping of sympy.Symbol to str
         How LaTeX spells states, accelerations, multipliers and their sensitivities.
+    events : mapping of str to SymbolicEvent
+        What happens where an expression passes through zero.
     """
 
     governing: tuple[Any, ...]
@@ -79,6 +82,7 @@ class SymbolicEquations:
     symbols: Mapping[Key, Any]
     initial: Mapping[Key, Any]
     latex_names: Mapping[Any, str]
+    events: Mapping[str, SymbolicEvent]
 
     def lines(self, name: str | None = None) -> list[str]:
         """Write the governing equations, or those of one sensitivity, as plain text.
@@ -106,8 +110,14 @@ class SymbolicEquations:
         ]
         return "\n".join([r"\begin{align}", ", \\\\\n".join(rows) + ".", r"\end{align}"])
 
+    def event_lines(self) -> list[str]:
+        """Write the events as plain text, one line each."""
+        spell = _printer("text", {})
+        return [event.line(name, spell, self.symbols) for name, event in self.events.items()]
+
     def __str__(self) -> str:
-        return "\n".join(line for name in (None, *self.sensitivity) for line in self.lines(name))
+        lines = [line for name in (None, *self.sensitivity) for line in self.lines(name)]
+        return "\n".join([*lines, *self.event_lines()])
 
     def _equations(self, name: str | None) -> tuple[Any, ...]:
         return self.governing if name is None else self.sensitivity[name]
@@ -233,6 +243,7 @@ def symbolic_equations(equations: Equations) -> SymbolicEquations:
         symbols=names.symbols,
         initial=initial,
         latex_names=names.latex,
+        events=symbolic_events(equations, known, names.states),
     )
 
 

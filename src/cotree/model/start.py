@@ -63,7 +63,14 @@ class Start:
 
 
 def consistent_start(
-    model: CompiledModel, t: float, p: Array, y: Array, s: Array, kept: Collection[int]
+    model: CompiledModel,
+    t: float,
+    p: Array,
+    y: Array,
+    s: Array,
+    kept: Collection[int],
+    *,
+    is_initial: bool = True,
 ) -> Start:
     """Move initial states and sensitivities onto the constraints.
 
@@ -79,6 +86,8 @@ def consistent_start(
         Initial states and sensitivities as given.
     kept : collection of int
         The states that the user gave.
+    is_initial : bool
+        Whether initial values of what is no state are to hold, too; later on they do not.
 
     Raises
     ------
@@ -87,7 +96,7 @@ def consistent_start(
     """
     if not model.layout.constraints and not model.layout.start_rows:
         return Start(y, s)
-    finder = _Finder(model, t, p, frozenset(kept))
+    finder = _Finder(model, t, p, frozenset(kept), is_initial)
     given = y
     y = finder.normalised(y)
     y = finder.settle(y, 0)
@@ -127,7 +136,9 @@ def start_by_differences(
 class _Finder:
     """The residuals of one start, at the levels of position (0) and velocity (1)."""
 
-    def __init__(self, model: CompiledModel, t: float, p: Array, kept: frozenset[int]) -> None:
+    def __init__(
+        self, model: CompiledModel, t: float, p: Array, kept: frozenset[int], is_initial: bool
+    ) -> None:
         layout = model.layout
         self.model, self.t, self.p, self.kept = model, t, p, kept
         self.n_coordinates = layout.n_coordinates
@@ -142,9 +153,8 @@ class _Finder:
         names = [row.name for row in layout.constraints]
         self.n_values = len(names) - self.n_rows - self.n_norms
         rates = names[self.n_values : self.n_values + self.n_rows]
-        held = set(names[: self.n_values])
-        self.with_value = [i for i, name in enumerate(rates) if name.removesuffix("_dot") in held]
-        is_rate = layout.start_is_rate
+        self.with_value = list(layout.value_rows)
+        is_rate = layout.start_is_rate if is_initial else ()
         self.conditions = [
             [i for i, rate in enumerate(is_rate) if rate == bool(level)] for level in (0, 1)
         ]

@@ -131,6 +131,15 @@ class Layout:
         return {row.name: row.unit for row in rows}
 
     @property
+    def value_rows(self) -> tuple[int, ...]:
+        """Which constraints of speeds are rates of constraints of coordinates, which come first."""
+        names = [row.name for row in self.constraints]
+        n_rows = len(self.constraint_edges)
+        n_values = len(names) - n_rows - len(self.quaternions)
+        values, rates = set(names[:n_values]), names[n_values : n_values + n_rows]
+        return tuple(i for i, name in enumerate(rates) if name.removesuffix("_dot") in values)
+
+    @property
     def n_algebraic(self) -> int:
         """How many algebraic unknowns there are."""
         return sum(self.algebraic)

@@ -84,6 +84,8 @@ def solve_with_cvode(problem: Problem) -> Trajectory | str:
     """
     if problem.native is None:
         return problem.not_native
+    if problem.events is not None:
+        return "there are events"
     if problem.project is not None:
         return "the motion is held to constraints"
     if problem.complete is not None:

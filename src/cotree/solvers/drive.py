@@ -29,6 +29,7 @@ from cotree.solvers.messages import summary
 from cotree.solvers.passage import Passage
 from cotree.solvers.progress import Progress
 from cotree.solvers.stepper import Idle
+from cotree.solvers.verdicts import verdict
 
 if TYPE_CHECKING:
     from cotree.solvers.locate import Located
@@ -208,14 +209,19 @@ class _Run:
     def _keep_after(self, t: float) -> None:
         """Store what an event leaves, in place of what was before it; stop where it says so."""
         assert self.watch is not None
-        if self.times and self.times[-1] == t:
+        is_kept = bool(self.times) and self.times[-1] == t
+        if is_kept:
             for kept in (self.times, self.columns, self.residuals):
                 del kept[-1:]
             self._keep(t, self.z)
         for at in self._wanted_until(t):
-            self._keep(at, self.z)
+            if at != t or not is_kept:
+                self._keep(at, self.z)
+        limit = self.problem.max_events
+        if limit is not None and len(self.watch.happened) >= limit:
+            raise IntegrationStopError(BUDGET_SPENT, verdict("spends", [], detail=limit))
         if self.watch.stopped:
-            raise IntegrationStopError(0, f"event '{self.watch.stopped}' ends the run")
+            raise IntegrationStopError(0, verdict("stops", [self.watch.stopped]))
 
     def _is_stuck(self, stepper: Stepper, before: float, bound: float) -> bool:
         """Watch a step for a singular configuration; tell whether to cross it."""

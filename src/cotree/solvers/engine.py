@@ -15,7 +15,9 @@ from cotree.build import BuildOptions, build_library, find_toolchain, load_libra
 from cotree.codegen.integrators import engine_files, job_declarations
 from cotree.errors import BuildError
 from cotree.solvers.augmented import augmented_tolerances
+from cotree.solvers.events import Occurrence
 from cotree.solvers.problem import describe_entry
+from cotree.solvers.verdicts import BY_STATUS, UNCERTAIN, verdict
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
@@ -24,6 +26,9 @@ if TYPE_CHECKING:
     from cotree.build import LoadedLibrary
     from cotree.model.kernels import NativeModel
     from cotree.solvers.problem import FloatArray, Problem
+
+# So often one event may make others happen at the same time, as in cotree_events.h.
+_ROUNDS = 50
 
 # What cotree_status says, in the words of the other methods.
 _REASONS = {
@@ -118,6 +123,13 @@ class Job:
         self.times, self.values = np.zeros(0), np.zeros((0, n_full))
         self._keeps_steps = wanted is None
         self._make_room(256 if wanted is None else len(wanted))
+        self._at_once = 0
+        self._width = 2 + problem.n_sensitivities + 2 * problem.n_states
+        self.records = np.zeros((0, self._width))
+        if problem.events is not None:
+            self._at_once = len(problem.events.rows) + _ROUNDS
+            self._make_records(4 * self._at_once)
+            job.most_events = problem.max_events or 0
 
     def run(self, most_steps: int) -> int:
         """Take some steps; see ``COTREE_JOB_DONE`` and its like."""
@@ -125,6 +137,8 @@ class Job:
             needed = int(self.job.n_kept) + most_steps + 1
             if needed > self._room:
                 self._make_room(max(needed, 2 * self._room))
+        if self._at_once and self.job.n_records + self._at_once > self.job.most_records:
+            self._make_records(2 * self.job.most_records)
         return int(self._lib.cotree_job_run(self.job, most_steps))
 
     @property
@@ -140,9 +154,39 @@ class Job:
     def reason(self, problem: Problem) -> str:
         """Say why it failed."""
         status, entry = int(self.job.status), int(self.job.entry)
+        if status in BY_STATUS:
+            return self._verdict(problem, BY_STATUS[status])
         if entry >= 0:
             return f"the derivative of {describe_entry(problem, entry)} is not finite ahead"
         return _REASONS.get(status, f"the integrator gives status {status}")
+
+    @property
+    def is_final(self) -> bool:
+        """Tell whether it failed for a reason that another method would meet, too."""
+        name = BY_STATUS.get(int(self.job.status), UNCERTAIN[0])
+        return name not in UNCERTAIN
+
+    @property
+    def has_spent_events(self) -> bool:
+        """Tell whether no more events may happen."""
+        return bool(0 < self.job.most_events <= self.job.n_records)
+
+    def happened(self, problem: Problem) -> tuple[Occurrence, ...]:
+        """List what happened."""
+        n, m = problem.n_states, problem.n_sensitivities
+        return tuple(
+            Occurrence(int(row[1]), float(row[0]), row[2 + m : 2 + m + n], row[-n:], row[2 : 2 + m])
+            for row in self.records[: self.job.n_records].copy()
+        )
+
+    def _verdict(self, problem: Problem, name: str) -> str:
+        """Say why an event ended it."""
+        assert problem.events is not None  # whose status it is
+        rows, c = problem.events.rows, self.job
+        events = [rows[c.event].name]
+        if name == "endless":
+            events = [row.name for i, row in enumerate(rows) if c.has_fired[i]]
+        return verdict(name, events, float(c.event_time), float(c.event_detail))
 
     def _make_memory(self, problem: Problem) -> Any:
         """Give the engine its memory."""
@@ -157,6 +201,15 @@ class Job:
         self.times, self.values, self._room = times, values, rows
         self.job.times = self._ffi.from_buffer("double[]", times)
         self.job.values = self._ffi.from_buffer("double[]", values) if self._n else self._ffi.NULL
+
+    def _make_records(self, rows: int) -> None:
+        """Make room for what events write; what is there stays."""
+        kept = int(self.job.n_records)
+        records = np.zeros((rows, self._width))
+        records[:kept] = self.records[:kept]
+        self.records = records
+        self.job.records = self._ffi.from_buffer("double[]", records)
+        self.job.most_records = rows
 
     def _doubles(self, array: FloatArray) -> Any:
         """Point to an array, which is kept."""

@@ -17,6 +17,7 @@ import numpy as np
 
 from cotree.solvers.evaluate import FAILED, IntegrationStopError
 from cotree.solvers.locate import Guarded, Locator
+from cotree.solvers.verdicts import verdict
 
 if TYPE_CHECKING:
     from cotree.solvers.evaluate import Evaluator
@@ -148,7 +149,7 @@ class Watch:
         way = np.sign(self._events.rates(located.t, located.z))
         for i in located.events[:1]:
             if way[i] * self._side[i] > 0.0:  # it left zero by less than rounding
-                self._refuse_rest(i, located.t)
+                raise self._refusal("rests", i, located.t)
         return self._happen(located.t, located.z, list(located.events), way)
 
     @property
@@ -166,9 +167,7 @@ class Watch:
     def _note(self, g: FloatArray) -> None:
         if not np.all(np.isfinite(g)):
             i = int(np.argwhere(~np.isfinite(np.atleast_2d(g)))[0][1])
-            raise IntegrationStopError(
-                FAILED, f"what event '{self._events.rows[i].name}' looks at is not finite"
-            )
+            raise self._refusal("not finite", i)
         size = np.max(np.abs(np.atleast_2d(g)), axis=0)
         self._largest = np.maximum(self._largest, size)
         self._flight = np.maximum(self._flight, size)
@@ -251,12 +250,8 @@ class Watch:
             fired.append(i)
             self._side[i] = self._sides(t, z, fired, speed)[i]
         else:
-            names = ", ".join(f"'{self._events.rows[i].name}'" for i in sorted(set(fired)))
-            raise IntegrationStopError(
-                FAILED,
-                f"events {names} make each other happen without end at t = {t:.10g}: let a mode "
-                "hold what chatters",
-            )
+            names = [self._events.rows[i].name for i in sorted(set(fired))]
+            raise IntegrationStopError(FAILED, verdict("endless", names, t))
         for i in fired:
             self._check_rest(i, t, z, way[i], speed[i])
         if fired:
@@ -279,7 +274,7 @@ class Watch:
             return
         bend = self._bend(t, z)[i]
         if bend * way > 0.0 and abs(bend) * self._span > _STILL * speed:
-            self._refuse_rest(i, t)
+            raise self._refusal("rests", i, t)
 
     def _fire(
         self, i: int, t: float, z: FloatArray, t_p: FloatArray | None
@@ -291,7 +286,7 @@ class Watch:
             self._check_grazing(i, t, z)
         after, t_p = self._events.apply(i, inside, z, t_p)
         if not np.all(np.isfinite(after)):
-            raise IntegrationStopError(FAILED, f"what event '{row.name}' sets is not finite")
+            raise self._refusal("set not finite", i)
         complete = self._evaluator.complete
         self.happened.append(
             Occurrence(i, t, complete(inside, z).copy(), complete(inside, after).copy(), t_p)
@@ -307,21 +302,13 @@ class Watch:
         if depth <= _GRAZING * self._tolerance[i] * abs(bend) or rate == 0.0:
             self._refuse_grazing(i, t)
 
-    def _refuse_rest(self, i: int, t: float) -> None:
-        raise IntegrationStopError(
-            FAILED,
-            f"event '{self._events.rows[i].name}' at t = {t:.10g} leaves no speed away from zero, "
-            "and the motion goes on through it: let a mode hold what comes to rest, or stop there",
-        )
+    def _refusal(self, name: str, i: int, t: float = 0.0, detail: float = 0.0) -> Exception:
+        row = self._events.rows[i]
+        return IntegrationStopError(FAILED, verdict(name, [row.name], t, detail))
 
     def _refuse_grazing(self, i: int, t: float) -> None:
         self._refuse_series(i, t, _A_FEW, np.inf)
-        raise IntegrationStopError(
-            FAILED,
-            f"event '{self._events.rows[i].name}' grazes at t = {t:.10g}: what it looks at only "
-            "just touches zero, and nothing there has sensitivities; change a parameter, or "
-            "compile without sensitivities",
-        )
+        raise self._refusal("grazes", i, t)
 
     def _refuse_series(self, i: int, t: float, n: int, longest: float) -> None:
         """Refuse events whose last n intervals are a geometric series that soon ends."""
@@ -334,11 +321,7 @@ class Watch:
             return
         left = float(intervals[-1]) * ratio / (1.0 - ratio)
         if left <= longest:
-            raise IntegrationStopError(
-                FAILED,
-                f"event '{self._events.rows[i].name}' happens ever faster and accumulates at t = "
-                f"{t + left:.10g}: let a mode hold what comes to rest, or stop there",
-            )
+            raise self._refusal("accumulates", i, t, t + left)
 
     def _count(self, i: int, t: float) -> None:
         """Refuse events that accumulate."""
@@ -346,8 +329,4 @@ class Watch:
         times.append(t)
         self._refuse_series(i, t, _IN_A_ROW, _LEFT * self._span)
         if len(times) == _CROWD and t - times[0] <= _CROWDED * self._span:
-            raise IntegrationStopError(
-                FAILED,
-                f"event '{self._events.rows[i].name}' happened {_CROWD} times within "
-                f"{t - times[0]:.3g} s before t = {t:.10g}: let a mode hold what chatters",
-            )
+            raise self._refusal("chatters", i, t, t - times[0])

@@ -16,6 +16,7 @@ import numpy as np
 from cotree.errors import ParameterError, SolveError
 from cotree.model.algebraic import solve_start
 from cotree.model.start import Start, consistent_start
+from cotree.solvers.verdicts import verdict
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -147,15 +148,9 @@ class ModelEvents:
         try:
             start = self._consistent(t, y, s, kept)
         except ParameterError as error:
-            raise SolveError(
-                f"what event '{row.name}' sets contradicts the constraints ({error})"
-            ) from None
+            raise SolveError(f"{verdict('contradicts', [row.name])} ({error})") from None
         if self._m and start.is_chosen:
-            raise SolveError(
-                f"event '{row.name}' sets fewer states than the constraints leave free, so the "
-                "others follow by a choice that sensitivities do not know of: set as many as "
-                "there are degrees of freedom, or use an impact"
-            )
+            raise SolveError(verdict("chooses", [row.name]))
         y, _ = solve_start(self._model, t, self._p, self._u(t), start.y, start.s)
         if not self._m:
             return y, s
@@ -168,4 +163,4 @@ class ModelEvents:
     def _consistent(self, t: float, y: FloatArray, s: FloatArray, kept: Sequence[int]) -> Start:
         if not self._is_held:
             return Start(y, s.T)
-        return consistent_start(self._model, t, self._p, y, s.T, kept)
+        return consistent_start(self._model, t, self._p, y, s.T, kept, is_initial=False)

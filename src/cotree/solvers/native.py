@@ -20,12 +20,13 @@ from cotree.solvers.messages import summary
 from cotree.solvers.methods import METHODS
 from cotree.solvers.problem import check_problem
 from cotree.solvers.progress import Progress
+from cotree.solvers.verdicts import verdict
 
 if TYPE_CHECKING:
     from cotree.solvers.problem import FloatArray, Problem
 
 # Results of cotree_job_run.
-_MORE, _FAILED = 1, 2
+_MORE, _FAILED, _STOPPED = 1, 2, 3
 
 # How long C runs before Python looks up, [s], and how many steps it begins with.
 _GLANCE, _FIRST_STEPS = 0.1, 1000
@@ -80,7 +81,8 @@ class NativeSolver:
         corners = segments(problem)
         job = Job(engine, problem, [corners[0][0], *(end for _, end in corners)])
         ended = run_job(job, problem, self.method)
-        if ended.status == FAILED and (problem.n_algebraic or problem.singular is not None):
+        is_hard = problem.n_algebraic or problem.singular is not None
+        if ended.status == FAILED and is_hard and not job.is_final:
             # What looks far for algebraic unknowns, and passes singular positions, is Python.
             return self._stand_in(problem, f"{ended.reason} at t = {float(job.job.t):.10g}")
         trajectory = trajectory_of(job, problem, self.method, ended)
@@ -137,8 +139,13 @@ def _advance(job: Job, problem: Problem, begin: float, progress: Progress) -> tu
         progress.reached(float(job.job.t))
         if result == _FAILED:
             return FAILED, job.reason(problem)
+        if result == _STOPPED:
+            assert problem.events is not None  # one of which it was
+            return 0, verdict("stops", [problem.events.rows[job.job.event].name])
         if result != _MORE:
             return 0, ""
+        if job.has_spent_events:
+            return BUDGET_SPENT, verdict("spends", [], detail=job.job.most_events)
         if limit is not None and job.job.n_steps >= limit:
             return BUDGET_SPENT, f"the limit of {limit} steps is reached"
         if problem.time_limit is not None and now - begin > problem.time_limit:
@@ -153,7 +160,7 @@ def trajectory_of(job: Job, problem: Problem, method: str, ended: Ended) -> Traj
     c = job.job
     kept = int(c.n_kept)
     t, values = job.times[:kept], job.values[:kept]
-    if ended.status != 0 and not (kept and t[-1] == c.t):
+    if (ended.status != 0 or ended.reason) and not (kept and t[-1] == c.t):
         t, values = np.append(t, c.t), np.vstack([values, job.z])
     statistics = Statistics(
         method=method,
@@ -165,7 +172,8 @@ def trajectory_of(job: Job, problem: Problem, method: str, ended: Ended) -> Traj
     )
     message = " ".join(summary(problem, method, float(c.t), ended.reason))
     t, z = t.copy(), values.T.copy()
-    return Trajectory(t, z, ended.status, message, statistics, _drift(job, problem, t, z))
+    drift = _drift(job, problem, t, z)
+    return Trajectory(t, z, ended.status, message, statistics, drift, job.happened(problem))
 
 
 def _drift(job: Job, problem: Problem, t: FloatArray, z: FloatArray) -> Drift | None:

@@ -85,8 +85,8 @@ class Problem:
         The longest step, [s]; a breakpoint or an output may cut it shorter.
     time_limit : float or None
         Budget of wall-clock time, [s].
-    max_steps : int or None
-        Budget of steps.
+    max_steps, max_events : int or None
+        Budgets of steps, and of events that happen; what happens at one time happens together.
     project : callable or None
         ``project(t, z)`` returns z on the constraints, states and sensitivities both, and raises
         SolveError or SingularSystemError where it cannot. None where nothing constrains z.
@@ -134,6 +134,7 @@ class Problem:
     max_step: float = float("inf")
     time_limit: float | None = None
     max_steps: int | None = None
+    max_events: int | None = None
     project: Callable[[float, FloatArray], FloatArray] | None = None
     residual: Callable[[float, FloatArray], FloatArray] | None = None
     constraints: tuple[str, ...] = ()
@@ -265,5 +266,6 @@ def _check_budgets(problem: Problem) -> None:
         raise SolveError(f"max_step is {problem.max_step}; give positive seconds, or inf for none.")
     if problem.time_limit is not None and not problem.time_limit > 0:
         raise SolveError(f"time_limit is {problem.time_limit}; give positive seconds or None.")
-    if problem.max_steps is not None and not problem.max_steps > 0:
-        raise SolveError(f"max_steps is {problem.max_steps}; give a positive number or None.")
+    for name, limit in (("max_steps", problem.max_steps), ("max_events", problem.max_events)):
+        if limit is not None and not limit > 0:
+            raise SolveError(f"{name} is {limit}; give a positive number or None.")

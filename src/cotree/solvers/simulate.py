@@ -57,6 +57,7 @@ class Settings:
     error_test_sensitivities: bool = True
     max_step: float | None = None
     max_steps: int | None = None
+    max_events: int | None = None
     time_limit: float | None = None
     throw: bool = False
     project: bool = True
@@ -113,6 +114,7 @@ def simulate(
         parameters=model.sensitivities,
         max_step=_max_step(model, p, settings),
         max_steps=settings.max_steps,
+        max_events=settings.max_events,
         time_limit=settings.time_limit,
         project=projection,
         residual=projection.residual if projection else None,
@@ -190,7 +192,7 @@ def _check_settings(settings: Settings) -> None:
     for name in ("parameters", "initial", "inputs"):
         if not isinstance(getattr(settings, name), Mapping):
             raise ParameterError(f"{name} must be a mapping of names to values")
-    for name in ("max_steps", "time_limit"):
+    for name in ("max_steps", "max_events", "time_limit"):
         if getattr(settings, name) is not None:
             check_number(getattr(settings, name), name)
 
@@ -301,8 +303,6 @@ def _sparse_jacobian(
 
 def _native(model: CompiledModel, p: FloatArray, signals: Signals) -> dict[str, Any]:
     """Give what C needs of the problem, or why it cannot take it."""
-    if model.layout.events:
-        return {"not_native": "there are events"}
     if len(signals.tables) < len(signals.by_position):
         return {"not_native": "an input is neither a number nor a table"}
     native = model.native(p)

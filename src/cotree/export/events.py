@@ -1,0 +1,90 @@
+"""Events for people: what they look at and what they do, as SymPy and as plain text."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from cotree.export.to_sympy import to_sympy
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from cotree.dag.nodes import Node
+    from cotree.equations import Equations
+
+_WAYS = {-1: "falls through", 0: "passes", 1: "rises through"}
+
+
+@dataclass(frozen=True)
+class SymbolicEvent:
+    """What happens where an expression passes through zero.
+
+    Attributes
+    ----------
+    when : sympy.Expr
+        The expression.
+    direction : int
+        -1 for downwards, 1 for upwards, 0 for both.
+    set : mapping of str to sympy.Expr
+        New values of states and modes by name, of the values before.
+    restitution : sympy.Expr or None
+        Of an impact.
+    is_stop : bool
+        Whether a run ends there.
+    """
+
+    when: Any
+    direction: int
+    set: Mapping[str, Any]
+    restitution: Any
+    is_stop: bool
+
+    def line(self, name: str, spell: Callable[[Any], str], symbols: Mapping[Any, Any]) -> str:
+        """Write it as plain text.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+        spell : callable
+            Writes an expression.
+        symbols : mapping of str to sympy.Symbol
+            By name of a state.
+        """
+        actions = [f"{symbols[state]} := {spell(value)}" for state, value in self.set.items()]
+        if self.restitution is not None:
+            actions.append(f"an impact with restitution {spell(self.restitution)}")
+        if self.is_stop:
+            actions.append("the run ends")
+        then = ", ".join(actions) or "it is noted"
+        return f"{name}: where {spell(self.when)} {_WAYS[self.direction]} 0, {then}"
+
+
+def symbolic_events(
+    equations: Equations, known: Mapping[Node, Any], states: tuple[str, ...]
+) -> dict[str, SymbolicEvent]:
+    """Turn the events of equations into SymPy, by name.
+
+    Parameters
+    ----------
+    equations : Equations
+        The equations, whose output values end with the expressions of the events.
+    known : mapping of Node to sympy.Symbol
+        How symbols are spelt.
+    states : tuple of str
+        Names of the states.
+    """
+    rows = equations.events
+    values = to_sympy(equations.output_values[len(equations.outputs) :], known)
+    whens, rest = values[: len(rows)], values[len(rows) :]
+    found = {}
+    for row, when in zip(rows, whens, strict=True):
+        n = len(row.targets)
+        names = [states[target] for target in row.targets]
+        new, restitution = dict(zip(names, rest, strict=False)), None
+        if row.is_impact:
+            restitution = rest[n]
+        rest = rest[n + row.is_impact :]
+        found[row.name] = SymbolicEvent(when, row.direction, new, restitution, row.is_stop)
+    return found

@@ -1,0 +1,64 @@
+"""Why events end a run, in sentences without a capital and an end: one text for Python and C."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+#: The sentences by name. ``t`` is when, ``detail`` a further time or length of time.
+VERDICTS = {
+    "not finite": "what event {event} looks at is not finite",
+    "set not finite": "what event {event} sets is not finite",
+    "contradicts": "what event {event} sets contradicts the constraints",
+    "chooses": "event {event} sets fewer states than the constraints leave free, so the others "
+    "follow by a choice that sensitivities do not know of: set as many as there are degrees of "
+    "freedom, or use an impact",
+    "rests": "event {event} at t = {t:.10g} leaves no speed away from zero, and the motion goes on "
+    "through it: let a mode hold what comes to rest, or stop there",
+    "grazes": "event {event} grazes at t = {t:.10g}: what it looks at only just touches zero, and "
+    "nothing there has sensitivities; change a parameter, or compile without sensitivities",
+    "accumulates": "event {event} happens ever faster and accumulates at t = {detail:.10g}: let a "
+    "mode hold what comes to rest, or stop there",
+    "chatters": "event {event} happened 100 times within {detail:.3g} s before t = {t:.10g}: let a "
+    "mode hold what chatters",
+    "endless": "events {event} make each other happen without end at t = {t:.10g}: let a mode hold "
+    "what chatters",
+    "spends": "the limit of {detail:g} events is reached",
+    "stops": "event {event} ends the run",
+    "fails": "the equations of the events cannot be evaluated at t = {t:.10g}",
+}
+
+#: Names by the results of cotree_events.h.
+BY_STATUS = {
+    20: "fails",
+    21: "not finite",
+    22: "set not finite",
+    23: "contradicts",
+    24: "chooses",
+    25: "rests",
+    26: "grazes",
+    27: "accumulates",
+    28: "chatters",
+    29: "endless",
+}
+
+#: Those that another way to solve for what follows from constraints might avoid.
+UNCERTAIN = ("fails", "contradicts")
+
+
+def verdict(name: str, events: Sequence[str], t: float = 0.0, detail: float = 0.0) -> str:
+    """Say why events end a run.
+
+    Parameters
+    ----------
+    name : str
+        A name in :data:`VERDICTS`.
+    events : sequence of str
+        Their names.
+    t, detail : float
+        See :data:`VERDICTS`, [s].
+    """
+    listed = ", ".join(f"'{event}'" for event in events)
+    return VERDICTS[name].format(event=listed, t=t, detail=detail)

@@ -1,0 +1,251 @@
+"""Events in C: the same as in Python's loops, in every respect that a user sees."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+from cotree import Scene
+from cotree.errors import SolveError
+
+pytestmark = pytest.mark.compiler
+
+TIGHT = {"rtol": 1e-11, "atol": 1e-12}
+
+
+def rail(gravity=-9.81, force=0.0, **initial):
+    scene = Scene("rail", gravity=[0, 0, gravity])
+    scene.edge("j", "prismatic", "ground", "B", axis=[0, 0, 1], force=force, initial=initial)
+    scene.edge("b", "rigid_body", "ground", "B", mass=1.0)
+    return scene
+
+
+def ball():
+    scene = rail(s=2.0)
+    scene.parameter("e", 0.8)
+    scene.event("hit", "j.s", direction=-1, set={"j.s_dot": "-e*j.s_dot"})
+    return scene
+
+
+def four_bar(**close):
+    """Draw a loop whose crank is turned back at an angle, and whose coupler strikes a wall."""
+    scene = Scene("four-bar", gravity=[0, -9.81, 0])
+    for name, value in {"a": 0.5, "c": 1.2, "m": 1.1, "e": 0.7}.items():
+        scene.parameter(name, value)
+    start = {"theta": 1.0} | ({} if close else {"theta_dot": 2.0})
+    scene.edge("crank", "revolute", "ground", "A", axis=[0, 0, 1], initial=start)
+    scene.edge("bar1", "arm", "A", "B", vector=["a", 0, 0])
+    scene.edge("coupler", "revolute", "B", "C", axis=[0, 0, 1])
+    scene.edge("bar2", "arm", "C", "D", vector=[1.5, 0, 0])
+    scene.edge("base", "arm", "ground", "E", vector=[1.6, 0, 0])
+    scene.edge("rocker", "revolute", "E", "F", axis=[0, 0, 1], damping=0.1)
+    scene.edge("bar3", "arm", "F", "G", vector=["c", 0, 0])
+    scene.edge("close", "revolute", "D", "G", axis=[0, 0, 1], **close)
+    for i, node in enumerate("ACF"):
+        scene.edge(f"m{i + 1}", "rigid_body", "ground", node, mass="m", inertia=0.1 * (i + 1))
+    return scene
+
+
+def agree(model, t_end, times=21, most=1e-8, **settings):
+    """Run with the loops of Python and of C, and compare everything."""
+    times = None if times is None else np.linspace(0, t_end, times)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        ours = model.simulate((0, t_end), times, "dop853", **TIGHT, **settings)
+        theirs = model.simulate((0, t_end), times, "DOP853", **TIGHT, **settings)
+    assert "stood in" not in ours.message
+    assert ours.status == theirs.status
+    assert ours.message.partition(":")[2] == theirs.message.partition(":")[2]
+    for name, row in theirs.events.items():
+        found = ours.events[name]
+        assert len(found.t) == len(row.t), name
+        for key in ("t", "y_before", "y_after", "s"):
+            np.testing.assert_allclose(getattr(found, key), getattr(row, key), atol=most, rtol=most)
+    if times is not None:
+        np.testing.assert_allclose(ours.t, theirs.t, atol=1e-10)
+        for key in ("y", "s", "output_values", "output_sensitivities"):
+            np.testing.assert_allclose(
+                getattr(ours, key), getattr(theirs, key), atol=most, rtol=most
+            )
+    return ours
+
+
+def test_a_loop_whose_crank_is_turned_back():
+    scene = four_bar()
+    scene.mode("n", 0)
+    back = {"crank.theta_dot": "-e*crank.theta_dot", "n": "n + 1"}
+    scene.event("back", "crank.theta - 0.4", direction=-1, set=back)
+    result = agree(scene.compile(["a", "m", "e"]), 2.0)
+    assert len(result.events["back"].t) == 1
+    assert result.drift.worst < 1e-13
+
+
+def test_positions_that_are_set_in_a_loop():
+    scene = four_bar()
+    scene.event("back", "crank.theta - 0.3", direction=-1, set={"crank.theta": "crank.theta + 0.4"})
+    result = agree(scene.compile(), 2.0)
+    assert len(result.events["back"].t) == 5
+    # The other angles follow: the least step closes the loop.
+    assert result.drift.worst < 1e-13
+    # With sensitivities the speeds are a choice.
+    result = agree(scene.compile(["a"]), 2.0)
+    assert "sets fewer states than the constraints leave free" in result.message
+
+
+def test_a_wall_in_the_way_of_a_loop():
+    scene = four_bar()
+    scene.event("wall", "D.x - 1.1", impact={"restitution": "e"})
+    assert len(agree(scene.compile(["a", "c", "e"]), 2.0).events["wall"].t) == 1
+
+
+@pytest.mark.parametrize("loop", ["DOP853", "dop853"])
+def test_an_initial_rate_of_a_chord_is_not_given_again_by_an_event(loop):
+    scene = four_bar(initial={"theta_dot": -1.0})
+    scene.mode("n", 0)
+    scene.event("tick", "t - 0.5", direction=1, set={"n": "n + 1"})
+    model = scene.compile(["m"])
+    assert model.layout.start_rows == ("close.theta_dot",)
+    result = model.simulate((0, 1), [0.5, 1.0], loop, **TIGHT)
+    row = result.events["tick"]
+    speed = model.states.index("crank.theta_dot")
+    assert row.y_after[speed, 0] == pytest.approx(row.y_before[speed, 0], abs=1e-12)
+    plain = four_bar(initial={"theta_dot": -1.0}).compile(["m"])
+    without = plain.simulate((0, 1), [0.5, 1.0], "DOP853", **TIGHT)
+    # The tolerance, enlarged a hundred times by the motion.
+    np.testing.assert_allclose(result["crank.theta"], without["crank.theta"], atol=1e-9)
+    found = result.sensitivity("crank.theta", "m")
+    np.testing.assert_allclose(found, without.sensitivity("crank.theta", "m"), atol=1e-8)
+
+
+def test_more_happens_than_there_is_room_for_at_first():
+    scene = rail(gravity=0.0, force="-400*j.s", s=1.0)
+    scene.mode("n", 0)
+    scene.event("zero", "j.s", set={"n": "n + 1"})
+    result = scene.compile().simulate((0, 100), [100.0], "dop853", 1e-11, 1e-13)
+    exact = np.pi / 20 * (np.arange(637) + 0.5)
+    # Phases are off by the tolerance of each of twenty thousand steps.
+    np.testing.assert_allclose(result.events["zero"].t, exact, atol=1e-8)
+    assert result["n"].tolist() == [637.0]
+
+
+@pytest.mark.parametrize("method", ["dopri5", "dop853", "rkf45", "rodas4"])
+def test_every_step_and_every_event_is_a_point(method):
+    result = ball().compile().simulate((0, 2), None, method, 1e-8, 1e-10)
+    assert np.all(np.diff(result.t) > 0.0)
+    for t, after in zip(result.events["hit"].t, result.events["hit"].y_after.T, strict=True):
+        place = np.flatnonzero(result.t == t)
+        assert place.size == 1
+        np.testing.assert_array_equal(result.y[:, place[0]], after)
+    assert result.t[-1] == 2.0
+
+
+@pytest.mark.parametrize("times", [None, [0.0, 0.3, 1.0]])
+@pytest.mark.parametrize("loop", ["DOP853", "dop853"])
+def test_what_jumps_at_a_breakpoint_is_stored_once(loop, times):
+    scene = rail(gravity=0.0, s=0.0, s_dot="v")
+    scene.parameter("v", 1.0)
+    scene.input("gate", "sign(t - 0.3)")
+    scene.event("open", "gate", direction=1, set={"j.s_dot": "2*v"})
+    result = scene.compile(["v"]).simulate((0, 1), times, loop, **TIGHT)
+    assert np.all(np.diff(result.t) > 0.0)
+    assert result["j.s_dot"][result.t == 0.3].tolist() == [2.0]
+
+
+def test_inputs_that_are_replaced():
+    scene = rail(gravity=0.0, force="push", s=0.0)
+    scene.input("push", 0.0)
+    scene.mode("n", 0)
+    scene.event("half", "j.s - 0.5", direction=1, set={"j.s": "0", "n": "n + push"})
+    table = ([0.0, 1.0, 2.0], [0.0, 3.0, 1.0])
+    result = agree(scene.compile(), 3.0, inputs={"push": table})
+    assert len(result.events["half"].t) >= 3
+    assert result["n"][-1] > 3.0
+
+
+def test_budgets_leave_what_happened():
+    model = ball().compile()
+    with pytest.warns(RuntimeWarning, match="the limit of 9 steps is reached"):
+        result = model.simulate((0, 2), [2.0], "dopri5", max_steps=9)
+    assert result.status == -2
+    assert len(result.events["hit"].t) >= 1
+    assert result.t[-1] >= result.events["hit"].t[-1]
+
+
+@pytest.mark.parametrize("loop", ["DOP853", "dop853"])
+def test_a_budget_of_events(loop):
+    model = ball().compile()
+    with pytest.warns(RuntimeWarning, match=r"t = 1.66023.*: the limit of 2 events is reached"):
+        result = model.simulate((0, 5), [1.0, 5.0], loop, max_events=2)
+    assert result.status == -2
+    assert len(result.events["hit"].t) == 2
+    # What the last event leaves is the last good point.
+    assert result.t.tolist() == [1.0, result.events["hit"].t[1]]
+    np.testing.assert_array_equal(result.y[:, -1], result.events["hit"].y_after[:, -1])
+    assert model.simulate((0, 2), [2.0], loop, max_events=3).success
+    with pytest.raises(SolveError, match="max_events is -1; give a positive number"):
+        model.simulate((0, 2), [2.0], loop, max_events=-1)
+
+
+def endless():
+    scene = rail(s=1.0)
+    scene.mode("on", -1)
+    scene.event("low", "j.s - 0.5", direction=-1, set={"on": 1})
+    scene.event("flip", "on", direction=1, set={"on": -1})
+    scene.event("flop", "on", direction=-1, set={"on": 1})
+    return scene
+
+
+def undefined():
+    scene = rail(s=1.0)
+    scene.event("root", "sqrt(j.s - 0.5)", direction=-1)
+    return scene
+
+
+def overflow():
+    scene = rail(s=1.0)
+    scene.event("low", "j.s - 0.5", direction=-1, set={"j.s": "log(0.4 - j.s)"})
+    return scene
+
+
+def chatter():
+    scene = rail(gravity=0.0, force="-u", s=0.0, s_dot=1.0)
+    scene.mode("u", 2)
+    scene.event("back", "j.s_dot", direction=-1, set={"u": -2})
+    scene.event("forth", "j.s_dot", direction=1, set={"u": 2})
+    return scene
+
+
+def contradiction():
+    scene = four_bar()
+    everything = {f"{name}.theta": 0.0 for name in ("crank", "coupler", "rocker")}
+    scene.event("low", "crank.theta - 0.4", direction=-1, set=everything)
+    return scene
+
+
+@pytest.mark.parametrize("scene", [endless, undefined, overflow, chatter, ball])
+def test_what_ends_a_run_is_said_in_the_same_words(scene):
+    # The last good point is where a step ended, which are not the same.
+    result = agree(scene().compile(), 20.0, times=None, most=1e-6)
+    assert result.status == -1
+
+
+def test_python_explains_what_contradicts_the_constraints():
+    with pytest.warns(RuntimeWarning, match="contradicts the constraints .the initial positions"):
+        result = contradiction().compile().simulate((0, 2), [2.0], "dop853")
+    assert "DOP853 stood in for dop853: what event 'low' sets contradicts" in result.message
+
+
+def test_a_stop_between_outputs():
+    scene = rail(s=1.0)
+    scene.event("ground", "j.s", direction=-1, stop=True)
+    result = agree(scene.compile(), 5.0, times=51)
+    assert result.t[-1] == pytest.approx(np.sqrt(2 / 9.81), abs=1e-11)
+    assert result["j.s"][-1] == pytest.approx(0.0, abs=1e-11)
+
+
+def test_auto_takes_c():
+    result = ball().compile(["e"]).simulate((0, 2))
+    assert result.statistics.method == "dop853"
+    assert "stood in" not in result.message
