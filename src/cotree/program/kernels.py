@@ -133,6 +133,22 @@ _ROWS = (
         "those of the states",
         is_optional=True,
     ),
+    KernelSpec(
+        "algebraic_step",
+        _STATE,
+        "d",
+        "from a guess of the algebraic unknowns: rates of the others after a step, this step, its "
+        "last part, how far it reaches, how much pivots lost",
+        is_optional=True,
+    ),
+    KernelSpec(
+        "reduced_rhs",
+        _SENSITIVITY,
+        "d",
+        "rates of states and sensitivities without algebraic unknowns, then sensitivities of "
+        "these, how much pivots lost",
+        is_optional=True,
+    ),
 )
 
 #: Every kind of kernel, by name.

@@ -1,0 +1,203 @@
+"""Kernels that eliminate the algebraic unknowns on the way: a Newton step and the rates at once.
+
+In: rates and residuals ``x' = f(x, z), 0 = g(x, z)`` with their derivatives. Out: one step from a
+guess z towards the solution, and the rates there, from one evaluation of what g, its derivatives and
+f share. The step is a Taylor series: along ``g(z(s)) = (1 - s) g(z(0))`` the derivatives by s are
+
+    z' = -g_z^-1 g,    z'' = -g_z^-1 (g_zz z' z'),
+
+and z(1) is the solution; f follows along. What is left is of the third order of the step. Series
+see what is near: the kernel says, too, how far the step goes compared with the distance over which
+any function in it bends.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cotree.dag.derivative import tangents
+from cotree.dag.traverse import dependent, reachable, substitute
+from cotree.formulation.static_pivots import factorise_static
+from cotree.program.counts import count_operations
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cotree.dag.nodes import Dag, Node
+    from cotree.equations import Equations
+    from cotree.formulation.static_pivots import StaticFactors
+
+#: Beyond these a kernel costs more to compile than loops over dense matrices cost to run.
+_MOST_UNKNOWNS, _MOST_UPDATES, _MOST_OPERATIONS = 100, 2000, 3000
+
+# Functions that bend as their argument changes by 1, whatever it is; and those that do, or may have
+# a kink, where it changes by its own size.
+_OF_CHANGE = frozenset({"exp", "sin", "cos", "sinh", "cosh", "tanh", "atan"})
+_OF_SHARE = frozenset({"sqrt", "log", "abs", "sign"})
+
+#: Added to sizes that are divided by: changes none but zero.
+_TINY = 1e-290
+
+
+def reduced_kernels(
+    equations: Equations,
+    rates: Sequence[Node],
+    columns: Sequence[Mapping[int, Node]],
+    along: Sequence[Mapping[int, Node]],
+) -> dict[str, list[Node]]:
+    """Form the results of the kernels; empty where there is nothing to eliminate, or too much.
+
+    Parameters
+    ----------
+    equations : Equations
+        The equations.
+    rates : sequence of Node
+        f, then g.
+    columns : sequence of mapping of int to Node
+        Their derivatives by each state, by place.
+    along : sequence of mapping of int to Node
+        The same along each parameter, in terms of the states' sensitivities.
+    """
+    results: dict[str, list[Node]] = {"algebraic_step": [], "reduced_rhs": []}
+    cut = len(rates) - equations.n_algebraic
+    if not 0 < equations.n_algebraic <= _MOST_UNKNOWNS:
+        return results
+    with equations.dag.labelled("elimination of algebraic unknowns"):
+        slopes = _rows_of(columns[cut:], cut, len(rates))
+        factors = factorise_static(equations.dag, slopes, _MOST_UPDATES)
+        if factors is None:
+            return results
+        symbols = [state.symbol for state in equations.states[cut:]]
+        found = {
+            "algebraic_step": _step(factors, rates, columns[cut:], symbols),
+            "reduced_rhs": _sensitivities(equations, factors, rates, columns[cut:], along),
+        }
+    for name, nodes in found.items():
+        if count_operations(reachable(nodes)).total <= _MOST_OPERATIONS:
+            results[name] = nodes
+    return results
+
+
+def _rows_of(columns: Sequence[Mapping[int, Node]], low: int, high: int) -> list[dict[int, Node]]:
+    """Turn some rows of a matrix that is given by columns."""
+    rows: list[dict[int, Node]] = [{} for _ in range(low, high)]
+    for j, column in enumerate(columns):
+        for i, node in column.items():
+            if low <= i < high:
+                rows[i - low][j] = node
+    return rows
+
+
+def _step(
+    factors: StaticFactors,
+    rates: Sequence[Node],
+    columns: Sequence[Mapping[int, Node]],
+    symbols: Sequence[Node],
+) -> list[Node]:
+    """Form rates at the end of a step, the step, its last part, its reach, and its doubt."""
+    dag, cut = factors.dag, len(rates) - len(symbols)
+    first = factors.solve([-node for node in rates[cut:]])
+    known = {dag.symbol("step", j): node for j, node in enumerate(first)}
+    seed = dict(zip(symbols, known, strict=True))
+    changes, reach = _bends(dag, rates, seed), dag.one
+    curved = [dag.zero] * len(rates)
+    if changes is not None:
+        reach = sum(substitute(changes, known), dag.zero)
+        curved = substitute(_curvature(dag, columns, seed, len(rates)), known)
+    last = factors.solve([-0.5 * node for node in curved[cut:]])
+    step = [a + b for a, b in zip(first, last, strict=True)]
+    moved = _moved(rates[:cut], columns, step)
+    return [
+        *(rate + 0.5 * node for rate, node in zip(moved, curved, strict=False)),
+        *step,
+        *last,
+        reach,
+        factors.doubt,
+    ]
+
+
+def _moved(
+    values: Sequence[Node], columns: Sequence[Mapping[int, Node]], step: Sequence[Node]
+) -> list[Node]:
+    """Add what a step of the unknowns changes values by, to first order."""
+    moved = list(values)
+    for column, change in zip(columns, step, strict=True):
+        for i, slope in column.items():
+            if i < len(moved):
+                moved[i] = moved[i] + slope * change
+    return moved
+
+
+def _curvature(
+    dag: Dag, columns: Sequence[Mapping[int, Node]], seed: Mapping[Node, Node], n: int
+) -> list[Node]:
+    """Give the second derivatives of n values along a step."""
+    places = [(i, step) for column, step in zip(columns, seed.values(), strict=True) for i in column]
+    changes = tangents([node for column in columns for node in column.values()], seed)
+    curved = [dag.zero] * n
+    for (i, step), change in zip(places, changes, strict=True):
+        curved[i] = curved[i] + change * step
+    return curved
+
+
+def _bends(
+    dag: Dag, roots: Sequence[Node], seed: Mapping[Node, Node]
+) -> list[Node] | None:
+    """Say how far a step goes for each function that is not linear in it, each of the order of 1.
+
+    None where one of them cannot tell: a table, a function from outside.
+    """
+    order = reachable(roots)
+    changing = dependent(order, seed)
+    of_change: dict[Node, None] = {}
+    of_share: dict[Node, None] = {}
+    for node in order:
+        inner = [arg for arg in node.args if arg in changing]
+        if not inner or node.op in ("add", "sub", "neg"):
+            continue
+        if node.op in _OF_CHANGE:
+            of_change |= dict.fromkeys(inner)
+        elif node.op in _OF_SHARE or (node.op == "mul" and len(inner) == 2):
+            of_share |= dict.fromkeys(inner)
+        elif node.op == "div" and node.args[1] in changing:
+            of_share[node.args[1]] = None
+        elif node.op == "pow" and node.args[1] not in changing:
+            of_share[node.args[0]] = None
+        elif node.op == "select":
+            if node.args[0] in changing:
+                of_share[node.args[0]] = None
+        elif node.op not in ("mul", "div"):
+            return None
+    changes = tangents([*of_change, *of_share], seed)
+    sizes = [dag.function("abs", change) for change in changes]
+    shares = [
+        size / (dag.function("abs", arg) + size + _TINY)
+        for arg, size in zip(of_share, sizes[len(of_change) :], strict=True)
+    ]
+    return [*sizes[: len(of_change)], *shares]
+
+
+def _sensitivities(
+    equations: Equations,
+    factors: StaticFactors,
+    rates: Sequence[Node],
+    columns: Sequence[Mapping[int, Node]],
+    along: Sequence[Mapping[int, Node]],
+) -> list[Node]:
+    """Form the rates of states and sensitivities, then S_z, and the doubt.
+
+    ``g_z S_z = -(g_x S_x + g_p)``: the residuals where S_z is zero are the right-hand side.
+    """
+    if not along:
+        return []
+    zero, n = factors.dag.zero, len(rates)
+    cut = n - len(columns)
+    found, eliminated = list(rates[:cut]), []
+    for row, direction in zip(along, equations.sensitivities, strict=True):
+        seeds = (direction.seed.get(state.symbol) for state in equations.states[cut:])
+        own = [node for node in seeds if node is not None]
+        at_rest = substitute([row.get(i, zero) for i in range(n)], dict.fromkeys(own, zero))
+        solved = factors.solve([-node for node in at_rest[cut:]])
+        found += _moved(at_rest[:cut], columns, solved)
+        eliminated += solved
+    return [*found, *eliminated, factors.doubt]
