@@ -69,7 +69,7 @@ def reduced_kernels(
             return results
         symbols = [state.symbol for state in equations.states[cut:]]
         found = {
-            "algebraic_step": _step(factors, rates, columns[cut:], symbols),
+            "algebraic_step": _step(factors, rates, slopes, symbols),
             "reduced_rhs": _sensitivities(equations, factors, rates, columns[cut:], along),
         }
     for name, nodes in found.items():
@@ -91,7 +91,7 @@ def _rows_of(columns: Sequence[Mapping[int, Node]], low: int, high: int) -> list
 def _step(
     factors: StaticFactors,
     rates: Sequence[Node],
-    columns: Sequence[Mapping[int, Node]],
+    slopes: Sequence[Mapping[int, Node]],
     symbols: Sequence[Node],
 ) -> list[Node]:
     """Form rates at the end of a step, the step, its last part, its reach, and its doubt."""
@@ -100,44 +100,37 @@ def _step(
     known = {dag.symbol("step", j): node for j, node in enumerate(first)}
     seed = dict(zip(symbols, known, strict=True))
     changes, reach = _bends(dag, rates, seed), dag.one
-    curved = [dag.zero] * len(rates)
+    last = [dag.zero] * len(first)
     if changes is not None:
         reach = sum(substitute(changes, known), dag.zero)
-        curved = substitute(_curvature(dag, columns, seed, len(rates)), known)
-    last = factors.solve([-0.5 * node for node in curved[cut:]])
+        curved = substitute(_curvature(dag, slopes, seed), known)
+        last = factors.solve([-0.5 * node for node in curved])
     step = [a + b for a, b in zip(first, last, strict=True)]
-    moved = _moved(rates[:cut], columns, step)
-    return [
-        *(rate + 0.5 * node for rate, node in zip(moved, curved, strict=False)),
-        *step,
-        *last,
-        reach,
-        factors.doubt,
-    ]
-
-
-def _moved(
-    values: Sequence[Node], columns: Sequence[Mapping[int, Node]], step: Sequence[Node]
-) -> list[Node]:
-    """Add what a step of the unknowns changes values by, to first order."""
-    moved = list(values)
-    for column, change in zip(columns, step, strict=True):
-        for i, slope in column.items():
-            if i < len(moved):
-                moved[i] = moved[i] + slope * change
-    return moved
+    ends = _values_after(rates[:cut], dict(zip(symbols, step, strict=True)))
+    return [*ends, *step, *last, reach, factors.doubt]
 
 
 def _curvature(
-    dag: Dag, columns: Sequence[Mapping[int, Node]], seed: Mapping[Node, Node], n: int
+    dag: Dag, slopes: Sequence[Mapping[int, Node]], seed: Mapping[Node, Node]
 ) -> list[Node]:
-    """Give the second derivatives of n values along a step."""
-    places = [(i, step) for column, step in zip(columns, seed.values(), strict=True) for i in column]
-    changes = tangents([node for column in columns for node in column.values()], seed)
-    curved = [dag.zero] * n
-    for (i, step), change in zip(places, changes, strict=True):
-        curved[i] = curved[i] + change * step
-    return curved
+    """Give the second derivatives along a step, from rows of first ones."""
+    steps = list(seed.values())
+    changes = iter(tangents([node for row in slopes for node in row.values()], seed))
+    return [sum((next(changes) * steps[j] for j in row), dag.zero) for row in slopes]
+
+
+def _values_after(values: Sequence[Node], step: Mapping[Node, Node]) -> list[Node]:
+    """Give values where a step ends; exponentials, which are costly, by their series."""
+    new = {symbol: symbol + change for symbol, change in step.items()}
+    order = reachable(values)
+    changing = dependent(order, step)
+    for node in order:
+        if node.op == "exp" and node in changing:
+            change = tangents(node.args, step)[0]
+            if not changing.isdisjoint(reachable([change], stop=set(step.values()))):
+                change = substitute(node.args, new)[0] - node.args[0]
+            new[node] = node + node * (change + 0.5 * (change * change))
+    return substitute(values, new)
 
 
 def _bends(
@@ -175,6 +168,18 @@ def _bends(
         for arg, size in zip(of_share, sizes[len(of_change) :], strict=True)
     ]
     return [*sizes[: len(of_change)], *shares]
+
+
+def _moved(
+    values: Sequence[Node], columns: Sequence[Mapping[int, Node]], step: Sequence[Node]
+) -> list[Node]:
+    """Add what a step of the unknowns changes values by, to first order."""
+    moved = list(values)
+    for column, change in zip(columns, step, strict=True):
+        for i, slope in column.items():
+            if i < len(moved):
+                moved[i] = moved[i] + slope * change
+    return moved
 
 
 def _sensitivities(
