@@ -84,6 +84,8 @@ class MainContext:
         How many of the states are algebraic unknowns.
     n_nonzeros : int
         How many entries the Jacobian has.
+    is_extended : bool
+        Whether algebraic unknowns are integrated, too.
     """
 
     title: str
@@ -105,6 +107,7 @@ class MainContext:
     n_constraints: int
     n_algebraic: int
     n_nonzeros: int
+    is_extended: bool
 
 
 def write_c_project(
@@ -214,6 +217,7 @@ def _main_context(
         n_constraints=model.n_constraints,
         n_algebraic=model.n_algebraic,
         n_nonzeros=model.n_nonzeros,
+        is_extended=not INTEGRATORS[integrator].is_implicit and program.can_extend,
     )
 
 

@@ -142,11 +142,21 @@ _ROWS = (
         is_optional=True,
     ),
     KernelSpec(
-        "reduced_rhs",
+        "extended_rhs", _STATE, "dx", "rates of states and algebraic unknowns", is_optional=True
+    ),
+    KernelSpec(
+        "extended_augmented_rhs",
         _SENSITIVITY,
-        "d",
-        "rates of states and sensitivities without algebraic unknowns, then sensitivities of "
-        "these, how much pivots lost",
+        "dz",
+        "rates of states and algebraic unknowns, then of the sensitivities of states, which s holds "
+        "alone",
+        is_optional=True,
+    ),
+    KernelSpec(
+        "algebraic_sensitivity",
+        _SENSITIVITY,
+        "ds",
+        "sensitivities of the algebraic unknowns, where s holds those of states alone",
         is_optional=True,
     ),
 )

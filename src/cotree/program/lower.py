@@ -65,7 +65,7 @@ def lower(equations: Equations) -> Program:
         "output_sensitivity": output_tangents,
         **projection_kernels(equations, factors),
         **event_kernels(equations, factors, outputs, observed, motion),
-        **reduced_kernels(equations, rates, columns, along),
+        **reduced_kernels(equations, rates, columns, along, motion[0]),
     }
     layout = replace(
         _layout(equations, starts, rows),

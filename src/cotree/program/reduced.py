@@ -1,14 +1,19 @@
-"""Kernels that eliminate the algebraic unknowns on the way: a Newton step and the rates at once.
+"""Kernels for explicit methods where there are algebraic unknowns.
 
-In: rates and residuals ``x' = f(x, z), 0 = g(x, z)`` with their derivatives. Out: one step from a
-guess z towards the solution, and the rates there, from one evaluation of what g, its derivatives and
-f share. The step is a Taylor series: along ``g(z(s)) = (1 - s) g(z(0))`` the derivatives by s are
+In: rates and residuals ``x' = f(x, z), 0 = g(x, z)`` with their derivatives. Out, all with the same
+factors of g_z in straight-line code:
 
-    z' = -g_z^-1 g,    z'' = -g_z^-1 (g_zz z' z'),
+- the *extended* rates: x', and ``z' = -g_z^-1 (g_x x' + g_t)``. Unknowns are integrated like states,
+  from a solution, and brought back to one after each step. Sensitivities of z need no integration:
+  ``S_z = -g_z^-1 (g_x S_x + g_p)``.
+- a step from a guess of z towards the solution, and the rates of x where it ends. It is a Taylor
+  series: along ``g(z(s)) = (1 - s) g(z(0))`` the derivatives by s are
 
-and z(1) is the solution; f follows along. What is left is of the third order of the step. Series
-see what is near: the kernel says, too, how far the step goes compared with the distance over which
-any function in it bends.
+      z' = -g_z^-1 g,    z'' = -g_z^-1 (g_zz z' z'),
+
+  and z(1) is the solution. What is left is of the third order of the step. Series see what is near:
+  the kernel says, too, how far the step goes compared with the distance over which any function in
+  it bends.
 """
 
 from __future__ import annotations
@@ -44,6 +49,7 @@ def reduced_kernels(
     rates: Sequence[Node],
     columns: Sequence[Mapping[int, Node]],
     along: Sequence[Mapping[int, Node]],
+    motion: Mapping[int, Node],
 ) -> dict[str, list[Node]]:
     """Form the results of the kernels; empty where there is nothing to eliminate, or too much.
 
@@ -57,25 +63,37 @@ def reduced_kernels(
         Their derivatives by each state, by place.
     along : sequence of mapping of int to Node
         The same along each parameter, in terms of the states' sensitivities.
+    motion : mapping of int to Node
+        The same along the motion, in terms of the states' rates.
     """
-    results: dict[str, list[Node]] = {"algebraic_step": [], "reduced_rhs": []}
+    found: dict[str, list[Node]] = {
+        "algebraic_step": [],
+        "extended_rhs": [],
+        "extended_augmented_rhs": [],
+        "algebraic_sensitivity": [],
+    }
     cut = len(rates) - equations.n_algebraic
     if not 0 < equations.n_algebraic <= _MOST_UNKNOWNS:
-        return results
+        return found
     with equations.dag.labelled("elimination of algebraic unknowns"):
         slopes = _rows_of(columns[cut:], cut, len(rates))
         factors = factorise_static(equations.dag, slopes, _MOST_UPDATES)
         if factors is None:
-            return results
+            return found
         symbols = [state.symbol for state in equations.states[cut:]]
-        found = {
-            "algebraic_step": _step(factors, rates, slopes, symbols),
-            "reduced_rhs": _sensitivities(equations, factors, rates, columns[cut:], along),
-        }
-    for name, nodes in found.items():
-        if count_operations(reachable(nodes)).total <= _MOST_OPERATIONS:
-            results[name] = nodes
-    return results
+        found["algebraic_step"] = _step(factors, rates, slopes, symbols)
+        # Constraints are held by projections of their own.
+        is_held = equations.constraints.rows or equations.constraints.quaternions
+        if cut > 0 and equations.motion is not None and not is_held:
+            extended = [*rates[:cut], *_unknown_rates(equations, factors, rates, motion)]
+            along_rates, along_unknowns = _sensitivities(equations, factors, columns[cut:], along)
+            found["extended_rhs"] = extended
+            found["extended_augmented_rhs"] = [*extended, *along_rates] if along else []
+            found["algebraic_sensitivity"] = along_unknowns
+    return {
+        name: nodes if count_operations(reachable(nodes)).total <= _MOST_OPERATIONS else []
+        for name, nodes in found.items()
+    }
 
 
 def _rows_of(columns: Sequence[Mapping[int, Node]], low: int, high: int) -> list[dict[int, Node]]:
@@ -182,27 +200,40 @@ def _moved(
     return moved
 
 
-def _sensitivities(
+def _unknown_rates(
     equations: Equations,
     factors: StaticFactors,
     rates: Sequence[Node],
+    motion: Mapping[int, Node],
+) -> list[Node]:
+    """Form z': what the residuals change by along the motion where z rests is made up for."""
+    dag, n = equations.dag, len(rates)
+    cut = n - equations.n_algebraic
+    moving = {dag.symbol("s", i): rates[i] if i < cut else dag.zero for i in range(n)}
+    changes = substitute([motion.get(i, dag.zero) for i in range(cut, n)], moving)
+    return factors.solve([-node for node in changes])
+
+
+def _sensitivities(
+    equations: Equations,
+    factors: StaticFactors,
     columns: Sequence[Mapping[int, Node]],
     along: Sequence[Mapping[int, Node]],
-) -> list[Node]:
-    """Form the rates of states and sensitivities, then S_z, and the doubt.
+) -> tuple[list[Node], list[Node]]:
+    """Form the rates of sensitivities and the sensitivities of the unknowns.
 
-    ``g_z S_z = -(g_x S_x + g_p)``: the residuals where S_z is zero are the right-hand side.
+    The residuals where S_z is zero are the right-hand side. The argument s leaves S_z out.
     """
-    if not along:
-        return []
-    zero, n = factors.dag.zero, len(rates)
+    dag, n = factors.dag, len(equations.states)
     cut = n - len(columns)
-    found, eliminated = list(rates[:cut]), []
-    for row, direction in zip(along, equations.sensitivities, strict=True):
-        seeds = (direction.seed.get(state.symbol) for state in equations.states[cut:])
-        own = [node for node in seeds if node is not None]
-        at_rest = substitute([row.get(i, zero) for i in range(n)], dict.fromkeys(own, zero))
+    rates, unknowns = [], []
+    for j, row in enumerate(along):
+        known = {
+            dag.symbol("s", j * n + i): dag.symbol("s", j * cut + i) if i < cut else dag.zero
+            for i in range(n)
+        }
+        at_rest = substitute([row.get(i, dag.zero) for i in range(n)], known)
         solved = factors.solve([-node for node in at_rest[cut:]])
-        found += _moved(at_rest[:cut], columns, solved)
-        eliminated += solved
-    return [*found, *eliminated, factors.doubt]
+        rates += _moved(at_rest[:cut], columns, solved)
+        unknowns += solved
+    return rates, unknowns
