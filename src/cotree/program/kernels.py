@@ -148,8 +148,8 @@ _ROWS = (
         "extended_augmented_rhs",
         _SENSITIVITY,
         "dz",
-        "rates of states and algebraic unknowns, then of the sensitivities of states, which s holds "
-        "alone",
+        "rates of states and algebraic unknowns, then of the sensitivities of states, which alone s "
+        "holds",
         is_optional=True,
     ),
     KernelSpec(

@@ -3,9 +3,9 @@
 In: rates and residuals ``x' = f(x, z), 0 = g(x, z)`` with their derivatives. Out, all with the same
 factors of g_z in straight-line code:
 
-- the *extended* rates: x', and ``z' = -g_z^-1 (g_x x' + g_t)``. Unknowns are integrated like states,
-  from a solution, and brought back to one after each step. Sensitivities of z need no integration:
-  ``S_z = -g_z^-1 (g_x S_x + g_p)``.
+- the *extended* rates: x', and ``z' = -g_z^-1 (g_x x' + g_t)``. Unknowns are integrated like
+  states, from a solution, and brought back to one after each step. Sensitivities of z need no
+  integration: ``S_z = -g_z^-1 (g_x S_x + g_p)``.
 - a step from a guess of z towards the solution, and the rates of x where it ends. It is a Taylor
   series: along ``g(z(s)) = (1 - s) g(z(0))`` the derivatives by s are
 
@@ -87,8 +87,8 @@ def reduced_kernels(
         if cut > 0 and equations.motion is not None and not is_held:
             extended = [*rates[:cut], *_unknown_rates(equations, factors, rates, motion)]
             along_rates, along_unknowns = _sensitivities(equations, factors, columns[cut:], along)
-            found["extended_rhs"] = extended
-            found["extended_augmented_rhs"] = [*extended, *along_rates] if along else []
+            name = "extended_augmented_rhs" if along else "extended_rhs"
+            found[name] = [*extended, *along_rates]
             found["algebraic_sensitivity"] = along_unknowns
     return {
         name: nodes if count_operations(reachable(nodes)).total <= _MOST_OPERATIONS else []
