@@ -1,4 +1,4 @@
-"""Kernels that eliminate algebraic unknowns, against the numeric elimination of the same equations."""
+"""Kernels that eliminate algebraic unknowns, against numeric elimination of the same equations."""
 
 from __future__ import annotations
 

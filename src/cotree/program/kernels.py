@@ -148,7 +148,7 @@ _ROWS = (
         "extended_augmented_rhs",
         _SENSITIVITY,
         "dz",
-        "rates of states and algebraic unknowns, then of the sensitivities of states, which alone s "
+        "rates of states and algebraic unknowns, then of the states' sensitivities, which alone s "
         "holds",
         is_optional=True,
     ),

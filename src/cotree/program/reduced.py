@@ -151,9 +151,7 @@ def _values_after(values: Sequence[Node], step: Mapping[Node, Node]) -> list[Nod
     return substitute(values, new)
 
 
-def _bends(
-    dag: Dag, roots: Sequence[Node], seed: Mapping[Node, Node]
-) -> list[Node] | None:
+def _bends(dag: Dag, roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[Node] | None:
     """Say how far a step goes for each function that is not linear in it, each of the order of 1.
 
     None where one of them cannot tell: a table, a function from outside.
