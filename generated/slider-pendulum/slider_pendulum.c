@@ -312,6 +312,10 @@ static const cotree_model model = {
     NULL,
     NULL,
     NULL,
+    NULL,
+    NULL,
+    NULL,
+    NULL,
     NULL
 };
 

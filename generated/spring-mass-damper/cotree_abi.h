@@ -119,7 +119,15 @@ typedef struct cotree_model {
     cotree_state_kernel jumps;                   /* what each sets its targets to, in turn */
     cotree_sensitivity_kernel event_sensitivity; /* of events, then jumps, by parameter */
     cotree_sensitivity_kernel event_rates;       /* of both, then residuals; s: rates of states */
-    const cotree_hybrid *hybrid;
+    /* Of models with few algebraic unknowns; NULL in others. n_rates = n_states - n_algebraic. */
+    cotree_state_kernel algebraic_step; /* rates, n_rates, where this step of the unknowns ends,
+                                           n_algebraic; its last part, n_algebraic; its reach, of
+                                           the order of 1 where series fail; what pivots lost */
+    cotree_state_kernel extended_rhs;   /* dx, n_states: unknowns have rates, too */
+    /* With sensitivities; s and ds leave out those of the unknowns: n_rates for each parameter. */
+    cotree_sensitivity_kernel extended_augmented_rhs; /* dx, n_states, then ds */
+    cotree_sensitivity_kernel algebraic_sensitivity;  /* of the unknowns, n_algebraic each */
+    const cotree_hybrid *hybrid; /* of models with events; NULL in others */
 } cotree_model;
 /* cotree: end of the part that cffi reads */
 

@@ -107,6 +107,8 @@ def _equations(made: Made, wanted: Sequence[str]) -> tuple[Equations, tuple[Deri
             start = tangents(initial, {p[name]: dag.one})
         directions.append(along(name, seed, start))
     zeros = [dag.zero] * len(names)
+    motion = {s: dag.symbol("s", i) for i, s in enumerate(x.values())} | {t: dag.one}
+    motion |= dict(zip(u.values(), tangents(input_values, {t: dag.one}), strict=True))
     equations = Equations(
         name=made.name,
         dag=dag,
@@ -134,6 +136,7 @@ def _equations(made: Made, wanted: Sequence[str]) -> tuple[Equations, tuple[Deri
         columns=tuple(along(name, {symbol: dag.one}, zeros) for name, symbol in x.items()),
         guards=(),
         n_network_states=len(made.states),
+        motion=along("t", motion, zeros) if made.algebraic else None,
     )
     columns = tuple(along(name, {symbol: dag.one}, zeros) for name, symbol in u.items())
     return equations, columns

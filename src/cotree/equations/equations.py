@@ -286,8 +286,8 @@ class Equations:
     events : tuple of EventRow
         The events.
     motion : Derivative or None
-        Along the motion itself, where there are events: the symbol ``("s", i)`` stands for the
-        rate of state i.
+        Along the motion itself, where there are events or algebraic unknowns: the symbol
+        ``("s", i)`` stands for the rate of state i.
     """
 
     name: str

@@ -86,6 +86,8 @@ class MainContext:
         How many entries the Jacobian has.
     n_events : int
         How many events there are.
+    is_extended : bool
+        Whether algebraic unknowns are integrated, too.
     """
 
     title: str
@@ -108,6 +110,7 @@ class MainContext:
     n_algebraic: int
     n_nonzeros: int
     n_events: int
+    is_extended: bool
 
 
 def write_c_project(
@@ -212,6 +215,9 @@ def _main_context(
         n_algebraic=model.n_algebraic,
         n_nonzeros=model.n_nonzeros,
         n_events=len(program.layout.events),
+        is_extended=not INTEGRATORS[integrator].is_implicit
+        and program.can_extend
+        and not program.layout.events,
     )
 
 

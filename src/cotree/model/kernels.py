@@ -61,12 +61,15 @@ class NativeModel:
         Parameters and what is prepared of them.
     library : LoadedLibrary
         Keeps the code loaded.
+    can_extend : bool
+        Whether it has rates of its algebraic unknowns.
     """
 
     address: int
     p: Array
     k: Array
     library: LoadedLibrary
+    can_extend: bool
 
 
 class Kernels(Protocol):
@@ -115,6 +118,7 @@ class CKernels:
         self._library = library  # keeps the code loaded
         self._model = model
         self._layout, self._guards = layout, program.guards
+        self._can_extend = program.can_extend
         n, m = len(layout.states), len(layout.sensitivities)
         sizes = {"x": n, "s": n * max(m, 1), "u": len(layout.inputs), "p": len(layout.parameters)}
         self._arrays = {key: np.zeros(size) for key, size in sizes.items()}
@@ -161,7 +165,7 @@ class CKernels:
         ffi = self._library.ffi
         address = int(ffi.cast("uintptr_t", self._model))
         p, k = self._arrays["p"].copy(), self._arrays["k"].copy()
-        return NativeModel(address, p, k, self._library)
+        return NativeModel(address, p, k, self._library, self._can_extend)
 
     def _failure(self, status: int) -> Exception:
         if status == SINGULAR:

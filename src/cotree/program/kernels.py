@@ -133,6 +133,32 @@ _ROWS = (
         "those of the states",
         is_optional=True,
     ),
+    KernelSpec(
+        "algebraic_step",
+        _STATE,
+        "d",
+        "from a guess of the algebraic unknowns: rates of the others after a step, this step, its "
+        "last part, how far it reaches, how much pivots lost",
+        is_optional=True,
+    ),
+    KernelSpec(
+        "extended_rhs", _STATE, "dx", "rates of states and algebraic unknowns", is_optional=True
+    ),
+    KernelSpec(
+        "extended_augmented_rhs",
+        _SENSITIVITY,
+        "dz",
+        "rates of states and algebraic unknowns, then of the states' sensitivities, which alone s "
+        "holds",
+        is_optional=True,
+    ),
+    KernelSpec(
+        "algebraic_sensitivity",
+        _SENSITIVITY,
+        "ds",
+        "sensitivities of the algebraic unknowns, where s holds those of states alone",
+        is_optional=True,
+    ),
 )
 
 #: Every kind of kernel, by name.

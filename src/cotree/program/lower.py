@@ -14,6 +14,7 @@ from cotree.program.events import event_kernels, event_quantities
 from cotree.program.kernels import KERNELS
 from cotree.program.program import Kernel, Layout, Program
 from cotree.program.projection import constraint_quantities, projection_kernels
+from cotree.program.reduced import reduced_kernels
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -64,6 +65,7 @@ def lower(equations: Equations) -> Program:
         "output_sensitivity": output_tangents,
         **projection_kernels(equations, factors),
         **event_kernels(equations, factors, outputs, observed, motion),
+        **reduced_kernels(equations, rates, columns, along, motion[0]),
     }
     layout = replace(
         _layout(equations, starts, rows),

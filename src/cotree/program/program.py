@@ -212,6 +212,12 @@ class Program:
         return {self.dag.symbol("p", i): float(value) for i, value in enumerate(p)}
 
     @property
+    def can_extend(self) -> bool:
+        """Whether there are rates of algebraic unknowns, and sensitivities beside them."""
+        name = "extended_augmented_rhs" if self.layout.sensitivities else "extended_rhs"
+        return bool(self.kernels[name].results)
+
+    @property
     def n_prepared(self) -> int:
         """Number of prepared values."""
         return len(self.kernels["prepare"].results)

@@ -308,7 +308,9 @@ def form_equations(first: FirstGraph, sensitivities: Sequence[str]) -> Equations
         n_modes=len(system.modes),
         events=first.events,
         motion=(
-            differentiate(first, {"t": motion_seed(first)}, support)[0] if scene.events else None
+            differentiate(first, {"t": motion_seed(first)}, support)[0]
+            if scene.events or any(state.is_algebraic for state in first.states)
+            else None
         ),
     )
     return _closed(equations, first.measured) if first.measured else equations

@@ -91,14 +91,21 @@ def build_engine(files: Mapping[str, str], declarations: str) -> LoadedLibrary |
 class Job:
     """A job of an engine, with all that it points to."""
 
-    def __init__(self, engine: LoadedLibrary, problem: Problem, corners: Sequence[float]) -> None:
+    def __init__(
+        self,
+        engine: LoadedLibrary,
+        problem: Problem,
+        corners: Sequence[float],
+        is_extended: bool = False,
+    ) -> None:
         assert problem.native is not None
         self._ffi, self._lib = engine.ffi, engine.lib
         self._kept: list[Any] = [engine, problem.native]
         native, n_full = problem.native, problem.size
         cut = problem.n_states - problem.n_algebraic
         rtol, atols = augmented_tolerances(problem)
-        atols = atols.reshape(-1, problem.n_states)[:, :cut].ravel()
+        lead, blocks = problem.n_states if is_extended else cut, atols.reshape(-1, problem.n_states)
+        atols = np.concatenate([blocks[0, :lead], blocks[1:, :cut].ravel()])
         n = len(atols)
         job = self._ffi.new("cotree_job *")
         job.model = self._ffi.cast("cotree_model *", native.model.address)
@@ -107,6 +114,7 @@ class Job:
         job.n_replaced, job.replaced = len(native.replaced), self._tables(native)
         job.has_sensitivities = int(problem.n_sensitivities > 0)
         job.is_held = int(problem.project is not None)
+        job.is_extended = int(is_extended)
         job.n, job.rtol, job.atols = n, rtol, self._doubles(atols)
         job.atol = float(np.min(problem.atol))
         job.max_step = min(problem.max_step, float(np.finfo(np.float64).max))

@@ -49,6 +49,19 @@ def refusal(method: str, problem: Problem) -> str:
     return "the motion is held to constraints" if problem.project is not None else ""
 
 
+def can_extend(method: str, problem: Problem) -> bool:
+    """Whether algebraic unknowns are integrated, too, in place of being solved for everywhere."""
+    native = problem.native
+    return (
+        native is not None
+        and native.model.can_extend
+        and not native.replaced  # their own rates are not known
+        and not METHODS[method].implicit
+        and problem.project is None
+        and problem.events is None
+    )
+
+
 @dataclass(frozen=True)
 class NativeSolver:
     """One of cotree's own methods.
@@ -79,8 +92,13 @@ class NativeSolver:
             return self._stand_in(problem, "no compiler can build its engine")
         begin = time.perf_counter()
         corners = segments(problem)
-        job = Job(engine, problem, [corners[0][0], *(end for _, end in corners)])
+        times = [corners[0][0], *(end for _, end in corners)]
+        is_extended = can_extend(self.method, problem)
+        job = Job(engine, problem, times, is_extended)
         ended = run_job(job, problem, self.method)
+        if ended.status == FAILED and is_extended:
+            job = Job(engine, problem, times)
+            ended = run_job(job, problem, self.method)
         is_hard = problem.n_algebraic or problem.singular is not None
         if ended.status == FAILED and is_hard and not job.is_final:
             # What looks far for algebraic unknowns, and passes singular positions, is Python.

@@ -1,0 +1,237 @@
+"""Kernels for explicit methods where there are algebraic unknowns.
+
+In: rates and residuals ``x' = f(x, z), 0 = g(x, z)`` with their derivatives. Out, all with the same
+factors of g_z in straight-line code:
+
+- the *extended* rates: x', and ``z' = -g_z^-1 (g_x x' + g_t)``. Unknowns are integrated like
+  states, from a solution, and brought back to one after each step. Sensitivities of z need no
+  integration: ``S_z = -g_z^-1 (g_x S_x + g_p)``.
+- a step from a guess of z towards the solution, and the rates of x where it ends. It is a Taylor
+  series: along ``g(z(s)) = (1 - s) g(z(0))`` the derivatives by s are
+
+      z' = -g_z^-1 g,    z'' = -g_z^-1 (g_zz z' z'),
+
+  and z(1) is the solution. What is left is of the third order of the step. Series see what is near:
+  the kernel says, too, how far the step goes compared with the distance over which any function in
+  it bends.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cotree.dag.derivative import tangents
+from cotree.dag.traverse import dependent, reachable, substitute
+from cotree.formulation.static_pivots import factorise_static
+from cotree.program.counts import count_operations
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cotree.dag.nodes import Dag, Node
+    from cotree.equations import Equations
+    from cotree.formulation.static_pivots import StaticFactors
+
+#: Beyond these a kernel costs more to compile than loops over dense matrices cost to run.
+_MOST_UNKNOWNS, _MOST_UPDATES, _MOST_OPERATIONS = 100, 2000, 3000
+
+# Functions that bend as their argument changes by 1, whatever it is; and those that do, or may have
+# a kink, where it changes by its own size.
+_OF_CHANGE = frozenset({"exp", "sin", "cos", "sinh", "cosh", "tanh", "atan"})
+_OF_SHARE = frozenset({"sqrt", "log", "abs", "sign"})
+
+#: Added to sizes that are divided by: changes none but zero.
+_TINY = 1e-290
+
+
+def reduced_kernels(
+    equations: Equations,
+    rates: Sequence[Node],
+    columns: Sequence[Mapping[int, Node]],
+    along: Sequence[Mapping[int, Node]],
+    motion: Mapping[int, Node],
+) -> dict[str, list[Node]]:
+    """Form the results of the kernels; empty where there is nothing to eliminate, or too much.
+
+    Parameters
+    ----------
+    equations : Equations
+        The equations.
+    rates : sequence of Node
+        f, then g.
+    columns : sequence of mapping of int to Node
+        Their derivatives by each state, by place.
+    along : sequence of mapping of int to Node
+        The same along each parameter, in terms of the states' sensitivities.
+    motion : mapping of int to Node
+        The same along the motion, in terms of the states' rates.
+    """
+    found: dict[str, list[Node]] = {
+        "algebraic_step": [],
+        "extended_rhs": [],
+        "extended_augmented_rhs": [],
+        "algebraic_sensitivity": [],
+    }
+    cut = len(rates) - equations.n_algebraic
+    if not 0 < equations.n_algebraic <= _MOST_UNKNOWNS:
+        return found
+    with equations.dag.labelled("elimination of algebraic unknowns"):
+        slopes = _rows_of(columns[cut:], cut, len(rates))
+        factors = factorise_static(equations.dag, slopes, _MOST_UPDATES)
+        if factors is None:
+            return found
+        symbols = [state.symbol for state in equations.states[cut:]]
+        found["algebraic_step"] = _step(factors, rates, slopes, symbols)
+        # Constraints are held by projections of their own.
+        is_held = equations.constraints.rows or equations.constraints.quaternions
+        if cut > 0 and equations.motion is not None and not is_held:
+            extended = [*rates[:cut], *_unknown_rates(equations, factors, rates, motion)]
+            along_rates, along_unknowns = _sensitivities(equations, factors, columns[cut:], along)
+            name = "extended_augmented_rhs" if along else "extended_rhs"
+            found[name] = [*extended, *along_rates]
+            found["algebraic_sensitivity"] = along_unknowns
+    return {
+        name: nodes if count_operations(reachable(nodes)).total <= _MOST_OPERATIONS else []
+        for name, nodes in found.items()
+    }
+
+
+def _rows_of(columns: Sequence[Mapping[int, Node]], low: int, high: int) -> list[dict[int, Node]]:
+    """Turn some rows of a matrix that is given by columns."""
+    rows: list[dict[int, Node]] = [{} for _ in range(low, high)]
+    for j, column in enumerate(columns):
+        for i, node in column.items():
+            if low <= i < high:
+                rows[i - low][j] = node
+    return rows
+
+
+def _step(
+    factors: StaticFactors,
+    rates: Sequence[Node],
+    slopes: Sequence[Mapping[int, Node]],
+    symbols: Sequence[Node],
+) -> list[Node]:
+    """Form rates at the end of a step, the step, its last part, its reach, and its doubt."""
+    dag, cut = factors.dag, len(rates) - len(symbols)
+    first = factors.solve([-node for node in rates[cut:]])
+    known = {dag.symbol("step", j): node for j, node in enumerate(first)}
+    seed = dict(zip(symbols, known, strict=True))
+    changes, reach = _bends(dag, rates, seed), dag.one
+    last = [dag.zero] * len(first)
+    if changes is not None:
+        reach = sum(substitute(changes, known), dag.zero)
+        curved = substitute(_curvature(dag, slopes, seed), known)
+        last = factors.solve([-0.5 * node for node in curved])
+    step = [a + b for a, b in zip(first, last, strict=True)]
+    ends = _values_after(rates[:cut], dict(zip(symbols, step, strict=True)))
+    return [*ends, *step, *last, reach, factors.doubt]
+
+
+def _curvature(
+    dag: Dag, slopes: Sequence[Mapping[int, Node]], seed: Mapping[Node, Node]
+) -> list[Node]:
+    """Give the second derivatives along a step, from rows of first ones."""
+    steps = list(seed.values())
+    changes = iter(tangents([node for row in slopes for node in row.values()], seed))
+    return [sum((next(changes) * steps[j] for j in row), dag.zero) for row in slopes]
+
+
+def _values_after(values: Sequence[Node], step: Mapping[Node, Node]) -> list[Node]:
+    """Give values where a step ends; exponentials, which are costly, by their series."""
+    new = {symbol: symbol + change for symbol, change in step.items()}
+    order = reachable(values)
+    changing = dependent(order, step)
+    for node in order:
+        if node.op == "exp" and node in changing:
+            change = tangents(node.args, step)[0]
+            if not changing.isdisjoint(reachable([change], stop=set(step.values()))):
+                change = substitute(node.args, new)[0] - node.args[0]
+            new[node] = node + node * (change + 0.5 * (change * change))
+    return substitute(values, new)
+
+
+def _bends(dag: Dag, roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[Node] | None:
+    """Say how far a step goes for each function that is not linear in it, each of the order of 1.
+
+    None where one of them cannot tell: a table, a function from outside.
+    """
+    order = reachable(roots)
+    changing = dependent(order, seed)
+    of_change: dict[Node, None] = {}
+    of_share: dict[Node, None] = {}
+    for node in order:
+        inner = [arg for arg in node.args if arg in changing]
+        if not inner or node.op in ("add", "sub", "neg"):
+            continue
+        if node.op in _OF_CHANGE:
+            of_change |= dict.fromkeys(inner)
+        elif node.op in _OF_SHARE or (node.op == "mul" and len(inner) == 2):
+            of_share |= dict.fromkeys(inner)
+        elif node.op == "div" and node.args[1] in changing:
+            of_share[node.args[1]] = None
+        elif node.op == "pow" and node.args[1] not in changing:
+            of_share[node.args[0]] = None
+        elif node.op == "select":
+            if node.args[0] in changing:
+                of_share[node.args[0]] = None
+        elif node.op not in ("mul", "div"):
+            return None
+    changes = tangents([*of_change, *of_share], seed)
+    sizes = [dag.function("abs", change) for change in changes]
+    shares = [
+        size / (dag.function("abs", arg) + size + _TINY)
+        for arg, size in zip(of_share, sizes[len(of_change) :], strict=True)
+    ]
+    return [*sizes[: len(of_change)], *shares]
+
+
+def _moved(
+    values: Sequence[Node], columns: Sequence[Mapping[int, Node]], step: Sequence[Node]
+) -> list[Node]:
+    """Add what a step of the unknowns changes values by, to first order."""
+    moved = list(values)
+    for column, change in zip(columns, step, strict=True):
+        for i, slope in column.items():
+            if i < len(moved):
+                moved[i] = moved[i] + slope * change
+    return moved
+
+
+def _unknown_rates(
+    equations: Equations,
+    factors: StaticFactors,
+    rates: Sequence[Node],
+    motion: Mapping[int, Node],
+) -> list[Node]:
+    """Form z': what the residuals change by along the motion where z rests is made up for."""
+    dag, n = equations.dag, len(rates)
+    cut = n - equations.n_algebraic
+    moving = {dag.symbol("s", i): rates[i] if i < cut else dag.zero for i in range(n)}
+    changes = substitute([motion.get(i, dag.zero) for i in range(cut, n)], moving)
+    return factors.solve([-node for node in changes])
+
+
+def _sensitivities(
+    equations: Equations,
+    factors: StaticFactors,
+    columns: Sequence[Mapping[int, Node]],
+    along: Sequence[Mapping[int, Node]],
+) -> tuple[list[Node], list[Node]]:
+    """Form the rates of sensitivities and the sensitivities of the unknowns.
+
+    The residuals where S_z is zero are the right-hand side. The argument s leaves S_z out.
+    """
+    dag, n = factors.dag, len(equations.states)
+    cut = n - len(columns)
+    rates, unknowns = [], []
+    for j, row in enumerate(along):
+        known = {
+            dag.symbol("s", j * n + i): dag.symbol("s", j * cut + i) if i < cut else dag.zero
+            for i in range(n)
+        }
+        at_rest = substitute([row.get(i, dag.zero) for i in range(n)], known)
+        solved = factors.solve([-node for node in at_rest[cut:]])
+        rates += _moved(at_rest[:cut], columns, solved)
+        unknowns += solved
+    return rates, unknowns
