@@ -25,10 +25,21 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from cotree.equations import EventRow
+    from cotree.solvers.base import Trajectory
     from cotree.solvers.problem import Events, FloatArray, Problem
 
 #: How many solutions are remembered as guesses, and how many of them are tried.
 _REMEMBERED, _NEAREST = 200, 3
+
+
+def solve_reduced(problem: Problem, solve: Callable[[Problem], Trajectory]) -> Trajectory:
+    """Integrate a checked problem with its algebraic unknowns, if there are any, eliminated."""
+    if not problem.n_algebraic:
+        return solve(problem)
+    trajectory = solve(reduce_problem(problem))
+    if trajectory.t.size == 0:  # they were not even found at the start
+        return replace(trajectory, z=np.zeros((problem.size, 0)))
+    return trajectory
 
 
 def reduce_problem(problem: Problem) -> Problem:

@@ -84,14 +84,22 @@ def build_engine(files: Mapping[str, str], declarations: str) -> LoadedLibrary |
 
 
 class Job:
-    """A job of an engine, with all that it points to."""
+    """A job of an engine, with all that it points to.
+
+    Attributes
+    ----------
+    keeps_algebraic : bool
+        Whether algebraic unknowns are integrated, not solved for at each evaluation.
+    """
+
+    keeps_algebraic = False
 
     def __init__(self, engine: LoadedLibrary, problem: Problem, corners: Sequence[float]) -> None:
         assert problem.native is not None
         self._ffi, self._lib = engine.ffi, engine.lib
         self._kept: list[Any] = [engine, problem.native]
         native, n_full = problem.native, problem.size
-        cut = problem.n_states - problem.n_algebraic
+        cut = problem.n_states - (0 if self.keeps_algebraic else problem.n_algebraic)
         rtol, atols = augmented_tolerances(problem)
         atols = atols.reshape(-1, problem.n_states)[:, :cut].ravel()
         n = len(atols)
