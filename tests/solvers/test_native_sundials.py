@@ -10,7 +10,7 @@ from domain_scenes import scene_of_domain
 from network_scenes import rc_grid, rc_ladder, rc_ladder_matrix
 
 from cotree import Scene, load
-from cotree.solvers import cvode, sundials
+from cotree.solvers import bdf, sundials
 
 pytest.importorskip("sksundae")
 pytestmark = pytest.mark.compiler
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.compiler
 
 @pytest.fixture(autouse=True)
 def _in_c():
-    loaded = cvode.load_cvode()
+    loaded = bdf.load_sundials("cvode")
     if isinstance(loaded, str):
         pytest.skip(loaded)
 
@@ -34,7 +34,7 @@ def in_python(monkeypatch):
 
     def hide(hidden: bool = True) -> None:
         if hidden:
-            monkeypatch.setattr(sundials, "solve_with_cvode", lambda problem: "it is hidden")
+            monkeypatch.setattr(sundials, "solve_in_c", lambda problem, method: "it is hidden")
         else:
             monkeypatch.undo()
 
@@ -43,7 +43,7 @@ def in_python(monkeypatch):
 
 def test_the_structures_are_those_of_the_library():
     """SUNDIALS' own dense solver has its functions where C puts others."""
-    loaded = cvode.load_cvode()
+    loaded = bdf.load_sundials("cvode")
     ffi = loaded.engine.ffi.__class__()
     names = ("SUNLinSolSetup_Dense", "SUNLinSolSolve_Dense", "SUNLinSolGetType_Dense")
     ffi.cdef(
@@ -256,7 +256,7 @@ def test_bands_against_another_factorisation():
 
 
 def test_too_wide_a_band_is_left_to_sparse_matrices(monkeypatch):
-    monkeypatch.setattr(cvode, "_MOST_MULTIPLICATIONS", 1e3)
+    monkeypatch.setattr(bdf, "_MOST_MULTIPLICATIONS", 1e3)
     model = rc_grid(15).compile()
     result = model.simulate((0.0, 1.0), [1.0], "cvode")
     assert "the Jacobian's band is wide" in result.statistics.through
@@ -314,7 +314,7 @@ def test_the_longest_step_is_kept(slider):
 def test_memory_is_freed_after_an_interruption(slider, monkeypatch):
     ended = []
 
-    class Interrupted(cvode.CvodeJob):
+    class Interrupted(bdf.SundialsJob):
         def run(self, most_steps: int) -> int:
             super().run(5)
             raise KeyboardInterrupt
@@ -323,7 +323,7 @@ def test_memory_is_freed_after_an_interruption(slider, monkeypatch):
             super().end()
             ended.append(self._memory.context)
 
-    monkeypatch.setattr(cvode, "CvodeJob", Interrupted)
+    monkeypatch.setattr(bdf, "SundialsJob", Interrupted)
     with pytest.raises(KeyboardInterrupt):
         slider.simulate((0.0, 10.0), [10.0], "cvode")
     assert [bool(context) for context in ended] == [False]
@@ -332,17 +332,17 @@ def test_memory_is_freed_after_an_interruption(slider, monkeypatch):
 @pytest.mark.parametrize("missing", ["symbols", "version", "compiler"])
 def test_what_is_missing_is_said(slider, monkeypatch, missing):
     if missing == "symbols":
-        more = dict(cvode.SUNDIALS_FUNCTIONS, CVodeFlyAway=("int", "void"))
-        monkeypatch.setattr(cvode, "SUNDIALS_FUNCTIONS", more)
+        more = dict(bdf.SUNDIALS_FUNCTIONS, CVodeFlyAway=("int", "void"))
+        monkeypatch.setattr(bdf, "SUNDIALS_FUNCTIONS", more)
     elif missing == "version":
-        monkeypatch.setattr(cvode, "SUNDIALS_VERSION", (6, 0))
+        monkeypatch.setattr(bdf, "SUNDIALS_VERSION", (6, 0))
     else:
-        monkeypatch.setattr(cvode, "build_engine", lambda *_: None)
-    cvode._load.cache_clear()
+        monkeypatch.setattr(bdf, "build_engine", lambda *_: None)
+    bdf._load.cache_clear()
     try:
         result = slider.simulate((0.0, 0.1), [0.1], "cvode")
     finally:
-        cvode._load.cache_clear()
+        bdf._load.cache_clear()
     why = {
         "symbols": "SUNDIALS' functions cannot be found",
         "version": "SUNDIALS is of version 7.9, not 6.0",
