@@ -10,6 +10,7 @@ from domain_scenes import scene_of_domain
 from network_scenes import rc_grid, rc_ladder, rc_ladder_matrix
 
 from cotree import Scene, load
+from cotree.codegen.sundials import SUNDIALS_FUNCTIONS
 from cotree.solvers import bdf, sundials
 
 pytest.importorskip("sksundae")
@@ -131,9 +132,10 @@ def test_stiff_reactions_agree_with_python(name, span, tested, in_python):
     # No worse than the full matrix, up to chance, and no more work.
     assert s < 3.0 * errors(through_python)[1] + 1e-7
     assert result.statistics.n_steps < 1.3 * through_python.statistics.n_steps
-    # One factorisation for all parameters: many fewer than evaluations.
-    assert result.statistics.njev < 0.06 * result.statistics.n_steps
-    assert result.statistics.nlu < 0.25 * result.statistics.n_steps
+    # One factorisation for the states of a step and one for all their sensitivities, with one
+    # evaluation each; half as many again for steps that are refused or iterated on.
+    assert result.statistics.nlu < 2.5 * result.statistics.n_steps
+    assert result.statistics.nfev < 2.5 * result.statistics.n_steps
 
 
 def test_sensitivities_against_a_closed_form():
@@ -332,8 +334,8 @@ def test_memory_is_freed_after_an_interruption(slider, monkeypatch):
 @pytest.mark.parametrize("missing", ["symbols", "version", "compiler"])
 def test_what_is_missing_is_said(slider, monkeypatch, missing):
     if missing == "symbols":
-        more = dict(bdf.SUNDIALS_FUNCTIONS, CVodeFlyAway=("int", "void"))
-        monkeypatch.setattr(bdf, "SUNDIALS_FUNCTIONS", more)
+        more = {**SUNDIALS_FUNCTIONS["cvode"], "CVodeFlyAway": ("int", "void")}
+        monkeypatch.setitem(SUNDIALS_FUNCTIONS, "cvode", more)
     elif missing == "version":
         monkeypatch.setattr(bdf, "SUNDIALS_VERSION", (6, 0))
     else:

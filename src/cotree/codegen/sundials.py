@@ -67,7 +67,7 @@ _IDA = {
 }
 
 #: Result and arguments by name, for each method.
-SUNDIALS_FUNCTIONS: Mapping[str, Mapping[str, tuple[str, str]]] = {
+SUNDIALS_FUNCTIONS: dict[str, Mapping[str, tuple[str, str]]] = {
     "cvode": {**_COMMON, **_CVODE},
     "ida": {**_COMMON, **_IDA},
 }
