@@ -197,8 +197,8 @@ class SundialsJob(Job):
             of, by = describe_entry(problem, c.row), describe_entry(problem, c.column)
             reasons.append(f"the derivative of {of} differentiated by {by} is not finite ahead")
         if self.job.entry >= 0:
-            entry = self._entry(problem)
-            reasons.append(f"the derivative of {describe_entry(problem, entry)} is not finite ahead")
+            entry = describe_entry(problem, self._entry(problem))
+            reasons.append(f"the derivative of {entry} is not finite ahead")
         return "; ".join(reasons)
 
     def _entry(self, problem: Problem) -> int:
