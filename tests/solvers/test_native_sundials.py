@@ -5,10 +5,13 @@ from __future__ import annotations
 import importlib
 import sys
 
+import circuits
 import numpy as np
 import pytest
 from domain_scenes import scene_of_domain
+from hand_made import Made
 from network_scenes import rc_grid, rc_ladder, rc_ladder_matrix
+from reference_scenes import read_reference
 
 from cotree import Scene, load
 from cotree.codegen.sundials import SUNDIALS_FUNCTIONS
@@ -379,3 +382,129 @@ def test_what_c_cannot_take_is_said(method):
     result = scene.compile().simulate((0.0, 1.0), [1.0], method)
     assert "there are events" in result.statistics.through
     assert "there are events" in result.message
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    ("name", "parameters", "steps"),
+    [("spice_rectifier", 0, 1000), ("ivp_transistor_amplifier", 3, 9000)],
+)
+def test_references_of_index_1(name, parameters, steps, method):
+    """Outputs and sensitivities of the files, at 1e-8."""
+    data = read_reference(name)
+    wanted = list(data.get("sensitivities", {}).get("values", {}))[:parameters]
+    times = [row["t"] for row in data["reference"]]
+    model = circuits.circuit(name).compile(wanted)
+    result = model.simulate((0.0, data["t_end"]), times, method, 1e-8, 1e-10, throw=True)
+    assert result.statistics.through == ""
+    # Were algebraic unknowns in IDA's error test, it would take a hundred times as many.
+    assert result.statistics.n_steps < steps
+    tables = {"": data["reference"]} | {p: data["sensitivities"]["values"][p] for p in wanted}
+    for parameter, rows in tables.items():
+        largest = max(abs(value) for row in rows for value in row["values"].values())
+        for key in rows[0]["values"]:
+            expected = np.array([row["values"][key] for row in rows])
+            output = circuits.output_of(key)
+            found = result.sensitivity(output, parameter) if parameter else result[output]
+            # Errors of 1e-8 a step, through some thousand steps that forget most of them.
+            assert np.max(np.abs(found - expected)) < 1e-5 * largest, (key, parameter)
+    # Algebraic unknowns are solved for wherever a point is kept: to rounding of their equations,
+    # which have currents of mA and voltages of tens of volts.
+    assert result.drift.worst < 1e-12
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_stored_points_of_index_1_are_solutions_with_their_sensitivities(method):
+    """C v' = -i with R i + Vt log(1 + i/Is) = v: i(v) and its derivative are known."""
+    resistance, saturation, thermal = 10.0, 1e-9, 0.025
+    scene = Scene("discharge")
+    scene.parameter("R", resistance)
+    scene.edge("C1", "capacitor", "a", "ground", capacitance=1e-3, initial={"v": 1.0})
+    scene.edge("R1", "resistor", "a", "b", resistance="R")
+    diode = {"saturation_current": saturation, "thermal_voltage": thermal}
+    scene.edge("D1", "diode", "b", "ground", **diode)
+    result = scene.compile(["R"]).simulate((0.0, 0.05), None, method, 1e-8, 1e-10)
+    assert result.statistics.through == ""
+    v, vd = result["C1.v"], result["D1.v"]
+    current = saturation * np.expm1(vd / thermal)
+    # The exponential enlarges the rounding of a volt forty times; currents of 50 mA.
+    np.testing.assert_allclose(resistance * current + vd, v, rtol=1e-13, atol=1e-14)
+    # R i' vd_R + vd_R = v_R - i, where i' = (i + Is) / Vt.
+    slope = (current + saturation) / thermal
+    along = (result.sensitivity("C1.v", "R") - current) / (1.0 + resistance * slope)
+    np.testing.assert_allclose(result.sensitivity("D1.v", "R"), along, rtol=1e-10, atol=1e-14)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_algebraic_unknowns_jump_with_an_input(method):
+    """At a corner they begin anew: R v' C = u - v through two diodes in opposite directions."""
+    scene = Scene("clamped")
+    scene.input("u", 0.0)
+    scene.edge("V1", "voltage_source", "s", "ground", voltage="u")
+    scene.edge("R1", "resistor", "s", "a", resistance=100.0)
+    for name, ends in {"D1": ("a", "b"), "D2": ("b", "a")}.items():
+        scene.edge(name, "diode", *ends, saturation_current=1e-9)
+    scene.edge("C1", "capacitor", "b", "ground", capacitance=1e-5)
+    model = scene.compile()
+    steps = ([0.0, 1e-3, 1e-3 + 1e-9, 4e-3, 4e-3 + 1e-9, 6e-3], [5.0, 5.0, -5.0, -5.0, 3.0, 3.0])
+    times = np.linspace(0.0, 6e-3, 31)
+    settings = {"inputs": {"u": steps}, "throw": True}
+    result = model.simulate((0.0, 6e-3), times, method, 1e-8, 1e-10, **settings)
+    expected = model.simulate((0.0, 6e-3), times, "dop853", 1e-11, 1e-13, **settings)
+    assert result.statistics.through == ""
+    # Some hundred steps of 1e-8 on each of three pieces.
+    np.testing.assert_allclose(result["C1.v"], expected["C1.v"], atol=1e-6)
+    assert result.drift.worst < 1e-12
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("tested", [True, False])
+def test_constrained_motions_stay_on_their_constraints(method, tested):
+    model = load("slider-pendulum").compile(["L"], tree=["m5", "m6", "r3", "r4"])
+    times = np.linspace(0.0, 10.0, 41)
+    settings = {"error_test_sensitivities": tested, "throw": True}
+    result = model.simulate((0.0, 10.0), times, method, 1e-9, 1e-10, **settings)
+    expected = model.simulate((0.0, 10.0), times, "dop853", 1e-12, 1e-13, throw=True)
+    assert result.statistics.through == ""
+    assert model.layout.constraints
+    # Rounding of lengths and speeds of some metres.
+    assert result.drift.worst < 1e-13
+    # A step's own error at most, which is what a projection takes back.
+    assert 0.0 < result.drift.correction < 1e-6
+    # 1e-9 a step through a thousand steps of a motion that stretches errors.
+    assert np.abs(result.y - expected.y).max() < 1e-5
+    assert np.abs(result.s - expected.s).max() < 1e-4
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_unheld_constraints_drift(method):
+    model = load("slider-pendulum").compile(tree=["m5", "m6", "r3", "r4"])
+    result = model.simulate((0.0, 10.0), [10.0], method, 1e-6, 1e-8, project=False)
+    assert result.statistics.through == ""
+    assert result.drift is None
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_last_good_point_of_a_spent_budget(method):
+    model = load("bridge-rectifier").compile(["RL"])
+    with pytest.warns(RuntimeWarning, match="the limit of 40 steps"):
+        at_steps = model.simulate((0.0, 0.1), None, method, max_steps=40)
+    with pytest.warns(RuntimeWarning, match="the limit of 40 steps"):
+        wanted = model.simulate((0.0, 0.1), [0.1], method, max_steps=40)
+    assert wanted.t[-1] == at_steps.t[-1]
+    # Solved for once more: to rounding, enlarged by exponentials.
+    np.testing.assert_allclose(wanted.y[:, -1], at_steps.y[:, -1], rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_what_fails_in_c_ends_in_python_with_the_reason(method):
+    """x' = -1, 0 = z^2 - x: no solution is left beyond t = 1."""
+    made = Made(
+        "fold", {"x": 1.0}, {"z": 1.0}, {}, lambda v: [-1.0 + 0.0 * v["z"], v["z"] ** 2 - v["x"]]
+    )
+    with pytest.warns(RuntimeWarning, match=f"{method} stopped at"):
+        result = made.model().simulate((0.0, 2.0), [0.75, 1.5], method, 1e-8, 1e-10)
+    assert result.status == -1
+    assert "ran through scikit-sundae's Python interface" in result.message
+    assert "algebraic" in result.message
+    np.testing.assert_allclose(result["z"][0], 0.5, rtol=1e-8)
