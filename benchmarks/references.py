@@ -43,9 +43,10 @@ ERRORS = (1e-4, 1e-6, 1e-8)
 TOLERANCES = tuple(10.0 ** (-0.5 * i) for i in range(5, 27))
 
 #: A run that takes longer is given up, [s]; one that is slower is timed less often.
-LIMIT, LONG = 20.0, 0.2
-#: So many tolerances may reach the last error before no further one is tried.
-ENOUGH = 2
+LIMIT, LONG = 5.0, 0.2
+#: So many tolerances reach the last error, or fail one after another, before no further one is
+#: tried.
+ENOUGH, HOPELESS = 2, 3
 
 
 @dataclass(frozen=True)
@@ -155,13 +156,14 @@ def measure(case: Case, method: str, rtol: float, runs: int) -> Run | None:
 def sweep(case: Case, method: str, runs: int) -> list[Run]:
     """Run a method at tolerances, until some have reached every error."""
     found: list[Run] = []
+    failures = 0
     for rtol in TOLERANCES:
         run = measure(case, method, rtol, runs)
+        failures = failures + 1 if run is None else 0
         if run is not None:
             found.append(run)
-        elif not found:
-            return []
-        if sum(row.error <= ERRORS[-1] for row in found) >= ENOUGH:
+        enough = sum(row.error <= ERRORS[-1] for row in found)
+        if enough >= ENOUGH or failures >= HOPELESS:
             break
     return found
 
