@@ -275,6 +275,15 @@ def test_too_wide_a_band_is_left_to_sparse_matrices(monkeypatch):
     assert "the Jacobian's band is wide" in result.statistics.through
 
 
+def test_many_states_beside_algebraic_unknowns_are_left_to_others(monkeypatch):
+    monkeypatch.setattr(bdf, "_MOST_REDUCED", 2)
+    model = load("bridge-rectifier").compile()
+    result = model.simulate((0.0, 1e-3), [1e-3], "cvode", 1e-6, 1e-8)
+    assert "more than 2 states have algebraic unknowns" in result.statistics.through
+    result = model.simulate((0.0, 1e-3), [1e-3], "ida", 1e-6, 1e-8)
+    assert result.statistics.through == ""
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_sensitivities_of_a_long_ladder(method):
     model = rc_ladder(150).compile(["R"])

@@ -33,6 +33,9 @@ if TYPE_CHECKING:
 # Matrices up to this size are dense, whatever their pattern: an order for them costs more.
 _SMALL = 40
 
+# What is left after an elimination of algebraic unknowns is dense: more states are none of C's.
+_MOST_REDUCED = 2000
+
 # Multiplications of a factorisation beyond which a sparse one with an order of its own is better.
 _MOST_MULTIPLICATIONS = 3e7
 
@@ -102,6 +105,8 @@ def solve_in_c(problem: Problem, method: str) -> Trajectory | str:
         return problem.not_native
     if problem.n_states == problem.n_algebraic:
         return "there are no states"
+    if method == "cvode" and problem.n_algebraic and problem.n_states > _MOST_REDUCED:
+        return f"more than {_MOST_REDUCED} states have algebraic unknowns beside them"
     before = time.perf_counter()
     sundials = load_sundials(method)
     if isinstance(sundials, str):
