@@ -118,6 +118,16 @@ def test_budgets(slider):
     assert 0.0 < result.t[-1] < 1e9
 
 
+@pytest.mark.parametrize("method", NATIVE)
+def test_the_last_good_point_of_a_spent_budget(slider, method):
+    with pytest.warns(RuntimeWarning, match="the limit of 40 steps"):
+        at_steps = slider.simulate((0.0, 10.0), None, method, max_steps=40)
+    with pytest.warns(RuntimeWarning, match="the limit of 40 steps"):
+        wanted = slider.simulate((0.0, 10.0), [10.0], method, max_steps=40)
+    assert wanted.t.tolist() == [at_steps.t[-1]]
+    np.testing.assert_array_equal(wanted.y[:, -1], at_steps.y[:, -1])
+
+
 def test_every_step_is_kept_however_many_there_are(slider):
     result = slider.simulate((0.0, 10.0), None, "rkf45", max_step=1e-3)
     assert result.statistics.n_steps >= 10_000

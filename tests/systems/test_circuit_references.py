@@ -61,7 +61,7 @@ def test_battery_with_a_switched_current(method):
     _check(result, data, lambda name: name)
 
 
-@pytest.mark.parametrize("method", ["auto", "ida"])
+@pytest.mark.parametrize("method", ["auto", "cvode", "ida"])
 def test_rectifier(method):
     data = read_reference("spice_rectifier")
     result = _run(circuits.circuit("spice_rectifier"), data, method)
@@ -78,7 +78,7 @@ def test_ida_follows_diodes_that_begin_to_conduct():
     assert result.statistics.n_steps < 4000
 
 
-@pytest.mark.parametrize("method", ["cvode", pytest.param("auto", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("method", ["cvode", "ida", pytest.param("auto", marks=pytest.mark.slow)])
 def test_transistor_amplifier(method):
     data = read_reference("ivp_transistor_amplifier")
     result = _run(circuits.circuit("ivp_transistor_amplifier"), data, method)

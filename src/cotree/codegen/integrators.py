@@ -87,20 +87,35 @@ def driver_files(name: str) -> Mapping[str, str]:
     return {**files, "cotree_job.c": job}
 
 
-def cvode_files() -> Mapping[str, str]:
-    """Write what runs a job with SUNDIALS' CVODE, the same for every model."""
-    header = render("c/engine/cotree_cvode.h.jinja", functions=SUNDIALS_FUNCTIONS, **_COMMON)
+def sundials_files(method: str) -> Mapping[str, str]:
+    """Write what runs a job with SUNDIALS, the same for every model.
+
+    Parameters
+    ----------
+    method : str
+        "cvode" or "ida".
+
+    Returns
+    -------
+    mapping of str to str
+        Text by file name.
+    """
+    about = {"method": method, "functions": SUNDIALS_FUNCTIONS[method], **_COMMON}
     version = ".".join(map(str, SUNDIALS_VERSION))
-    engine = render("c/engine/cvode_job.c.jinja", version=version, **_COMMON)
-    return {**_job_files(), "cotree_cvode.h": header, "engine.c": engine}
+    return {
+        **_job_files(),
+        "cotree_sundials.h": render("c/engine/cotree_sundials.h.jinja", **about),
+        "engine.c": render("c/engine/sundials_job.c.jinja", version=version, **about),
+    }
 
 
-def cvode_declarations(files: Mapping[str, str]) -> str:
+def sundials_declarations(files: Mapping[str, str], method: str) -> str:
     """Give the declarations of that engine, and of SUNDIALS' functions, that cffi reads."""
-    functions = {**SUNDIALS_FUNCTIONS, **VERSION_FUNCTION}.items()
+    functions = {**SUNDIALS_FUNCTIONS[method], **VERSION_FUNCTION}.items()
     return (
-        _declared(files, ("cotree_abi.h", "cotree_run.h", "cotree_job.h", "cotree_cvode.h"))
-        + "size_t cotree_cvode_doubles(const cotree_model *, int, int, int);\n"
+        _declared(files, ("cotree_abi.h", "cotree_run.h", "cotree_job.h", "cotree_sundials.h"))
+        + "size_t cotree_sundials_doubles(const cotree_model *, int, int, int);\n"
+        + "int cotree_sundials_ints(const cotree_model *);\n"
         + "int cotree_job_run(cotree_job *, long);\nvoid cotree_job_end(cotree_job *);\n"
         + "".join(f"{result} {name}({arguments});\n" for name, (result, arguments) in functions)
     )

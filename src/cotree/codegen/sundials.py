@@ -1,6 +1,6 @@
 """What C takes from SUNDIALS, whose headers are not there: functions, and the version they are of.
 
-Vectors, matrices, solvers and CVODE itself are opaque; numbers are doubles, indices of 64 bits.
+Vectors, solvers and integrators are opaque; numbers are doubles, indices of 64 bits.
 """
 
 from __future__ import annotations
@@ -10,32 +10,29 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-#: Major and minor version whose structures ``cvode_job.c`` fills.
+#: Major and minor version whose structures ``sundials_job.c`` fills.
 SUNDIALS_VERSION = (7, 9)
 
-#: Result and arguments by name.
-SUNDIALS_FUNCTIONS: Mapping[str, tuple[str, str]] = {
+_COMMON = {
     "SUNContext_Create": ("int", "int communicator, void **context"),
     "SUNContext_ClearErrHandlers": ("int", "void *context"),
     "SUNContext_Free": ("int", "void **context"),
     "N_VMake_Serial": ("void *", "int64_t n, double *values, void *context"),
     "N_VGetArrayPointer": ("double *", "void *vector"),
     "N_VDestroy": ("void", "void *vector"),
-    "SUNLinSolNewEmpty": ("void *", "void *context"),
-    "SUNLinSolFreeEmpty": ("void", "void *solver"),
-    "SUNMatNewEmpty": ("void *", "void *context"),
-    "SUNMatFreeEmpty": ("void", "void *matrix"),
+    "SUNNonlinSolNewEmpty": ("void *", "void *context"),
+    "SUNNonlinSolFreeEmpty": ("void", "void *solver"),
+}
+
+_CVODE = {
     "CVodeCreate": ("void *", "int family, void *context"),
-    "CVodeInit": ("int", "void *cvode, cotree_cvode_rate rate, double t, void *y"),
+    "CVodeInit": ("int", "void *cvode, cotree_sundials_rate rate, double t, void *y"),
     "CVodeReInit": ("int", "void *cvode, double t, void *y"),
     "CVodeFree": ("void", "void **cvode"),
     "CVodeSVtolerances": ("int", "void *cvode, double rtol, void *atols"),
     "CVodeSetUserData": ("int", "void *cvode, void *data"),
-    "CVodeSetLinearSolver": ("int", "void *cvode, void *solver, void *matrix"),
-    "CVodeSetLinSysFn": ("int", "void *cvode, cotree_cvode_system system"),
-    "CVodeSetLinearSolutionScaling": ("int", "void *cvode, int is_on"),
+    "CVodeSetNonlinearSolver": ("int", "void *cvode, void *solver"),
     "CVodeSetMaxHnilWarns": ("int", "void *cvode, int most"),
-    "CVodeSetNonlinConvCoef": ("int", "void *cvode, double share"),
     "CVodeSetMaxStep": ("int", "void *cvode, double longest"),
     "CVodeSetStopTime": ("int", "void *cvode, double t"),
     "CVode": ("int", "void *cvode, double t_out, void *y, double *t, int task"),
@@ -45,6 +42,34 @@ SUNDIALS_FUNCTIONS: Mapping[str, tuple[str, str]] = {
         "void *cvode, double *t, void **predicted, void **y, void **rates, double *gamma, "
         "double *rl1, void **scaled, void **data",
     ),
+}
+
+_IDA = {
+    "IDACreate": ("void *", "void *context"),
+    "IDAInit": ("int", "void *ida, cotree_sundials_residual residual, double t, void *y, void *dy"),
+    "IDAReInit": ("int", "void *ida, double t, void *y, void *dy"),
+    "IDAFree": ("void", "void **ida"),
+    "IDASVtolerances": ("int", "void *ida, double rtol, void *atols"),
+    "IDASetUserData": ("int", "void *ida, void *data"),
+    "IDASetNonlinearSolver": ("int", "void *ida, void *solver"),
+    "IDASetId": ("int", "void *ida, void *kinds"),
+    "IDASetSuppressAlg": ("int", "void *ida, int is_on"),
+    "IDASetInitStep": ("int", "void *ida, double step"),
+    "IDASetMaxStep": ("int", "void *ida, double longest"),
+    "IDASetStopTime": ("int", "void *ida, double t"),
+    "IDASolve": ("int", "void *ida, double t_out, double *t, void *y, void *dy, int task"),
+    "IDAGetDky": ("int", "void *ida, double t, int order, void *values"),
+    "IDAGetNonlinearSystemData": (
+        "int",
+        "void *ida, double *t, void **predicted, void **slopes, void **y, void **dy, "
+        "void **residual, double *cj, void **data",
+    ),
+}
+
+#: Result and arguments by name, for each method.
+SUNDIALS_FUNCTIONS: dict[str, Mapping[str, tuple[str, str]]] = {
+    "cvode": {**_COMMON, **_CVODE},
+    "ida": {**_COMMON, **_IDA},
 }
 
 #: Tells the version, before anything else is called.

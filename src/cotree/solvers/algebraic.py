@@ -5,10 +5,10 @@ problem x' = f(t, x, z(t, x)) of the others: each evaluation solves for z, begin
 one found. Its sensitivities are those of x; those of z follow, S_z = -g_z^-1 (g_x S_x + g_p).
 Every stored value is a solution of the equations to rounding.
 
-IDA, which could take the problem as it is, gets this one, too. Its iteration ends where what is
-tested has converged; the unknowns of junctions that block are then anything, and what is
-extrapolated from them leads no iteration anywhere where these begin to conduct. Rectifiers stop
-half way, and a transistor amplifier takes a third more evaluations.
+IDA, which could take the problem as it is and does so in C, gets this one through Python, too. The
+iteration of its own ends where what is tested has converged; the unknowns of junctions that block
+are then anything, and what is extrapolated from them leads no iteration anywhere where these begin
+to conduct. Rectifiers stop half way, and a transistor amplifier takes a third more evaluations.
 """
 
 from __future__ import annotations
@@ -25,10 +25,21 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from cotree.equations import EventRow
+    from cotree.solvers.base import Trajectory
     from cotree.solvers.problem import Events, FloatArray, Problem
 
 #: How many solutions are remembered as guesses, and how many of them are tried.
 _REMEMBERED, _NEAREST = 200, 3
+
+
+def solve_reduced(problem: Problem, solve: Callable[[Problem], Trajectory]) -> Trajectory:
+    """Integrate a checked problem with its algebraic unknowns, if there are any, eliminated."""
+    if not problem.n_algebraic:
+        return solve(problem)
+    trajectory = solve(reduce_problem(problem))
+    if trajectory.t.size == 0:  # they were not even found at the start
+        return replace(trajectory, z=np.zeros((problem.size, 0)))
+    return trajectory
 
 
 def reduce_problem(problem: Problem) -> Problem:

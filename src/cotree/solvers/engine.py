@@ -89,7 +89,15 @@ def build_engine(files: Mapping[str, str], declarations: str) -> LoadedLibrary |
 
 
 class Job:
-    """A job of an engine, with all that it points to."""
+    """A job of an engine, with all that it points to.
+
+    Attributes
+    ----------
+    keeps_algebraic : bool
+        Whether algebraic unknowns are integrated, not solved for at each evaluation.
+    """
+
+    keeps_algebraic = False
 
     def __init__(
         self,
@@ -102,7 +110,7 @@ class Job:
         self._ffi, self._lib = engine.ffi, engine.lib
         self._kept: list[Any] = [engine, problem.native]
         native, n_full = problem.native, problem.size
-        cut = problem.n_states - problem.n_algebraic
+        cut = problem.n_states - (0 if self.keeps_algebraic else problem.n_algebraic)
         rtol, atols = augmented_tolerances(problem)
         lead, blocks = problem.n_states if is_extended else cut, atols.reshape(-1, problem.n_states)
         atols = np.concatenate([blocks[0, :lead], blocks[1:, :cut].ravel()])

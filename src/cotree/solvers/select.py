@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.solvers.algebraic import reduce_problem
+from cotree.solvers.algebraic import reduce_problem, solve_reduced
 from cotree.solvers.engine import load_engine
 from cotree.solvers.evaluate import Evaluator, IntegrationStopError
 from cotree.solvers.methods import method_row, solver_for
@@ -76,14 +76,11 @@ def integrate(problem: Problem, method: str = "auto") -> Trajectory:
 
 
 def _solve(problem: Problem, method: str) -> Trajectory:
-    """Integrate, with algebraic unknowns eliminated."""
-    if not problem.n_algebraic or method_row(method).family == "cotree":
+    """Integrate; SciPy's methods need algebraic unknowns eliminated."""
+    if method_row(method).family != "scipy":
         return solver_for(method).solve(problem)
     check_problem(problem)
-    trajectory = solver_for(method).solve(reduce_problem(problem))
-    if trajectory.t.size == 0:  # they were not even found at the start
-        return dataclasses.replace(trajectory, z=np.zeros((problem.size, 0)))
-    return trajectory
+    return solve_reduced(problem, solver_for(method).solve)
 
 
 def choose_method(problem: Problem) -> tuple[str, str]:

@@ -1,7 +1,7 @@
 """SUNDIALS' CVODE and IDA.
 
-In: a ``Problem``. Out: a ``Trajectory``. Where C can drive CVODE, :mod:`cotree.solvers.cvode` does.
-Else both run through scikit-sundae's own interface, one step at a time, and statistics say so.
+In: a ``Problem``. Out: a ``Trajectory``. Where C can drive them, :mod:`cotree.solvers.bdf` does.
+Else they run through scikit-sundae's own interface, one step at a time, and statistics say so.
 Their outputs come from the polynomials that they step with, which are as accurate as the steps:
 stopping at outputs costs more and gains nothing.
 """
@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.errors import SolveError
+from cotree.solvers.algebraic import solve_reduced
 from cotree.solvers.augmented import DENSE_LIMIT, augmented_tolerances, diagonal_blocks
-from cotree.solvers.cvode import solve_with_cvode
+from cotree.solvers.bdf import solve_in_c
 from cotree.solvers.drive import drive
 from cotree.solvers.first_step import first_step
 from cotree.solvers.problem import check_problem
@@ -56,13 +57,12 @@ class SundialsSolver:
         """
         _sksundae(self.method)
         check_problem(problem)
-        is_python = problem.native is None and not problem.not_native
-        if self.method != "cvode" or is_python:
-            return drive(problem, self.method, self._start)
-        found = solve_with_cvode(problem)
+        found = solve_in_c(problem, self.method)
         if not isinstance(found, str):
             return found
-        trajectory = drive(problem, self.method, self._start)
+        trajectory = solve_reduced(problem, lambda p: drive(p, self.method, self._start))
+        if not found:  # a problem of Python's own
+            return trajectory
         through = f"scikit-sundae's Python interface: {found}"
         statistics = replace(trajectory.statistics, through=through)
         message = f"{trajectory.message} {self.method} ran through {through}."

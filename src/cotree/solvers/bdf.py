@@ -1,24 +1,27 @@
-"""SUNDIALS' CVODE driven from C: no Python runs between the steps.
+"""SUNDIALS' CVODE and IDA driven from C: no Python runs between the steps.
 
-In: a ``Problem`` with its native form. Out: a ``Trajectory``. CVODE is the one that scikit-sundae
-comes with; its functions are found in the library that is loaded there, and handed to C. The Newton
-matrix of the states is factorised once for them and for all their sensitivities.
+In: a ``Problem`` with its native form. Out: a ``Trajectory``. The integrators are those that
+scikit-sundae comes with; their functions are found in the library that is loaded there, and handed
+to C. Their nonlinear systems are solved by C of our own: the Newton matrix of the states is
+factorised once for them and for all their sensitivities.
 """
 
 from __future__ import annotations
 
 import functools
+import importlib
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.codegen.integrators import cvode_declarations, cvode_files
+from cotree.codegen.integrators import sundials_declarations, sundials_files
 from cotree.codegen.sundials import SUNDIALS_FUNCTIONS, SUNDIALS_VERSION
 from cotree.model.kernels import SINGULAR
 from cotree.solvers.drive import segments
 from cotree.solvers.engine import Job, build_engine
+from cotree.solvers.evaluate import FAILED
 from cotree.solvers.native import compiled_in, run_job, trajectory_of
 from cotree.solvers.problem import describe_entry
 
@@ -30,11 +33,17 @@ if TYPE_CHECKING:
 # Matrices up to this size are dense, whatever their pattern: an order for them costs more.
 _SMALL = 40
 
+# What is left after an elimination of algebraic unknowns is dense: more states are none of C's.
+_MOST_REDUCED = 2000
+
 # Multiplications of a factorisation beyond which a sparse one with an order of its own is better.
 _MOST_MULTIPLICATIONS = 3e7
 
-# What CVODE's flags say, and those of our own.
+# What our own flags say, and those of SUNDIALS that both methods share.
 _REASONS = {
+    12: "it cannot start",
+    11: "the constraints cannot be met",
+    10: "the algebraic unknowns cannot be solved for",
     9: "the solution is no longer finite",
     8: "SUNDIALS got no memory",
     3: "the step size fell to rounding level",
@@ -44,18 +53,25 @@ _REASONS = {
     -6: "the Newton matrix cannot be formed",
     -7: "the Newton matrix cannot be solved with",
     -8: "the right-hand side stopped the integration",
-    -9: "it cannot start",
-    -10: "the right-hand side fails again and again",
-    -11: "the right-hand side fails, and the step cannot be shortened",
+}
+_OWN_REASONS = {
+    "cvode": {
+        -9: "it cannot start",
+        -10: "the right-hand side fails again and again",
+        -11: "the right-hand side fails, and the step cannot be shortened",
+    },
+    "ida": {-9: "the right-hand side fails again and again", -12: "it cannot start"},
 }
 
 
 @dataclass(frozen=True, eq=False)
-class Cvode:
-    """The engine, and the functions of SUNDIALS that it calls.
+class Sundials:
+    """The engine of a method, and the functions of SUNDIALS that it calls.
 
     Attributes
     ----------
+    method : str
+        "cvode" or "ida".
     engine : LoadedLibrary
         Runs jobs.
     functions : object
@@ -64,18 +80,21 @@ class Cvode:
         Keeps SUNDIALS loaded.
     """
 
+    method: str
     engine: LoadedLibrary
     functions: Any
     library: Any
 
 
-def solve_with_cvode(problem: Problem) -> Trajectory | str:
+def solve_in_c(problem: Problem, method: str) -> Trajectory | str:
     """Integrate a checked problem, or say why C cannot.
 
     Parameters
     ----------
     problem : Problem
         It has passed ``check_problem``.
+    method : str
+        "cvode" or "ida".
 
     Returns
     -------
@@ -86,42 +105,50 @@ def solve_with_cvode(problem: Problem) -> Trajectory | str:
         return problem.not_native
     if problem.events is not None:
         return "there are events"
-    if problem.project is not None:
-        return "the motion is held to constraints"
-    if problem.complete is not None:
-        return "there are algebraic unknowns"
-    if problem.size == 0:
+    if problem.n_states == problem.n_algebraic:
         return "there are no states"
+    if method == "cvode" and problem.n_algebraic and problem.n_states > _MOST_REDUCED:
+        return f"more than {_MOST_REDUCED} states have algebraic unknowns beside them"
     before = time.perf_counter()
-    cvode = load_cvode()
-    if isinstance(cvode, str):
-        return cvode
+    sundials = load_sundials(method)
+    if isinstance(sundials, str):
+        return sundials
     begin = time.perf_counter()
     corners = segments(problem)
-    job = CvodeJob(cvode, problem, [corners[0][0], *(end for _, end in corners)])
+    job = SundialsJob(sundials, problem, [corners[0][0], *(end for _, end in corners)])
     if problem.is_sparse and job.is_wide:
         return "the Jacobian's band is wide"
     try:
-        ended = run_job(job, problem, "cvode")
+        ended = run_job(job, problem, method)
     finally:
         job.end()
-    trajectory = trajectory_of(job, problem, "cvode", ended)
+    if ended.status == FAILED and (problem.n_algebraic or problem.singular is not None):
+        # What looks far for algebraic unknowns, and passes singular positions, is Python.
+        return f"{ended.reason} at t = {float(job.job.t):.10g}"
+    trajectory = trajectory_of(job, problem, method, ended)
     return compiled_in(trajectory, begin - before)
 
 
-def load_cvode() -> Cvode | str:
-    """Find SUNDIALS' functions and build the engine, once; or say why that is not possible."""
+def load_sundials(method: str) -> Sundials | str:
+    """Find SUNDIALS' functions and build the engine, once; or say why that is not possible.
+
+    Parameters
+    ----------
+    method : str
+        "cvode" or "ida".
+    """
+    name = f"_cy_{method}"
     try:
-        from sksundae import _cy_cvode
+        module = importlib.import_module(f"sksundae.{name}")
     except ImportError:
-        return "scikit-sundae has no module '_cy_cvode'"
-    return _load(str(_cy_cvode.__file__))
+        return f"scikit-sundae has no module '{name}'"
+    return _load(method, str(module.__file__))
 
 
 @functools.cache
-def _load(path: str) -> Cvode | str:
-    files = cvode_files()
-    engine = build_engine(files, cvode_declarations(files))
+def _load(method: str, path: str) -> Sundials | str:
+    files = sundials_files(method)
+    engine = build_engine(files, sundials_declarations(files, method))
     if engine is None:
         return "no compiler can build its engine"
     ffi = engine.ffi
@@ -133,19 +160,21 @@ def _load(path: str) -> Cvode | str:
             known = ".".join(map(str, SUNDIALS_VERSION))
             return f"SUNDIALS is of version {major[0]}.{minor[0]}, not {known}"
         functions = ffi.new("cotree_sundials *")
-        for name in SUNDIALS_FUNCTIONS:
+        for name in SUNDIALS_FUNCTIONS[method]:
             setattr(functions, name, ffi.addressof(library, name))
     except (OSError, AttributeError) as error:
         return f"SUNDIALS' functions cannot be found ({error})"
-    return Cvode(engine, functions, library)
+    return Sundials(method, engine, functions, library)
 
 
-class CvodeJob(Job):
-    """A job that CVODE runs; end it, whatever happens."""
+class SundialsJob(Job):
+    """A job that SUNDIALS runs; end it, whatever happens."""
 
-    def __init__(self, cvode: Cvode, problem: Problem, corners: list[float]) -> None:
-        self._cvode = cvode
-        super().__init__(cvode.engine, problem, corners)
+    def __init__(self, sundials: Sundials, problem: Problem, corners: list[float]) -> None:
+        self._sundials = sundials
+        # IDA's equations need not be solved for the rates.
+        self.keeps_algebraic = sundials.method == "ida"
+        super().__init__(sundials.engine, problem, corners)
 
     @property
     def is_wide(self) -> bool:
@@ -166,37 +195,53 @@ class CvodeJob(Job):
     def reason(self, problem: Problem) -> str:
         """Say why it failed."""
         status, c = int(self.job.status), self._memory
-        reason = _REASONS.get(status, f"flag {status}")
+        known = _REASONS | _OWN_REASONS[self._sundials.method]
+        reason = known.get(status, f"flag {status}")
         reasons = [f"SUNDIALS says: {reason}" if status < 0 else reason]
-        if c.complaint == SINGULAR:
+        if c.complaint == SINGULAR and not problem.n_algebraic:
             reasons.append("a linear system of the model is singular ahead")
         if c.row >= 0:
             of, by = describe_entry(problem, c.row), describe_entry(problem, c.column)
             reasons.append(f"the derivative of {of} differentiated by {by} is not finite ahead")
         if self.job.entry >= 0:
-            entry = describe_entry(problem, int(self.job.entry))
+            entry = describe_entry(problem, self._entry(problem))
             reasons.append(f"the derivative of {entry} is not finite ahead")
         return "; ".join(reasons)
+
+    def _entry(self, problem: Problem) -> int:
+        """Give the place in z of what was not finite; blocks may lack the algebraic unknowns."""
+        entry, n = int(self.job.entry), problem.n_states
+        block = n if self.keeps_algebraic else n - problem.n_algebraic
+        return entry // block * n + entry % block
 
     def end(self) -> None:
         """Free what SUNDIALS holds."""
         self._lib.cotree_job_end(self.job)
 
     def _make_memory(self, problem: Problem) -> Any:
-        ffi, job, n = self._ffi, self.job, problem.n_states
-        c = self._memory = ffi.new("cotree_cvode *")
-        c.sundials = self._cvode.functions
+        ffi, job, model = self._ffi, self.job, self.job.model
+        c = self._memory = ffi.new("cotree_bdf *")
+        c.sundials = self._sundials.functions
         c.row = c.column = -1
         # Nothing else would make the iteration go on for them.
         c.are_followed = problem.n_sensitivities > 0 and not problem.error_test_sensitivities
-        c.lower, c.upper, order = _order(ffi, job.model)
-        places = ffi.NULL if order is None else ffi.new("int[]", order.tolist())
-        pivots = ffi.new("int[]", n)
-        self._kept += [c, places, pivots]
-        c.places, c.pivots = places, pivots
-        size = self._lib.cotree_cvode_doubles(job.model, job.has_sensitivities, c.lower, c.upper)
+        if problem.n_algebraic and not self.keeps_algebraic:
+            # What is left after an elimination has no pattern.
+            c.lower = c.upper = problem.n_states - problem.n_algebraic - 1
+        else:
+            c.lower, c.upper, order = _order(ffi, model)
+            c.places = ffi.NULL if order is None else self._ints(order.tolist())
+        c.ints = self._ints([0] * self._lib.cotree_sundials_ints(model))
+        size = self._lib.cotree_sundials_doubles(model, job.has_sensitivities, c.lower, c.upper)
         c.doubles = self._doubles(np.zeros(size))
+        self._kept.append(c)
         return c
+
+    def _ints(self, values: list[int]) -> Any:
+        """Point to integers, which are kept."""
+        pointer = self._ffi.new("int[]", values)
+        self._kept.append(pointer)
+        return pointer
 
 
 def _order(ffi: Any, model: Any) -> tuple[int, int, Any]:
