@@ -64,7 +64,8 @@ def engine_files(name: str) -> Mapping[str, str]:
     headers = {path: text for path, text in files.items() if path.endswith(".h")}
     job = render("c/engine/cotree_job.c.jinja", method=INTEGRATORS[name], **_COMMON)
     parts = [*(files[f"cotree_{part}.c"] for part in ("history", name)), job]
-    return {**headers, **_job_files(), "engine.c": "\n".join(parts)}
+    own = stiff_files() if INTEGRATORS[name].is_implicit else {}
+    return {**headers, **_job_files(), **own, "engine.c": "\n".join(parts)}
 
 
 def cvode_files() -> Mapping[str, str]:
@@ -101,6 +102,15 @@ def run_files() -> Mapping[str, str]:
     return {name: render(f"c/run/{name}.jinja", **_COMMON) for name in names}
 
 
+def stiff_files() -> Mapping[str, str]:
+    """Write what makes a model an equation for implicit methods, the same for every model."""
+    names = ("cotree_stiff.h", "cotree_stiff.c")
+    return {
+        "cotree_newton.h": render("c/newton/cotree_newton.h.jinja", **_COMMON),
+        **{name: render(f"c/run/{name}.jinja", **_COMMON) for name in names},
+    }
+
+
 def sweep_files() -> Mapping[str, str]:
     """Write what evaluates outputs at many points, the same for every model."""
     return {
@@ -119,9 +129,10 @@ def sweep_declarations(files: Mapping[str, str]) -> str:
 
 def job_declarations(files: Mapping[str, str]) -> str:
     """Give the declarations that cffi reads, from an engine's headers."""
+    of_newton = "size_t cotree_job_newton(const cotree_model *, const void *);\n"
     return _declared(files, ("cotree_abi.h", "cotree_run.h", "cotree_job.h")) + (
         "size_t cotree_job_memory(const cotree_model *, int);\n"
-        "int cotree_job_run(cotree_job *, long);\n"
+        "int cotree_job_run(cotree_job *, long);\n" + of_newton
     )
 
 

@@ -6,6 +6,7 @@ to keep it.
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
@@ -17,15 +18,17 @@ from cotree.dag.evaluate import evaluate
 from cotree.dag.several import results
 from cotree.dag.traverse import reachable, symbols_in
 from cotree.errors import BuildError, SingularSystemError, SolveError
+from cotree.model.newton import load_newton
 from cotree.program.kernels import KERNELS
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from cotree.build import LoadedLibrary
     from cotree.dag.nodes import Node
     from cotree.equations import Guard
+    from cotree.model.newton import Newton
     from cotree.program import Kernel, Layout, Program
 
 Array = npt.NDArray[np.float64]
@@ -61,12 +64,15 @@ class NativeModel:
         Parameters and what is prepared of them.
     library : LoadedLibrary
         Keeps the code loaded.
+    newton : callable
+        Gives what implicit methods need besides, built at the first call; None where it cannot be.
     """
 
     address: int
     p: Array
     k: Array
     library: LoadedLibrary
+    newton: Callable[[], Newton | None]
 
 
 class Kernels(Protocol):
@@ -113,6 +119,7 @@ class CKernels:
         if model.abi_version != ABI_VERSION or model.n_states != len(layout.states):
             raise BuildError("the loaded library belongs to another model: clear the cache")
         self._library = library  # keeps the code loaded
+        self._newton = functools.cache(lambda: load_newton(program))
         self._model = model
         self._layout, self._guards = layout, program.guards
         n, m = len(layout.states), len(layout.sensitivities)
@@ -161,7 +168,7 @@ class CKernels:
         ffi = self._library.ffi
         address = int(ffi.cast("uintptr_t", self._model))
         p, k = self._arrays["p"].copy(), self._arrays["k"].copy()
-        return NativeModel(address, p, k, self._library)
+        return NativeModel(address, p, k, self._library, self._newton)
 
     def _failure(self, status: int) -> Exception:
         if status == SINGULAR:

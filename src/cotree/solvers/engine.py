@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from cotree.build import LoadedLibrary
     from cotree.model.kernels import NativeModel
+    from cotree.model.newton import Newton
     from cotree.solvers.problem import FloatArray, Problem
 
 # What cotree_status says, in the words of the other methods.
@@ -86,12 +87,19 @@ def build_engine(files: Mapping[str, str], declarations: str) -> LoadedLibrary |
 class Job:
     """A job of an engine, with all that it points to."""
 
-    def __init__(self, engine: LoadedLibrary, problem: Problem, corners: Sequence[float]) -> None:
+    def __init__(
+        self,
+        engine: LoadedLibrary,
+        problem: Problem,
+        corners: Sequence[float],
+        newton: Newton | None = None,
+    ) -> None:
         assert problem.native is not None
         self._ffi, self._lib = engine.ffi, engine.lib
-        self._kept: list[Any] = [engine, problem.native]
+        self._kept: list[Any] = [engine, problem.native, newton]
         native, n_full = problem.native, problem.size
-        cut = problem.n_states - problem.n_algebraic
+        # Implicit methods integrate algebraic unknowns too.
+        cut = problem.n_states - (problem.n_algebraic if newton is None else 0)
         rtol, atols = augmented_tolerances(problem)
         atols = atols.reshape(-1, problem.n_states)[:, :cut].ravel()
         n = len(atols)
@@ -113,6 +121,10 @@ class Job:
         job.z, job.t, job.entry = self._doubles(self.z), corners[0], -1
         self.job = job
         job.memory = self._make_memory(problem)
+        if newton is not None:
+            job.newton = self._ffi.cast("void *", newton.address)
+            size = int(self._lib.cotree_job_newton(job.model, job.newton))
+            job.newton_memory = self._doubles(np.zeros(size))
         self._n = n_full
         self._room = 0
         self.times, self.values = np.zeros(0), np.zeros((0, n_full))

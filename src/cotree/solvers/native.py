@@ -31,21 +31,20 @@ _MORE, _FAILED = 1, 2
 _GLANCE, _FIRST_STEPS = 0.1, 1000
 
 #: The methods of SciPy that stand in where there is no C.
-STAND_INS = {"dopri5": "RK45", "rkf45": "RK45", "dop853": "DOP853", "rodas4": "Radau"}
-
-# Dense factors of larger matrices take longer than all else.
-_MOST_STATES = 150
+STAND_INS = {
+    "dopri5": "RK45",
+    "rkf45": "RK45",
+    "dop853": "DOP853",
+    "rodas4": "Radau",
+    "rodas5": "Radau",
+}
 
 
 def refusal(method: str, problem: Problem) -> str:
     """Say why a method cannot take a problem; nothing where it can."""
     if problem.native is None or problem.size == 0:
         return problem.not_native or "there is nothing for C to do"
-    if not METHODS[method].implicit:
-        return ""
-    if problem.n_states - problem.n_algebraic > _MOST_STATES:
-        return f"more than {_MOST_STATES} states need sparse matrices"
-    return "the motion is held to constraints" if problem.project is not None else ""
+    return ""
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ class NativeSolver:
     Attributes
     ----------
     method : str
-        "dopri5", "rkf45", "dop853" or "rodas4".
+        "dopri5", "rkf45", "dop853", "rodas4" or "rodas5".
     """
 
     method: str
@@ -76,9 +75,15 @@ class NativeSolver:
         engine = load_engine(self.method)
         if engine is None:
             return self._stand_in(problem, "no compiler can build its engine")
+        newton = None
+        if METHODS[self.method].implicit:
+            assert problem.native is not None  # it was not refused
+            newton = problem.native.model.newton()
+            if newton is None:
+                return self._stand_in(problem, "no compiler can build what it needs of the model")
         begin = time.perf_counter()
         corners = segments(problem)
-        job = Job(engine, problem, [corners[0][0], *(end for _, end in corners)])
+        job = Job(engine, problem, [corners[0][0], *(end for _, end in corners)], newton)
         status, reason = run_job(job, problem, self.method, begin)
         if status == FAILED and (problem.n_algebraic or problem.singular is not None):
             # What looks far for algebraic unknowns, and passes singular positions, is Python.
