@@ -96,6 +96,7 @@ def render_newton(model: NewtonContext) -> Mapping[str, str]:
     return {
         "cotree_abi.h": render("c/cotree_abi.h.jinja", abi_version=ABI_VERSION, generator=VERSION),
         "cotree_newton.h": render("c/newton/cotree_newton.h.jinja", generator=VERSION),
+        f"{model.prefix}_newton.h": render("c/newton/newton.h.jinja", model=model),
         f"{model.prefix}_newton.c": render("c/newton/newton.c.jinja", model=model),
     }
 
@@ -166,11 +167,12 @@ def _elimination_context(plan: Elimination) -> EliminationContext:
 
 
 def _factor_lines(plan: Elimination) -> list[str]:
-    """Write each factor as a constant, which the next read, and keep it."""
+    """Write each factor, those that the next read as constants."""
+    read = {number for entry in plan.factors for pair in entry.products for number in pair}
+    read.update(entry.pivot for entry in plan.factors)
     lines = []
     for i, entry in enumerate(plan.factors):
-        terms = ["shift"] if entry.has_shift else []
-        sum_of = " + ".join(terms)
+        sum_of = "shift" if entry.has_shift else ""
         if entry.value >= 0:
             sum_of += f" - v[{entry.value}]" if sum_of else f"-v[{entry.value}]"
         for a, b in entry.products:
@@ -181,7 +183,8 @@ def _factor_lines(plan: Elimination) -> list[str]:
             text = f"({sum_of}) * f{entry.pivot}"
         else:
             text = sum_of
-        lines.append(f"const double f{i} = f[{i}] = {text};")
+        name = f"const double f{i} = f[{i}]" if i in read else f"f[{i}]"
+        lines.append(f"{name} = {text};")
     return lines
 
 

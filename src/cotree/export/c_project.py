@@ -16,7 +16,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.codegen.context import model_context
-from cotree.codegen.integrators import INTEGRATORS, integrator_files, run_files
+from cotree.codegen.integrators import INTEGRATORS, integrator_files, run_files, stiff_files
+from cotree.codegen.newton import newton_context, render_newton
 from cotree.codegen.printer_c import literal
 from cotree.codegen.render import render, render_model
 from cotree.dag.evaluate import evaluate
@@ -147,16 +148,12 @@ def write_c_project(
     SingularSystemError
         If there are constraints, and a linear system is singular at the start.
     CodegenError
-        If the scene has events, there is no such integrator, or it takes no constraints; or if the
-        folder or a file cannot be written.
+        If the scene has events, or there is no such integrator; or if the folder or a file cannot
+        be written.
     """
     if integrator not in INTEGRATORS:
         raise CodegenError(
             f"there is no integrator '{integrator}'{nearest(integrator, INTEGRATORS)}"
-        )
-    if INTEGRATORS[integrator].is_implicit and program.layout.constraints:
-        raise CodegenError(
-            f"{integrator} does not hold a motion to constraints: take dopri5, rkf45 or dop853"
         )
     _check_numbers(t_end, rtol, atol)
     if program.layout.events:
@@ -166,12 +163,20 @@ def write_c_project(
             "the model (Model.source), to be called from a loop of your own"
         )
     model = model_context(program)
-    command = (
-        f"cc -std=c99 -O2 -ffp-contract=off -o {model.prefix} "
-        f"{model.prefix}.c cotree_run.c cotree_{integrator}.c cotree_integrator.c main.c -lm"
-    )
+    own: Mapping[str, str] = {}
+    if INTEGRATORS[integrator].is_implicit:
+        own = {**render_newton(newton_context(program)), **stiff_files()}
+    sources = [
+        f"{model.prefix}.c",
+        "cotree_run.c",
+        *(name for name in own if name.endswith(".c")),
+        f"cotree_{integrator}.c",
+        "cotree_integrator.c",
+        "main.c",
+    ]
+    command = f"cc -std=c99 -O2 -ffp-contract=off -o {model.prefix} {' '.join(sources)} -lm"
     main = _main_context(program, model, integrator, command, t_end, rtol, atol)
-    texts = {**render_model(model), **run_files(), **integrator_files(integrator)}
+    texts = {**render_model(model), **run_files(), **own, **integrator_files(integrator)}
     texts["main.c"] = render("c/main.c.jinja", main=main)
     _write_files(directory, texts)
     return CProject(directory, tuple(directory / name for name in texts), command)
