@@ -199,7 +199,13 @@ _VARIABLES = {
     "table": contexts.TableContext,
     "row": contexts.QuantityContext,
 }
-_TEMPLATES = ["cotree_abi.h.jinja", "model.c.jinja", "model.h.jinja", "macros.jinja"]
+_TEMPLATES = [
+    "cotree_abi.h.jinja",
+    "model.c.jinja",
+    "kernels.c.jinja",
+    "model.h.jinja",
+    "macros.jinja",
+]
 
 
 def _used():

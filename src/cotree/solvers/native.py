@@ -44,6 +44,12 @@ def refusal(method: str, problem: Problem) -> str:
     """Say why a method cannot take a problem; nothing where it can."""
     if problem.native is None or problem.size == 0:
         return problem.not_native or "there is nothing for C to do"
+    if METHODS[method].implicit and problem.singular is not None:
+        # Stages of Rosenbrock methods are off the constraints, which then contradict each other.
+        edges = problem.singular(problem.t_span[0], problem.z0)
+        if edges:
+            names = ", ".join(f"'{edge}'" for edge in edges)
+            return f"constraints of {names} are dependent at the start"
     return ""
 
 
