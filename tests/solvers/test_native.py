@@ -185,16 +185,17 @@ def test_algebraic_unknowns_by_a_stiff_method(method):
 
 def _decay(kind):
     """x' = -a x^2, itself, with a time that drives it, or through a root of an equation."""
-    states, unknowns, rates = {"x": 1.0}, {}, lambda v: [-v["a"] * v["x"] * v["x"]]
-    if kind == "driven":  # t (1 + a t) x is t, and nothing is added
-        rates = lambda v: [-v["a"] * v["x"] * v["x"] + v["t"] * (v["x"] * (1 + v["a"] * v["t"]) - 1)]
-    if kind == "algebraic":  # z = x is the one root
-        unknowns = {"z": 0.9}
-        rates = lambda v: [
-            -v["a"] * v["x"] * v["z"],
-            v["z"] + v["z"] ** 3 - v["x"] - v["x"] ** 3,
-        ]
-    return Made(f"decay_{kind}", states, unknowns, {"a": 1.0}, rates).model(["a"])
+
+    def rates(v):
+        t, a, x = v["t"], v["a"], v["x"]
+        if kind == "algebraic":  # z = x is the one root
+            z = v["z"]
+            return [-a * x * z, z + z**3 - x - x**3]
+        added = t * (x * (1.0 + a * t) - 1.0) if kind == "driven" else 0.0  # zero on the solution
+        return [-a * x * x + added]
+
+    unknowns = {"z": 0.9} if kind == "algebraic" else {}
+    return Made(f"decay_{kind}", {"x": 1.0}, unknowns, {"a": 1.0}, rates).model(["a"])
 
 
 @pytest.mark.parametrize(("method", "order"), [("rodas4", 4), ("rodas5", 5)])
