@@ -232,6 +232,28 @@ def test_a_stiff_method_leaves_dependent_constraints_to_another():
     assert "Radau stood in for rodas5: constraints of 'j2' are dependent" in result.message
 
 
+def test_a_long_ladder_by_a_stiff_method():
+    # More products than are printed as straight lines: the elimination walks through tables.
+    scene, n = Scene("ladder"), 700
+    for i in range(n):
+        scene.edge(f"R{i}", "resistor", f"n{i}" if i else "ground", f"n{i + 1}", resistance=1.0)
+        scene.edge(
+            f"C{i}", "capacitor", f"n{i + 1}", "ground", capacitance=1e-3, initial={"v": 1.0}
+        )
+    model = scene.compile()
+    result = model.simulate((0.0, 5.0), [5.0], "rodas5", 1e-7, 1e-9, throw=True)
+    assert result.statistics.method == "rodas5"
+    # v' = A v, from 1 everywhere: by the eigenvectors of the second difference.
+    matrix = np.diag(np.full(n - 1, 1.0), 1) + np.diag(np.full(n - 1, 1.0), -1)
+    matrix -= np.diag(np.full(n, 2.0))
+    matrix[-1, -1] = -1.0
+    values, vectors = np.linalg.eigh(1e3 * matrix)
+    exact = vectors @ (np.exp(5.0 * values) * (vectors.T @ np.ones(n)))
+    found = [result[f"C{i}.v"][-1] for i in range(n)]
+    # The tolerance, through some tens of steps.
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-6)
+
+
 def test_a_wide_system():
     scene = Scene("wide")
     for i in range(300):

@@ -15,6 +15,8 @@ import textwrap
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from cotree.codegen.context import model_context
 from cotree.codegen.integrators import INTEGRATORS, integrator_files, run_files, stiff_files
 from cotree.codegen.newton import newton_context, render_newton
@@ -32,6 +34,9 @@ if TYPE_CHECKING:
 
     from cotree.codegen.context import ModelContext
     from cotree.program import Program
+
+# Rows of the constraints that are nearer to each other than this share of their size are dependent.
+_DEPENDENT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -148,8 +153,8 @@ def write_c_project(
     SingularSystemError
         If there are constraints, and a linear system is singular at the start.
     CodegenError
-        If the scene has events, or there is no such integrator; or if the folder or a file cannot
-        be written.
+        If the scene has events, there is no such integrator, or it cannot hold the constraints; or
+        if the folder or a file cannot be written.
     """
     if integrator not in INTEGRATORS:
         raise CodegenError(
@@ -165,6 +170,7 @@ def write_c_project(
     model = model_context(program)
     own: Mapping[str, str] = {}
     if INTEGRATORS[integrator].is_implicit:
+        _check_loops(program, integrator)
         own = {**render_newton(newton_context(program)), **stiff_files()}
     sources = [
         f"{model.prefix}.c",
@@ -251,6 +257,23 @@ def _start_lines(program: Program) -> list[str]:
     values = [*start.y.tolist(), *start.s.T.ravel().tolist()]
     text = " ".join(f"{literal(value)}," for value in values)
     return textwrap.wrap(text, 96, break_long_words=False, break_on_hyphens=False)
+
+
+def _check_loops(program: Program, integrator: str) -> None:
+    """Refuse dependent constraints: stages off them would contradict each other."""
+    layout = program.layout
+    if not layout.constraint_edges:
+        return
+    model = CompiledModel(program, PythonKernels(program))
+    p, start = model.default_parameters, model.start()
+    rows = model.bound("gradient", p)(0.0, start.y, np.zeros(0), None)
+    rows = rows.reshape(-1, layout.n_speeds)
+    size = max(1.0, float(np.max(np.abs(rows), initial=0.0)))
+    if np.linalg.matrix_rank(rows, tol=_DEPENDENT * size) < len(rows):
+        raise CodegenError(
+            f"constraints of scene '{layout.name}' are dependent at the start, which {integrator} "
+            "cannot hold: take dopri5, rkf45 or dop853"
+        )
 
 
 def _write_files(directory: Path, texts: Mapping[str, str]) -> None:
