@@ -23,6 +23,7 @@ from cotree.dag.several import Function
 from cotree.dag.traverse import symbols_in
 from cotree.naming import c_identifier
 from cotree.passes.curvature import form_curvature
+from cotree.passes.time_slope import form_time_slope
 from cotree.program.sparse_lu import plan_elimination
 from cotree.version import ABI_VERSION, VERSION
 
@@ -68,6 +69,7 @@ class NewtonContext:
     kernels: list[KernelContext]
     elimination: EliminationContext | None
     is_autonomous: bool
+    has_slope: bool
     n_carried: int
     n_couplings: int
     places: list[str]
@@ -120,10 +122,12 @@ def newton_context(program: Program) -> NewtonContext:
     )
     elimination = None if plan is None else _elimination_context(plan)
     curvature = form_curvature(program)
-    pair = () if curvature is None else (curvature.at, curvature.along)
-    nodes = [node for kernel in pair for node in kernel.order]
+    slope = form_time_slope(program)
+    made = [slope] if slope is not None else []
+    made += [curvature.at, curvature.along] if curvature is not None else []
+    nodes = [node for kernel in made for node in kernel.order]
     tables = name_tables(node.data for node in nodes if node.op == "table")
-    kernels = [kernel_context(prefix, kernel, program, tables) for kernel in pair]
+    kernels = [kernel_context(prefix, kernel, program, tables) for kernel in made]
     places = [] if curvature is None else wrapped(map(str, curvature.places))
     lines = [line for kernel in kernels for line in (kernel.signature, *kernel.lines)] + places
     if elimination is not None:
@@ -142,6 +146,7 @@ def newton_context(program: Program) -> NewtonContext:
         kernels=kernels,
         elimination=elimination,
         is_autonomous=all(node.data[0] in "xsp" for node in symbols_in(rates)),
+        has_slope=slope is not None,
         n_carried=0 if curvature is None else len(curvature.at.results),
         n_couplings=0 if curvature is None else len(curvature.places),
         places=places,
