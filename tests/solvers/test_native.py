@@ -232,6 +232,30 @@ def test_a_stiff_method_leaves_dependent_constraints_to_another():
     assert "Radau stood in for rodas5: constraints of 'j2' are dependent" in result.message
 
 
+def test_planned_pivots_that_are_zero_are_exchanged():
+    # The diagonal that the pattern offers holds a parameter, which is zero.
+    model = Made(
+        "exchanged",
+        {"x": 1.0},
+        {"y": 0.0, "z": 0.0},
+        {"e": 0.0},
+        lambda v: [
+            -v["y"],
+            v["e"] * v["y"] + v["z"] - v["x"],
+            v["y"] + v["e"] * v["z"] - 2.0 * v["x"],
+        ],
+    ).model(["e"])
+    result = model.simulate((0.0, 1.0), [1.0], "rodas5", 1e-8, 1e-10, throw=True)
+    assert result.statistics.method == "rodas5"
+    # At e = 0: y = 2 x, z = x; dy/de = -z, so x' = -2 x and s' = -2 s + x.
+    x = math.exp(-2.0)
+    found = [result[name][-1] for name in ("x", "y", "z")]
+    # The tolerance, through some tens of steps.
+    np.testing.assert_allclose(found, [x, 2.0 * x, x], rtol=1e-7)
+    slope = result.sensitivity("x", "e")[-1]
+    assert slope == pytest.approx(x, rel=1e-7)  # t exp(-2 t)
+
+
 def test_a_long_ladder_by_a_stiff_method():
     # More products than are printed as straight lines: the elimination walks through tables.
     scene, n = Scene("ladder"), 700
