@@ -26,12 +26,13 @@ def scenes():
     for name in ("chem_hires", "chem_robertson"):
         scene = scene_of_domain(name)
         wanted = list(scene.compile().parameters)[:3]
-        yield name, scene, wanted, read_reference(name)["t_end"], ("rodas4", (1e-6, 1e-8))
-    for name, method in (("ivp_transistor_amplifier", "dop853"), ("spice_rectifier", "rodas4")):
+        yield name, scene, wanted, read_reference(name)["t_end"], ("rodas5", (1e-6, 1e-8))
+    for name in ("ivp_transistor_amplifier", "spice_rectifier"):
         end = read_reference(name)["t_end"]
-        yield name, circuits.circuit(name), [], end, (method, (1e-6, 1e-8))
+        for method in ("dop853", "rodas5"):
+            yield name, circuits.circuit(name), [], end, (method, (1e-6, 1e-8))
     rectifier = cotree.load("bridge-rectifier")
-    yield "bridge-rectifier", rectifier, ["C", "RL"], 0.1, ("rodas4", (1e-6, 1e-8))
+    yield "bridge-rectifier", rectifier, ["C", "RL"], 0.1, ("rodas5", (1e-6, 1e-8))
 
 
 def error(found, exact) -> float:

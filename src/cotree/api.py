@@ -268,8 +268,9 @@ class Model(CompiledModel):
         t_eval : array_like, shape (n_t,), optional
             Times to report; the solver's own steps where absent.
         method : str, optional
-            ``dopri5``, ``rkf45``, ``dop853``, ``rodas4`` (in C), ``RK45``, ``RK23``, ``DOP853``,
-            ``Radau``, ``BDF``, ``LSODA`` (SciPy), ``cvode``, ``ida`` (SUNDIALS) or ``auto``.
+            ``dopri5``, ``rkf45``, ``dop853``, ``rodas4``, ``rodas5`` (in C), ``RK45``, ``RK23``,
+            ``DOP853``, ``Radau``, ``BDF``, ``LSODA`` (SciPy), ``cvode``, ``ida`` (SUNDIALS) or
+            ``auto``.
         rtol, atol : float, optional
             Relative and absolute tolerance.
         parameters : mapping of str to float, optional
@@ -380,7 +381,7 @@ class Model(CompiledModel):
         directory : str or Path
             Where to; made if it does not exist.
         integrator : str
-            ``dopri5``, ``rkf45``, ``dop853``, or ``rodas4`` for stiff systems.
+            ``dopri5``, ``rkf45``, ``dop853``, or ``rodas5`` or ``rodas4`` for stiff systems.
 
         Returns
         -------

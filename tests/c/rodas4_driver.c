@@ -17,14 +17,34 @@ static int rate(double t, const double *z, double *dz, void *context)
     return 0;
 }
 
-static int jacobian(double t, const double *z, double *matrix, void *context)
+static int linearise(double t, const double *z, void *context)
 {
     (void)t;
     (void)z;
     (void)context;
-    matrix[0] = matrix[3] = 0.0;
-    matrix[1] = 1.0;
-    matrix[2] = -1.0;
+    return 0; /* derivatives are constant */
+}
+
+static int factorise(double shift, void *context)
+{
+    *(double *)context = shift;
+    return 0;
+}
+
+/* (shift - J) x = b, J = [0 1; -1 0] */
+static void solve_block(double shift, double *b)
+{
+    const double size = shift * shift + 1.0, first = (shift * b[0] + b[1]) / size;
+    b[1] = (shift * b[1] - b[0]) / size;
+    b[0] = first;
+}
+
+static int solve(double *u, void *context)
+{
+    const double shift = *(double *)context;
+    solve_block(shift, u);
+    u[3] -= u[0]; /* the sensitivity's rate depends on the state */
+    solve_block(shift, u + 2);
     return 0;
 }
 
@@ -35,14 +55,14 @@ static double distance(double t, const double *z)
 
 int main(int argc, char **argv)
 {
-    static double workspace[COTREE_RODAS4_WORKSPACE(2, 2)];
-    static int pivots[2];
+    static double workspace[COTREE_RODAS4_WORKSPACE(2, 2)], shift;
+    const cotree_implicit_equation equation = {2,         2,         0,     1,     rate, NULL,
+                                               linearise, factorise, solve, &shift};
     static const double start[4] = {1.0, 0.0, 0.0, 0.0};
     const double rtol = argc > 1 ? atof(argv[1]) : 1e-6;
     double z[4], at_ends = 0.0, between = 0.0;
     cotree_rodas4 d;
-    cotree_status status = cotree_rodas4_init(&d, 2, 2, rate, jacobian, NULL, 0.0, start, rtol,
-                                              rtol, workspace, pivots);
+    cotree_status status = cotree_rodas4_init(&d, equation, 0.0, start, rtol, rtol, workspace);
     while (status == COTREE_OK && d.t < 5.0) {
         int i;
         status = cotree_rodas4_step(&d, 5.0);

@@ -55,10 +55,13 @@ def bridge() -> Made:
     )
 
 
+@pytest.mark.parametrize("method", ["dopri5", "rodas5"])
 @pytest.mark.parametrize("sensitivities", [(), pytest.param(("R", "Is"), marks=pytest.mark.slow)])
-def test_ends_as_in_python(compiler: str, tmp_path: Path, sensitivities: tuple[str, ...]) -> None:
+def test_ends_as_in_python(
+    compiler: str, tmp_path: Path, sensitivities: tuple[str, ...], method: str
+) -> None:
     model = bridge().model(sensitivities)
-    project = write_c_project(model._program, tmp_path, t_end=0.017, rtol=1e-11, atol=1e-13)
+    project = write_c_project(model._program, tmp_path, method, t_end=0.017, rtol=1e-11, atol=1e-13)
     values = printed(run([build(project, compiler)], tmp_path))
     result = model.simulate((0.0, 0.017), [0.017], "Radau", 1e-10, 1e-13, throw=True)
     # Two methods with errors of 1e-10 in each of some thousand steps, which the capacitor mends.
@@ -72,10 +75,13 @@ def test_ends_as_in_python(compiler: str, tmp_path: Path, sensitivities: tuple[s
             assert values[key] == pytest.approx(expected, rel=1e-6, abs=1e-8 * size), name
 
 
+@pytest.mark.parametrize("method", ["dopri5", "rodas5"])
 @pytest.mark.parametrize("sensitivities", [(), ("a",)])
-def test_with_constraints(compiler: str, tmp_path: Path, sensitivities: tuple[str, ...]) -> None:
+def test_with_constraints(
+    compiler: str, tmp_path: Path, sensitivities: tuple[str, ...], method: str
+) -> None:
     model = model_of(with_a_network(formulate(four_bar(), sensitivities, None)[1]))
-    project = write_c_project(model._program, tmp_path, t_end=1.0, rtol=1e-11, atol=1e-12)
+    project = write_c_project(model._program, tmp_path, method, t_end=1.0, rtol=1e-11, atol=1e-12)
     values = printed(run([build(project, compiler)], tmp_path))
     result = model.simulate((0.0, 1.0), [1.0], "DOP853", 1e-12, 1e-13, throw=True)
     # As for constraints alone: some hundred steps at 1e-11, enlarged by the motion.

@@ -200,7 +200,13 @@ _VARIABLES = {
     "row": contexts.QuantityContext,
     "event": contexts.EventContext,
 }
-_TEMPLATES = ["cotree_abi.h.jinja", "model.c.jinja", "model.h.jinja", "macros.jinja"]
+_TEMPLATES = [
+    "cotree_abi.h.jinja",
+    "model.c.jinja",
+    "kernels.c.jinja",
+    "model.h.jinja",
+    "macros.jinja",
+]
 
 
 def _used():

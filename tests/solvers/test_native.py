@@ -7,6 +7,8 @@ import warnings
 
 import numpy as np
 import pytest
+from hand_made import Made
+from hard_scenes import bennett_loop
 
 from cotree import Scene, load
 from cotree.codegen.integrators import INTEGRATORS
@@ -164,9 +166,10 @@ def _stiff():
 
 
 @pytest.mark.parametrize("rtol", [1e-5, 1e-8])
-def test_a_stiff_system_takes_few_steps(rtol):
+@pytest.mark.parametrize("method", ["rodas4", "rodas5"])
+def test_a_stiff_system_takes_few_steps(method, rtol):
     model, times = _stiff(), np.linspace(0.0, 2.0, 41)
-    result = model.simulate((0.0, 2.0), times, "rodas4", rtol, rtol, throw=True)
+    result = model.simulate((0.0, 2.0), times, method, rtol, rtol, throw=True)
     reference = model.simulate((0.0, 2.0), times, "Radau", 1e-11, 1e-13)
     # An explicit method takes a step for each time constant of 0.5e-6 s: millions.
     assert result.statistics.n_steps < 2000
@@ -177,10 +180,11 @@ def test_a_stiff_system_takes_few_steps(rtol):
     assert np.abs(result.s - reference.s).max() < 20 * rtol
 
 
-def test_algebraic_unknowns_by_a_stiff_method():
+@pytest.mark.parametrize("method", ["rodas4", "rodas5"])
+def test_algebraic_unknowns_by_a_stiff_method(method):
     model = load("bridge-rectifier").compile(["RL"])
     times = np.linspace(0.0, 0.04, 21)
-    result = model.simulate((0.0, 0.04), times, "rodas4", 1e-7, 1e-9, throw=True)
+    result = model.simulate((0.0, 0.04), times, method, 1e-7, 1e-9, throw=True)
     reference = model.simulate((0.0, 0.04), times, "dop853", 1e-10, 1e-12, throw=True)
     # The tolerance, through a thousand steps.
     assert np.abs(result["voltage"] - reference["voltage"]).max() < 1e-5
@@ -189,10 +193,99 @@ def test_algebraic_unknowns_by_a_stiff_method():
     assert result.drift.worst < 1e-9  # currents of amperes, solved to rounding
 
 
-def test_stiff_method_leaves_constraints_to_another():
-    model = load("slider-pendulum").compile(tree=["m5", "m6", "r3", "r4"])
-    result = model.simulate((0.0, 0.1), [0.1], "rodas4", 1e-6, 1e-8)
-    assert "Radau stood in for rodas4: the motion is held to constraints" in result.message
+def _decay(kind):
+    """x' = -a x^2, itself, with a time that drives it, or through a root of an equation."""
+
+    def rates(v):
+        t, a, x = v["t"], v["a"], v["x"]
+        if kind == "algebraic":  # z = x is the one root
+            z = v["z"]
+            return [-a * x * z, z + z**3 - x - x**3]
+        added = t * (x * (1.0 + a * t) - 1.0) if kind == "driven" else 0.0  # zero on the solution
+        return [-a * x * x + added]
+
+    unknowns = {"z": 0.9} if kind == "algebraic" else {}
+    return Made(f"decay_{kind}", {"x": 1.0}, unknowns, {"a": 1.0}, rates).model(["a"])
+
+
+@pytest.mark.parametrize(("method", "order"), [("rodas4", 4), ("rodas5", 5)])
+@pytest.mark.parametrize("kind", ["plain", "driven", "algebraic"])
+def test_orders_of_stiff_methods(kind, method, order):
+    model, end, errors = _decay(kind), 2.0, []
+    for n in (32, 64):
+        result = model.simulate((0.0, end), [end], method, 1e-1, 1e3, max_step=end / n, throw=True)
+        # x = 1 / (1 + a t), dx/da = -t / (1 + a t)^2; an unknown is the same.
+        exact = np.array([[1.0, -end / (1.0 + end)]]) / (1.0 + end)
+        found = np.hstack([result.y[:, -1:], result.s[:, 0, -1:]])
+        errors.append(np.abs(found - exact))
+    rates = np.log2(errors[0] / errors[1])
+    # Next terms of the error are a few percent of it, those of other sign more.
+    assert np.all(np.abs(rates - order) < 0.5), (rates, errors)
+
+
+@pytest.mark.parametrize("method", ["rodas4", "rodas5"])
+def test_a_stiff_method_holds_constraints(method):
+    model = load("slider-pendulum").compile(["L"], tree=["m5", "m6", "r3", "r4"])
+    times = np.linspace(0.0, 2.0, 21)
+    result = model.simulate((0.0, 2.0), times, method, 1e-8, 1e-8, throw=True)
+    assert result.statistics.method == method
+    reference = model.simulate((0.0, 2.0), times, "dop853", 1e-11, 1e-11)
+    # The tolerance, through a few hundred steps of a motion that does not forget.
+    assert np.abs(result.y - reference.y).max() < 1e-6
+    assert np.abs(result.s - reference.s).max() < 1e-5
+    assert result.drift.worst < 1e-11  # metres and radians, projected to rounding
+
+
+def test_a_stiff_method_leaves_dependent_constraints_to_another():
+    # Three of Bennett's six conditions are redundant.
+    result = bennett_loop().compile().simulate((0.0, 0.01), [0.01], "rodas5", 1e-6, 1e-8)
+    assert "Radau stood in for rodas5: constraints of 'j2' are dependent" in result.message
+
+
+def test_planned_pivots_that_are_zero_are_exchanged():
+    # The diagonal that the pattern offers holds a parameter, which is zero.
+    model = Made(
+        "exchanged",
+        {"x": 1.0},
+        {"y": 0.0, "z": 0.0},
+        {"e": 0.0},
+        lambda v: [
+            -v["y"],
+            v["e"] * v["y"] + v["z"] - v["x"],
+            v["y"] + v["e"] * v["z"] - 2.0 * v["x"],
+        ],
+    ).model(["e"])
+    result = model.simulate((0.0, 1.0), [1.0], "rodas5", 1e-8, 1e-10, throw=True)
+    assert result.statistics.method == "rodas5"
+    # At e = 0: y = 2 x, z = x; dy/de = -z, so x' = -2 x and s' = -2 s + x.
+    x = math.exp(-2.0)
+    found = [result[name][-1] for name in ("x", "y", "z")]
+    # The tolerance, through some tens of steps.
+    np.testing.assert_allclose(found, [x, 2.0 * x, x], rtol=1e-7)
+    slope = result.sensitivity("x", "e")[-1]
+    assert slope == pytest.approx(x, rel=1e-7)  # t exp(-2 t)
+
+
+def test_a_long_ladder_by_a_stiff_method():
+    # More products than are printed as straight lines: the elimination walks through tables.
+    scene, n = Scene("ladder"), 700
+    for i in range(n):
+        scene.edge(f"R{i}", "resistor", f"n{i}" if i else "ground", f"n{i + 1}", resistance=1.0)
+        scene.edge(
+            f"C{i}", "capacitor", f"n{i + 1}", "ground", capacitance=1e-3, initial={"v": 1.0}
+        )
+    model = scene.compile()
+    result = model.simulate((0.0, 5.0), [5.0], "rodas5", 1e-7, 1e-9, throw=True)
+    assert result.statistics.method == "rodas5"
+    # v' = A v, from 1 everywhere: by the eigenvectors of the second difference.
+    matrix = np.diag(np.full(n - 1, 1.0), 1) + np.diag(np.full(n - 1, 1.0), -1)
+    matrix -= np.diag(np.full(n, 2.0))
+    matrix[-1, -1] = -1.0
+    values, vectors = np.linalg.eigh(1e3 * matrix)
+    exact = vectors @ (np.exp(5.0 * values) * (vectors.T @ np.ones(n)))
+    found = [result[f"C{i}.v"][-1] for i in range(n)]
+    # The tolerance, through some tens of steps.
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-6)
 
 
 def test_a_wide_system():

@@ -142,8 +142,8 @@ def run_scene(
     method: Annotated[
         str | None,
         typer.Option(
-            help="dopri5, rkf45, dop853, rodas4, RK45, RK23, DOP853, Radau, BDF, LSODA, cvode, "
-            "ida or auto."
+            help="dopri5, rkf45, dop853, rodas4, rodas5, RK45, RK23, DOP853, Radau, BDF, LSODA, "
+            "cvode, ida or auto."
         ),
     ] = None,
     rtol: Annotated[float | None, typer.Option(help="Relative tolerance.")] = None,
@@ -211,7 +211,7 @@ def generate_project(
     sensitivity: Sensitivity = [],  # noqa: B006
     tree: TreeOption = [],  # noqa: B006
     integrator: Annotated[
-        str, typer.Option(help="dopri5, rkf45, dop853, or rodas4 for stiff systems.")
+        str, typer.Option(help="dopri5, rkf45, dop853, or rodas5 or rodas4 for stiff.")
     ] = "dopri5",
 ) -> None:
     """Write a C project that integrates a scene without Python."""

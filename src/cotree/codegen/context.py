@@ -142,10 +142,10 @@ def model_context(program: Program) -> ModelContext:
     prefix = c_identifier(layout.name)
     nodes = [node for kernel in program.kernels.values() for node in kernel.order]
     nodes += reachable([guard.value for guard in program.guards])  # prepare checks them
-    tables = _name_tables(node.data for node in nodes if node.op == "table")
+    tables = name_tables(node.data for node in nodes if node.op == "table")
     functions = sorted({node.data.name for node in nodes if isinstance(node.data, Function)})
     present = [k for k in program.kernels.values() if k.is_present]
-    kernels = [_kernel_context(prefix, k, program, tables) for k in present]
+    kernels = [kernel_context(prefix, k, program, tables) for k in present]
     lines = "\n".join(line for kernel in kernels for line in (kernel.signature, *kernel.lines))
     return ModelContext(
         title=layout.name,
@@ -156,15 +156,10 @@ def model_context(program: Program) -> ModelContext:
         generator=VERSION,
         abi_version=ABI_VERSION,
         digest=hashlib.sha256(lines.encode()).hexdigest()[:16],
-        uses_math=any(node.op == "solve" or _is_call(node) for node in nodes),
+        uses_math=any(node.op == "solve" or is_call(node) for node in nodes),
         uses_solve=any(node.op == "solve" for node in nodes),
         definite_sizes=sorted({node.data.size for node in nodes if is_written_out(node)}),
-        tables=[
-            TableContext(
-                name, len(table.x), _wrapped(map(literal, table.x)), _wrapped(map(literal, table.y))
-            )
-            for table, name in tables.items()
-        ],
+        tables=[table_context(table, name) for table, name in tables.items()],
         functions=functions,
         kernels=kernels,
         kernel_pointers=[
@@ -175,11 +170,11 @@ def model_context(program: Program) -> ModelContext:
         inputs=[_quantity(row) for row in layout.inputs],
         outputs=[_quantity(row) for row in layout.outputs],
         sensitivities=list(layout.sensitivities),
-        sensitivity_literals=_wrapped(map(c_string, layout.sensitivities)),
+        sensitivity_literals=wrapped(map(c_string, layout.sensitivities)),
         guard_literals=[f"{c_string(guard.what)}," for guard in program.guards],
-        parameter_values=_wrapped(map(literal, layout.parameter_values)),
-        column_starts=_wrapped(map(str, layout.column_starts)),
-        row_indices=_wrapped(map(str, layout.row_indices)),
+        parameter_values=wrapped(map(literal, layout.parameter_values)),
+        column_starts=wrapped(map(str, layout.column_starts)),
+        row_indices=wrapped(map(str, layout.row_indices)),
         n_prepared=program.n_prepared,
         n_guards=len(program.guards),
         n_nonzeros=len(layout.row_indices),
@@ -197,7 +192,7 @@ def _hybrid_context(layout: Layout) -> HybridContext:
             row.is_stop,
             len(row.targets) - (layout.n_speeds if row.is_impact else 0),
             len(row.targets),
-            _wrapped(map(str, row.targets)),
+            wrapped(map(str, row.targets)),
         )
         for row in layout.events
     ]
@@ -208,22 +203,30 @@ def _hybrid_context(layout: Layout) -> HybridContext:
         layout.n_speeds,
         len(layout.value_rows),
         len(layout.constraint_edges),
-        _wrapped(map(str, layout.value_rows)),
+        wrapped(map(str, layout.value_rows)),
         len(layout.quaternions),
-        _wrapped(map(str, layout.quaternions)),
+        wrapped(map(str, layout.quaternions)),
     )
 
 
-def _is_call(node: Node) -> bool:
+def is_call(node: Node) -> bool:
     """Whether C needs a function of its mathematics library for it."""
     return node.op in OPERATIONS and OPERATIONS[node.op].is_call
 
 
-def _name_tables(tables: Iterable[Table]) -> dict[Table, str]:
+def table_context(table: Table, name: str) -> TableContext:
+    """Write a table's values."""
+    return TableContext(
+        name, len(table.x), wrapped(map(literal, table.x)), wrapped(map(literal, table.y))
+    )
+
+
+def name_tables(tables: Iterable[Table]) -> dict[Table, str]:
+    """Give each table a name in C."""
     return {table: f"table{i}" for i, table in enumerate(dict.fromkeys(tables))}
 
 
-def _wrapped(items: Iterable[str]) -> list[str]:
+def wrapped(items: Iterable[str]) -> list[str]:
     """Fill lines with items, each followed by a comma."""
     text = " ".join(f"{item}," for item in items)
     return textwrap.wrap(text, 96, break_long_words=False, break_on_hyphens=False)
@@ -235,9 +238,10 @@ def _quantity(row: Quantity) -> QuantityContext:
     )
 
 
-def _kernel_context(
+def kernel_context(
     prefix: str, kernel: Kernel, program: Program, tables: dict[Table, str]
 ) -> KernelContext:
+    """Gather what the templates need of one kernel."""
     spec = kernel.spec
     guards = program.guards if spec.name == "prepare" else ()
     if spec.tail_of and kernel.results:

@@ -61,7 +61,8 @@ def engine_files(name: str) -> Mapping[str, str]:
     # In one file, so that what is called often can be inlined.
     parts = [files.pop(f"cotree_{part}.c") for part in ("history", name, "job")]
     del files["cotree_integrator.c"]
-    return {**files, **_job_files(), "engine.c": "\n".join(parts)}
+    own = stiff_files() if INTEGRATORS[name].is_implicit else {}
+    return {**files, **_job_files(), **own, "engine.c": "\n".join(parts)}
 
 
 def driver_files(name: str) -> Mapping[str, str]:
@@ -136,6 +137,15 @@ def run_files() -> Mapping[str, str]:
     return {name: render(f"c/run/{name}.jinja", **_COMMON) for name in names}
 
 
+def stiff_files() -> Mapping[str, str]:
+    """Write what makes a model an equation for implicit methods, the same for every model."""
+    names = ("cotree_stiff.h", "cotree_stiff.c")
+    return {
+        "cotree_newton.h": render("c/newton/cotree_newton.h.jinja", **_COMMON),
+        **{name: render(f"c/run/{name}.jinja", **_COMMON) for name in names},
+    }
+
+
 def sweep_files() -> Mapping[str, str]:
     """Write what evaluates outputs at many points, the same for every model."""
     return {
@@ -154,9 +164,10 @@ def sweep_declarations(files: Mapping[str, str]) -> str:
 
 def job_declarations(files: Mapping[str, str]) -> str:
     """Give the declarations that cffi reads, from an engine's headers."""
+    of_newton = "size_t cotree_job_newton(const cotree_model *, const void *);\n"
     return _declared(files, ("cotree_abi.h", "cotree_run.h", "cotree_job.h")) + (
         "size_t cotree_job_memory(const cotree_model *, int);\n"
-        "int cotree_job_run(cotree_job *, long);\n"
+        "int cotree_job_run(cotree_job *, long);\n" + of_newton
     )
 
 

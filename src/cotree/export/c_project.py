@@ -15,8 +15,17 @@ import textwrap
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from cotree.codegen.context import model_context
-from cotree.codegen.integrators import INTEGRATORS, driver_files, integrator_files, run_files
+from cotree.codegen.integrators import (
+    INTEGRATORS,
+    driver_files,
+    integrator_files,
+    run_files,
+    stiff_files,
+)
+from cotree.codegen.newton import newton_context, render_newton
 from cotree.codegen.printer_c import literal
 from cotree.codegen.render import render, render_model
 from cotree.dag.evaluate import evaluate
@@ -31,6 +40,9 @@ if TYPE_CHECKING:
 
     from cotree.codegen.context import ModelContext
     from cotree.program import Program
+
+# Rows of the constraints that are nearer to each other than this share of their size are dependent.
+_DEPENDENT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -153,25 +165,33 @@ def write_c_project(
     SingularSystemError
         If there are constraints, and a linear system is singular at the start.
     CodegenError
-        If there is no such integrator, or it takes no constraints; or if the folder or a file
-        cannot be written.
+        If there is no such integrator, or it takes neither the constraints nor events beside
+        algebraic unknowns; or if the folder or a file cannot be written.
     """
     if integrator not in INTEGRATORS:
         raise CodegenError(
             f"there is no integrator '{integrator}'{nearest(integrator, INTEGRATORS)}"
         )
-    if INTEGRATORS[integrator].is_implicit and program.layout.constraints:
-        raise CodegenError(
-            f"{integrator} does not hold a motion to constraints: take dopri5, rkf45 or dop853"
-        )
     _check_numbers(t_end, rtol, atol)
     model = model_context(program)
     driver = driver_files(integrator) if program.layout.events else {}
-    texts = {**render_model(model), **run_files(), **integrator_files(integrator), **driver}
-    own = [f"{model.prefix}.c", "cotree_run.c", f"cotree_{integrator}.c", "cotree_integrator.c"]
-    sources = " ".join([*own, *(name for name in driver if name.endswith(".c")), "main.c"])
-    command = f"cc -std=c99 -O2 -ffp-contract=off -o {model.prefix} {sources} -lm"
+    own: Mapping[str, str] = {}
+    if INTEGRATORS[integrator].is_implicit:
+        _check_loops(program, integrator)
+        _check_events(program, integrator)
+        own = {**render_newton(newton_context(program)), **stiff_files()}
+    sources = [
+        f"{model.prefix}.c",
+        "cotree_run.c",
+        *(name for name in own if name.endswith(".c")),
+        f"cotree_{integrator}.c",
+        "cotree_integrator.c",
+        *(name for name in driver if name.endswith(".c")),
+        "main.c",
+    ]
+    command = f"cc -std=c99 -O2 -ffp-contract=off -o {model.prefix} {' '.join(sources)} -lm"
     main = _main_context(program, model, integrator, command, t_end, rtol, atol)
+    texts = {**render_model(model), **run_files(), **own, **integrator_files(integrator), **driver}
     texts["main.c"] = render("c/main.c.jinja", main=main)
     _write_files(directory, texts)
     return CProject(directory, tuple(directory / name for name in texts), command)
@@ -250,6 +270,32 @@ def _start_lines(program: Program) -> list[str]:
     values = [*start.y.tolist(), *start.s.T.ravel().tolist()]
     text = " ".join(f"{literal(value)}," for value in values)
     return textwrap.wrap(text, 96, break_long_words=False, break_on_hyphens=False)
+
+
+def _check_events(program: Program, integrator: str) -> None:
+    """Refuse events where they would have to solve for what the integrator integrates."""
+    if program.layout.events and program.layout.n_algebraic:
+        raise CodegenError(
+            f"{integrator} integrates algebraic unknowns itself, which events do not go together "
+            "with: take dopri5, rkf45 or dop853"
+        )
+
+
+def _check_loops(program: Program, integrator: str) -> None:
+    """Refuse dependent constraints: stages off them would contradict each other."""
+    layout = program.layout
+    if not layout.constraint_edges:
+        return
+    model = CompiledModel(program, PythonKernels(program))
+    p, start = model.default_parameters, model.start()
+    rows = model.bound("gradient", p)(0.0, start.y, np.zeros(0), None)
+    rows = rows.reshape(-1, layout.n_speeds)
+    size = max(1.0, float(np.max(np.abs(rows), initial=0.0)))
+    if np.linalg.matrix_rank(rows, tol=_DEPENDENT * size) < len(rows):
+        raise CodegenError(
+            f"constraints of scene '{layout.name}' are dependent at the start, which {integrator} "
+            "cannot hold: take dopri5, rkf45 or dop853"
+        )
 
 
 def _write_files(directory: Path, texts: Mapping[str, str]) -> None:

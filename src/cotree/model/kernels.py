@@ -6,6 +6,7 @@ to keep it.
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
@@ -17,15 +18,17 @@ from cotree.dag.evaluate import evaluate
 from cotree.dag.several import results
 from cotree.dag.traverse import reachable, symbols_in
 from cotree.errors import BuildError, SingularSystemError, SolveError
+from cotree.model.newton import load_newton
 from cotree.program.kernels import KERNELS
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from cotree.build import LoadedLibrary
     from cotree.dag.nodes import Node
     from cotree.equations import Guard
+    from cotree.model.newton import Newton
     from cotree.program import Kernel, Layout, Program
 
 Array = npt.NDArray[np.float64]
@@ -63,6 +66,8 @@ class NativeModel:
         Keeps the code loaded.
     can_extend : bool
         Whether it has rates of its algebraic unknowns.
+    newton : callable
+        Gives what implicit methods need besides, built at the first call; None where it cannot be.
     """
 
     address: int
@@ -70,6 +75,7 @@ class NativeModel:
     k: Array
     library: LoadedLibrary
     can_extend: bool
+    newton: Callable[[], Newton | None]
 
 
 class Kernels(Protocol):
@@ -116,6 +122,7 @@ class CKernels:
         if model.abi_version != ABI_VERSION or model.n_states != len(layout.states):
             raise BuildError("the loaded library belongs to another model: clear the cache")
         self._library = library  # keeps the code loaded
+        self._newton = functools.cache(lambda: load_newton(program))
         self._model = model
         self._layout, self._guards = layout, program.guards
         self._can_extend = program.can_extend
@@ -165,7 +172,7 @@ class CKernels:
         ffi = self._library.ffi
         address = int(ffi.cast("uintptr_t", self._model))
         p, k = self._arrays["p"].copy(), self._arrays["k"].copy()
-        return NativeModel(address, p, k, self._library, self._can_extend)
+        return NativeModel(address, p, k, self._library, self._can_extend, self._newton)
 
     def _failure(self, status: int) -> Exception:
         if status == SINGULAR:

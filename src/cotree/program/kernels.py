@@ -12,6 +12,7 @@ ARGUMENTS: dict[str, tuple[str, str]] = {
     "u": ("const double *COTREE_RESTRICT u", "inputs"),
     "p": ("const double *COTREE_RESTRICT p", "parameters"),
     "k": ("const double *COTREE_RESTRICT k", "prepared values"),
+    "v": ("const double *COTREE_RESTRICT v", "a direction of the states"),
 }
 
 

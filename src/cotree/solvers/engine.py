@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from cotree.build import LoadedLibrary
     from cotree.model.kernels import NativeModel
+    from cotree.model.newton import Newton
     from cotree.solvers.problem import FloatArray, Problem
 
 # So often one event may make others happen at the same time, as in cotree_events.h.
@@ -105,12 +106,14 @@ class Job:
         problem: Problem,
         corners: Sequence[float],
         is_extended: bool = False,
+        newton: Newton | None = None,
     ) -> None:
         assert problem.native is not None
         self._ffi, self._lib = engine.ffi, engine.lib
-        self._kept: list[Any] = [engine, problem.native]
+        self._kept: list[Any] = [engine, problem.native, newton]
         native, n_full = problem.native, problem.size
-        cut = problem.n_states - (0 if self.keeps_algebraic else problem.n_algebraic)
+        keeps = self.keeps_algebraic or newton is not None
+        cut = problem.n_states - (0 if keeps else problem.n_algebraic)
         rtol, atols = augmented_tolerances(problem)
         lead, blocks = problem.n_states if is_extended else cut, atols.reshape(-1, problem.n_states)
         atols = np.concatenate([blocks[0, :lead], blocks[1:, :cut].ravel()])
@@ -134,6 +137,10 @@ class Job:
         job.z, job.t, job.entry = self._doubles(self.z), corners[0], -1
         self.job = job
         job.memory = self._make_memory(problem)
+        if newton is not None:
+            job.newton = self._ffi.cast("void *", newton.address)
+            size = int(self._lib.cotree_job_newton(job.model, job.newton))
+            job.newton_memory = self._doubles(np.zeros(size))
         self._n = n_full
         self._room = 0
         self.times, self.values = np.zeros(0), np.zeros((0, n_full))

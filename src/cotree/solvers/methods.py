@@ -54,6 +54,7 @@ _ROWS = (
     Method("rkf45", "cotree", False, False, True),
     Method("dop853", "cotree", False, False, True),
     Method("rodas4", "cotree", True, False, True),
+    Method("rodas5", "cotree", True, False, True),
     Method("RK45", "scipy", False, False, True),
     Method("DOP853", "scipy", False, False, True),
     Method("RK23", "scipy", False, False, True),

@@ -32,10 +32,13 @@ _MORE, _FAILED, _STOPPED = 1, 2, 3
 _GLANCE, _FIRST_STEPS = 0.1, 1000
 
 #: The methods of SciPy that stand in where there is no C.
-STAND_INS = {"dopri5": "RK45", "rkf45": "RK45", "dop853": "DOP853", "rodas4": "Radau"}
-
-# Dense factors of larger matrices take longer than all else.
-_MOST_STATES = 150
+STAND_INS = {
+    "dopri5": "RK45",
+    "rkf45": "RK45",
+    "dop853": "DOP853",
+    "rodas4": "Radau",
+    "rodas5": "Radau",
+}
 
 
 def refusal(method: str, problem: Problem) -> str:
@@ -44,9 +47,15 @@ def refusal(method: str, problem: Problem) -> str:
         return problem.not_native or "there is nothing for C to do"
     if not METHODS[method].implicit:
         return ""
-    if problem.n_states - problem.n_algebraic > _MOST_STATES:
-        return f"more than {_MOST_STATES} states need sparse matrices"
-    return "the motion is held to constraints" if problem.project is not None else ""
+    if problem.events is not None and problem.n_algebraic:
+        return "there are events beside algebraic unknowns"
+    if problem.singular is not None:
+        # Stages of Rosenbrock methods are off the constraints, which then contradict each other.
+        edges = problem.singular(problem.t_span[0], problem.z0)
+        if edges:
+            names = ", ".join(f"'{edge}'" for edge in edges)
+            return f"constraints of {names} are dependent at the start"
+    return ""
 
 
 def can_extend(method: str, problem: Problem) -> bool:
@@ -69,7 +78,7 @@ class NativeSolver:
     Attributes
     ----------
     method : str
-        "dopri5", "rkf45", "dop853" or "rodas4".
+        "dopri5", "rkf45", "dop853", "rodas4" or "rodas5".
     """
 
     method: str
@@ -90,11 +99,17 @@ class NativeSolver:
         engine = load_engine(self.method)
         if engine is None:
             return self._stand_in(problem, "no compiler can build its engine")
+        newton = None
+        if METHODS[self.method].implicit:
+            assert problem.native is not None  # it was not refused
+            newton = problem.native.model.newton()
+            if newton is None:
+                return self._stand_in(problem, "no compiler can build what it needs of the model")
         begin = time.perf_counter()
         corners = segments(problem)
         times = [corners[0][0], *(end for _, end in corners)]
         is_extended = can_extend(self.method, problem)
-        job = Job(engine, problem, times, is_extended)
+        job = Job(engine, problem, times, is_extended, newton)
         ended = run_job(job, problem, self.method)
         if ended.status == FAILED and is_extended:
             job = Job(engine, problem, times)

@@ -33,6 +33,9 @@ if TYPE_CHECKING:
 # tolerances.
 _STIFF_TIME_CONSTANTS = 2000.0
 
+# Beyond it, factors that are kept for many steps win over eight stages that are cheap.
+_MOST_STATES = 150
+
 _PROBE_STEPS = 20
 _PROBE_RTOL = 1e-3
 
@@ -99,8 +102,9 @@ def choose_method(problem: Problem) -> tuple[str, str]:
     Returns
     -------
     method : str
-        "dop853" or, where the problem is stiff, "rodas4"; where C cannot take it, "DOP853", and
-        "cvode", or "BDF" without scikit-sundae.
+        "dop853" or, where the problem is stiff, "rodas5"; where C cannot take it, "DOP853", and
+        "cvode", or "BDF" without scikit-sundae. These take stiff problems of many states, too,
+        and of loops, which "rodas5" does not bring through singular configurations.
     reason : str
         One sentence.
 
@@ -119,9 +123,10 @@ def choose_method(problem: Problem) -> tuple[str, str]:
     if count <= _STIFF_TIME_CONSTANTS:
         reason = f"not stiff, {length}" if count >= 1.0 else "not stiff, nothing decays fast"
         return explicit, f"{explicit} was chosen: {reason}."
-    if not refusal("rodas4", problem):
-        return "rodas4", f"rodas4 was chosen: stiff, {length}."
     method = "cvode" if importlib.util.find_spec("sksundae") is not None else "BDF"
+    is_wide = problem.n_states > _MOST_STATES and not problem.n_algebraic
+    if problem.singular is None and not is_wide and not refusal("rodas5", problem):
+        method = "rodas5"
     return method, f"{method} was chosen: stiff, {length}."
 
 

@@ -1,0 +1,222 @@
+"""What implicit methods need of a model besides its kernels, as C text.
+
+In: a program after its passes. Out: ``<model>_newton.c`` with the factors of ``shift M - J`` in
+straight lines, or where these would be many, as tables that a loop walks through; and the kernels
+of second derivatives.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.codegen.context import (
+    is_call,
+    kernel_context,
+    name_tables,
+    table_context,
+    wrapped,
+)
+from cotree.codegen.printer_c import is_written_out
+from cotree.codegen.render import render
+from cotree.dag.several import Function
+from cotree.dag.traverse import symbols_in
+from cotree.naming import c_identifier
+from cotree.passes.curvature import form_curvature
+from cotree.passes.time_slope import form_time_slope
+from cotree.program.sparse_lu import plan_elimination
+from cotree.version import ABI_VERSION, VERSION
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from cotree.codegen.context import KernelContext, TableContext
+    from cotree.program import Program
+    from cotree.program.sparse_lu import Elimination, Entry
+
+# Beyond this number of products a compiler takes longer than loops through tables would.
+_LONGEST = 3000
+
+
+@dataclass(frozen=True)
+class EliminationContext:
+    """An elimination, as statements or as rows of tables."""
+
+    n: int
+    n_factors: int
+    n_operations: int
+    is_unrolled: bool
+    reads_values: bool
+    reads_shift: bool
+    factor_lines: list[str]
+    solve_lines: list[str]
+    n_factor_steps: int
+    n_solve_steps: int
+
+
+@dataclass(frozen=True)
+class NewtonContext:
+    """What the template gets; most as in the model's context."""
+
+    title: str
+    prefix: str
+    generator: str
+    digest: str
+    uses_math: bool
+    uses_solve: bool
+    definite_sizes: list[int]
+    tables: list[TableContext]
+    functions: list[str]
+    kernels: list[KernelContext]
+    elimination: EliminationContext | None
+    is_autonomous: bool
+    has_slope: bool
+    n_carried: int
+    n_couplings: int
+    places: list[str]
+
+    @property
+    def n_written(self) -> int:
+        """About how many operations the longest function has."""
+        plan = self.elimination
+        products = plan.n_operations if plan is not None and plan.is_unrolled else 0
+        return max([products, *(kernel.n_written for kernel in self.kernels)])
+
+
+def render_newton(model: NewtonContext) -> Mapping[str, str]:
+    """Write the file of a model, and the headers that it includes.
+
+    Parameters
+    ----------
+    model : NewtonContext
+        From :func:`newton_context`.
+
+    Returns
+    -------
+    mapping of str to str
+        Text by file name.
+    """
+    return {
+        "cotree_abi.h": render("c/cotree_abi.h.jinja", abi_version=ABI_VERSION, generator=VERSION),
+        "cotree_newton.h": render("c/newton/cotree_newton.h.jinja", generator=VERSION),
+        f"{model.prefix}_newton.h": render("c/newton/newton.h.jinja", model=model),
+        f"{model.prefix}_newton.c": render("c/newton/newton.c.jinja", model=model),
+    }
+
+
+def newton_declarations(model: NewtonContext) -> str:
+    """Give the declarations that cffi reads."""
+    return f"const void *{model.prefix}_newton(void);\n"
+
+
+def newton_context(program: Program) -> NewtonContext:
+    """Gather what the template needs.
+
+    Parameters
+    ----------
+    program : Program
+        After its passes.
+    """
+    layout, prefix = program.layout, c_identifier(program.layout.name)
+    plan = plan_elimination(
+        len(layout.states), layout.column_starts, layout.row_indices, layout.n_algebraic
+    )
+    elimination = None if plan is None else _elimination_context(plan)
+    curvature = form_curvature(program)
+    slope = form_time_slope(program)
+    made = [slope] if slope is not None else []
+    made += [curvature.at, curvature.along] if curvature is not None else []
+    nodes = [node for kernel in made for node in kernel.order]
+    tables = name_tables(node.data for node in nodes if node.op == "table")
+    kernels = [kernel_context(prefix, kernel, program, tables) for kernel in made]
+    places = [] if curvature is None else wrapped(map(str, curvature.places))
+    lines = [line for kernel in kernels for line in (kernel.signature, *kernel.lines)] + places
+    if elimination is not None:
+        lines += [*elimination.factor_lines, *elimination.solve_lines]
+    rates = [*program.kernels["rhs"].results, *program.kernels["augmented_rhs"].results]
+    uses_solve = any(node.op == "solve" for node in nodes)
+    return NewtonContext(
+        title=layout.name,
+        prefix=prefix,
+        generator=VERSION,
+        digest=hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16],
+        uses_math=uses_solve or any(is_call(node) for node in nodes),
+        uses_solve=uses_solve,
+        definite_sizes=sorted({node.data.size for node in nodes if is_written_out(node)}),
+        tables=[table_context(table, name) for table, name in tables.items()],
+        functions=sorted({node.data.name for node in nodes if isinstance(node.data, Function)}),
+        kernels=kernels,
+        elimination=elimination,
+        is_autonomous=all(node.data[0] in "xsp" for node in symbols_in(rates)),
+        has_slope=slope is not None,
+        n_carried=0 if curvature is None else len(curvature.at.results),
+        n_couplings=0 if curvature is None else len(curvature.places),
+        places=places,
+    )
+
+
+def _elimination_context(plan: Elimination) -> EliminationContext:
+    is_unrolled = plan.n_operations <= _LONGEST
+    factors = [row for entry in plan.factors for row in _factor_steps(entry)]
+    solving = [row for steps in _solve_steps(plan) for row in steps]
+    return EliminationContext(
+        n=len(plan.rows),
+        n_factors=len(plan.factors),
+        n_operations=plan.n_operations,
+        is_unrolled=is_unrolled,
+        reads_values=any(entry.value >= 0 for entry in plan.factors),
+        reads_shift=any(entry.has_shift for entry in plan.factors),
+        factor_lines=_factor_lines(plan) if is_unrolled else wrapped(map(str, factors)),
+        solve_lines=_solve_lines(plan) if is_unrolled else wrapped(map(str, solving)),
+        n_factor_steps=len(factors),
+        n_solve_steps=len(solving),
+    )
+
+
+def _factor_lines(plan: Elimination) -> list[str]:
+    """Write each factor, those that the next read as constants."""
+    read = {number for entry in plan.factors for pair in entry.products for number in pair}
+    read.update(entry.pivot for entry in plan.factors)
+    lines = []
+    for i, entry in enumerate(plan.factors):
+        sum_of = "shift" if entry.has_shift else ""
+        if entry.value >= 0:
+            sum_of += f" - v[{entry.value}]" if sum_of else f"-v[{entry.value}]"
+        for a, b in entry.products:
+            sum_of += f" - f{a} * f{b}" if sum_of else f"-f{a} * f{b}"
+        if entry.is_pivot:
+            text = f"1.0 / ({sum_of})"
+        elif entry.pivot >= 0:
+            text = f"({sum_of}) * f{entry.pivot}"
+        else:
+            text = sum_of
+        name = f"const double f{i} = f[{i}]" if i in read else f"f[{i}]"
+        lines.append(f"{name} = {text};")
+    return lines
+
+
+def _solve_lines(plan: Elimination) -> list[str]:
+    lines = []
+    for k, (row, pairs) in enumerate(zip(plan.rows, plan.lower, strict=True)):
+        products = "".join(f" - f[{factor}] * y{m}" for m, factor in pairs)
+        lines.append(f"const double y{k} = b[{row}]{products};")
+    for k in reversed(range(len(plan.rows))):
+        products = "".join(f" - f[{factor}] * x{j}" for j, factor in plan.upper[k])
+        lines.append(f"const double x{k} = (y{k}{products}) * f[{plan.pivots[k]}];")
+    # All are known before any is written: rows and columns may be exchanged.
+    return lines + [f"b[{column}] = x{k};" for k, column in enumerate(plan.columns)]
+
+
+def _factor_steps(entry: Entry) -> Iterable[int]:
+    scale = -2 if entry.is_pivot else entry.pivot
+    flat = [number for pair in entry.products for number in pair]
+    return (entry.value, int(entry.has_shift), scale, len(entry.products), *flat)
+
+
+def _solve_steps(plan: Elimination) -> Iterable[Iterable[int]]:
+    n = len(plan.rows)
+    for pairs_of, ks in ((plan.lower, range(n)), (plan.upper, reversed(range(n)))):
+        for k in ks:
+            flat = [number for pair in pairs_of[k] for number in pair]
+            yield (plan.rows[k], plan.columns[k], plan.pivots[k], len(pairs_of[k]), *flat)

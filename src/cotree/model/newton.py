@@ -1,0 +1,61 @@
+"""What implicit methods need of a model besides its kernels, built when one is first used.
+
+In: a program after its passes. Out: a ``cotree_newton`` in this process.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.build import BuildOptions, build_library, find_toolchain, load_library
+from cotree.codegen.newton import newton_context, newton_declarations, render_newton
+from cotree.errors import BuildError
+from cotree.version import ABI_VERSION
+
+if TYPE_CHECKING:
+    from cotree.build import LoadedLibrary
+    from cotree.program import Program
+
+
+@dataclass(frozen=True, eq=False)
+class Newton:
+    """Factors and second derivatives of a model, as C sees them.
+
+    Attributes
+    ----------
+    address : int
+        Of its ``cotree_newton``.
+    library : LoadedLibrary
+        Keeps the code loaded.
+    """
+
+    address: int
+    library: LoadedLibrary
+
+
+def load_newton(program: Program) -> Newton | None:
+    """Build and load it; None where no compiler can.
+
+    Parameters
+    ----------
+    program : Program
+        After its passes.
+    """
+    toolchain = find_toolchain()
+    if toolchain is None:
+        return None
+    model = newton_context(program)
+    try:
+        library = build_library(
+            render_newton(model),
+            abi_version=ABI_VERSION,
+            n_operations=model.n_written,
+            options=BuildOptions(),
+            toolchain=toolchain,
+        )
+    except BuildError:
+        return None
+    loaded = load_library(library.path, newton_declarations(model))
+    address = getattr(loaded.lib, f"{model.prefix}_newton")()
+    return Newton(int(loaded.ffi.cast("uintptr_t", address)), loaded)

@@ -1,0 +1,47 @@
+"""How the rates change with time at a fixed state: a kernel that implicit methods read.
+
+In: a program after its passes. Out: the derivatives of the rates of states and sensitivities by
+time, with the scene's own inputs moving along.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cotree.dag.derivative import tangents
+from cotree.program.kernels import KERNELS, KernelSpec
+from cotree.program.program import Kernel
+
+if TYPE_CHECKING:
+    from cotree.program.program import Program
+
+_SPEC = KernelSpec(
+    "time_slope",
+    KERNELS["augmented_rhs"].arguments,
+    "dz",
+    "derivatives by time of the rates of the states, then of the sensitivities",
+)
+
+
+def form_time_slope(program: Program) -> Kernel | None:
+    """Differentiate the rates by time.
+
+    Parameters
+    ----------
+    program : Program
+        After its passes.
+
+    Returns
+    -------
+    Kernel or None
+        None where the rates depend on neither time nor inputs.
+    """
+    dag, kernels = program.dag, program.kernels
+    rates = kernels["augmented_rhs"].results or kernels["rhs"].results
+    time = {dag.symbol("t", 0): dag.one}
+    moving = tangents(kernels["inputs"].results, time)
+    seed = {**time, **{dag.symbol("u", i): node for i, node in enumerate(moving)}}
+    found = tangents(rates, seed)
+    if all(node.is_zero for node in found):
+        return None
+    return Kernel(_SPEC, tuple(found), kernels["rhs"].prepared)
