@@ -27,12 +27,18 @@ def scenes():
         scene = scene_of_domain(name)
         wanted = list(scene.compile().parameters)[:3]
         yield name, scene, wanted, read_reference(name)["t_end"], ("rodas5", (1e-6, 1e-8))
-    for name in ("ivp_transistor_amplifier", "spice_rectifier"):
+    amplifier = "ivp_transistor_amplifier"
+    for name, wanted in (
+        (amplifier, []),
+        (amplifier, ["R1", "beta", "UF"]),
+        ("spice_rectifier", []),
+    ):
         end = read_reference(name)["t_end"]
         for method in ("dop853", "rodas5"):
-            yield name, circuits.circuit(name), [], end, (method, (1e-6, 1e-8))
+            yield name, circuits.circuit(name), wanted, end, (method, (1e-6, 1e-8))
     rectifier = cotree.load("bridge-rectifier")
-    yield "bridge-rectifier", rectifier, ["C", "RL"], 0.1, ("rodas5", (1e-6, 1e-8))
+    for method in ("dop853", "rodas5"):
+        yield "bridge-rectifier", rectifier, ["C", "RL"], 0.1, (method, (1e-6, 1e-8))
 
 
 def error(found, exact) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from made_up_scenes import SWIRL_C, busy_scene, call_case, closed_scene, solve_case
 
+from cotree import load
 from cotree.codegen.context import model_context
 from cotree.codegen.integrators import INTEGRATORS, engine_files, sundials_files
 from cotree.codegen.render import render_model
@@ -19,6 +20,14 @@ from cotree.pipeline import formulate, generate
 from cotree.program import KERNELS
 
 pytestmark = pytest.mark.compiler
+
+# Of models with algebraic unknowns only.
+OF_UNKNOWNS = {
+    "algebraic_step",
+    "extended_rhs",
+    "extended_augmented_rhs",
+    "algebraic_sensitivity",
+}
 
 
 def _files(program):
@@ -232,13 +241,21 @@ def test_calls_run_clean_under_sanitizers(made_up, run_compiler):
 def test_a_scene_with_constraints_runs_clean_under_sanitizers(run_compiler, sensitivities):
     program = _closed(sensitivities)
     found = _sanitized(program, "closed", run_compiler)
-    optional = {name for name, spec in KERNELS.items() if spec.is_optional}
-    # There are no algebraic unknowns.
-    optional = {name for name in optional if not name.startswith(("algebraic_", "extended_"))}
+    optional = {name for name, spec in KERNELS.items() if spec.is_optional} - OF_UNKNOWNS
     # In the rates of events, s stands for rates of states.
     of_sensitivities = {name for name in optional if "s" in KERNELS[name].arguments}
     of_sensitivities.remove("event_rates")
     assert optional & set(found) == (optional if sensitivities else optional - of_sensitivities)
+    _check_against_python(program, found)
+
+
+@pytest.mark.parametrize("sensitivities", [(), ("C", "Is")])
+def test_a_scene_with_algebraic_unknowns_runs_clean_under_sanitizers(run_compiler, sensitivities):
+    scene = load("bridge-rectifier")
+    program = generate(formulate(scene, list(sensitivities), None)[1])[0]
+    found = _sanitized(program, "bridge_rectifier", run_compiler)
+    absent = {"extended_rhs"} if sensitivities else OF_UNKNOWNS - {"algebraic_step", "extended_rhs"}
+    assert OF_UNKNOWNS & set(found) == OF_UNKNOWNS - absent
     _check_against_python(program, found)
 
 
