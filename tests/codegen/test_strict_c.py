@@ -10,7 +10,7 @@ import pytest
 from made_up_scenes import SWIRL_C, busy_scene, call_case, closed_scene, solve_case
 
 from cotree.codegen.context import model_context
-from cotree.codegen.integrators import cvode_files
+from cotree.codegen.integrators import sundials_files
 from cotree.codegen.render import render_model
 from cotree.dag.several import SolveShape
 from cotree.equations import Guard
@@ -67,8 +67,9 @@ def test_solve_call_and_table_are_clean(made_up, run_compiler, is_staged):
         run_compiler(_files(program), "-c")
 
 
-def test_what_drives_cvode_is_clean(run_compiler):
-    run_compiler(cvode_files(), "-c")
+@pytest.mark.parametrize("method", ["cvode", "ida"])
+def test_what_drives_sundials_is_clean(run_compiler, method):
+    run_compiler(sundials_files(method), "-c")
 
 
 def test_a_program_of_nothing_is_clean(made_up, run_compiler):
