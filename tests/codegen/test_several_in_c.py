@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_up_scenes import SWIRL_C, call_case, solve_case
 
-from cotree.dag.several import solve, solve_pivoted
+from cotree.dag.several import SolveShape, solve, solve_pivoted
 from cotree.errors import SingularSystemError, SolveError
 from cotree.model.kernels import PythonKernels
 from cotree.passes.recipe import run_passes
@@ -53,6 +53,44 @@ def test_regular_systems(made_up, load_kernels, name):
     # number of the scaled matrix (at most 2e4, Hilbert's) magnifies.
     np.testing.assert_allclose(compiled[:4], python[:4], rtol=1e-11)
     np.testing.assert_allclose(a @ compiled[:4], b, rtol=1e-10)
+
+
+def _symmetric():
+    rng = np.random.default_rng(1)
+    factor = rng.normal(size=(4, 4))
+    definite = factor @ factor.T
+    yield "definite", definite, 4
+    yield "negative", -definite, 4
+    yield "indefinite", factor + factor.T, 4
+    flat = factor[:, :3] @ factor[:, :3].T
+    yield "of rank three", flat, 3
+    yield "nearly of rank three", flat + 1e-9 * np.eye(4), 4
+
+
+SYMMETRIC = {name: rest for name, *rest in _symmetric()}
+
+
+@pytest.mark.parametrize("name", SYMMETRIC)
+def test_symmetric_systems_are_written_out_where_they_are_definite(made_up, load_kernels, name):
+    from cotree.codegen.context import model_context
+    from cotree.dag.nodes import Dag
+
+    matrix, rank = SYMMETRIC[name]
+    b = matrix @ [1.0, -2.0, 0.5, 3.0]
+    dag = Dag()
+    places = iter(range(10))
+    lower = {(i, j): dag.symbol("p", next(places)) for i in range(4) for j in range(i + 1)}
+    rows = [[lower[max(i, j), min(i, j)] for j in range(4)] for i in range(4)]
+    rhs = [dag.symbol("p", 10 + i) for i in range(4)]
+    results = solve(dag, rows, rhs, shape=SolveShape(4, 0))
+    values = [*(matrix[i, j] for i, j in lower), *b]
+    context = model_context(made_up(dag, n_parameters=14, outputs=results))
+    assert context.definite_sizes == [4]
+    compiled, python = _both(made_up, load_kernels, dag, results, values)
+    assert compiled[4:].tolist() == python[4:].tolist() == [rank, 1.0]
+    # Python always exchanges rows: the condition number (at most 1e11) magnifies roundings.
+    np.testing.assert_allclose(compiled[:4], python[:4], rtol=1e-3 if "nearly" in name else 1e-11)
+    np.testing.assert_allclose(matrix @ compiled[:4], b, rtol=1e-11, atol=1e-12)
 
 
 def test_singular_systems_say_so_in_both(made_up, load_kernels):

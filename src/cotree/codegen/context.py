@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.codegen.loops import roll
-from cotree.codegen.printer_c import Printed, literal, print_nodes
+from cotree.codegen.printer_c import Printed, is_written_out, literal, print_nodes
 from cotree.dag.operations import OPERATIONS
 from cotree.dag.several import Function, Table
 from cotree.dag.traverse import reachable
@@ -80,6 +80,7 @@ class ModelContext:
     digest: str
     uses_math: bool
     uses_solve: bool
+    definite_sizes: list[int]  # of symmetric systems that are written out
     tables: list[TableContext]
     functions: list[str]
     kernels: list[KernelContext]
@@ -129,6 +130,7 @@ def model_context(program: Program) -> ModelContext:
         digest=hashlib.sha256(lines.encode()).hexdigest()[:16],
         uses_math=any(node.op == "solve" or _is_call(node) for node in nodes),
         uses_solve=any(node.op == "solve" for node in nodes),
+        definite_sizes=sorted({node.data.size for node in nodes if is_written_out(node)}),
         tables=[
             TableContext(
                 name, len(table.x), _wrapped(map(literal, table.x)), _wrapped(map(literal, table.y))

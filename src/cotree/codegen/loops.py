@@ -69,7 +69,7 @@ def roll(lines: Sequence[str]) -> list[str]:
     """
     if len(lines) < _FEWEST_LINES:
         return list(lines)
-    parsed = [_Line.of(text) for text in lines]
+    parsed = _parse(lines)
     pieces = list(_pieces(parsed))
     if not any(times > 1 for _, _, times in pieces):
         return list(lines)
@@ -85,23 +85,42 @@ def roll(lines: Sequence[str]) -> list[str]:
     return [*size, *writer.tables, *writer.lines]
 
 
+def _parse(lines: Sequence[str]) -> list[_Line]:
+    """Tell forms from numbers, where statements repeat even when kinds of numbers are ignored."""
+    covered = _cover([_NUMBER.sub("", text) for text in lines])
+    n = len(lines)
+    reach = covered.max(axis=0)
+    begins = np.flatnonzero(reach)
+    changes = np.zeros(n + 1, dtype=np.intp)
+    changes[begins] += 1
+    np.subtract.at(changes, begins + reach[begins], 1)
+    repeats = np.cumsum(changes) > 0
+    return [_Line.of(text) if repeats[i] else _Line(text, "", ()) for i, text in enumerate(lines)]
+
+
+def _cover(forms: Sequence[str]) -> npt.NDArray[np.intp]:
+    """Count the statements of the loop with each length of body (rows) that begins at each place.
+
+    Those that are empty are like no other.
+    """
+    n = len(forms)
+    numbers: dict[str, int] = {}
+    labels = np.array(
+        [numbers.setdefault(form, len(numbers)) if form else -1 - i for i, form in enumerate(forms)]
+    )
+    covered = np.zeros((_LONGEST_BODY + 1, n + 1), dtype=np.intp)
+    for period in range(1, min(_LONGEST_BODY, n - 1) + 1):
+        agreed = _run_lengths(labels[:-period] == labels[period:])
+        times = agreed // period + 1
+        is_worth = (times >= _FEWEST_TIMES) & (times * period >= _FEWEST_LINES)
+        covered[period, : n - period] = np.where(is_worth, times * period, 0)
+    return covered
+
+
 def _pieces(lines: Sequence[_Line]) -> Iterator[tuple[int, int, int]]:
     """Cut the statements into pieces: start, length of the body, how often it is repeated."""
     n = len(lines)
-    numbers: dict[str, int] = {}
-    # Each line that may not be in a loop is like no other.
-    forms = np.array(
-        [numbers.setdefault(row.form, len(numbers)) if row.form else -1 - i
-         for i, row in enumerate(lines)]
-    )  # fmt: skip
-    agreed = np.zeros((_LONGEST_BODY + 1, n + 1), dtype=np.intp)
-    for period in range(1, min(_LONGEST_BODY, n - 1) + 1):
-        agreed[period, : n - period] = _run_lengths(forms[:-period] == forms[period:])
-    covered = np.zeros_like(agreed)
-    for period in range(1, _LONGEST_BODY + 1):
-        times = agreed[period] // period + 1
-        is_worth = (times >= _FEWEST_TIMES) & (times * period >= _FEWEST_LINES)
-        covered[period] = np.where(is_worth, times * period, 0)
+    covered = _cover([row.form for row in lines])
     reach = covered.max(axis=0)
     start = plain = 0
     while start < n:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from cotree.dag.operations import OPERATIONS
-from cotree.dag.several import SEVERAL
+from cotree.dag.several import SEVERAL, is_symmetric
 from cotree.dag.traverse import reachable
 from cotree.naming import c_comment
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Node
     from cotree.dag.several import Table
 
+_LARGEST_SYSTEM = 12  # that is written out: 300 statements
 _LONGEST_INLINE = 72  # characters of an expression that may stand inside another
 _ATOM = 9
 _SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
@@ -81,6 +82,11 @@ def print_nodes(
         printer.visit(node)
     values = [printer.operand(root, 0) for root in roots]
     return Printed(printer.lines, values, printer.n_statements, printer.uses_status)
+
+
+def is_written_out(node: Node) -> bool:
+    """Tell whether a linear system, if it is definite, is solved by statements without loops."""
+    return node.op == "solve" and node.data.size <= _LARGEST_SYSTEM and is_symmetric(node)
 
 
 @dataclass
@@ -173,14 +179,15 @@ class _Printer:
         """Print a solution; a matrix that several solutions share is factorised once."""
         n, name = node.data.size, self._declare(node)
         matrix, rhs, reference = node.args[: n * n], node.args[n * n : -1], node.args[-1]
-        key = (matrix, reference, node.data)
+        key, own = (matrix, reference, node.data), f"_{n}" if is_written_out(node) else ""
         if key not in self._factors:
             self._factors[key] = number = name[1:]
             self.lines += [
                 self._array(f"a{number}", matrix),
                 f"int r{number}[{n}], c{number}[{n}];",
-                f"const int rank{number} = cotree_factorise({n}, {self.operand(reference, 0)}, "
-                f"{literal(node.data.tolerance)}, a{number}, r{number}, c{number});",
+                f"const int rank{number} = cotree_factorise{own}({n}, "
+                f"{self.operand(reference, 0)}, {literal(node.data.tolerance)}, "
+                f"a{number}, r{number}, c{number});",
                 f"const int accepted{number} = cotree_complete({n}, {node.data.n_determined}, "
                 f"rank{number}, a{number}, c{number});",
             ]
@@ -189,7 +196,7 @@ class _Printer:
         values += [f"(double)rank{number}", f"(double)accepted{number}"]
         self.lines += [
             f"double {name}[{n + 2}] = {{{', '.join(values)}}};",
-            f"cotree_substitute({n}, rank{number}, a{number}, r{number}, c{number}, {name});",
+            f"cotree_substitute{own}({n}, rank{number}, a{number}, r{number}, c{number}, {name});",
             f"if (!accepted{number}) status = COTREE_SINGULAR;",
         ]
         self.uses_status = True

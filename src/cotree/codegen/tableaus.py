@@ -117,7 +117,7 @@ _RKF45 = Tableau(
     source="E. Fehlberg, NASA Technical Report R-315 (1969); the solution of order 5 is kept, as "
     "by L. F. Shampine and H. A. Watts, Sandia report SAND76-0585 (1976)",
     error_order=4,
-    memory="0.0",
+    memory="0.04",
     nodes=("1.0 / 4.0", "3.0 / 8.0", "12.0 / 13.0", "1.0", "1.0 / 2.0"),
     stages=(
         {0: "1.0 / 4.0"},
@@ -157,7 +157,7 @@ _DOP853 = Tableau(
     source="E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, second "
     "edition, section II.10",
     error_order=7,
-    memory="0.0",
+    memory="0.05",
     nodes=(
         "0.05260015195876773",
         "0.0789002279381516",

@@ -205,6 +205,12 @@ def solve(
     return dag.several("solve", args, shape, n + 2)
 
 
+def is_symmetric(node: Node) -> bool:
+    """Tell whether the matrix of a linear system is symmetric whatever its values are."""
+    n = node.data.size
+    return all(node.args[i * n + j] is node.args[j * n + i] for i in range(n) for j in range(i))
+
+
 def table(dag: Dag, data: Table, x: Node) -> tuple[Node, Node]:
     """Form the value and the slope of a table at ``x``."""
     value, slope = dag.several("table", [x], data, 2)

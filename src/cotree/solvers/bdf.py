@@ -117,13 +117,13 @@ def solve_in_c(problem: Problem, method: str) -> Trajectory | str:
     if problem.is_sparse and job.is_wide:
         return "the Jacobian's band is wide"
     try:
-        status, reason = run_job(job, problem, method, begin)
+        ended = run_job(job, problem, method)
     finally:
         job.end()
-    if status == FAILED and (problem.n_algebraic or problem.singular is not None):
+    if ended.status == FAILED and (problem.n_algebraic or problem.singular is not None):
         # What looks far for algebraic unknowns, and passes singular positions, is Python.
-        return f"{reason} at t = {float(job.job.t):.10g}"
-    trajectory = trajectory_of(job, problem, method, status, reason, begin)
+        return f"{ended.reason} at t = {float(job.job.t):.10g}"
+    trajectory = trajectory_of(job, problem, method, ended)
     return compiled_in(trajectory, begin - before)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -79,11 +79,11 @@ class NativeSolver:
         begin = time.perf_counter()
         corners = segments(problem)
         job = Job(engine, problem, [corners[0][0], *(end for _, end in corners)])
-        status, reason = run_job(job, problem, self.method, begin)
-        if status == FAILED and (problem.n_algebraic or problem.singular is not None):
+        ended = run_job(job, problem, self.method)
+        if ended.status == FAILED and (problem.n_algebraic or problem.singular is not None):
             # What looks far for algebraic unknowns, and passes singular positions, is Python.
-            return self._stand_in(problem, f"{reason} at t = {float(job.job.t):.10g}")
-        trajectory = trajectory_of(job, problem, self.method, status, reason, begin)
+            return self._stand_in(problem, f"{ended.reason} at t = {float(job.job.t):.10g}")
+        trajectory = trajectory_of(job, problem, self.method, ended)
         return compiled_in(trajectory, begin - before)
 
     def _stand_in(self, problem: Problem, why: str) -> Trajectory:
@@ -101,8 +101,16 @@ def compiled_in(trajectory: Trajectory, seconds: float) -> Trajectory:
     return replace(trajectory, statistics=statistics)
 
 
-def run_job(job: Job, problem: Problem, method: str, begin: float) -> tuple[int, str]:
-    """Advance a job to its end; give status and reason.
+class Ended(NamedTuple):
+    """How a job ended: its status, why it failed, and what C took, [s]."""
+
+    status: int
+    reason: str
+    seconds: float
+
+
+def run_job(job: Job, problem: Problem, method: str) -> Ended:
+    """Advance a job to its end.
 
     Parameters
     ----------
@@ -112,11 +120,11 @@ def run_job(job: Job, problem: Problem, method: str, begin: float) -> tuple[int,
         For its budgets.
     method : str
         What runs, for a progress bar.
-    begin : float
-        When its time began, by ``time.perf_counter``, [s].
     """
     with Progress(method, problem.t_span) as progress:
-        return _advance(job, problem, begin, progress)
+        begin = time.perf_counter()
+        status, reason = _advance(job, problem, begin, progress)
+        return Ended(status, reason, time.perf_counter() - begin)
 
 
 def _advance(job: Job, problem: Problem, begin: float, progress: Progress) -> tuple[int, str]:
@@ -140,14 +148,12 @@ def _advance(job: Job, problem: Problem, begin: float, progress: Progress) -> tu
         steps = int(min(max(1.0, rate * min(_GLANCE, rest)), 10.0 * steps))
 
 
-def trajectory_of(
-    job: Job, problem: Problem, method: str, status: int, reason: str, begin: float
-) -> Trajectory:
+def trajectory_of(job: Job, problem: Problem, method: str, ended: Ended) -> Trajectory:
     """Give what a job has kept, with the last good point of one that failed."""
     c = job.job
     kept = int(c.n_kept)
     t, values = job.times[:kept], job.values[:kept]
-    if status != 0 and not (kept and t[-1] == c.t):
+    if ended.status != 0 and not (kept and t[-1] == c.t):
         t, values = np.append(t, c.t), np.vstack([values, job.z])
     statistics = Statistics(
         method=method,
@@ -155,11 +161,11 @@ def trajectory_of(
         njev=job.n_jacobians,
         nlu=job.n_factorisations,
         n_steps=int(c.n_steps),
-        seconds=time.perf_counter() - begin,
+        seconds=ended.seconds,
     )
-    message = " ".join(summary(problem, method, float(c.t), reason))
+    message = " ".join(summary(problem, method, float(c.t), ended.reason))
     t, z = t.copy(), values.T.copy()
-    return Trajectory(t, z, status, message, statistics, _drift(job, problem, t, z))
+    return Trajectory(t, z, ended.status, message, statistics, _drift(job, problem, t, z))
 
 
 def _drift(job: Job, problem: Problem, t: FloatArray, z: FloatArray) -> Drift | None:
