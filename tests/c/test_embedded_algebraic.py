@@ -55,8 +55,8 @@ def bridge() -> Made:
     )
 
 
-# rodas5 has sensitivities of unknowns in its error test, to Is = 1e-6 of 1e5 and more, whose rounding
-# is above these tolerances: it stops and says so.
+# rodas5 has sensitivities of unknowns in its error test, to Is = 1e-6 of 1e5 and more, whose
+# rounding is above these tolerances: it stops and says so.
 @pytest.mark.parametrize(
     ("method", "sensitivities"),
     [
