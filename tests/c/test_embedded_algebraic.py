@@ -55,8 +55,8 @@ def bridge() -> Made:
     )
 
 
-# rodas5 has sensitivities of unknowns in its error test, to Is = 1e-6 of 1e5 and more, whose
-# rounding is above these tolerances: it stops and says so.
+# rodas5 has sensitivities of unknowns in its error test, here up to 1e5: with an absolute tolerance
+# below 1e-10 its steps shrink to nothing.
 @pytest.mark.parametrize(
     ("method", "sensitivities"),
     [
