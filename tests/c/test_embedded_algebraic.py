@@ -55,8 +55,16 @@ def bridge() -> Made:
     )
 
 
-@pytest.mark.parametrize("method", ["dopri5", "rodas5"])
-@pytest.mark.parametrize("sensitivities", [(), pytest.param(("R", "Is"), marks=pytest.mark.slow)])
+# rodas5 has sensitivities of unknowns in its error test, here up to 1e5: with an absolute tolerance
+# below 1e-10 its steps shrink to nothing.
+@pytest.mark.parametrize(
+    ("method", "sensitivities"),
+    [
+        ("dopri5", ()),
+        ("rodas5", ()),
+        pytest.param("dopri5", ("R", "Is"), marks=pytest.mark.slow),
+    ],
+)
 def test_ends_as_in_python(
     compiler: str, tmp_path: Path, sensitivities: tuple[str, ...], method: str
 ) -> None:
