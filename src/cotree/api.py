@@ -207,12 +207,8 @@ class Model(CompiledModel):
             lines.append(f"  {row.summary()}; clusters in their own axes: {axes}")
         for report in self._compiled.reports:
             lines.append(f"pass {report.name}: operations of each kernel alone, before -> after")
-            after = report.after
-            changed = [
-                f"  {name:20} {before} -> {after[name]}"
-                for name, before in report.before.items()
-                if before != after[name]
-            ]
+            both = [(name, n, report.after[name]) for name, n in report.before.items()]
+            changed = [f"  {name:20} {n} -> {after}" for name, n, after in both if n != after]
             lines += changed or ["  none changed"]
         return "\n".join(lines)
 
@@ -373,7 +369,9 @@ class Model(CompiledModel):
         u = self.input_values(t, p) if u is None else as_array(u, (len(self.inputs),), "inputs")
         return self._linearizer.at(float(t), solve_states(self, float(t), p, u, y), p, u)
 
-    def write(self, directory: str | Path, integrator: str = "dopri5") -> CProject:
+    def write(
+        self, directory: str | Path, integrator: str = "dopri5", step: float | None = None
+    ) -> CProject:
         """Write model, header, integrator and a main program that need no Python.
 
         Parameters
@@ -381,7 +379,10 @@ class Model(CompiledModel):
         directory : str or Path
             Where to; made if it does not exist.
         integrator : str
-            ``dopri5``, ``rkf45``, ``dop853``, or ``rodas5`` or ``rodas4`` for stiff systems.
+            ``dopri5``, ``rkf45``, ``dop853``; for stiff systems ``rodas5``, ``rodas4``; for real
+            time, with steps of one length, ``rk4``, and for stiff systems then ``euler``.
+        step : float, optional
+            That length, [s].
 
         Returns
         -------
@@ -391,10 +392,10 @@ class Model(CompiledModel):
         Raises
         ------
         CodegenError
-            If the directory cannot be written, or there is no such integrator.
+            If the directory cannot be written, or integrator, scene and step do not go together.
         """
         from cotree.export.c_project import write_c_project
 
         d, to = self._scene.defaults, Path(directory)
         numbers = {"t_end": d.t_end, "rtol": d.rtol, "atol": d.atol}
-        return write_c_project(self._program, to, integrator, **numbers)
+        return write_c_project(self._program, to, integrator, step=step, **numbers)

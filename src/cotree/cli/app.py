@@ -211,13 +211,19 @@ def generate_project(
     sensitivity: Sensitivity = [],  # noqa: B006
     tree: TreeOption = [],  # noqa: B006
     integrator: Annotated[
-        str, typer.Option(help="dopri5, rkf45, dop853, or rodas5 or rodas4 for stiff.")
+        str,
+        typer.Option(
+            help="dopri5, rkf45, dop853; for stiff rodas5, rodas4; of one step length rk4, euler."
+        ),
     ] = "dopri5",
+    step: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="Length of the steps of rk4 and euler.")
+    ] = None,
 ) -> None:
     """Write a C project that integrates a scene without Python."""
     from cotree.api import load
 
-    project = load(scene).compile(sensitivity, read_tree(tree)).write(output, integrator)
+    project = load(scene).compile(sensitivity, read_tree(tree)).write(output, integrator, step)
     for file in project.files:
         typer.echo(f"wrote {file}")
     typer.echo(f"build it there with: {project.command}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from cotree.codegen.fixed import FIXED, FixedStep
 from cotree.codegen.render import declared, render
 from cotree.codegen.rosenbrock import ROSENBROCK, RosenbrockTableau
 from cotree.codegen.sundials import SUNDIALS_FUNCTIONS, SUNDIALS_VERSION, VERSION_FUNCTION
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 _FOLDER = "c/integrators"
 
-#: Every integrator, by name.
+#: Every integrator with error control, by name.
 INTEGRATORS: dict[str, Tableau | RosenbrockTableau] = {**TABLEAUS, **ROSENBROCK}
 
 
@@ -25,20 +26,22 @@ def integrator_files(name: str) -> Mapping[str, str]:
     Parameters
     ----------
     name : str
-        A name in ``INTEGRATORS``.
+        A name in ``INTEGRATORS`` or ``FIXED``.
 
     Returns
     -------
     mapping of str to str
         Text by file name.
     """
-    method = INTEGRATORS[name]
+    method: Tableau | RosenbrockTableau | FixedStep = {**INTEGRATORS, **FIXED}[name]
     files = {
         f"cotree_integrator{end}": render(f"{_FOLDER}/cotree_integrator{end}.jinja", **_COMMON)
         for end in (".h", ".c")
     }
     for end in (".h", ".c"):
         kind = "rosenbrock" if method.is_implicit else "explicit"
+        if isinstance(method, FixedStep):
+            kind = "fixed"
         text = render(f"{_FOLDER}/{kind}{end}.jinja", method=method, **_COMMON)
         files[f"cotree_{name}{end}"] = text
     return files

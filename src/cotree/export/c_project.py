@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cotree.codegen.context import model_context
+from cotree.codegen.fixed import FIXED
 from cotree.codegen.integrators import (
     INTEGRATORS,
     driver_files,
@@ -40,6 +41,8 @@ if TYPE_CHECKING:
 
     from cotree.codegen.context import ModelContext
     from cotree.program import Program
+
+_METHODS = {**INTEGRATORS, **FIXED}
 
 # Rows of the constraints that are nearer to each other than this share of their size are dependent.
 _DEPENDENT = 1e-6
@@ -98,6 +101,8 @@ class MainContext:
         How many entries the Jacobian has.
     n_events : int
         How many events there are.
+    step : str
+        The length of all steps; empty where it is controlled.
     is_extended : bool
         Whether algebraic unknowns are integrated, too.
     """
@@ -122,6 +127,7 @@ class MainContext:
     n_algebraic: int
     n_nonzeros: int
     n_events: int
+    step: str
     is_extended: bool
 
 
@@ -133,6 +139,7 @@ def write_c_project(
     t_end: float,
     rtol: float,
     atol: float,
+    step: float | None = None,
 ) -> CProject:
     """Write a model with a main program that integrates it.
 
@@ -145,11 +152,13 @@ def write_c_project(
     directory : Path
         Folder of the files, created where it is missing.
     integrator : str
-        A name in ``INTEGRATORS``.
+        A name in ``INTEGRATORS`` or ``FIXED``.
     t_end : float
         End time of a run without arguments, [s].
     rtol, atol : float
         Tolerances of states and sensitivities, relative and absolute.
+    step : float, optional
+        Length of all steps of a method of ``FIXED``, [s].
 
     Returns
     -------
@@ -168,15 +177,15 @@ def write_c_project(
         If there is no such integrator, or it takes neither the constraints nor events beside
         algebraic unknowns; or if the folder or a file cannot be written.
     """
-    if integrator not in INTEGRATORS:
-        raise CodegenError(
-            f"there is no integrator '{integrator}'{nearest(integrator, INTEGRATORS)}"
-        )
+    method = _METHODS.get(integrator)
+    if method is None:
+        raise CodegenError(f"there is no integrator '{integrator}'{nearest(integrator, _METHODS)}")
     _check_numbers(t_end, rtol, atol)
+    _check_step(program, integrator, step)
     model = model_context(program)
     driver = driver_files(integrator) if program.layout.events else {}
     own: Mapping[str, str] = {}
-    if INTEGRATORS[integrator].is_implicit:
+    if method.is_implicit:
         _check_loops(program, integrator)
         _check_events(program, integrator)
         own = {**render_newton(newton_context(program)), **stiff_files()}
@@ -190,7 +199,7 @@ def write_c_project(
         "main.c",
     ]
     command = f"cc -std=c99 -O2 -ffp-contract=off -o {model.prefix} {' '.join(sources)} -lm"
-    main = _main_context(program, model, integrator, command, t_end, rtol, atol)
+    main = _main_context(program, model, integrator, command, t_end, rtol, atol, step)
     texts = {**render_model(model), **run_files(), **own, **integrator_files(integrator), **driver}
     texts["main.c"] = render("c/main.c.jinja", main=main)
     _write_files(directory, texts)
@@ -205,6 +214,25 @@ def _check_numbers(t_end: float, rtol: float, atol: float) -> None:
             raise SceneError(f"{name} is {value}: give a finite number that is not negative")
 
 
+def _check_step(program: Program, integrator: str, step: float | None) -> None:
+    """Refuse steps of one length where they do not go together with the rest."""
+    if integrator not in FIXED:
+        if step is not None:
+            raise CodegenError(
+                f"{integrator} controls its steps: give a step to {' or '.join(FIXED)} only"
+            )
+        return
+    if step is None or not (math.isfinite(step) and step > 0.0):
+        raise CodegenError(
+            f"{integrator} takes steps of one length: give it, a positive number of seconds"
+        )
+    if program.layout.events:
+        raise CodegenError(
+            f"{integrator} does not locate events, and scene '{program.layout.name}' has "
+            f"'{program.layout.events[0].name}': take dopri5, rkf45 or dop853"
+        )
+
+
 def _main_context(
     program: Program,
     model: ModelContext,
@@ -213,6 +241,7 @@ def _main_context(
     t_end: float,
     rtol: float,
     atol: float,
+    step: float | None,
 ) -> MainContext:
     return MainContext(
         title=model.title,
@@ -221,13 +250,13 @@ def _main_context(
         upper=model.upper,
         generator=model.generator,
         integrator=integrator,
-        is_implicit=INTEGRATORS[integrator].is_implicit,
+        is_implicit=_METHODS[integrator].is_implicit,
         command=command,
         t_end=literal(t_end),
         rtol=literal(rtol),
         atol=literal(atol),
         guards=[c_string(guard.demand) for guard in program.guards],
-        stops=_stop_rows(program),
+        stops=[] if step is not None else _stop_rows(program),  # steps of one length pass over
         max_step=_max_step(program),
         has_sensitivities=bool(model.sensitivities),
         start=_start_lines(program),
@@ -235,7 +264,8 @@ def _main_context(
         n_algebraic=model.n_algebraic,
         n_nonzeros=model.n_nonzeros,
         n_events=len(program.layout.events),
-        is_extended=not INTEGRATORS[integrator].is_implicit
+        step="" if step is None else literal(step),
+        is_extended=not _METHODS[integrator].is_implicit
         and program.can_extend
         and not program.layout.events,
     )
