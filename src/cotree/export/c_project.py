@@ -101,6 +101,8 @@ class MainContext:
         How many entries the Jacobian has.
     n_events : int
         How many events there are.
+    is_strict : bool
+        Whether constraints are dependent, so that rates are taken on them.
     step : str
         The length of all steps; empty where it is controlled.
     is_extended : bool
@@ -127,6 +129,7 @@ class MainContext:
     n_algebraic: int
     n_nonzeros: int
     n_events: int
+    is_strict: bool
     step: str
     is_extended: bool
 
@@ -264,6 +267,7 @@ def _main_context(
         n_algebraic=model.n_algebraic,
         n_nonzeros=model.n_nonzeros,
         n_events=len(program.layout.events),
+        is_strict=_are_dependent(program),
         step="" if step is None else literal(step),
         is_extended=not _METHODS[integrator].is_implicit
         and program.can_extend
@@ -313,19 +317,24 @@ def _check_events(program: Program, integrator: str) -> None:
 
 def _check_loops(program: Program, integrator: str) -> None:
     """Refuse dependent constraints: stages off them would contradict each other."""
+    if _are_dependent(program):
+        raise CodegenError(
+            f"constraints of scene '{program.layout.name}' are dependent at the start, which "
+            f"{integrator} cannot hold: take dopri5, rkf45 or dop853"
+        )
+
+
+def _are_dependent(program: Program) -> bool:
+    """Tell whether constraints of edges are dependent at the start."""
     layout = program.layout
     if not layout.constraint_edges:
-        return
+        return False
     model = CompiledModel(program, PythonKernels(program))
     p, start = model.default_parameters, model.start()
     rows = model.bound("gradient", p)(0.0, start.y, np.zeros(0), None)
     rows = rows.reshape(-1, layout.n_speeds)
     size = max(1.0, float(np.max(np.abs(rows), initial=0.0)))
-    if np.linalg.matrix_rank(rows, tol=_DEPENDENT * size) < len(rows):
-        raise CodegenError(
-            f"constraints of scene '{layout.name}' are dependent at the start, which {integrator} "
-            "cannot hold: take dopri5, rkf45 or dop853"
-        )
+    return bool(np.linalg.matrix_rank(rows, tol=_DEPENDENT * size) < len(rows))
 
 
 def _write_files(directory: Path, texts: Mapping[str, str]) -> None:

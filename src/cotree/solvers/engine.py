@@ -126,6 +126,7 @@ class Job:
         job.has_sensitivities = int(problem.n_sensitivities > 0)
         job.is_held = int(problem.project is not None)
         job.is_extended = int(is_extended)
+        job.is_strict = int(bool(problem.singular and problem.singular(corners[0], problem.z0)))
         job.n, job.rtol, job.atols = n, rtol, self._doubles(atols)
         job.atol = float(np.min(problem.atol))
         job.max_step = min(problem.max_step, float(np.finfo(np.float64).max))
