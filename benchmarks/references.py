@@ -46,7 +46,7 @@ TOLERANCES = tuple(10.0 ** (-0.5 * i) for i in range(5, 27))
 LIMIT, LONG = 5.0, 0.2
 #: So many tolerances reach the last error, or fail one after another, before no further one is
 #: tried.
-ENOUGH, HOPELESS = 2, 3
+ENOUGH, HOPELESS = 2, 5
 
 
 @dataclass(frozen=True)
