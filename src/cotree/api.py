@@ -149,9 +149,8 @@ def _names(sensitivities: Sequence[str] | None) -> list[str]:
     names = list(sensitivities or ())
     for name in names:
         if not isinstance(name, str):
-            raise ParameterError(
-                f"sensitivities holds {name!r}: give names of parameters or states"
-            )
+            text = f"sensitivities holds {name!r}: give names of parameters or states"
+            raise ParameterError(text)
     return names
 
 
@@ -207,9 +206,9 @@ class Model(CompiledModel):
             lines.append(f"  {row.summary()}; clusters in their own axes: {axes}")
         for report in self._compiled.reports:
             lines.append(f"pass {report.name}: operations of each kernel alone, before -> after")
-            both = [(name, n, report.after[name]) for name, n in report.before.items()]
-            changed = [f"  {name:20} {n} -> {after}" for name, n, after in both if n != after]
-            lines += changed or ["  none changed"]
+            counts = [(name, n, report.after[name]) for name, n in report.before.items()]
+            rows = [f"  {name:20} {n} -> {m}" for name, n, m in counts if n != m]
+            lines += rows or ["  none changed"]
         return "\n".join(lines)
 
     def check_start(self) -> None:
@@ -379,8 +378,8 @@ class Model(CompiledModel):
         directory : str or Path
             Where to; made if it does not exist.
         integrator : str
-            ``dopri5``, ``rkf45``, ``dop853``; for stiff systems ``rodas5``, ``rodas4``; for real
-            time, with steps of one length, ``rk4``, and for stiff systems then ``euler``.
+            ``dopri5``, ``rkf45``, ``dop853``; if stiff ``rodas5``, ``rodas4``; of one step length
+            ``rk4``, if stiff ``euler``.
         step : float, optional
             That length, [s].
 
@@ -398,4 +397,4 @@ class Model(CompiledModel):
 
         d, to = self._scene.defaults, Path(directory)
         numbers = {"t_end": d.t_end, "rtol": d.rtol, "atol": d.atol}
-        return write_c_project(self._program, to, integrator, step=step, **numbers)
+        return write_c_project(self._program, to, integrator, **numbers, step=step)
