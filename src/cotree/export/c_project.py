@@ -187,9 +187,10 @@ def write_c_project(
     _check_step(program, integrator, step)
     model = model_context(program)
     driver = driver_files(integrator) if program.layout.events else {}
+    is_dependent = _are_dependent(program)
     own: Mapping[str, str] = {}
     if method.is_implicit:
-        _check_loops(program, integrator)
+        _check_loops(program, integrator, is_dependent)
         _check_events(program, integrator)
         own = {**render_newton(newton_context(program)), **stiff_files()}
     sources = [
@@ -202,7 +203,7 @@ def write_c_project(
         "main.c",
     ]
     command = f"cc -std=c99 -O2 -ffp-contract=off -o {model.prefix} {' '.join(sources)} -lm"
-    main = _main_context(program, model, integrator, command, t_end, rtol, atol, step)
+    main = _main_context(program, model, integrator, command, t_end, rtol, atol, step, is_dependent)
     texts = {**render_model(model), **run_files(), **own, **integrator_files(integrator), **driver}
     texts["main.c"] = render("c/main.c.jinja", main=main)
     _write_files(directory, texts)
@@ -245,6 +246,7 @@ def _main_context(
     rtol: float,
     atol: float,
     step: float | None,
+    is_strict: bool,
 ) -> MainContext:
     return MainContext(
         title=model.title,
@@ -267,7 +269,7 @@ def _main_context(
         n_algebraic=model.n_algebraic,
         n_nonzeros=model.n_nonzeros,
         n_events=len(program.layout.events),
-        is_strict=_are_dependent(program),
+        is_strict=is_strict,
         step="" if step is None else literal(step),
         is_extended=not _METHODS[integrator].is_implicit
         and program.can_extend
@@ -315,9 +317,9 @@ def _check_events(program: Program, integrator: str) -> None:
         )
 
 
-def _check_loops(program: Program, integrator: str) -> None:
+def _check_loops(program: Program, integrator: str, is_dependent: bool) -> None:
     """Refuse dependent constraints: stages off them would contradict each other."""
-    if _are_dependent(program):
+    if is_dependent:
         raise CodegenError(
             f"constraints of scene '{program.layout.name}' are dependent at the start, which "
             f"{integrator} cannot hold: take dopri5, rkf45 or dop853"
