@@ -240,7 +240,7 @@ def _load(
     library = build_library(
         files,
         abi_version=ABI_VERSION,
-        n_operations=max(kernel.n_written for kernel in context.kernels),
+        n_operations=context.n_written,
         options=options,
         toolchain=toolchain,
     )

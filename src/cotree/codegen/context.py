@@ -8,17 +8,21 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.codegen.loops import roll
+from cotree.codegen.maps import MapContext, map_context
 from cotree.codegen.printer_c import Printed, is_written_out, literal, print_nodes
 from cotree.dag.operations import OPERATIONS
 from cotree.dag.several import Function, Table
+from cotree.dag.several import results as results_of
 from cotree.dag.traverse import reachable
 from cotree.naming import c_comment, c_identifier, c_string
 from cotree.program.kernels import ARGUMENTS
 from cotree.version import ABI_VERSION, VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
+    from cotree.codegen.printer_c import Place
+    from cotree.dag.linear_map import LinearMap
     from cotree.dag.nodes import Node
     from cotree.equations import Quantity
     from cotree.program import Kernel, Layout, Program
@@ -55,6 +59,7 @@ class KernelContext:
     n_results: int
     n_operations: int
     n_statements: int
+    n_in_maps: int  # of the operations
     unused: list[str]
     lines: list[str]
     uses_status: bool
@@ -63,7 +68,7 @@ class KernelContext:
     def n_written(self) -> int:
         """About how many operations stand in the text: those of a loop stand there once."""
         whole = max(1, self.n_statements + self.n_results)
-        return self.n_operations * min(whole, len(self.lines)) // whole
+        return (self.n_operations - self.n_in_maps) * min(whole, len(self.lines)) // whole
 
 
 @dataclass(frozen=True)
@@ -110,6 +115,7 @@ class ModelContext:
     definite_sizes: list[int]  # of symmetric systems that are written out
     tables: list[TableContext]
     functions: list[str]
+    maps: list[MapContext]
     kernels: list[KernelContext]
     kernel_pointers: list[str]
     states: list[QuantityContext]
@@ -129,6 +135,11 @@ class ModelContext:
     n_algebraic: int
     hybrid: HybridContext
 
+    @property
+    def n_written(self) -> int:
+        """About how many operations the longest function has."""
+        return max(row.n_written for row in (*self.kernels, *self.maps))
+
 
 def model_context(program: Program) -> ModelContext:
     """Gather what the templates of a model need.
@@ -144,8 +155,10 @@ def model_context(program: Program) -> ModelContext:
     nodes += reachable([guard.value for guard in program.guards])  # prepare checks them
     tables = name_tables(node.data for node in nodes if node.op == "table")
     functions = sorted({node.data.name for node in nodes if isinstance(node.data, Function)})
+    applied = {node.data: node for node in nodes if node.op == "map"}
+    maps = {linear: f"map{i}" for i, linear in enumerate(applied)}
     present = [k for k in program.kernels.values() if k.is_present]
-    kernels = [kernel_context(prefix, k, program, tables) for k in present]
+    kernels = [kernel_context(prefix, k, program, {**tables, **maps}) for k in present]
     lines = "\n".join(line for kernel in kernels for line in (kernel.signature, *kernel.lines))
     return ModelContext(
         title=layout.name,
@@ -161,6 +174,7 @@ def model_context(program: Program) -> ModelContext:
         definite_sizes=sorted({node.data.size for node in nodes if is_written_out(node)}),
         tables=[table_context(table, name) for table, name in tables.items()],
         functions=functions,
+        maps=[map_context(applied[linear], name) for linear, name in maps.items()],
         kernels=kernels,
         kernel_pointers=[
             f"{prefix}_{k.spec.name}" if k in present else "NULL" for k in program.kernels.values()
@@ -239,7 +253,7 @@ def _quantity(row: Quantity) -> QuantityContext:
 
 
 def kernel_context(
-    prefix: str, kernel: Kernel, program: Program, tables: dict[Table, str]
+    prefix: str, kernel: Kernel, program: Program, names: Mapping[Table | LinearMap, str]
 ) -> KernelContext:
     """Gather what the templates need of one kernel."""
     spec = kernel.spec
@@ -251,11 +265,11 @@ def kernel_context(
     else:
         roots = [*kernel.results, *(guard.value for guard in guards)]
         order = None if guards else kernel.order
-        printed = print_nodes(roots, kernel.prepared, tables, order)
+        printed = print_nodes(roots, kernel.prepared, names, order, _places_of_maps(kernel))
         unused, operations = _unused(kernel, roots), kernel.operations.total
     n_results = len(kernel.results)
     results, checks = printed.values[:n_results], printed.values[n_results:]
-    lines = [*printed.lines, *(f"{spec.result}[{i}] = {v};" for i, v in enumerate(results))]
+    lines = [*printed.lines, *_written(spec.result, results)]
     for i, (guard, value) in enumerate(zip(guards, checks, strict=True)):
         comparison = ">" if guard.is_strict else ">="
         lines.append(f"if (!({value} {comparison} 0.0)) return -{i + 1};")
@@ -266,10 +280,34 @@ def kernel_context(
         n_results=n_results,
         n_operations=operations,
         n_statements=printed.n_statements,
+        n_in_maps=sum(n.data.n_columns * n.data.counts.total() for n in _maps_in(kernel)),
         unused=unused,
         lines=roll(lines),
         uses_status=printed.uses_status,
     )
+
+
+def _written(array: str, results: Sequence[str]) -> Iterator[str]:
+    """Write results that do not stand in their places already."""
+    for i, value in enumerate(results):
+        place = f"{array}[{i}]"
+        if value != place:
+            yield f"{place} = {value};"
+
+
+def _maps_in(kernel: Kernel) -> list[Node]:
+    return [node for node in kernel.order if node.op == "map"]
+
+
+def _places_of_maps(kernel: Kernel) -> dict[Node, Place]:
+    """Let maps write to where a kernel wants all their results, one after the other."""
+    places = {}
+    for node in _maps_in(kernel):
+        own = results_of(node, node.data.n_results)
+        first = next((i for i, root in enumerate(kernel.results) if root is own[0]), 0)
+        if kernel.results[first : first + len(own)] == own:
+            places[node] = (kernel.spec.result, first)
+    return places
 
 
 def _tail_lines(prefix: str, kernel: Kernel, whole: Kernel) -> list[str]:

@@ -7,6 +7,7 @@ evaluation. Comments name the group that a statement belongs to.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from cotree.dag.operations import OPERATIONS
@@ -17,15 +18,26 @@ from cotree.naming import c_comment
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from cotree.dag.linear_map import LinearMap
     from cotree.dag.nodes import Node
     from cotree.dag.several import Table
 
 _LARGEST_SYSTEM = 12  # that is written out: 300 statements
 _LONGEST_INLINE = 72  # characters of an expression that may stand inside another
+_WIDEST = 8  # numbers in a vector, on any machine
 _ATOM = 9
 _SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 _PRECEDENCE = {"add": 1, "sub": 1, "mul": 2, "div": 2, "neg": 3}
 _OUTER = {"sign": _ATOM, "select": 3}  # arguments that do not stand between commas
+
+
+#: Name of an array and the first element of a part of it.
+Place = tuple[str, int]
+
+
+def padded(n_columns: int) -> int:
+    """Give the length of a row of columns: whole vectors of any width."""
+    return -(-n_columns // _WIDEST) * _WIDEST
 
 
 @dataclass(frozen=True)
@@ -59,8 +71,9 @@ def literal(value: float) -> str:
 def print_nodes(
     roots: Sequence[Node],
     prepared: Mapping[Node, int],
-    tables: Mapping[Table, str],
+    names: Mapping[Table | LinearMap, str],
     order: Sequence[Node] | None = None,
+    places: Mapping[Node, Place] = MappingProxyType({}),
 ) -> Printed:
     """Print the statements that some values need.
 
@@ -70,13 +83,15 @@ def print_nodes(
         The values wanted.
     prepared : mapping of Node to int
         Values to read from ``k``, with their place there.
-    tables : mapping of Table to str
-        C name of each table.
+    names : mapping of Table or LinearMap to str
+        C name of each table and of each map.
     order : sequence of Node, optional
         What the values depend on, in order of evaluation, where it is known already.
+    places : mapping of Node to Place
+        Where the results of a map are to be written, if not to an array of its own.
     """
     order = reachable(roots, stop=prepared) if order is None else order
-    printer = _Printer(prepared, tables)
+    printer = _Printer(prepared, names, places)
     printer.count_uses(roots, order)
     for node in order:
         printer.visit(node)
@@ -92,7 +107,8 @@ def is_written_out(node: Node) -> bool:
 @dataclass
 class _Printer:
     prepared: Mapping[Node, int]
-    tables: Mapping[Table, str]
+    names: Mapping[Table | LinearMap, str]
+    places: Mapping[Node, Place]
     lines: list[str] = field(default_factory=list)
     uses_status: bool = False
 
@@ -135,7 +151,9 @@ class _Printer:
         elif op in SEVERAL:
             self._several(node)
         elif op == "result":
-            self._text[node] = (f"v{self._number[node.args[0]]}[{node.data}]", _ATOM)
+            owner = node.args[0]
+            array, first = self.places.get(owner, (f"v{self._number[owner]}", 0))
+            self._text[node] = (f"{array}[{first + node.data}]", _ATOM)
         else:
             self._scalar(node)
 
@@ -202,7 +220,7 @@ class _Printer:
         self.uses_status = True
 
     def _table(self, node: Node) -> None:
-        name, table = self._declare(node), self.tables[node.data]
+        name, table = self._declare(node), self.names[node.data]
         n = len(node.data.x)
         self.lines += [
             f"double {name}[2];",
@@ -217,3 +235,31 @@ class _Printer:
             f"if ({node.data.name}(a{name[1:]}, {name}) != 0) status = COTREE_FAILED_CALL;",
         ]
         self.uses_status = True
+
+    def _map(self, node: Node) -> None:
+        """Gather what the columns share and what each has of its own, row by row, and call it."""
+        linear: LinearMap = node.data
+        name = self._declare(node)
+        columns, n = linear.columns(node.args), linear.n_sensitive(node.args)
+        width = padded(linear.n_columns)
+        own = {
+            width * (i - n) + j: value
+            for j, column in enumerate(columns)
+            for i, value in enumerate(column)
+            if i >= n and not value.is_zero
+        }
+        n_own = max(1, width * (linear.n_inputs - n))
+        self.lines += [
+            f"double shared[{max(1, linear.n_shared)}];",
+            f"double own[{n_own}] = {{0.0}};",
+        ]
+        for array, values in (
+            ("shared", enumerate(node.args[: linear.n_shared])),
+            ("own", own.items()),
+        ):
+            self.lines += [f"{array}[{i}] = {self.operand(value, 0)};" for i, value in values]
+        array, first = self.places.get(node, (name, 0))
+        if array == name:
+            self.lines.append(f"double {name}[{linear.n_results}];")
+        to = f"{array} + {first}" if first else array
+        self.lines.append(f"{self.names[linear]}(shared, {'s' if n else 'own'}, own, {to});")

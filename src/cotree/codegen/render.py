@@ -82,14 +82,21 @@ def render_model(model: ModelContext) -> Mapping[str, str]:
     Returns
     -------
     mapping of str to str
-        Text by file name: ``cotree_abi.h``, ``<model>.h``, ``<model>.c``.
+        Text by file name: ``cotree_abi.h``, ``<model>.h``, ``<model>.c``; and
+        ``<model>_columns.h`` where there is something that C does with several columns at a time.
     """
+    columns = (
+        {f"{model.prefix}_columns.h": render("c/columns.h.jinja", model=model)}
+        if model.maps
+        else {}
+    )
     return {
         "cotree_abi.h": render(
             "c/cotree_abi.h.jinja", abi_version=model.abi_version, generator=model.generator
         ),
         f"{model.prefix}.h": render("c/model.h.jinja", model=model),
         f"{model.prefix}.c": render("c/model.c.jinja", model=model),
+        **columns,
     }
 
 

@@ -1,4 +1,4 @@
-"""Nodes with several results: ``solve``, ``table`` and ``call``.
+"""Nodes with several results: ``solve``, ``table``, ``call`` and ``map``.
 
 Each has a row in :data:`SEVERAL` with its rules for evaluation, tangent and reverse; the rule for
 C stands in :mod:`cotree.codegen.printer_c`. The results are read with ``result`` nodes.
@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from cotree.dag.linear_map import LinearMap
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -312,4 +314,10 @@ SEVERAL: dict[str, Several] = {
     ),
     "table": Several(_evaluate_table, _tangent_table, _reverse_table, lambda _: 2),
     "call": Several(_evaluate_call, _tangent_call, _reverse_call, lambda f: int(f.n_results)),
+    "map": Several(
+        LinearMap.evaluate,
+        lambda node, along: tuple(node.data.tangents(node.args, along)),
+        lambda node, adjoints: tuple(node.data.adjoints(node.args, adjoints)),
+        lambda linear: int(linear.n_results),
+    ),
 }

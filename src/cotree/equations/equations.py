@@ -288,6 +288,9 @@ class Equations:
     motion : Derivative or None
         Along the motion itself, where there are events or algebraic unknowns: the symbol
         ``("s", i)`` stands for the rate of state i.
+    direction : Derivative or None
+        Along a change of the states alone, in which the symbol ``("s", i)`` stands for that of
+        state i: what the sensitivities of all parameters have in common, where there are several.
     """
 
     name: str
@@ -316,6 +319,7 @@ class Equations:
     n_modes: int = 0
     events: tuple[EventRow, ...] = ()
     motion: Derivative | None = None
+    direction: Derivative | None = None
 
     @property
     def n_algebraic(self) -> int:

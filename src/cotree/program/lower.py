@@ -10,6 +10,7 @@ from cotree.dag.traverse import substitute, symbols_in
 from cotree.equations import Quantity, spread
 from cotree.errors import ParameterError
 from cotree.formulation.elimination import solve_unknowns
+from cotree.program.columns import rates_along_sensitivities
 from cotree.program.events import event_kernels, event_quantities
 from cotree.program.kernels import KERNELS
 from cotree.program.program import Kernel, Layout, Program
@@ -45,9 +46,12 @@ def lower(equations: Equations) -> Program:
     factors, solved = solve_unknowns(equations)
     rates = substitute(equations.rates, solved)
     outputs = substitute(equations.output_values, solved)
-    along, columns, observed, motion = _solve_derivatives(equations, factors, solved)
     zero, n, m = equations.dag.zero, len(equations.states), len(equations.outputs)
-    sensitivity_rates = [node for row in along for node in spread(row, n, zero)]
+    mapped = rates_along_sensitivities(equations, factors, solved, rates)
+    along, columns, observed, motion = _solve_derivatives(
+        equations, factors, solved, is_mapped=mapped is not None
+    )
+    sensitivity_rates = mapped or [node for row in along for node in spread(row, n, zero)]
     output_tangents = [node for row in observed for node in spread(row, m, zero)]
     starts, rows, values = _compress(columns)
     results: dict[str, list[Node]] = {
@@ -59,7 +63,7 @@ def lower(equations: Equations) -> Program:
         "inputs": list(equations.input_values),
         "rhs": rates,
         "jacobian": values,
-        "augmented_rhs": [*rates, *sensitivity_rates] if along else [],
+        "augmented_rhs": [*rates, *sensitivity_rates] if sensitivity_rates else [],
         "sensitivity_rhs": sensitivity_rates,
         "outputs": outputs[:m],
         "output_sensitivity": output_tangents,
@@ -119,11 +123,12 @@ _Row = dict[int, "Node"]
 
 
 def _solve_derivatives(
-    equations: Equations, factors: Solver, solved: dict[Node, Node]
+    equations: Equations, factors: Solver, solved: dict[Node, Node], *, is_mapped: bool
 ) -> tuple[list[_Row], list[_Row], list[_Row], tuple[_Row, _Row]]:
     """Form the derivatives of the rates along each sensitivity and each state, and of outputs.
 
-    The last pair are those of both along the motion, empty where there are no events.
+    The last pair are those of both along the motion, empty where there are no events. Where rates
+    of sensitivities are a map, they are not written out.
     """
     n = len(equations.sensitivities)
     motion = () if equations.motion is None else (equations.motion,)
@@ -151,6 +156,10 @@ def _solve_derivatives(
         forcing = [next(known) for _ in row.forcing]
         unsolved = [next(known) for _ in row.rates]
         observed = [next(known) for _ in row.outputs] if i < n_observed else []
+        if is_mapped and i < n and not observed:
+            rates.append({})
+            outputs.append({})
+            continue
         unknowns = factors.solve(forcing)
         tangents = dict(zip(equations.unknown_tangents, unknowns, strict=True))
         rates.append(dict(zip(row.rates, substitute(unsolved, tangents), strict=True)))

@@ -312,8 +312,20 @@ def form_equations(first: FirstGraph, sensitivities: Sequence[str]) -> Equations
             if scene.events or any(state.is_algebraic for state in first.states)
             else None
         ),
+        direction=_common_direction(first, sensitivities, support),
     )
     return _closed(equations, first.measured) if first.measured else equations
+
+
+def _common_direction(
+    first: FirstGraph, sensitivities: Sequence[str], support: Support
+) -> Derivative | None:
+    """Differentiate along a change of all states, where there are sensitivities to share it."""
+    if len(sensitivities) < 2:
+        return None
+    dag = first.system.dag
+    seed = {state.symbol: dag.symbol("s", i) for i, state in enumerate(first.states)}
+    return differentiate(first, {"": seed}, support)[0]
 
 
 def _closed(equations: Equations, measured: Mapping[Node, Node]) -> Equations:
@@ -335,6 +347,7 @@ def _closed(equations: Equations, measured: Mapping[Node, Node]) -> Equations:
         sensitivities=tuple(_closed_row(row, known) for row in equations.sensitivities),
         columns=tuple(_closed_row(row, known) for row in equations.columns),
         motion=None if equations.motion is None else _closed_row(equations.motion, known),
+        direction=None if equations.direction is None else _closed_row(equations.direction, known),
     )
 
 

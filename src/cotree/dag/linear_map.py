@@ -1,0 +1,227 @@
+"""One linear map of many columns: the node ``map``.
+
+Sensitivities to many parameters differ in the numbers that go in, not in what is done with them.
+Such statements are kept once, and C applies them to several columns at a time. Arguments of the
+node are what all columns share, then the columns one by one; its results are those of the first
+column, those of the second, and so on.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from cotree.dag.operations import OPERATIONS
+from cotree.dag.traverse import dependent, reachable, substitute
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cotree.dag.nodes import Dag, Node
+
+#: What a value that depends on a column may be made by; a division by what is shared is a product.
+_LINEAR = frozenset({"add", "sub", "mul", "neg"})
+
+
+@dataclass(frozen=True, eq=False)
+class LinearMap:
+    """What is done with each column.
+
+    Attributes
+    ----------
+    results : tuple of Node
+        In terms of the symbols ``("shared", i)`` and ``("column", i)``.
+    n_shared, n_inputs, n_columns : int
+        How many values all columns share, how long each of them is, and how many there are.
+    """
+
+    results: tuple[Node, ...]
+    n_shared: int
+    n_inputs: int
+    n_columns: int
+
+    @cached_property
+    def order(self) -> list[Node]:
+        """Every value of one column, in order of evaluation."""
+        return reachable(self.results)
+
+    @cached_property
+    def counts(self) -> Counter[str]:
+        """Operations of one column, by kind."""
+        return Counter(node.op for node in self.order if node.args)
+
+    @property
+    def n_results(self) -> int:
+        """How many results all columns have together."""
+        return len(self.results) * self.n_columns
+
+    def columns(self, args: Sequence[Any]) -> list[Sequence[Any]]:
+        """Cut the columns out of the arguments of a node."""
+        n, first = self.n_inputs, self.n_shared
+        return [args[first + n * j : first + n * (j + 1)] for j in range(self.n_columns)]
+
+    def n_sensitive(self, args: Sequence[Node]) -> int:
+        """Count the inputs that come first and are, column after column, the symbols ``s``."""
+        columns, n = self.columns(args), 0
+        while n < self.n_inputs and columns[0][n].op == "symbol" and columns[0][n].data == ("s", n):
+            n += 1
+        places = [("s", j * n + i) for j in range(self.n_columns) for i in range(n)]
+        given = (value.data for column in columns for value in column[:n])
+        return n if all(a == b for a, b in zip(places, given, strict=True)) else 0
+
+    def evaluate(self, values: Sequence[Any]) -> list[Any]:
+        """Apply the map to numbers, or to arrays of them."""
+        found: list[Any] = []
+        for column in self.columns(values):
+            kinds = {"shared": values, "column": column}
+            known: dict[Node, Any] = {}
+            for node in self.order:
+                if node.op == "symbol":
+                    known[node] = kinds[node.data[0]][node.data[1]]
+                elif node.op == "constant":
+                    known[node] = node.value
+                else:
+                    known[node] = OPERATIONS[node.op].array(*(known[arg] for arg in node.args))
+            found += [known[root] for root in self.results]
+        return found
+
+    def tangents(self, args: Sequence[Node], along: Sequence[Node]) -> list[Node]:
+        """Differentiate the results, from the tangents of the arguments."""
+        dag, found = args[0].dag, []
+        shared = range(self.n_shared)
+        pairs = zip(self.columns(args), self.columns(along), strict=True)
+        for column, d_column in pairs:
+            known = {dag.symbol("shared", i): (args[i], along[i]) for i in shared}
+            for i, both in enumerate(zip(column, d_column, strict=True)):
+                known[dag.symbol("column", i)] = both
+            found += self._tangents_of_one(dag, known)
+        return found
+
+    def _tangents_of_one(self, dag: Dag, known: dict[Node, tuple[Node, Node]]) -> list[Node]:
+        for node in self.order:
+            if node in known:
+                continue
+            if node.op == "constant":
+                known[node] = (node, dag.zero)
+                continue
+            pairs = [known[arg] for arg in node.args]
+            value = dag.rebuild(node, tuple(pair[0] for pair in pairs))
+            slopes = tuple(pair[1] for pair in pairs)
+            if node.op == "mul":
+                (a, da), (b, db) = pairs
+                known[node] = (value, da * b + a * db)
+            else:  # sums, differences and negations
+                known[node] = (value, dag.rebuild(node, slopes))
+        return [known[root][1] for root in self.results]
+
+    def adjoints(self, args: Sequence[Node], weights: Sequence[Node]) -> list[Node]:
+        """Differentiate in reverse: adjoints of the arguments from those of the results."""
+        dag, n = args[0].dag, len(self.results)
+        shared, rest = [dag.zero] * self.n_shared, []
+        for j, column in enumerate(self.columns(args)):
+            given = {dag.symbol("shared", i): args[i] for i in range(self.n_shared)}
+            given |= {dag.symbol("column", i): value for i, value in enumerate(column)}
+            values = dict(zip(self.order, substitute(self.order, given), strict=True))
+            bar = dict.fromkeys(self.order, dag.zero)
+            for root, weight in zip(self.results, weights[n * j : n * (j + 1)], strict=True):
+                bar[root] = bar[root] + weight
+            for node in reversed(self.order):
+                _pull_back(node, values, bar)
+            for i in range(self.n_shared):
+                shared[i] = shared[i] + bar.get(dag.symbol("shared", i), dag.zero)
+            rest += [bar.get(dag.symbol("column", i), dag.zero) for i in range(self.n_inputs)]
+        return [*shared, *rest]
+
+
+def _pull_back(node: Node, values: Mapping[Node, Node], bar: dict[Node, Node]) -> None:
+    """Hand the adjoint of one value on to its arguments."""
+    own = bar[node]
+    if node.op == "mul":
+        a, b = node.args
+        bar[a] = bar[a] + own * values[b]
+        bar[b] = bar[b] + own * values[a]
+    elif node.op == "neg":
+        bar[node.args[0]] = bar[node.args[0]] - own
+    elif node.args:
+        a, b = node.args
+        bar[a] = bar[a] + own
+        bar[b] = bar[b] + own if node.op == "add" else bar[b] - own
+
+
+def form_map(
+    dag: Dag, results: Sequence[Node], inputs: Sequence[Node], n_columns: int
+) -> tuple[LinearMap, tuple[Node, ...]] | None:
+    """Form a map from results that are linear in some symbols.
+
+    Parameters
+    ----------
+    dag : Dag
+        The arena.
+    results : sequence of Node
+        Linear and homogeneous in ``inputs``.
+    inputs : sequence of Node
+        Symbols that stand for the values of one column.
+    n_columns : int
+        How many columns it will be applied to.
+
+    Returns
+    -------
+    (LinearMap, tuple of Node) or None
+        The map and what its columns share. None where something is not made by sums and products:
+        a linear system that is solved at run time.
+    """
+    results = _as_products(dag, results, inputs)
+    order = reachable(results)
+    varying = dependent(order, inputs) - set(inputs)
+    if any(node.op not in _LINEAR for node in varying):
+        return None
+    if any(root not in varying and root not in inputs and not root.is_zero for root in results):
+        return None
+    own = {node: dag.symbol("column", i) for i, node in enumerate(inputs)}
+    shared = {
+        arg: None
+        for node in order
+        if node in varying
+        for arg in node.args
+        if arg not in varying and arg not in own and arg.op != "constant"
+    }
+    own |= {node: dag.symbol("shared", i) for i, node in enumerate(shared)}
+    body = tuple(substitute(results, own))
+    return LinearMap(body, len(shared), len(inputs), n_columns), tuple(shared)
+
+
+def _as_products(dag: Dag, results: Sequence[Node], inputs: Sequence[Node]) -> list[Node]:
+    """Turn divisions by shared values, and choices that these make, into products."""
+    varying = set(inputs)
+    made: dict[Node, Node] = {}
+    for node in reachable(results):
+        if not any(arg in varying for arg in node.args):
+            continue
+        varying.add(node)
+        args = [made.get(arg, arg) for arg in node.args]
+        if node.op == "div" and node.args[1] not in varying:
+            made[node] = args[0] * (1.0 / args[1])
+        elif node.op == "select" and node.args[0] not in varying:
+            share = dag.select(args[0], dag.one, dag.zero)
+            made[node] = share * args[1] + (1.0 - share) * args[2]
+        else:
+            made[node] = dag.rebuild(node, tuple(args))
+    return [made.get(root, root) for root in results]
+
+
+def apply_map(
+    dag: Dag, linear: LinearMap, shared: Sequence[Node], columns: Sequence[Sequence[Node]]
+) -> list[tuple[Node, ...]]:
+    """Apply a map to columns.
+
+    Returns
+    -------
+    list of tuple of Node
+        The results of each column.
+    """
+    args = [*shared, *(value for column in columns for value in column)]
+    flat = dag.several("map", args, linear, linear.n_results)
+    n = len(linear.results)
+    return [flat[n * j : n * (j + 1)] for j in range(linear.n_columns)]

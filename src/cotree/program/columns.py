@@ -1,0 +1,152 @@
+"""Derivatives along many directions as one map of many columns.
+
+Along parameter j the unknowns' derivatives solve ``A w_j = b_x s_j + b_j``, where b_x s is the same
+for all and b_j is what the parameter itself changes. Statements written out for each parameter use
+what vanishes in it; those of a map are written once and C takes several columns at a time. Both
+ways are counted.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cotree.dag.linear_map import apply_map, form_map
+from cotree.dag.traverse import reachable, substitute
+from cotree.program.counts import count_operations
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cotree.dag.linear_map import LinearMap
+    from cotree.dag.nodes import Dag, Node
+    from cotree.equations import Derivative, Equations
+    from cotree.formulation.elimination import Solver
+
+#: Columns that C takes at a time, on most machines.
+_LANES = 4
+#: Fewer operations than these are written out for each direction.
+_FEW_OPERATIONS = 600
+#: What one value costs that goes into a vector, or comes out of it.
+_MOVE = 2
+#: Of the operations written out, those of a map may cost this share.
+_WORTH = 0.75
+#: Values of all columns that a kernel keeps on its stack: 800 kB.
+_MOST_VALUES = 100_000
+#: Directions that are written out to see what one costs.
+_SAMPLES = 5
+
+
+def rates_along_sensitivities(
+    equations: Equations, factors: Solver, solved: Mapping[Node, Node], rates: Sequence[Node]
+) -> list[Node] | None:
+    """Form the rates of all sensitivities, direction by direction, as one map.
+
+    Parameters
+    ----------
+    equations : Equations
+        The equations.
+    factors : Solver
+        Their factorised matrix.
+    solved : mapping of Node to Node
+        The unknowns' symbols and values.
+    rates : sequence of Node
+        Rates of the states, solved.
+
+    Returns
+    -------
+    list of Node or None
+        None where it costs more, or where a map cannot be formed.
+    """
+    common, dag, n = equations.direction, equations.dag, len(equations.states)
+    if common is None or equations.n_algebraic:
+        return None
+    states = [dag.symbol("s", i) for i in range(n)]
+    alone = [_at_rest(equations, j, row, solved) for j, row in enumerate(equations.sensitivities)]
+    touched = sorted({place for column in alone for place in column})
+    own = {place: dag.symbol("own", i) for i, place in enumerate(touched)}
+    size = len(common.forcing)
+    forcing = [
+        node + own.get(k, dag.zero) for k, node in enumerate(substitute(common.forcing, solved))
+    ]
+    tangents = dict(zip(equations.unknown_tangents, factors.solve(forcing), strict=True))
+    found = dict(
+        zip(
+            common.rates,
+            substitute(substitute(list(common.rates.values()), solved), tangents),
+            strict=True,
+        )
+    )
+    results = [found.get(i, dag.zero) + own.get(size + i, dag.zero) for i in range(n)]
+    columns = [
+        [dag.symbol("s", j * n + i) for i in range(n)]
+        + [column.get(place, dag.zero) for place in touched]
+        for j, column in enumerate(alone)
+    ]
+    formed = _formed(dag, results, [*states, *own.values()], columns)
+    if formed is None:
+        return None
+    linear, shared = formed
+    written_out = [
+        _solved_along(equations.sensitivities[j], factors, solved, equations.unknown_tangents)
+        for j in _sample(len(columns))
+    ]
+    if not _is_worth(linear, [*rates, *shared], columns, written_out):
+        return None
+    return [node for column in apply_map(dag, linear, shared, columns) for node in column]
+
+
+def _formed(
+    dag: Dag, results: Sequence[Node], inputs: Sequence[Node], columns: Sequence[Sequence[Node]]
+) -> tuple[LinearMap, tuple[Node, ...]] | None:
+    if len(columns) * (len(inputs) + len(results)) > _MOST_VALUES:
+        return None
+    return form_map(dag, results, inputs, len(columns))
+
+
+def _at_rest(
+    equations: Equations, number: int, row: Derivative, solved: Mapping[Node, Node]
+) -> dict[int, Node]:
+    """Give what a parameter changes by itself: places of the forcing, then those of the rates."""
+    dag, n, size = equations.dag, len(equations.states), len(row.forcing)
+    still = dict.fromkeys((dag.symbol("s", number * n + i) for i in range(n)), dag.zero)
+    still |= dict.fromkeys(equations.unknown_tangents, dag.zero)
+    places = [*range(size), *(size + i for i in row.rates)]
+    nodes = substitute([*row.forcing, *row.rates.values()], still)
+    nodes = substitute(nodes, solved)
+    return {place: node for place, node in zip(places, nodes, strict=True) if not node.is_zero}
+
+
+def _solved_along(
+    row: Derivative, factors: Solver, solved: Mapping[Node, Node], unknowns: Sequence[Node]
+) -> list[Node]:
+    """Write the rates along one direction out."""
+    size = len(row.forcing)
+    known = substitute([*row.forcing, *row.rates.values()], solved)
+    tangents = dict(zip(unknowns, factors.solve(known[:size]), strict=True))
+    return substitute(known[size:], tangents)
+
+
+def _sample(n: int) -> list[int]:
+    """Choose a few of n, evenly."""
+    times = min(n, _SAMPLES)
+    return [(2 * i + 1) * n // (2 * times) for i in range(times)]
+
+
+def _is_worth(
+    linear: LinearMap,
+    known: Sequence[Node],
+    columns: Sequence[Sequence[Node]],
+    written_out: Sequence[Sequence[Node]],
+) -> bool:
+    """Compare the cost of a map with that of statements for each direction."""
+    shared = set(reachable([*known, *(node for column in columns for node in column)]))
+    scalar = count_operations(shared).total
+    apart = sum(
+        count_operations(node for node in reachable(nodes) if node not in shared).total
+        for nodes in written_out
+    )
+    longhand = scalar + apart * len(columns) / len(written_out)
+    groups = -(-len(columns) // _LANES)
+    moved = _MOVE * (linear.n_inputs + len(linear.results))
+    cost = scalar + groups * (linear.counts.total() + moved)
+    return longhand > _FEW_OPERATIONS and cost < _WORTH * longhand
