@@ -7,9 +7,11 @@ import textwrap
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from cotree.codegen.blocks import Blocks, cut_into_blocks
+from cotree.codegen.heads import function_head
 from cotree.codegen.loops import roll
 from cotree.codegen.maps import MapContext, map_context
-from cotree.codegen.printer_c import Printed, is_written_out, literal, print_nodes
+from cotree.codegen.printer_c import FILLED, Printed, is_written_out, literal, print_nodes
 from cotree.dag.operations import OPERATIONS
 from cotree.dag.several import Function, Table
 from cotree.dag.several import results as results_of
@@ -63,12 +65,21 @@ class KernelContext:
     unused: list[str]
     lines: list[str]
     uses_status: bool
+    blocks: Blocks | None = None  # where it is cut
 
     @property
     def n_written(self) -> int:
-        """About how many operations stand in the text: those of a loop stand there once."""
+        """About how many operations stand in its longest function: those of a loop once."""
+        if self.blocks is not None:
+            return self.blocks.n_longest
         whole = max(1, self.n_statements + self.n_results)
         return (self.n_operations - self.n_in_maps) * min(whole, len(self.lines)) // whole
+
+    @property
+    def text(self) -> list[str]:
+        """All of its lines."""
+        cut = self.blocks.functions if self.blocks is not None else []
+        return [*(row for block in cut for row in block.text), self.signature, *self.lines]
 
 
 @dataclass(frozen=True)
@@ -156,10 +167,10 @@ def model_context(program: Program) -> ModelContext:
     tables = name_tables(node.data for node in nodes if node.op == "table")
     functions = sorted({node.data.name for node in nodes if isinstance(node.data, Function)})
     applied = {node.data: node for node in nodes if node.op == "map"}
-    maps = {linear: f"map{i}" for i, linear in enumerate(applied)}
+    maps = {linear: f"cotree_map{i}" for i, linear in enumerate(applied)}
     present = [k for k in program.kernels.values() if k.is_present]
     kernels = [kernel_context(prefix, k, program, {**tables, **maps}) for k in present]
-    lines = "\n".join(line for kernel in kernels for line in (kernel.signature, *kernel.lines))
+    lines = "\n".join(line for kernel in kernels for line in kernel.text)
     return ModelContext(
         title=layout.name,
         name_literal=c_string(layout.name),
@@ -273,17 +284,21 @@ def kernel_context(
     for i, (guard, value) in enumerate(zip(guards, checks, strict=True)):
         comparison = ">" if guard.is_strict else ">="
         lines.append(f"if (!({value} {comparison} 0.0)) return -{i + 1};")
+    name, arguments = f"{prefix}_{spec.name}", _arguments(kernel)
+    rolled = roll(lines)
+    blocks = cut_into_blocks(name, rolled, arguments, (spec.result, *FILLED))
     return KernelContext(
-        signature=_signature("int", f"{prefix}_{spec.name}", kernel),
-        prototype=_signature("COTREE_EXPORT int", f"{prefix}_{spec.name}", kernel),
+        signature=function_head("int", name, arguments.values()),
+        prototype=function_head("COTREE_EXPORT int", name, arguments.values()),
         doc=spec.doc[0].upper() + spec.doc[1:],
         n_results=n_results,
         n_operations=operations,
         n_statements=printed.n_statements,
         n_in_maps=sum(n.data.n_columns * n.data.counts.total() for n in _maps_in(kernel)),
         unused=unused,
-        lines=roll(lines),
+        lines=rolled if blocks is None else blocks.lines,
         uses_status=printed.uses_status,
+        blocks=blocks,
     )
 
 
@@ -323,19 +338,11 @@ def _tail_lines(prefix: str, kernel: Kernel, whole: Kernel) -> list[str]:
     ]
 
 
-def _signature(result: str, name: str, kernel: Kernel) -> str:
-    """Write a function's head, broken between arguments only."""
-    arguments = [ARGUMENTS[key][0] for key in kernel.spec.arguments]
-    arguments.append(f"double *COTREE_RESTRICT {kernel.spec.result}")
-    lines = [f"{result} {name}("]
-    indent = " " * len(lines[0])
-    for argument in arguments:
-        separator = ")" if argument is arguments[-1] else ","
-        if len(lines[-1]) + len(argument) > 98 and not lines[-1].endswith("("):
-            lines[-1] = lines[-1].rstrip()
-            lines.append(indent)
-        lines[-1] += f"{argument}{separator} "
-    return "\n".join(lines).rstrip()
+def _arguments(kernel: Kernel) -> dict[str, str]:
+    """Give the declarations of a kernel's arguments, the result last."""
+    result = kernel.spec.result
+    declared = {key: ARGUMENTS[key][0] for key in kernel.spec.arguments}
+    return {**declared, result: f"double *COTREE_RESTRICT {result}"}
 
 
 def _unused(kernel: Kernel, roots: Sequence[Node]) -> list[str]:

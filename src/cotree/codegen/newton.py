@@ -131,7 +131,7 @@ def newton_context(program: Program) -> NewtonContext:
     tables = name_tables(node.data for node in nodes if node.op == "table")
     kernels = [kernel_context(prefix, kernel, program, tables) for kernel in made]
     places = [] if curvature is None else wrapped(map(str, curvature.places))
-    lines = [line for kernel in kernels for line in (kernel.signature, *kernel.lines)] + places
+    lines = [line for kernel in kernels for line in kernel.text] + places
     if elimination is not None:
         lines += [*elimination.factor_lines, *elimination.solve_lines]
     rates = [*program.kernels["rhs"].results, *program.kernels["augmented_rhs"].results]

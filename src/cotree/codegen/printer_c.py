@@ -31,6 +31,9 @@ _PRECEDENCE = {"add": 1, "sub": 1, "mul": 2, "div": 2, "neg": 3}
 _OUTER = {"sign": _ATOM, "select": 3}  # arguments that do not stand between commas
 
 
+#: Arrays that statements fill and only maps read.
+FILLED = ("shared", "own")
+
 #: Name of an array and the first element of a part of it.
 Place = tuple[str, int]
 
@@ -249,15 +252,19 @@ class _Printer:
             if i >= n and not value.is_zero
         }
         n_own = max(1, width * (linear.n_inputs - n))
-        self.lines += [
+        self.lines[:0] = [
             f"double shared[{max(1, linear.n_shared)}];",
-            f"double own[{n_own}] = {{0.0}};",
+            f"double own[{n_own}];",
+            f"for (int i = 0; i < {n_own}; ++i) {{",
+            "    own[i] = 0.0;",
+            "}",
         ]
-        for array, values in (
-            ("shared", enumerate(node.args[: linear.n_shared])),
-            ("own", own.items()),
-        ):
-            self.lines += [f"{array}[{i}] = {self.operand(value, 0)};" for i, value in values]
+        filled = (enumerate(node.args[: linear.n_shared]), own.items())
+        self.lines += [
+            f"{array}[{i}] = {self.operand(value, 0)};"
+            for array, values in zip(FILLED, filled, strict=True)
+            for i, value in values
+        ]
         array, first = self.places.get(node, (name, 0))
         if array == name:
             self.lines.append(f"double {name}[{linear.n_results}];")

@@ -11,11 +11,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cotree.dag.linear_map import apply_map, form_map
-from cotree.dag.traverse import reachable, substitute
+from cotree.dag.traverse import reachable, substitute, symbols_in
 from cotree.program.counts import count_operations
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from cotree.dag.linear_map import LinearMap
     from cotree.dag.nodes import Dag, Node
@@ -93,6 +93,76 @@ def rates_along_sensitivities(
     if not _is_worth(linear, [*rates, *shared], columns, written_out):
         return None
     return [node for column in apply_map(dag, linear, shared, columns) for node in column]
+
+
+def rates_along_states(
+    equations: Equations, factors: Solver, solved: Mapping[Node, Node], rates: Sequence[Node]
+) -> list[dict[int, Node]] | None:
+    """Form the columns of the Jacobian, their unknowns' derivatives as one map.
+
+    Parameters and results are those of :func:`rates_along_sensitivities`, the latter by place.
+    """
+    dag, rows = equations.dag, equations.columns
+    unknowns = set(equations.unknown_tangents)
+    solving = _common_rates(rows, unknowns)
+    if not solving or equations.n_algebraic:
+        return None
+    forced = [dict(_nonzero(substitute(row.forcing, solved))) for row in rows]
+    moving = [j for j, forcing in enumerate(forced) if forcing]
+    touched = sorted({place for forcing in forced for place in forcing})
+    own = {place: dag.symbol("own", i) for i, place in enumerate(touched)}
+    size = len(equations.forcing)
+    tangents = factors.solve([own.get(k, dag.zero) for k in range(size)])
+    known = dict(zip(equations.unknown_tangents, tangents, strict=True))
+    results = substitute(substitute(list(solving.values()), solved), known)
+    columns = [[forced[j].get(place, dag.zero) for place in touched] for j in moving]
+    formed = _formed(dag, results, list(own.values()), columns)
+    if formed is None:
+        return None
+    linear, shared = formed
+    written_out = [
+        _solved_along(rows[moving[k]], factors, solved, equations.unknown_tangents)
+        for k in _sample(len(moving))
+    ]
+    if not _is_worth(linear, [*rates, *shared], columns, written_out):
+        return None
+    apart = [{i: node for i, node in row.rates.items() if i not in solving} for row in rows]
+    kept = [dict(zip(own, substitute(own.values(), solved), strict=True)) for own in apart]
+    masks = _dependence(linear)
+    for j, values in zip(moving, apply_map(dag, linear, shared, columns), strict=True):
+        given = sum(1 << k for k, place in enumerate(touched) if place in forced[j])
+        kept[j] |= {
+            i: value for i, value, mask in zip(solving, values, masks, strict=True) if mask & given
+        }
+    return kept
+
+
+def _common_rates(rows: Sequence[Derivative], unknowns: set[Node]) -> dict[int, Node]:
+    """Give the rates that all directions have in terms of unknowns; none where they differ."""
+    found: dict[int, Node] = {}
+    for row in rows:
+        for i, node in row.rates.items():
+            if (
+                not unknowns.isdisjoint(symbols_in([node]))
+                and found.setdefault(i, node) is not node
+            ):
+                return {}
+    return found
+
+
+def _nonzero(nodes: Sequence[Node]) -> Iterator[tuple[int, Node]]:
+    return ((i, node) for i, node in enumerate(nodes) if not node.is_zero)
+
+
+def _dependence(linear: LinearMap) -> list[int]:
+    """Tell which inputs each result depends on, as bits."""
+    bits: dict[Node, int] = {}
+    for node in linear.order:
+        own = 1 << node.data[1] if node.op == "symbol" and node.data[0] == "column" else 0
+        for arg in node.args:
+            own |= bits[arg]
+        bits[node] = own
+    return [bits[root] for root in linear.results]
 
 
 def _formed(

@@ -10,7 +10,7 @@ from cotree.dag.traverse import substitute, symbols_in
 from cotree.equations import Quantity, spread
 from cotree.errors import ParameterError
 from cotree.formulation.elimination import solve_unknowns
-from cotree.program.columns import rates_along_sensitivities
+from cotree.program.columns import rates_along_sensitivities, rates_along_states
 from cotree.program.events import event_kernels, event_quantities
 from cotree.program.kernels import KERNELS
 from cotree.program.program import Kernel, Layout, Program
@@ -48,9 +48,11 @@ def lower(equations: Equations) -> Program:
     outputs = substitute(equations.output_values, solved)
     zero, n, m = equations.dag.zero, len(equations.states), len(equations.outputs)
     mapped = rates_along_sensitivities(equations, factors, solved, rates)
-    along, columns, observed, motion = _solve_derivatives(
-        equations, factors, solved, is_mapped=mapped is not None
+    columns = rates_along_states(equations, factors, solved, rates)
+    along, written_out, observed, motion = _solve_derivatives(
+        equations, factors, solved, is_mapped=mapped is not None, with_columns=columns is None
     )
+    columns = columns or written_out
     sensitivity_rates = mapped or [node for row in along for node in spread(row, n, zero)]
     output_tangents = [node for row in observed for node in spread(row, m, zero)]
     starts, rows, values = _compress(columns)
@@ -123,17 +125,23 @@ _Row = dict[int, "Node"]
 
 
 def _solve_derivatives(
-    equations: Equations, factors: Solver, solved: dict[Node, Node], *, is_mapped: bool
+    equations: Equations,
+    factors: Solver,
+    solved: dict[Node, Node],
+    *,
+    is_mapped: bool,
+    with_columns: bool,
 ) -> tuple[list[_Row], list[_Row], list[_Row], tuple[_Row, _Row]]:
     """Form the derivatives of the rates along each sensitivity and each state, and of outputs.
 
     The last pair are those of both along the motion, empty where there are no events. Where rates
-    of sensitivities are a map, they are not written out.
+    of sensitivities, or columns, are a map, they are not written out.
     """
     n = len(equations.sensitivities)
     motion = () if equations.motion is None else (equations.motion,)
     # Outputs are differentiated along all but the states.
-    directions = (*equations.sensitivities, *motion, *equations.columns)
+    columns = equations.columns if with_columns else ()
+    directions = (*equations.sensitivities, *motion, *columns)
     n_observed = n + len(motion)
     # One substitution for all directions: what they share is visited once.
     known = iter(

@@ -1,0 +1,412 @@
+"""Long kernels cut into blocks.
+
+In: the statements of one C function. Out: several functions, each of which keeps its temporaries
+to itself, and a short one that calls them. A compiler's time, and how well it allots registers,
+depend on the longest function; so cuts are made where few values cross. What crosses stands in
+arrays of the function that calls. Values and the order in which they are computed stay.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from dataclasses import dataclass, field
+from heapq import heappop, heappush
+from itertools import accumulate
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cotree.codegen.heads import function_head
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable, Mapping, Sequence
+
+#: Operations of a block at most. Measured with gcc 12: longer blocks compile slower and run no
+#: faster, shorter ones pass more values through memory.
+LONGEST_BLOCK = 1_500
+
+_NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
+_OPERATION = re.compile(r" [-+*/<>?] |(?<=\w)\(|(?<![\w)\]]) ?-(?=[\w(])")
+_SCALAR = re.compile(r"const (double|int) (\w+) = (?:(\w+\[\d+\]) = )?(.*);$")
+_ARRAY = re.compile(
+    r"(?:const )?(double|int) (\w+)\[(\d+)\](?:, (\w+)\[(\d+)\])?(?: = \{(.*)\})?;$"
+)
+#: Arrays that hold what crosses, by its kind.
+_FRAMES = {"double": "w", "int": "ranks"}
+_WRITTEN = re.compile(r"(\w+)\[.*?\] = ")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A function that computes some of a kernel's statements.
+
+    Attributes
+    ----------
+    signature : str
+        Its head.
+    lines : list of str
+        Its statements.
+    """
+
+    signature: str
+    lines: list[str]
+
+    @property
+    def text(self) -> list[str]:
+        """All of its lines."""
+        return [self.signature, *self.lines]
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """A kernel that is cut.
+
+    Attributes
+    ----------
+    functions : list of Block
+        In the order of their calls.
+    lines : list of str
+        The statements of the kernel itself.
+    n_shared : int
+        Doubles of the stack that hold what blocks hand over.
+    n_longest : int
+        Operations in the text of the longest block.
+    """
+
+    functions: list[Block]
+    lines: list[str]
+    n_shared: int
+    n_longest: int
+
+
+@dataclass
+class _Item:
+    """Lines that stay together: a statement, a loop, an array's declaration."""
+
+    lines: list[str]
+    names: set[str]
+    group: str = ""  # the comment that it stands under
+    makes: list[str] = field(default_factory=list)
+    n_operations: int = 0
+
+    @property
+    def is_exit(self) -> bool:
+        return any("return " in line for line in self.lines)
+
+
+@dataclass
+class _Text:
+    """A kernel's statements, parsed."""
+
+    items: list[_Item] = field(default_factory=list)
+    tables: dict[str, list[str]] = field(default_factory=dict)  # constant ones, by name
+    arrays: dict[str, tuple[str, int]] = field(default_factory=dict)  # kind and length
+    kinds: dict[str, str] = field(default_factory=dict)  # of temporaries
+    homes: dict[str, str] = field(default_factory=dict)  # where a temporary is kept anyway
+
+
+def count_written(lines: Iterable[str]) -> int:
+    """Count the operations that stand in some text, those of loops once."""
+    return sum(len(_OPERATION.findall(line)) for line in lines if not line.startswith("/*"))
+
+
+def cut_into_blocks(
+    name: str,
+    lines: Sequence[str],
+    arguments: Mapping[str, str],
+    results: Collection[str] = (),
+    longest: int = LONGEST_BLOCK,
+) -> Blocks | None:
+    """Cut the statements of a kernel.
+
+    Parameters
+    ----------
+    name : str
+        Name of the kernel in C; blocks are named after it.
+    lines : sequence of str
+        Its statements, one a line; loops and tables as :func:`cotree.codegen.loops.roll` writes
+        them.
+    arguments : mapping of str to str
+        C declaration of each argument, in order.
+    results : collection of str
+        Arrays that no statement reads; each of their values is then written where it is known.
+    longest : int
+        Operations that a block has at most, but for loops and single statements that are longer.
+
+    Returns
+    -------
+    Blocks or None
+        None where there is nothing to cut: the statements are few, or of a kind that is unknown
+        here.
+    """
+    if count_written(lines) <= longest:
+        return None
+    text = _parse(lines, arguments)
+    if text is None:
+        return None
+    n_exits = sum(item.is_exit for item in text.items)
+    body, exits = text.items[: len(text.items) - n_exits], text.items[len(text.items) - n_exits :]
+    if any(item.is_exit for item in body):
+        return None
+    if results:
+        body = _written_early(body, results, text)
+    cuts = _choose_cuts(body, exits, text, longest)
+    if len(cuts) < 3:
+        return None
+    return _Writer(name, arguments, text).write(
+        [body[a:b] for a, b in zip(cuts, cuts[1:], strict=False)], exits
+    )
+
+
+def _parse(lines: Sequence[str], arguments: Mapping[str, str]) -> _Text | None:
+    """Tell statements, loops, tables and arrays apart."""
+    text, group = _Text(), ""
+    remaining = iter(lines)
+    for line in remaining:
+        if line.startswith("/*"):
+            group = line
+            continue
+        rows = [line]
+        if line.endswith("{"):
+            for row in remaining:
+                rows.append(row)
+                if row in ("}", "};"):
+                    break
+        names = {name for row in rows for name in _NAME.findall(row)}
+        if line.startswith("static const "):
+            text.tables[line.split()[3].partition("[")[0]] = rows
+            continue
+        item = _Item(rows, names, group, n_operations=count_written(rows))
+        if not _declare(item, text):
+            return None
+        array = _ARRAY.match(line)
+        if array is None or array.group(6) is not None:
+            text.items.append(item)
+    declared = {*text.kinds, *text.arrays}
+    return text if declared.isdisjoint((*arguments, *_FRAMES.values())) else None
+
+
+def _declare(item: _Item, text: _Text) -> bool:
+    """Note what an item declares; False where it is of no known kind."""
+    line = item.lines[0]
+    scalar, array = _SCALAR.match(line), _ARRAY.match(line)
+    if scalar:
+        kind, made, home, _ = scalar.groups()
+        text.kinds[made] = kind
+        item.makes.append(made)
+        if home:
+            text.homes[made] = home
+    elif array:
+        kind, first, length, second, other, _ = array.groups()
+        text.arrays[first] = (kind, int(length))
+        if second:
+            text.arrays[second] = (kind, int(other))
+    elif not line.startswith(("for (", "if (", "cotree_")) and not _WRITTEN.match(line):
+        return False
+    return True
+
+
+def _written_early(items: Sequence[_Item], results: Collection[str], text: _Text) -> list[_Item]:
+    """Move each result to where all that it reads is known."""
+    known: dict[str, int] = {}
+    moved: list[list[_Item]] = [[] for _ in items]
+    for i, item in enumerate(items):
+        written = _WRITTEN.match(item.lines[0])
+        if written and written.group(1) in results:
+            place = max((known.get(name, 0) for name in item.names), default=0)
+            moved[place].append(item)
+            continue
+        moved[i].insert(0, item)
+        known.update(dict.fromkeys(item.makes, i))
+        known.update(dict.fromkeys(item.names & text.arrays.keys(), i))
+    return [item for row in moved for item in row]
+
+
+def _choose_cuts(
+    items: Sequence[_Item], exits: Sequence[_Item], text: _Text, longest: int
+) -> list[int]:
+    """Choose where blocks begin and end: each as long as may be, then where fewest values cross."""
+    n = len(items)
+    crossing = np.zeros(n + 2, dtype=np.intp)
+    made = {name: i for i, item in enumerate(items) for name in item.makes}
+    last = {name: i for i, item in enumerate([*items, *exits]) for name in item.names}
+    for name, i in made.items():
+        if name not in text.homes:
+            crossing[i + 1] += 1
+            crossing[min(last[name], n) + 1] -= 1
+    # An array that may be the block's own is better not shared either.
+    first = {name: i for i, item in reversed([*enumerate(items)]) for name in item.names}
+    for name in text.arrays.keys() & first.keys():
+        crossing[first[name] + 1] += 1
+        crossing[min(last[name], n) + 1] -= 1
+    crossing = np.cumsum(crossing)
+    sums = np.array([0, *accumulate(item.n_operations for item in items)])
+    cuts = [0]
+    while sums[-1] - sums[cuts[-1]] > longest:
+        start = cuts[-1]
+        end = max(start + 1, int(np.searchsorted(sums, sums[start] + longest, "right")) - 1)
+        begin = int(np.searchsorted(sums, sums[start] + longest // 2))
+        begin = min(max(begin, start + 1), end)
+        window = crossing[begin : end + 1]
+        cuts.append(end - int(np.argmin(window[::-1])))
+    if cuts[-1] < n:
+        cuts.append(n)
+    return cuts
+
+
+class _Writer:
+    """Writes the functions."""
+
+    def __init__(self, name: str, arguments: Mapping[str, str], text: _Text) -> None:
+        self._name = name
+        self._arguments = arguments
+        self._text = text
+        self._place: dict[str, str] = {}  # of what crosses
+        self._shared: list[str] = []  # arrays that several blocks use
+        self._length = {"double": 0, "int": 0}  # of the arrays that hold what crosses
+
+    def write(self, blocks: Sequence[Sequence[_Item]], exits: Sequence[_Item]) -> Blocks:
+        groups = [*blocks, exits]
+        self._share_arrays(groups)
+        self._allot_places(groups)
+        functions, calls = [], []
+        for number, items in enumerate(blocks, 1):
+            function, call = self._function(f"{self._name}_{number}", items)
+            functions.append(function)
+            calls.append(call)
+        kinds, arrays = self._length, self._text.arrays
+        lines = [f"{kind} {_FRAMES[kind]}[{n}];" for kind, n in kinds.items() if n]
+        lines += [f"{arrays[name][0]} {name}[{arrays[name][1]}];" for name in self._shared]
+        lines += calls
+        for item in exits:
+            lines += self._placed(item)
+        own = [arrays[name][1] for name in self._shared if arrays[name][0] == "double"]
+        longest = max(sum(item.n_operations for item in items) for items in blocks)
+        return Blocks(functions, lines, kinds["double"] + sum(own), longest)
+
+    def _share_arrays(self, groups: Sequence[Sequence[_Item]]) -> None:
+        """Find the arrays that more than one block uses."""
+        users: dict[str, set[int]] = {}
+        for number, items in enumerate(groups):
+            for item in items:
+                for name in item.names & self._text.arrays.keys():
+                    users.setdefault(name, set()).add(number)
+        self._shared = [name for name in self._text.arrays if len(users.get(name, ())) > 1]
+
+    def _allot_places(self, groups: Sequence[Sequence[_Item]]) -> None:
+        """Give what crosses a place; one whose value is read no more serves again."""
+        made: dict[str, int] = {}
+        last: dict[str, int] = {}
+        for number, items in enumerate(groups):
+            for item in items:
+                made.update(dict.fromkeys(item.makes, number))
+                last.update(dict.fromkeys(item.names, number))
+        leaving: dict[int, list[tuple[str, int]]] = {}
+        free: dict[str, list[int]] = {"double": [], "int": []}
+        for number, items in enumerate(groups):
+            for item in items:
+                for name in item.makes:
+                    if last[name] == number:
+                        continue
+                    if name in self._text.homes:
+                        self._place[name] = self._text.homes[name]
+                        continue
+                    kind = self._text.kinds[name]
+                    if free[kind]:
+                        slot = heappop(free[kind])
+                    else:
+                        slot = self._length[kind]
+                        self._length[kind] += 1
+                    self._place[name] = f"{_FRAMES[kind]}[{slot}]"
+                    leaving.setdefault(last[name], []).append((kind, slot))
+            for kind, slot in leaving.pop(number, ()):
+                heappush(free[kind], slot)
+
+    def _function(self, name: str, items: Sequence[_Item]) -> tuple[Block, str]:
+        """Write one block, and its call."""
+        lines: list[str] = []
+        reads = Counter(name for item in items for name in item.names)
+        # What only later blocks read has no name here.
+        own = {made for item in items for made in item.makes if reads[made] > 1}
+        names = {name for item in items for name in item.names}
+        filled = {name for item in items for name in _filled_arrays(item)}
+        lines += [
+            f"{kind} {array}[{length}];"
+            for array, (kind, length) in self._text.arrays.items()
+            if array in names and array not in filled and array not in self._shared
+        ]
+        for table, rows in self._text.tables.items():
+            if table in names:
+                lines += rows
+        group = ""
+        for item in items:
+            written = self._own(item, own)
+            if written and item.group != group:
+                lines.append(item.group)
+                group = item.group
+            lines += written
+        used = {found for line in lines for found in _NAME.findall(line)}
+        given = {key: (head, key) for key, head in self._arguments.items()}
+        for kind, frame in _FRAMES.items():
+            given[frame] = (f"{kind} *COTREE_RESTRICT {frame}", frame)
+        for array in self._shared:
+            kind = self._text.arrays[array][0]
+            given[array] = (f"{kind} *COTREE_RESTRICT {array}", array)
+        given["status"] = ("int *status", "&status")
+        taken = [pair for key, pair in given.items() if key in used]
+        heads = [head for head, _ in taken] or ["void"]
+        signature = function_head("COTREE_APART static void", name, heads)
+        return Block(signature, lines), f"{name}({', '.join(call for _, call in taken)});"
+
+    def _own(self, item: _Item, own: set[str]) -> list[str]:
+        """Write an item inside a block, which makes some of its temporaries itself."""
+        line = item.lines[0]
+        array = _ARRAY.match(line)
+        if array:
+            return self._own_array(item, own, array)
+        scalar = _SCALAR.match(line)
+        if not scalar or (name := scalar.group(2)) not in self._place:
+            return self._placed(item, own)
+        head = f"const {scalar.group(1)} {name} = " if name in own else ""
+        return [f"{head}{self._place[name]} = {self._replaced(scalar.group(4), own)};"]
+
+    def _own_array(self, item: _Item, own: set[str], array: re.Match[str]) -> list[str]:
+        """Fill an array, which the caller may have declared."""
+        name, values = array.group(2), array.group(6)
+        if name not in self._shared:
+            return self._placed(item, own)
+        filled = enumerate(_between_commas(values))
+        return [f"{name}[{i}] = {self._replaced(value, own)};" for i, value in filled]
+
+    def _placed(self, item: _Item, own: Iterable[str] = ()) -> list[str]:
+        return [self._replaced(line, own) for line in item.lines]
+
+    def _replaced(self, text: str, own: Iterable[str]) -> str:
+        """Read what other blocks made from its place, and tell a status to the caller."""
+
+        def placed(match: re.Match[str]) -> str:
+            name = match.group()
+            if name == "status":
+                return "*status"
+            return self._place.get(name, name) if name not in own else name
+
+        return _NAME.sub(placed, text)
+
+
+def _filled_arrays(item: _Item) -> list[str]:
+    """Name the array that an item declares."""
+    match = _ARRAY.match(item.lines[0])
+    return [match.group(2)] if match else []
+
+
+def _between_commas(text: str) -> list[str]:
+    """Split at the commas that stand in no parentheses."""
+    parts, depth, start = [], 0, 0
+    for i, char in enumerate(text):
+        depth += (char == "(") - (char == ")")
+        if char == "," and depth == 0:
+            parts.append(text[start:i].strip())
+            start = i + 1
+    parts.append(text[start:].strip())
+    return parts
