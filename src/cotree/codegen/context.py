@@ -5,13 +5,13 @@ from __future__ import annotations
 import hashlib
 import textwrap
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cotree.codegen.blocks import Blocks, cut_into_blocks
 from cotree.codegen.heads import function_head
 from cotree.codegen.loops import roll
 from cotree.codegen.maps import MapContext, map_context
-from cotree.codegen.printer_c import FILLED, Printed, is_written_out, literal, print_nodes
+from cotree.codegen.printer_c import FILLED, SINES, Printed, is_written_out, literal, print_nodes
 from cotree.dag.operations import OPERATIONS
 from cotree.dag.several import Function, Table
 from cotree.dag.several import results as results_of
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from cotree.codegen.printer_c import Place
-    from cotree.dag.linear_map import LinearMap
     from cotree.dag.nodes import Node
     from cotree.equations import Quantity
     from cotree.program import Kernel, Layout, Program
@@ -126,6 +125,7 @@ class ModelContext:
     definite_sizes: list[int]  # of symmetric systems that are written out
     tables: list[TableContext]
     functions: list[str]
+    packs_sines: bool
     maps: list[MapContext]
     kernels: list[KernelContext]
     kernel_pointers: list[str]
@@ -147,9 +147,15 @@ class ModelContext:
     hybrid: HybridContext
 
     @property
+    def uses_vectors(self) -> bool:
+        """Whether C does something with several numbers at a time."""
+        return self.packs_sines or bool(self.maps)
+
+    @property
     def n_written(self) -> int:
         """About how many operations the longest function has."""
-        return max(row.n_written for row in (*self.kernels, *self.maps))
+        written = [row.n_written for row in self.kernels]
+        return max([*written, *(row.n_written for row in self.maps)])
 
 
 def model_context(program: Program) -> ModelContext:
@@ -169,7 +175,11 @@ def model_context(program: Program) -> ModelContext:
     applied = {node.data: node for node in nodes if node.op == "map"}
     maps = {linear: f"cotree_map{i}" for i, linear in enumerate(applied)}
     present = [k for k in program.kernels.values() if k.is_present]
-    kernels = [kernel_context(prefix, k, program, {**tables, **maps}) for k in present]
+    packs_sines = any(node.op == "sines" for node in nodes)
+    names: dict[Any, str] = {**tables, **maps}
+    if packs_sines:
+        names[SINES] = "cotree_sines"
+    kernels = [kernel_context(prefix, k, program, names) for k in present]
     lines = "\n".join(line for kernel in kernels for line in kernel.text)
     return ModelContext(
         title=layout.name,
@@ -185,6 +195,7 @@ def model_context(program: Program) -> ModelContext:
         definite_sizes=sorted({node.data.size for node in nodes if is_written_out(node)}),
         tables=[table_context(table, name) for table, name in tables.items()],
         functions=functions,
+        packs_sines=packs_sines,
         maps=[map_context(applied[linear], name) for linear, name in maps.items()],
         kernels=kernels,
         kernel_pointers=[
@@ -236,7 +247,7 @@ def _hybrid_context(layout: Layout) -> HybridContext:
 
 def is_call(node: Node) -> bool:
     """Whether C needs a function of its mathematics library for it."""
-    return node.op in OPERATIONS and OPERATIONS[node.op].is_call
+    return node.op == "sines" or (node.op in OPERATIONS and OPERATIONS[node.op].is_call)
 
 
 def table_context(table: Table, name: str) -> TableContext:
@@ -264,7 +275,7 @@ def _quantity(row: Quantity) -> QuantityContext:
 
 
 def kernel_context(
-    prefix: str, kernel: Kernel, program: Program, names: Mapping[Table | LinearMap, str]
+    prefix: str, kernel: Kernel, program: Program, names: Mapping[Any, str]
 ) -> KernelContext:
     """Gather what the templates need of one kernel."""
     spec = kernel.spec

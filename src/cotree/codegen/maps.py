@@ -20,6 +20,7 @@ class MapContext:
     name: str
     doc: str
     n_columns: int
+    n_shared: int
     n_sensitive: int
     n_own: int
     n_results: int
@@ -49,6 +50,7 @@ def map_context(node: Node, name: str) -> MapContext:
         name=name,
         doc=f"{linear.n_columns} columns, {linear.counts.total()} operations each",
         n_columns=linear.n_columns,
+        n_shared=linear.n_shared,
         n_sensitive=n,
         n_own=linear.n_inputs - n,
         n_results=len(linear.results),

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from cotree.dag.linear_map import LinearMap
     from cotree.dag.nodes import Node
-    from cotree.dag.several import Table
 
 _LARGEST_SYSTEM = 12  # that is written out: 300 statements
 _LONGEST_INLINE = 72  # characters of an expression that may stand inside another
@@ -30,6 +29,9 @@ _SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 _PRECEDENCE = {"add": 1, "sub": 1, "mul": 2, "div": 2, "neg": 3}
 _OUTER = {"sign": _ATOM, "select": 3}  # arguments that do not stand between commas
 
+
+#: The key of the function that takes several angles.
+SINES = "sines"
 
 #: Arrays that statements fill and only maps read.
 FILLED = ("shared", "own")
@@ -74,7 +76,7 @@ def literal(value: float) -> str:
 def print_nodes(
     roots: Sequence[Node],
     prepared: Mapping[Node, int],
-    names: Mapping[Table | LinearMap, str],
+    names: Mapping[Any, str],
     order: Sequence[Node] | None = None,
     places: Mapping[Node, Place] = MappingProxyType({}),
 ) -> Printed:
@@ -110,7 +112,7 @@ def is_written_out(node: Node) -> bool:
 @dataclass
 class _Printer:
     prepared: Mapping[Node, int]
-    names: Mapping[Table | LinearMap, str]
+    names: Mapping[Any, str]
     places: Mapping[Node, Place]
     lines: list[str] = field(default_factory=list)
     uses_status: bool = False
@@ -156,6 +158,8 @@ class _Printer:
         elif op == "result":
             owner = node.args[0]
             array, first = self.places.get(owner, (f"v{self._number[owner]}", 0))
+            if owner.op == "sines" and node.data >= owner.data:
+                first = padded(owner.data) - owner.data  # cosines begin with a vector of their own
             self._text[node] = (f"{array}[{first + node.data}]", _ATOM)
         else:
             self._scalar(node)
@@ -238,6 +242,23 @@ class _Printer:
             f"if ({node.data.name}(a{name[1:]}, {name}) != 0) status = COTREE_FAILED_CALL;",
         ]
         self.uses_status = True
+
+    def _sines(self, node: Node) -> None:
+        """Print sines and cosines, one after the other where no function takes them together."""
+        name, n, width = self._declare(node), node.data, padded(node.data)
+        angles = [self.operand(angle, 0) for angle in node.args]
+        if SINES in self.names:
+            filled = ", ".join([*angles, *["0.0"] * (width - n)])
+            self.lines += [
+                f"const double a{name[1:]}[{width}] = {{{filled}}};",
+                f"double {name}[{2 * width}];",
+                f"{self.names[SINES]}({n}, a{name[1:]}, {name}, {name} + {width});",
+            ]
+            return
+        self.lines.append(f"double {name}[{2 * width}];")
+        for i, angle in enumerate(angles):
+            self.lines.append(f"{name}[{i}] = sin({angle});")
+            self.lines.append(f"{name}[{width + i}] = cos({angle});")
 
     def _map(self, node: Node) -> None:
         """Gather what the columns share and what each has of its own, row by row, and call it."""

@@ -83,20 +83,18 @@ def render_model(model: ModelContext) -> Mapping[str, str]:
     -------
     mapping of str to str
         Text by file name: ``cotree_abi.h``, ``<model>.h``, ``<model>.c``; and
-        ``<model>_columns.h`` where there is something that C does with several columns at a time.
+        ``<model>_vectors.h`` where C does something with several numbers at a time.
     """
-    columns = (
-        {f"{model.prefix}_columns.h": render("c/columns.h.jinja", model=model)}
-        if model.maps
-        else {}
-    )
+    vectors = {}
+    if model.uses_vectors:
+        vectors[f"{model.prefix}_vectors.h"] = render("c/vectors.h.jinja", model=model)
     return {
         "cotree_abi.h": render(
             "c/cotree_abi.h.jinja", abi_version=model.abi_version, generator=model.generator
         ),
         f"{model.prefix}.h": render("c/model.h.jinja", model=model),
         f"{model.prefix}.c": render("c/model.c.jinja", model=model),
-        **columns,
+        **vectors,
     }
 
 

@@ -1,4 +1,4 @@
-"""Nodes with several results: ``solve``, ``table``, ``call`` and ``map``.
+"""Nodes with several results: ``solve``, ``table``, ``call``, ``map``, ``sines``.
 
 Each has a row in :data:`SEVERAL` with its rules for evaluation, tangent and reverse; the rule for
 C stands in :mod:`cotree.codegen.printer_c`. The results are read with ``result`` nodes.
@@ -169,6 +169,10 @@ def _evaluate_table(table: Table, values: Sequence[Any]) -> Sequence[Any]:
     return [table.y[k] + slope * (x - table.x[k]), slope]
 
 
+def _evaluate_sines(_: int, angles: Sequence[Any]) -> Sequence[Any]:
+    return [*map(np.sin, angles), *map(np.cos, angles)]
+
+
 def _evaluate_call(function: Function, values: Sequence[Any]) -> Sequence[Any]:
     return function.evaluate(values)
 
@@ -281,6 +285,24 @@ def _reverse_call(node: Node, adjoints: Sequence[Node]) -> tuple[Node, ...]:
     )
 
 
+def sines(dag: Dag, angles: Sequence[Node]) -> tuple[Node, ...]:
+    """Form the sines, then the cosines, of several angles."""
+    return dag.several("sines", angles, len(angles), 2 * len(angles))
+
+
+def _tangent_sines(node: Node, tangents: Sequence[Node]) -> tuple[Node, ...]:
+    n = len(tangents)
+    values = results(node, 2 * n)
+    along = [values[n + i] * tangents[i] for i in range(n)]
+    return (*along, *(-(values[i] * tangents[i]) for i in range(n)))
+
+
+def _reverse_sines(node: Node, adjoints: Sequence[Node]) -> tuple[Node, ...]:
+    n = len(node.args)
+    values = results(node, 2 * n)
+    return tuple(values[n + i] * adjoints[i] - values[i] * adjoints[n + i] for i in range(n))
+
+
 def results(node: Node, n_results: int) -> tuple[Node, ...]:
     """Read the first ``n_results`` results of a node that has several."""
     return node.dag.several(node.op, node.args, node.data, n_results)
@@ -314,6 +336,7 @@ SEVERAL: dict[str, Several] = {
     ),
     "table": Several(_evaluate_table, _tangent_table, _reverse_table, lambda _: 2),
     "call": Several(_evaluate_call, _tangent_call, _reverse_call, lambda f: int(f.n_results)),
+    "sines": Several(_evaluate_sines, _tangent_sines, _reverse_sines, lambda n: 2 * int(n)),
     "map": Several(
         LinearMap.evaluate,
         lambda node, along: tuple(node.data.tangents(node.args, along)),

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.passes.reciprocals import share_reciprocals
+from cotree.passes.sines import pack_sines
 from cotree.passes.stage import stage_parameters
 
 if TYPE_CHECKING:
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 #: Each pass with its name, in the order they run.
 RECIPE: tuple[tuple[str, Callable[[Program], Program]], ...] = (
     ("reciprocals", share_reciprocals),
+    ("sines", pack_sines),
     ("stage", stage_parameters),
 )
 

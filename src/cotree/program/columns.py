@@ -109,6 +109,8 @@ def rates_along_states(
         return None
     forced = [dict(_nonzero(substitute(row.forcing, solved))) for row in rows]
     moving = [j for j, forcing in enumerate(forced) if forcing]
+    if not moving:
+        return None
     touched = sorted({place for forcing in forced for place in forcing})
     own = {place: dag.symbol("own", i) for i, place in enumerate(touched)}
     size = len(equations.forcing)

@@ -54,6 +54,9 @@ def count_operations(nodes: Iterable[Node]) -> OperationCount:
             matrix = node.args[: n * n]
             kinds["solve"] += 2 * n * n + (0 if matrix in factorised else (2 * n**3) // 3)
             factorised.add(matrix)
+        elif node.op == "sines":
+            kinds["sin"] += node.data
+            kinds["cos"] += node.data
         elif node.op == "map":
             for kind, times in node.data.counts.items():
                 kinds[kind] += times * node.data.n_columns

@@ -13,6 +13,7 @@ from cotree.formulation.elimination import eliminate
 from cotree.formulation.first_graph import form_first_graph, tree_links
 from cotree.graph import tree_walk
 from cotree.program.counts import count_operations
+from cotree.program.machine import cycles
 from cotree.scene.motion_spaces import motion_spaces
 from cotree.sensitivity.graphs import form_derivatives
 
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from cotree.scene.trees import Trees
 
 _LONG = 5  # moving branches from which elimination along the tree is counted too
+_PER_OPERATION = 0.5  # cycles, where nothing waits
+_SHARE_OF_JACOBIANS = 0.1  # of the evaluations of the right-hand side
 _FEW = 3  # turning clusters up to which every choice is tried
 
 
@@ -44,6 +47,8 @@ class Alternative:
         Size of the equations.
     n_operations : int
         Estimated operations of the right-hand side with all sensitivities.
+    n_cycles : float
+        Estimated cycles that these take.
     """
 
     trees: Trees
@@ -52,12 +57,13 @@ class Alternative:
     n_states: int
     n_multipliers: int
     n_operations: int
+    n_cycles: float
 
     def summary(self) -> str:
         """Describe it in one line."""
         way = "along the tree" if self.is_along_tree else "by the matrix"
         return (
-            f"{self.n_operations:8} operations, {self.n_states:3} states, "
+            f"{self.n_operations:8} operations, {self.n_cycles:8.0f} cycles, {self.n_states:3} states, "
             f"{self.n_multipliers:3} multipliers, {way},"
             f" tree {{{self.trees.listed()}}}"
         )
@@ -100,7 +106,7 @@ def choose_first_graph(
         # What only another tree cannot do is no fault of the scene.
         with contextlib.suppress(ModelError, FormulationError):
             found += _tried(scene, other, sensitivities, baumgarte)
-    found.sort(key=lambda item: item[0].n_operations)
+    found.sort(key=lambda item: item[0].n_cycles)
     return found[0][1], tuple(item[0] for item in found)
 
 
@@ -119,7 +125,7 @@ def _tried(
                 bool(links),
                 len(first.states),
                 len(first.constraints.rows),
-                _estimate(first, sensitivities),
+                *_estimate(first, sensitivities),
             )
             found.append((alternative, first))
     return found
@@ -153,17 +159,26 @@ def _choices(scene: SceneDescription, trees: Trees) -> Iterator[tuple[int, ...]]
         yield from combinations(turning, size)
 
 
-def _estimate(first: FirstGraph, sensitivities: Sequence[str]) -> int:
-    """Count the right-hand side, and one sensitivity in place of all."""
+def _estimate(first: FirstGraph, sensitivities: Sequence[str]) -> tuple[int, float]:
+    """Count operations and cycles of the right-hand side, with one sensitivity in place of all.
+
+    The cycles count the Jacobian in, as far as implicit methods form it: a column in place of all.
+    """
     factors = eliminate(
         first.system.dag, first.matrix, first.is_safe, first.constraints.sizes, first.links
     )
     unknowns = factors.solve(first.forcing)
-    alone = count_operations(reachable(unknowns)).total
-    if not sensitivities:
-        return alone
-    row = form_derivatives(first, sensitivities[len(sensitivities) // 2 :][:1])[0]
+    alone = reachable(unknowns)
+    n_alone, time_alone = count_operations(alone).total, cycles(alone)
+    states, n = [state.name for state in first.states], len(sensitivities)
+    middle = [names[len(names) // 2] for names in (sensitivities, states) if names]
+    if not middle or not unknowns:
+        return n_alone, time_alone
+    row = form_derivatives(first, middle[:1])[0]
     solved = dict(zip(first.unknowns, unknowns, strict=True))
     tangents = factors.solve(substitute(row.forcing, solved))
-    both = count_operations(reachable([*unknowns, *tangents])).total
-    return alone + len(sensitivities) * (both - alone)
+    known = set(alone)
+    along = count_operations(node for node in reachable(tangents) if node not in known).total
+    # Derivatives along several directions do not wait for one another.
+    times = n + _SHARE_OF_JACOBIANS * len(states)
+    return n_alone + n * along, time_alone + _PER_OPERATION * times * along
