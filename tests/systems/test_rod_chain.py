@@ -38,7 +38,7 @@ def test_operations_grow_no_faster_than_back_substitution():
     """n coordinates, 2n parameters, O(n^2) each: cubic, so 8 times from 5 to 10 and less than
     16; a differentiated assembled system grows faster."""
     counts = [to_c_text(n)[0].operations["augmented_rhs"].total for n in (5, 10)]
-    assert counts[0] <= 2700  # what it is today
+    assert counts[0] <= 3100  # what it is today, all columns of a map counted
     assert counts[1] <= 13900  # the bar set by an earlier prototype
     assert counts[1] / counts[0] < 8.0
 

@@ -12,7 +12,7 @@ import re
 from collections import Counter
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -155,7 +155,7 @@ def cut_into_blocks(
     if len(cuts) < 3:
         return None
     return _Writer(name, arguments, text).write(
-        [body[a:b] for a, b in zip(cuts, cuts[1:], strict=False)], exits
+        [body[a:b] for a, b in pairwise(cuts)], exits
     )
 
 

@@ -125,6 +125,7 @@ class ModelContext:
     definite_sizes: list[int]  # of symmetric systems that are written out
     tables: list[TableContext]
     functions: list[str]
+    uses_vectors: bool
     packs_sines: bool
     maps: list[MapContext]
     kernels: list[KernelContext]
@@ -145,11 +146,6 @@ class ModelContext:
     n_constraints: int
     n_algebraic: int
     hybrid: HybridContext
-
-    @property
-    def uses_vectors(self) -> bool:
-        """Whether C does something with several numbers at a time."""
-        return self.packs_sines or bool(self.maps)
 
     @property
     def n_written(self) -> int:
@@ -195,6 +191,7 @@ def model_context(program: Program) -> ModelContext:
         definite_sizes=sorted({node.data.size for node in nodes if is_written_out(node)}),
         tables=[table_context(table, name) for table, name in tables.items()],
         functions=functions,
+        uses_vectors=packs_sines or bool(maps),
         packs_sines=packs_sines,
         maps=[map_context(applied[linear], name) for linear, name in maps.items()],
         kernels=kernels,

@@ -40,7 +40,8 @@ def cycles(nodes: Iterable[Node], known: Container[Node] = ()) -> float:
     known : container of Node
         Those of them that take none.
     """
-    started, path = 0.0, {}
+    started = 0.0
+    path: dict[Node, float] = {}
     for node in nodes:
         if node in known or not node.args:
             continue

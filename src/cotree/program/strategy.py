@@ -63,8 +63,8 @@ class Alternative:
         """Describe it in one line."""
         way = "along the tree" if self.is_along_tree else "by the matrix"
         return (
-            f"{self.n_operations:8} operations, {self.n_cycles:8.0f} cycles, {self.n_states:3} states, "
-            f"{self.n_multipliers:3} multipliers, {way},"
+            f"{self.n_operations:8} operations, {self.n_cycles:8.0f} cycles, "
+            f"{self.n_states:3} states, {self.n_multipliers:3} multipliers, {way},"
             f" tree {{{self.trees.listed()}}}"
         )
 
