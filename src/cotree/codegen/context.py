@@ -7,7 +7,8 @@ import textwrap
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.codegen.blocks import Blocks, cut_into_blocks
+from cotree.codegen.blocks import Block, cut_into_blocks
+from cotree.codegen.c_statements import count_written
 from cotree.codegen.heads import function_head
 from cotree.codegen.loops import roll
 from cotree.codegen.printer_c import Printed, is_written_out, literal, print_nodes
@@ -60,21 +61,19 @@ class KernelContext:
     unused: list[str]
     lines: list[str]
     uses_status: bool
-    blocks: Blocks | None = None  # where it is cut
+    blocks: list[Block]  # none where it is not cut
+    n_shared: int
 
     @property
     def n_written(self) -> int:
-        """About how many operations stand in its longest function: those of a loop once."""
-        if self.blocks is not None:
-            return self.blocks.n_longest
-        whole = max(1, self.n_statements + self.n_results)
-        return self.n_operations * min(whole, len(self.lines)) // whole
+        """How many operations stand in its longest function, those of a loop once."""
+        return max(count_written(rows) for rows in (self.lines, *(b.lines for b in self.blocks)))
 
     @property
     def text(self) -> list[str]:
         """All of its lines."""
-        cut = self.blocks.functions if self.blocks is not None else []
-        return [*(row for block in cut for row in block.text), self.signature, *self.lines]
+        rows = [row for block in self.blocks for row in (block.signature, *block.lines)]
+        return [*rows, self.signature, *self.lines]
 
 
 @dataclass(frozen=True)
@@ -271,8 +270,8 @@ def kernel_context(
         comparison = ">" if guard.is_strict else ">="
         lines.append(f"if (!({value} {comparison} 0.0)) return -{i + 1};")
     name, arguments = f"{prefix}_{spec.name}", _arguments(kernel)
-    rolled = roll(lines)
-    blocks = cut_into_blocks(name, rolled, arguments, spec.result)
+    rolled = roll(lines, "z" if "v" in arguments else "v")
+    cut = cut_into_blocks(name, rolled, arguments, spec.result)
     return KernelContext(
         signature=function_head("int", name, arguments.values()),
         prototype=function_head("COTREE_EXPORT int", name, arguments.values()),
@@ -281,9 +280,10 @@ def kernel_context(
         n_operations=operations,
         n_statements=printed.n_statements,
         unused=unused,
-        lines=rolled if blocks is None else blocks.lines,
+        lines=cut.lines,
         uses_status=printed.uses_status,
-        blocks=blocks,
+        blocks=cut.functions,
+        n_shared=cut.n_shared,
     )
 
 
