@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import os
 import subprocess
+from functools import partial
 
 import numpy as np
 import pytest
 from made_up_scenes import SWIRL_C, busy_scene, call_case, closed_scene, solve_case
 
 from cotree import load
+from cotree.codegen import context
+from cotree.codegen.blocks import cut_into_blocks
 from cotree.codegen.context import model_context
 from cotree.codegen.integrators import INTEGRATORS, engine_files, sundials_files
 from cotree.codegen.render import render_model
@@ -28,6 +31,14 @@ OF_UNKNOWNS = {
     "extended_augmented_rhs",
     "algebraic_sensitivity",
 }
+
+
+@pytest.fixture(params=[None, 8], ids=["whole", "cut"])
+def in_blocks(request, monkeypatch):
+    """Leave kernels whole, or cut them into blocks as short as may be."""
+    if request.param:
+        cut = partial(cut_into_blocks, longest=request.param)
+        monkeypatch.setattr(context, "cut_into_blocks", cut)
 
 
 def _files(program):
@@ -219,17 +230,20 @@ def _check_against_python(program, found):
             np.testing.assert_allclose(values, expected, rtol=1e-12, atol=1e-13, err_msg=name)
 
 
+@pytest.mark.usefixtures("in_blocks")
 def test_shipped_scenes_run_clean_under_sanitizers(program_of, scene_name, run_compiler):
     program = program_of(scene_name)
     found = _sanitized(program, scene_name.replace("-", "_"), run_compiler)
     _check_against_python(program, found)
 
 
+@pytest.mark.usefixtures("in_blocks")
 def test_a_busy_scene_runs_clean_under_sanitizers(run_compiler):
     program = _busy()
     _check_against_python(program, _sanitized(program, "double_", run_compiler))
 
 
+@pytest.mark.usefixtures("in_blocks")
 def test_calls_run_clean_under_sanitizers(made_up, run_compiler):
     dag, results = call_case()
     program = made_up(dag, outputs=results)
@@ -238,6 +252,7 @@ def test_calls_run_clean_under_sanitizers(made_up, run_compiler):
 
 
 @pytest.mark.parametrize("sensitivities", [(), ("m", "L")])
+@pytest.mark.usefixtures("in_blocks")
 def test_a_scene_with_constraints_runs_clean_under_sanitizers(run_compiler, sensitivities):
     program = _closed(sensitivities)
     found = _sanitized(program, "closed", run_compiler)
@@ -250,6 +265,7 @@ def test_a_scene_with_constraints_runs_clean_under_sanitizers(run_compiler, sens
 
 
 @pytest.mark.parametrize("sensitivities", [(), ("C", "Is")])
+@pytest.mark.usefixtures("in_blocks")
 def test_a_scene_with_algebraic_unknowns_runs_clean_under_sanitizers(run_compiler, sensitivities):
     scene = load("bridge-rectifier")
     program = generate(formulate(scene, list(sensitivities), None)[1])[0]
@@ -260,6 +276,7 @@ def test_a_scene_with_algebraic_unknowns_runs_clean_under_sanitizers(run_compile
 
 
 @pytest.mark.parametrize("n", [1, 4])
+@pytest.mark.usefixtures("in_blocks")
 def test_redundant_systems_run_clean_under_sanitizers(made_up, run_compiler, n):
     # All parameters of a made-up program are one: so is every entry, and the rank.
     dag, results = solve_case(n, SolveShape(n, 0))

@@ -8,33 +8,38 @@ arrays of the function that calls. Values and the order in which they are comput
 
 from __future__ import annotations
 
-import re
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from heapq import heappop, heappush
 from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cotree.codegen.c_statements import (
+    ARRAY,
+    NAME,
+    SCALAR,
+    WRITTEN,
+    between_commas,
+    count_written,
+    filled_arrays,
+    take_apart,
+)
 from cotree.codegen.heads import function_head
 
 if TYPE_CHECKING:
+    import re
     from collections.abc import Collection, Iterable, Mapping, Sequence
+
+    from cotree.codegen.c_statements import Item, Text
 
 #: Operations of a block at most. Measured with gcc 12: longer blocks compile slower and run no
 #: faster, shorter ones pass more values through memory.
-LONGEST_BLOCK = 1_500
+LONGEST_BLOCK = 1_000
 
-_NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
-_OPERATION = re.compile(r" [-+*/<>?] |(?<=\w)\(|(?<![\w)\]]) ?-(?=[\w(])")
-_SCALAR = re.compile(r"const (double|int) (\w+) = (?:(\w+\[\d+\]) = )?(.*);$")
-_ARRAY = re.compile(
-    r"(?:const )?(double|int) (\w+)\[(\d+)\](?:, (\w+)\[(\d+)\])?(?: = \{(.*)\})?;$"
-)
 #: Arrays that hold what crosses, by its kind.
 _FRAMES = {"double": "w", "int": "ranks"}
-_WRITTEN = re.compile(r"(\w+)\[.*?\] = ")
 
 
 @dataclass(frozen=True)
@@ -52,63 +57,24 @@ class Block:
     signature: str
     lines: list[str]
 
-    @property
-    def text(self) -> list[str]:
-        """All of its lines."""
-        return [self.signature, *self.lines]
-
 
 @dataclass(frozen=True)
 class Blocks:
-    """A kernel that is cut.
+    """A kernel, cut where it is long.
 
     Attributes
     ----------
     functions : list of Block
-        In the order of their calls.
+        In the order of their calls; none where it is not cut.
     lines : list of str
         The statements of the kernel itself.
     n_shared : int
         Doubles of the stack that hold what blocks hand over.
-    n_longest : int
-        Operations in the text of the longest block.
     """
 
     functions: list[Block]
     lines: list[str]
     n_shared: int
-    n_longest: int
-
-
-@dataclass
-class _Item:
-    """Lines that stay together: a statement, a loop, an array's declaration."""
-
-    lines: list[str]
-    names: set[str]
-    group: str = ""  # the comment that it stands under
-    makes: list[str] = field(default_factory=list)
-    n_operations: int = 0
-
-    @property
-    def is_exit(self) -> bool:
-        return any("return " in line for line in self.lines)
-
-
-@dataclass
-class _Text:
-    """A kernel's statements, parsed."""
-
-    items: list[_Item] = field(default_factory=list)
-    tables: dict[str, list[str]] = field(default_factory=dict)  # constant ones, by name
-    arrays: dict[str, tuple[str, int]] = field(default_factory=dict)  # kind and length
-    kinds: dict[str, str] = field(default_factory=dict)  # of temporaries
-    homes: dict[str, str] = field(default_factory=dict)  # where a temporary is kept anyway
-
-
-def count_written(lines: Iterable[str]) -> int:
-    """Count the operations that stand in some text, those of loops once."""
-    return sum(len(_OPERATION.findall(line)) for line in lines if not line.startswith("/*"))
 
 
 def cut_into_blocks(
@@ -117,7 +83,7 @@ def cut_into_blocks(
     arguments: Mapping[str, str],
     results: Collection[str] = (),
     longest: int = LONGEST_BLOCK,
-) -> Blocks | None:
+) -> Blocks:
     """Cut the statements of a kernel.
 
     Parameters
@@ -136,83 +102,31 @@ def cut_into_blocks(
 
     Returns
     -------
-    Blocks or None
-        None where there is nothing to cut: the statements are few, or of a kind that is unknown
-        here.
+    Blocks
+        Not cut where the statements are few, or of a kind that is unknown here.
     """
-    if count_written(lines) <= longest:
-        return None
-    text = _parse(lines, arguments)
-    if text is None:
-        return None
+    whole = Blocks([], list(lines), 0)
+    text = take_apart(lines) if count_written(lines) > longest else None
+    if text is None or not text.declared.isdisjoint((*arguments, *_FRAMES.values())):
+        return whole
     n_exits = sum(item.is_exit for item in text.items)
     body, exits = text.items[: len(text.items) - n_exits], text.items[len(text.items) - n_exits :]
     if any(item.is_exit for item in body):
-        return None
+        return whole
     if results:
         body = _written_early(body, results, text)
     cuts = _choose_cuts(body, exits, text, longest)
     if len(cuts) < 3:
-        return None
-    return _Writer(name, arguments, text).write(
-        [body[a:b] for a, b in pairwise(cuts)], exits
-    )
+        return whole
+    return _Writer(name, arguments, text).write([body[a:b] for a, b in pairwise(cuts)], exits)
 
 
-def _parse(lines: Sequence[str], arguments: Mapping[str, str]) -> _Text | None:
-    """Tell statements, loops, tables and arrays apart."""
-    text, group = _Text(), ""
-    remaining = iter(lines)
-    for line in remaining:
-        if line.startswith("/*"):
-            group = line
-            continue
-        rows = [line]
-        if line.endswith("{"):
-            for row in remaining:
-                rows.append(row)
-                if row in ("}", "};"):
-                    break
-        names = {name for row in rows for name in _NAME.findall(row)}
-        if line.startswith("static const "):
-            text.tables[line.split()[3].partition("[")[0]] = rows
-            continue
-        item = _Item(rows, names, group, n_operations=count_written(rows))
-        if not _declare(item, text):
-            return None
-        array = _ARRAY.match(line)
-        if array is None or array.group(6) is not None:
-            text.items.append(item)
-    declared = {*text.kinds, *text.arrays}
-    return text if declared.isdisjoint((*arguments, *_FRAMES.values())) else None
-
-
-def _declare(item: _Item, text: _Text) -> bool:
-    """Note what an item declares; False where it is of no known kind."""
-    line = item.lines[0]
-    scalar, array = _SCALAR.match(line), _ARRAY.match(line)
-    if scalar:
-        kind, made, home, _ = scalar.groups()
-        text.kinds[made] = kind
-        item.makes.append(made)
-        if home:
-            text.homes[made] = home
-    elif array:
-        kind, first, length, second, other, _ = array.groups()
-        text.arrays[first] = (kind, int(length))
-        if second:
-            text.arrays[second] = (kind, int(other))
-    elif not line.startswith(("for (", "if (", "cotree_")) and not _WRITTEN.match(line):
-        return False
-    return True
-
-
-def _written_early(items: Sequence[_Item], results: Collection[str], text: _Text) -> list[_Item]:
+def _written_early(items: Sequence[Item], results: Collection[str], text: Text) -> list[Item]:
     """Move each result to where all that it reads is known."""
     known: dict[str, int] = {}
-    moved: list[list[_Item]] = [[] for _ in items]
+    moved: list[list[Item]] = [[] for _ in items]
     for i, item in enumerate(items):
-        written = _WRITTEN.match(item.lines[0])
+        written = WRITTEN.match(item.lines[0])
         if written and written.group(1) in results:
             place = max((known.get(name, 0) for name in item.names), default=0)
             moved[place].append(item)
@@ -224,7 +138,7 @@ def _written_early(items: Sequence[_Item], results: Collection[str], text: _Text
 
 
 def _choose_cuts(
-    items: Sequence[_Item], exits: Sequence[_Item], text: _Text, longest: int
+    items: Sequence[Item], exits: Sequence[Item], text: Text, longest: int
 ) -> list[int]:
     """Choose where blocks begin and end: each as long as may be, then where fewest values cross."""
     n = len(items)
@@ -258,7 +172,7 @@ def _choose_cuts(
 class _Writer:
     """Writes the functions."""
 
-    def __init__(self, name: str, arguments: Mapping[str, str], text: _Text) -> None:
+    def __init__(self, name: str, arguments: Mapping[str, str], text: Text) -> None:
         self._name = name
         self._arguments = arguments
         self._text = text
@@ -266,7 +180,7 @@ class _Writer:
         self._shared: list[str] = []  # arrays that several blocks use
         self._length = {"double": 0, "int": 0}  # of the arrays that hold what crosses
 
-    def write(self, blocks: Sequence[Sequence[_Item]], exits: Sequence[_Item]) -> Blocks:
+    def write(self, blocks: Sequence[Sequence[Item]], exits: Sequence[Item]) -> Blocks:
         groups = [*blocks, exits]
         self._share_arrays(groups)
         self._allot_places(groups)
@@ -282,10 +196,9 @@ class _Writer:
         for item in exits:
             lines += self._placed(item)
         own = [arrays[name][1] for name in self._shared if arrays[name][0] == "double"]
-        longest = max(sum(item.n_operations for item in items) for items in blocks)
-        return Blocks(functions, lines, kinds["double"] + sum(own), longest)
+        return Blocks(functions, lines, kinds["double"] + sum(own))
 
-    def _share_arrays(self, groups: Sequence[Sequence[_Item]]) -> None:
+    def _share_arrays(self, groups: Sequence[Sequence[Item]]) -> None:
         """Find the arrays that more than one block uses."""
         users: dict[str, set[int]] = {}
         for number, items in enumerate(groups):
@@ -294,7 +207,7 @@ class _Writer:
                     users.setdefault(name, set()).add(number)
         self._shared = [name for name in self._text.arrays if len(users.get(name, ())) > 1]
 
-    def _allot_places(self, groups: Sequence[Sequence[_Item]]) -> None:
+    def _allot_places(self, groups: Sequence[Sequence[Item]]) -> None:
         """Give what crosses a place; one whose value is read no more serves again."""
         made: dict[str, int] = {}
         last: dict[str, int] = {}
@@ -323,14 +236,14 @@ class _Writer:
             for kind, slot in leaving.pop(number, ()):
                 heappush(free[kind], slot)
 
-    def _function(self, name: str, items: Sequence[_Item]) -> tuple[Block, str]:
+    def _function(self, name: str, items: Sequence[Item]) -> tuple[Block, str]:
         """Write one block, and its call."""
         lines: list[str] = []
         reads = Counter(name for item in items for name in item.names)
         # What only later blocks read has no name here.
         own = {made for item in items for made in item.makes if reads[made] > 1}
         names = {name for item in items for name in item.names}
-        filled = {name for item in items for name in _filled_arrays(item)}
+        filled = {name for item in items for name in filled_arrays(item)}
         lines += [
             f"{kind} {array}[{length}];"
             for array, (kind, length) in self._text.arrays.items()
@@ -346,7 +259,7 @@ class _Writer:
                 lines.append(item.group)
                 group = item.group
             lines += written
-        used = {found for line in lines for found in _NAME.findall(line)}
+        used = {found for line in lines for found in NAME.findall(line)}
         given = {key: (head, key) for key, head in self._arguments.items()}
         for kind, frame in _FRAMES.items():
             given[frame] = (f"{kind} *COTREE_RESTRICT {frame}", frame)
@@ -359,27 +272,27 @@ class _Writer:
         signature = function_head("COTREE_APART static void", name, heads)
         return Block(signature, lines), f"{name}({', '.join(call for _, call in taken)});"
 
-    def _own(self, item: _Item, own: set[str]) -> list[str]:
+    def _own(self, item: Item, own: set[str]) -> list[str]:
         """Write an item inside a block, which makes some of its temporaries itself."""
         line = item.lines[0]
-        array = _ARRAY.match(line)
+        array = ARRAY.match(line)
         if array:
             return self._own_array(item, own, array)
-        scalar = _SCALAR.match(line)
+        scalar = SCALAR.match(line)
         if not scalar or (name := scalar.group(2)) not in self._place:
             return self._placed(item, own)
         head = f"const {scalar.group(1)} {name} = " if name in own else ""
         return [f"{head}{self._place[name]} = {self._replaced(scalar.group(4), own)};"]
 
-    def _own_array(self, item: _Item, own: set[str], array: re.Match[str]) -> list[str]:
+    def _own_array(self, item: Item, own: set[str], array: re.Match[str]) -> list[str]:
         """Fill an array, which the caller may have declared."""
         name, values = array.group(2), array.group(6)
         if name not in self._shared:
             return self._placed(item, own)
-        filled = enumerate(_between_commas(values))
+        filled = enumerate(between_commas(values))
         return [f"{name}[{i}] = {self._replaced(value, own)};" for i, value in filled]
 
-    def _placed(self, item: _Item, own: Iterable[str] = ()) -> list[str]:
+    def _placed(self, item: Item, own: Iterable[str] = ()) -> list[str]:
         return [self._replaced(line, own) for line in item.lines]
 
     def _replaced(self, text: str, own: Iterable[str]) -> str:
@@ -391,22 +304,4 @@ class _Writer:
                 return "*status"
             return self._place.get(name, name) if name not in own else name
 
-        return _NAME.sub(placed, text)
-
-
-def _filled_arrays(item: _Item) -> list[str]:
-    """Name the array that an item declares."""
-    match = _ARRAY.match(item.lines[0])
-    return [match.group(2)] if match else []
-
-
-def _between_commas(text: str) -> list[str]:
-    """Split at the commas that stand in no parentheses."""
-    parts, depth, start = [], 0, 0
-    for i, char in enumerate(text):
-        depth += (char == "(") - (char == ")")
-        if char == "," and depth == 0:
-            parts.append(text[start:i].strip())
-            start = i + 1
-    parts.append(text[start:].strip())
-    return parts
+        return NAME.sub(placed, text)

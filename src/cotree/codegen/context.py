@@ -7,7 +7,8 @@ import textwrap
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from cotree.codegen.blocks import Blocks, cut_into_blocks
+from cotree.codegen.blocks import Block, cut_into_blocks
+from cotree.codegen.c_statements import count_written
 from cotree.codegen.heads import function_head
 from cotree.codegen.loops import roll
 from cotree.codegen.maps import MapContext, map_context
@@ -60,25 +61,22 @@ class KernelContext:
     n_results: int
     n_operations: int
     n_statements: int
-    n_in_maps: int  # of the operations
     unused: list[str]
     lines: list[str]
     uses_status: bool
-    blocks: Blocks | None = None  # where it is cut
+    blocks: list[Block]  # none where it is not cut
+    n_shared: int
 
     @property
     def n_written(self) -> int:
-        """About how many operations stand in its longest function: those of a loop once."""
-        if self.blocks is not None:
-            return self.blocks.n_longest
-        whole = max(1, self.n_statements + self.n_results)
-        return (self.n_operations - self.n_in_maps) * min(whole, len(self.lines)) // whole
+        """How many operations stand in its longest function, those of a loop once."""
+        return max(count_written(rows) for rows in (self.lines, *(b.lines for b in self.blocks)))
 
     @property
     def text(self) -> list[str]:
         """All of its lines."""
-        cut = self.blocks.functions if self.blocks is not None else []
-        return [*(row for block in cut for row in block.text), self.signature, *self.lines]
+        rows = [row for block in self.blocks for row in (block.signature, *block.lines)]
+        return [*rows, self.signature, *self.lines]
 
 
 @dataclass(frozen=True)
@@ -293,8 +291,8 @@ def kernel_context(
         comparison = ">" if guard.is_strict else ">="
         lines.append(f"if (!({value} {comparison} 0.0)) return -{i + 1};")
     name, arguments = f"{prefix}_{spec.name}", _arguments(kernel)
-    rolled = roll(lines)
-    blocks = cut_into_blocks(name, rolled, arguments, (spec.result, *FILLED))
+    rolled = roll(lines, "z" if "v" in arguments else "v")
+    cut = cut_into_blocks(name, rolled, arguments, (spec.result, *FILLED))
     return KernelContext(
         signature=function_head("int", name, arguments.values()),
         prototype=function_head("COTREE_EXPORT int", name, arguments.values()),
@@ -302,11 +300,11 @@ def kernel_context(
         n_results=n_results,
         n_operations=operations,
         n_statements=printed.n_statements,
-        n_in_maps=sum(n.data.n_columns * n.data.counts.total() for n in _maps_in(kernel)),
         unused=unused,
-        lines=rolled if blocks is None else blocks.lines,
+        lines=cut.lines,
         uses_status=printed.uses_status,
-        blocks=blocks,
+        blocks=cut.functions,
+        n_shared=cut.n_shared,
     )
 
 
@@ -318,14 +316,12 @@ def _written(array: str, results: Sequence[str]) -> Iterator[str]:
             yield f"{place} = {value};"
 
 
-def _maps_in(kernel: Kernel) -> list[Node]:
-    return [node for node in kernel.order if node.op == "map"]
-
-
 def _places_of_maps(kernel: Kernel) -> dict[Node, Place]:
     """Let maps write to where a kernel wants all their results, one after the other."""
     places = {}
-    for node in _maps_in(kernel):
+    for node in kernel.order:
+        if node.op != "map":
+            continue
         own = results_of(node, node.data.n_results)
         first = next((i for i, root in enumerate(kernel.results) if root is own[0]), 0)
         if kernel.results[first : first + len(own)] == own:

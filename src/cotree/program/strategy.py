@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 _LONG = 5  # moving branches from which elimination along the tree is counted too
 _PER_OPERATION = 0.5  # cycles, where nothing waits
 _SHARE_OF_JACOBIANS = 0.1  # of the evaluations of the right-hand side
+# Squared depth of speeds, on average, from which elimination by the matrix is not tried: it costs
+# that many operations a speed, and along the tree 90 (in a plane) to 600.
+_DEEP = 1000.0
 _FEW = 3  # turning clusters up to which every choice is tried
 
 
@@ -136,7 +139,18 @@ def _eliminations(first: FirstGraph) -> list[tuple[Link, ...]]:
     if len(first.motion.geometry) < _LONG:
         return [()]
     links = tree_links(first)
-    return [(), links] if links else [()]
+    if not links:
+        return [()]
+    return [links] if _mean_squared_depth(links) > _DEEP else [(), links]
+
+
+def _mean_squared_depth(links: Sequence[Link]) -> float:
+    """Average, over the speeds, the square of how many carry each: itself and those below."""
+    depths, squares = [0], []
+    for link in links:
+        depths.append(depths[link.parent] + len(link.speeds))
+        squares += [depth**2 for depth in range(depths[link.parent] + 1, depths[-1] + 1)]
+    return sum(squares) / max(1, len(squares))
 
 
 def _choices(scene: SceneDescription, trees: Trees) -> Iterator[tuple[int, ...]]:

@@ -262,7 +262,9 @@ def unknown_tangents(first: FirstGraph) -> tuple[Node, ...]:
     return tuple(dag.symbol("dw", i) for i in range(len(first.unknowns)))
 
 
-def form_equations(first: FirstGraph, sensitivities: Sequence[str]) -> Equations:
+def form_equations(
+    first: FirstGraph, sensitivities: Sequence[str], *, with_columns: bool = True
+) -> Equations:
     """Add the sensitivity graphs to the first graph.
 
     Parameters
@@ -271,6 +273,9 @@ def form_equations(first: FirstGraph, sensitivities: Sequence[str]) -> Equations
         The first graph.
     sensitivities : sequence of str
         Parameters, or states whose initial value is meant.
+    with_columns : bool
+        Whether to form the derivatives along the states. Without them there is no Jacobian: for
+        looking at what the rates alone cost.
 
     Raises
     ------
@@ -302,7 +307,7 @@ def form_equations(first: FirstGraph, sensitivities: Sequence[str]) -> Equations
         constraints=gather_constraints(first),
         output_values=first.outputs.values,
         sensitivities=form_derivatives(first, sensitivities, support),
-        columns=state_columns(first, support),
+        columns=state_columns(first, support) if with_columns else (),
         guards=first.guards,
         n_network_states=len(system.modes) + (first.network.n_differential if first.network else 0),
         n_modes=len(system.modes),

@@ -1,0 +1,205 @@
+"""Where statements repeat: forms and numbers of statements in, pieces of them out.
+
+A piece is a body of statements and how often it is repeated. Two kinds of loops are looked for:
+even ones, in which every number grows by the same amount each time, and others, whose numbers need
+tables. An even one is taken where it covers about as much.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    import numpy.typing as npt
+
+LONGEST_BODY = 150  # statements of a loop's body: a link's in space
+FEWEST_LINES = 64  # that a loop replaces; below, statements are as short and read better
+_FEWEST_EVEN = 24  # the same of one without tables
+_FEWEST_TIMES = 8
+
+
+@dataclass(frozen=True)
+class Statement:
+    """What a statement is but for its numbers, and these.
+
+    Attributes
+    ----------
+    form : str
+        Its text without numbers; empty where it is never part of a loop.
+    whole : tuple of int
+        Its whole numbers, in order.
+    real : tuple of str
+        Its other numbers, in order.
+    """
+
+    form: str
+    whole: tuple[int, ...]
+    real: tuple[str, ...]
+
+
+def pieces(statements: Sequence[Statement]) -> Iterator[tuple[int, int, int]]:
+    """Cut statements into pieces: start, length of the body, how often it is repeated.
+
+    Parameters
+    ----------
+    statements : sequence of Statement
+        In order of evaluation.
+
+    Yields
+    ------
+    tuple of int
+        Pieces that follow one another; those that are no loops are repeated once.
+    """
+    n = len(statements)
+    labels = _labels([row.form for row in statements])
+    reach = _form_reach(labels)
+    even, period_of = _even_reach(statements, labels)
+    covered = np.cumsum([0, *_covered_by_even(even)])
+    start = plain = 0
+    while start < n:
+        period, length = 0, int(reach[start])
+        # A run may begin one line late, where it is then longer.
+        is_longest = length > 0 and reach[start + 1] <= length
+        if is_longest and 2 * (covered[start + length] - covered[start]) < length:
+            period = _shortest_period(labels, start, length)
+            length -= length % period
+        elif even[start] > 0 and even[start + 1] <= even[start]:
+            period, length = int(period_of[start]), int(even[start])
+        if not period:
+            start += 1
+            continue
+        if start > plain:
+            yield plain, start - plain, 1
+        yield start, period, length // period
+        start = plain = start + length
+    if start > plain:
+        yield plain, start - plain, 1
+
+
+def may_repeat(forms: Sequence[str]) -> npt.NDArray[np.bool_]:
+    """Tell which statements may stand in a loop, given about what they are.
+
+    Parameters
+    ----------
+    forms : sequence of str
+        Texts that are equal wherever statements differ in their numbers only.
+    """
+    n = len(forms)
+    labels = _labels(forms)
+    reach = np.maximum(_form_reach(labels), _form_reach(labels, _FEWEST_EVEN))
+    begins = np.flatnonzero(reach)
+    changes = np.zeros(n + 1, dtype=np.intp)
+    changes[begins] += 1
+    np.subtract.at(changes, begins + reach[begins], 1)
+    return np.asarray(np.cumsum(changes)[:n] > 0)
+
+
+def _labels(forms: Sequence[str]) -> npt.NDArray[np.intp]:
+    """Give each form a number; those that are empty are like no other."""
+    numbers: dict[str, int] = {}
+    return np.array(
+        [numbers.setdefault(f, len(numbers)) if f else -1 - i for i, f in enumerate(forms)],
+        dtype=np.intp,
+    )
+
+
+def _form_reach(labels: npt.NDArray[np.intp], fewest: int = FEWEST_LINES) -> npt.NDArray[np.intp]:
+    """Count the statements of the longest loop that begins at each place, whatever its numbers."""
+    n = len(labels)
+    reach = np.zeros(n + 1, dtype=np.intp)
+    for period in range(1, min(LONGEST_BODY, n - 1) + 1):
+        agreed = _run_lengths(labels[:-period] == labels[period:])
+        part = reach[: n - period]
+        np.maximum(part, _worth(agreed // period + 1, period, fewest), out=part)
+    return reach
+
+
+def _shortest_period(labels: npt.NDArray[np.intp], start: int, length: int) -> int:
+    """Choose the shortest body that covers about as much."""
+    part = labels[start : start + length]
+    for period in range(1, LONGEST_BODY + 1):
+        differing = np.flatnonzero(part[:-period] != part[period:])
+        agreed = int(differing[0]) if len(differing) else len(part) - period
+        times = agreed // period + 1
+        if times >= _FEWEST_TIMES and times * period + period > length:
+            return period
+    raise AssertionError("a loop was found that is none")
+
+
+def _even_reach(
+    statements: Sequence[Statement], labels: npt.NDArray[np.intp]
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Count the statements of the longest even loop at each place, and of its body."""
+    n = len(labels)
+    best, period_of = np.zeros(n + 1, dtype=np.intp), np.zeros(n + 1, dtype=np.intp)
+    whole = _padded([row.whole for row in statements])
+    names: dict[str, int] = {}
+    real = _padded([tuple(names.setdefault(r, len(names)) for r in row.real) for row in statements])
+    for period in range(1, min(LONGEST_BODY, (n - 1) // 2) + 1):
+        is_same = labels[:-period] == labels[period:]
+        agreed = _run_lengths(is_same)
+        rows = np.flatnonzero(_worth(agreed // period + 1, period, _FEWEST_EVEN))
+        if not len(rows):
+            continue
+        # All places of the runs that are long enough.
+        ends = np.zeros(n + 1, dtype=np.intp)
+        ends[rows] += 1
+        np.subtract.at(ends, rows + agreed[rows], 1)
+        rows = np.flatnonzero(np.cumsum(ends)[: n - 2 * period] > 0)
+        rows = rows[is_same[rows] & is_same[rows + period]]
+        a, b, c = rows, rows + period, rows + 2 * period
+        is_even = np.all(whole[b] - whole[a] == whole[c] - whole[b], axis=1)
+        is_even &= np.all((real[a] == real[b]) & (real[b] == real[c]), axis=1)
+        holds = np.zeros(n - 2 * period, dtype=np.bool_)
+        holds[rows[is_even]] = True
+        length = _run_lengths(holds)
+        found = _worth(np.where(length > 0, length // period + 2, 0), period, _FEWEST_EVEN)
+        part = best[: n - 2 * period]
+        is_better = found > part
+        part[is_better] = found[is_better]
+        period_of[: n - 2 * period][is_better] = period
+    return best, period_of
+
+
+def _covered_by_even(even: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
+    """Mark the statements that even loops would take, from the first on."""
+    marked = np.zeros(len(even) - 1, dtype=np.intp)
+    start = 0
+    begins = np.flatnonzero(even)
+    while True:
+        at = int(np.searchsorted(begins, start))
+        if at == len(begins):
+            return marked
+        start = int(begins[at])
+        while even[start + 1] > even[start]:
+            start += 1
+        marked[start : start + even[start]] = 1
+        start += int(even[start])
+
+
+def _worth(times: npt.NDArray[np.intp], period: int, fewest: int) -> npt.NDArray[Any]:
+    """Count the statements of a loop; none where it is not worth it."""
+    is_worth = (times >= _FEWEST_TIMES) & (times * period >= fewest)
+    return np.where(is_worth, times * period, 0)
+
+
+def _run_lengths(holds: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
+    """Count, from each place on, how long something holds."""
+    n = len(holds)
+    breaks = np.flatnonzero(~holds)
+    nexts = np.append(breaks, n)[np.searchsorted(breaks, np.arange(n))]
+    return np.asarray(nexts - np.arange(n), dtype=np.intp)
+
+
+def _padded(rows: Sequence[tuple[int, ...]]) -> npt.NDArray[np.int64]:
+    """Make a matrix of rows of any length."""
+    lengths = np.array([len(row) for row in rows], dtype=np.intp)
+    width = int(lengths.max(initial=0))
+    matrix = np.zeros((len(rows), width), dtype=np.int64)
+    matrix[np.arange(width) < lengths[:, None]] = [number for row in rows for number in row]
+    return matrix

@@ -1,0 +1,132 @@
+"""Long kernels cut into blocks: the same values to the last bit, whatever the length."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rod_chain import rod_chain
+
+import cotree
+from cotree import load
+from cotree.codegen import context
+from cotree.codegen.blocks import cut_into_blocks
+from cotree.codegen.context import model_context
+from cotree.pipeline import formulate, generate
+
+SCENES = sorted(path.stem for path in (Path(cotree.__file__).parent / "scenes").glob("*.toml"))
+
+
+@pytest.fixture
+def cut_at(monkeypatch):
+    """Set the number of operations from which kernels are cut."""
+
+    def change(longest):
+        cut = partial(cut_into_blocks, longest=longest)
+        monkeypatch.setattr(context, "cut_into_blocks", cut)
+
+    return change
+
+
+def _program(scene, sensitivities):
+    return generate(formulate(scene, list(sensitivities), None)[1])[0]
+
+
+def _all_values(kernels, program):
+    """Give what every kernel computes at one point."""
+    layout = program.layout
+    n, m = len(layout.states), len(layout.sensitivities)
+    rng = np.random.default_rng(3)
+    x, s = rng.uniform(0.2, 1.0, n), rng.uniform(-1.0, 1.0, n * max(m, 1))
+    u = rng.uniform(0.2, 1.0, len(layout.inputs))
+    kernels.prepare(np.array(layout.parameter_values))
+    return {
+        name: kernels(name, 0.7, x, s, u).copy()
+        for name, kernel in program.kernels.items()
+        if kernel.results and name != "prepare"
+    }
+
+
+def _n_blocks(program):
+    return sum(len(kernel.blocks) for kernel in model_context(program).kernels)
+
+
+@pytest.mark.compiler
+@pytest.mark.parametrize("name", SCENES)
+def test_shipped_scenes_compute_the_same(name, cut_at, load_kernels):
+    scene = load(name)
+    program = _program(scene, list(scene.parameters)[:2])
+    cut_at(10**9)
+    assert _n_blocks(program) == 0
+    whole = _all_values(load_kernels(program), program)
+    cut_at(3)
+    cut = _all_values(load_kernels(program), program)
+    assert _n_blocks(program) > 0
+    assert whole.keys() == cut.keys()
+    for kernel, values in whole.items():
+        assert np.array_equal(values, cut[kernel], equal_nan=True), kernel
+
+
+@pytest.mark.compiler
+@pytest.mark.parametrize("longest", [60, 1000])
+def test_chains_with_loops_compute_the_same(longest, cut_at, load_kernels):
+    scene, wanted = rod_chain(9)
+    program = _program(scene, wanted[::6])
+    cut_at(10**9)
+    whole = _all_values(load_kernels(program), program)
+    cut_at(longest)
+    cut = _all_values(load_kernels(program), program)
+    for kernel in ("rhs", "jacobian", "augmented_rhs"):
+        assert np.array_equal(whole[kernel], cut[kernel]), kernel
+    rolled = [
+        line
+        for kernel in model_context(program).kernels
+        for block in kernel.blocks
+        for line in block.lines
+        if line.startswith("for (")
+    ]
+    assert rolled
+
+
+def test_a_long_kernel_is_cut_where_little_crosses():
+    """Two groups that share one value: the cut falls between them."""
+    lines = ["const double v0 = x[0] * x[0];"]
+    for first in (1, 11):
+        lines.append(f"const double v{first} = v0 + {first}.0;")
+        lines += [f"const double v{i} = v{i - 1} * v{first};" for i in range(first + 1, first + 9)]
+        lines.append(f"const double v{first + 9} = v{first + 8} - v0;")
+    results = ["dx[0] = v10;", "dx[1] = v20;"]
+    arguments = {"x": "const double *x", "dx": "double *dx"}
+    cut = cut_into_blocks("f", [*lines, *results], arguments, "dx", longest=14)
+    assert [block.lines[-1] for block in cut.functions] == results
+    assert cut.lines == ["double w[1];", "f_1(x, dx, w);", "f_2(dx, w);"]
+    assert cut.functions[0].lines[0] == "const double v0 = w[0] = x[0] * x[0];"
+    assert cut.functions[1].lines[0] == "const double v11 = w[0] + 11.0;"
+    assert cut.n_shared == 1
+
+
+def test_places_serve_again_when_their_values_are_read_no_more():
+    lines = ["const double v0 = x[0] + 1.0;"]
+    lines += [f"const double v{i} = v{i - 1} + 1.0;" for i in range(1, 100)]
+    arguments = {"x": "const double *x", "dx": "double *dx"}
+    cut = cut_into_blocks("f", [*lines, "dx[0] = v99;"], arguments, "dx", longest=10)
+    assert len(cut.functions) >= 10
+    # One that is handed over, and the next, made while that may still be read.
+    assert cut.n_shared == 2
+
+
+def test_statements_of_an_unknown_kind_stay_whole():
+    lines = [f"strange v{i} = x[0] + 1.0;" for i in range(100)]
+    cut = cut_into_blocks("f", lines, {"x": "const double *x"}, longest=10)
+    assert cut.functions == []
+    assert cut.lines == lines
+
+
+def test_the_longest_function_of_a_long_chain_is_short():
+    """What compilers take long for is the longest function; the text grows, that does not."""
+    program = _program(rod_chain(12)[0], [])
+    jacobian = next(k for k in model_context(program).kernels if "_jacobian(" in k.signature)
+    assert jacobian.n_operations > 8_000
+    assert jacobian.n_written <= 1_000
