@@ -15,6 +15,7 @@ from made_up_scenes import HOSTILE, busy_scene
 
 from cotree.codegen import context as contexts
 from cotree.codegen.context import model_context
+from cotree.codegen.maps import MapContext
 from cotree.codegen.printer_c import literal, print_nodes
 from cotree.codegen.render import cdef, render_model, template_folder
 from cotree.dag.evaluate import evaluate
@@ -199,6 +200,7 @@ _VARIABLES = {
     "table": contexts.TableContext,
     "row": contexts.QuantityContext,
     "event": contexts.EventContext,
+    "map": MapContext,
 }
 _TEMPLATES = [
     "cotree_abi.h.jinja",
@@ -206,6 +208,9 @@ _TEMPLATES = [
     "kernels.c.jinja",
     "model.h.jinja",
     "macros.jinja",
+    "vectors.c.jinja",
+    "vectors.h.jinja",
+    "sines.h.jinja",
 ]
 
 
@@ -223,7 +228,7 @@ def _used():
 
 def test_templates_use_the_fields_of_their_contexts_and_all_of_them():
     # What serves other stages: the flags of the compiler, and the arguments of cotree_abi.h.
-    elsewhere = {"model": {"abi_version", "generator"}}
+    elsewhere = {"model": {"abi_version", "generator"}, "map": {"n_written"}}
     for name, used in _used().items():
         fields = {field.name for field in dataclasses.fields(_VARIABLES[name])}
         known = fields | elsewhere.get(name, set())
@@ -235,7 +240,8 @@ def test_templates_use_the_fields_of_their_contexts_and_all_of_them():
 @pytest.mark.parametrize("file", _TEMPLATES)
 def test_templates_read_their_context_only(file):
     tree = jinja2.Environment().parse((template_folder() / "c" / file).read_text())
-    expected = {"cotree_abi.h.jinja": {"abi_version", "generator"}, "macros.jinja": set()}
+    expected = {"cotree_abi.h.jinja": {"abi_version", "generator"}}
+    expected |= {"macros.jinja": set(), "sines.h.jinja": set()}
     assert meta.find_undeclared_variables(tree) == expected.get(file, {"model"})
 
 

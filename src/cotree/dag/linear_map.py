@@ -17,7 +17,7 @@ from cotree.dag.operations import OPERATIONS
 from cotree.dag.traverse import dependent, reachable, substitute
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Container, Mapping, Sequence
 
     from cotree.dag.nodes import Dag, Node
 
@@ -174,8 +174,9 @@ def form_map(
     """
     results = _as_products(dag, results, inputs)
     order = reachable(results)
-    varying = dependent(order, inputs) - set(inputs)
-    if any(node.op not in _LINEAR for node in varying):
+    among = dependent(order, inputs)
+    varying = among - set(inputs)
+    if not all(_is_linear(node, among) for node in varying):
         return None
     if any(root not in varying and root not in inputs and not root.is_zero for root in results):
         return None
@@ -190,6 +191,12 @@ def form_map(
     own |= {node: dag.symbol("shared", i) for i, node in enumerate(shared)}
     body = tuple(substitute(results, own))
     return LinearMap(body, len(shared), len(inputs), n_columns), tuple(shared)
+
+
+def _is_linear(node: Node, varying: Container[Node]) -> bool:
+    """Tell whether a value is linear in those of its arguments that vary."""
+    times = sum(arg in varying for arg in node.args)
+    return node.op in _LINEAR and (times == 1 if node.op == "mul" else times == len(node.args))
 
 
 def _as_products(dag: Dag, results: Sequence[Node], inputs: Sequence[Node]) -> list[Node]:

@@ -7,6 +7,7 @@ C stands in :mod:`cotree.codegen.printer_c`. The results are read with ``result`
 from __future__ import annotations
 
 import bisect
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -170,6 +171,8 @@ def _evaluate_table(table: Table, values: Sequence[Any]) -> Sequence[Any]:
 
 
 def _evaluate_sines(_: int, angles: Sequence[Any]) -> Sequence[Any]:
+    if all(isinstance(angle, float) for angle in angles):
+        return [*map(math.sin, angles), *map(math.cos, angles)]
     return [*map(np.sin, angles), *map(np.cos, angles)]
 
 
