@@ -71,7 +71,7 @@ def test_rectifier(method):
 def test_ida_follows_diodes_that_begin_to_conduct():
     model = load("bridge-rectifier").compile()
     settings = {"t_eval": np.linspace(0.0, 0.1, 21), "throw": True}
-    # Not an explicit method: where diodes begin to conduct its error estimates may vanish by chance.
+    # No explicit method: where diodes begin to conduct, its error estimates may vanish by chance.
     expected = model.simulate(method="rodas5", **TIGHT, **settings)
     result = model.simulate(method="ida", rtol=1e-8, atol=1e-10, **settings)
     # Some two thousand steps with errors of 1e-8; diodes conduct a tenth of the time, steeply.
