@@ -9,10 +9,20 @@ import pytest
 
 from cotree import Scene
 from cotree.errors import SolveError
+from cotree.solvers import sundials
 
 pytestmark = pytest.mark.compiler
 
 TIGHT = {"rtol": 1e-11, "atol": 1e-12}
+
+IN_C = ["dopri5", "rkf45", "dop853", "rodas4", "rodas5", "cvode", "ida"]
+
+
+@pytest.fixture(params=IN_C)
+def in_c(request):
+    if request.param in ("cvode", "ida"):
+        pytest.importorskip("sksundae")
+    return request.param
 
 
 def rail(gravity=-9.81, force=0.0, **initial):
@@ -100,7 +110,7 @@ def test_a_wall_in_the_way_of_a_loop():
     assert len(agree(scene.compile(["a", "c", "e"]), 2.0).events["wall"].t) == 1
 
 
-@pytest.mark.parametrize("loop", ["DOP853", "dop853"])
+@pytest.mark.parametrize("loop", ["DOP853", "dop853", "rodas5", "cvode", "ida"])
 def test_an_initial_rate_of_a_chord_is_not_given_again_by_an_event(loop):
     scene = four_bar(initial={"theta_dot": -1.0})
     scene.mode("n", 0)
@@ -130,9 +140,28 @@ def test_more_happens_than_there_is_room_for_at_first():
     assert result["n"].tolist() == [637.0]
 
 
-@pytest.mark.parametrize("method", ["dopri5", "dop853", "rkf45", "rodas4"])
-def test_every_step_and_every_event_is_a_point(method):
-    result = ball().compile().simulate((0, 2), None, method, 1e-8, 1e-10)
+def relaxation():
+    """Draw a capacitor that discharges through k r i, and is charged where the current is low."""
+    scene = Scene("relaxation")
+    scene.parameter("r", 1.5)
+    scene.mode("k", 1)
+    scene.edge("c", "capacitor", "a", "ground", capacitance=2.0, initial={"v": 4.0})
+    scene.edge("R", "resistor", "a", "ground", resistance="k*r*abs(R.i)")
+    scene.event("low", "R.i - 0.5", direction=-1, set={"c.v": "4*k", "k": "3 - k"})
+    return scene
+
+
+@pytest.mark.parametrize("scene", [ball, relaxation])
+def test_nothing_stands_in(in_c, scene):
+    model = scene().compile(["e" if scene is ball else "r"])
+    result = model.simulate((0, 2), [2.0], in_c)
+    assert result.statistics.method == in_c
+    assert result.statistics.through == ""
+    assert result.message == f"{in_c} reached t = 2."
+
+
+def test_every_step_and_every_event_is_a_point(in_c):
+    result = ball().compile().simulate((0, 2), None, in_c, 1e-8, 1e-10)
     assert np.all(np.diff(result.t) > 0.0)
     for t, after in zip(result.events["hit"].t, result.events["hit"].y_after.T, strict=True):
         place = np.flatnonzero(result.t == t)
@@ -142,7 +171,7 @@ def test_every_step_and_every_event_is_a_point(method):
 
 
 @pytest.mark.parametrize("times", [None, [0.0, 0.3, 1.0]])
-@pytest.mark.parametrize("loop", ["DOP853", "dop853"])
+@pytest.mark.parametrize("loop", ["DOP853", "dop853", "rodas5", "cvode", "ida"])
 def test_what_jumps_at_a_breakpoint_is_stored_once(loop, times):
     scene = rail(gravity=0.0, s=0.0, s_dot="v")
     scene.parameter("v", 1.0)
@@ -164,16 +193,63 @@ def test_inputs_that_are_replaced():
     assert result["n"][-1] > 3.0
 
 
-def test_budgets_leave_what_happened():
+@pytest.mark.parametrize("scene", [rail, relaxation])
+def test_a_stop_at_the_start(in_c, scene):
+    drawn = scene()
+    drawn.event("now", "t", direction=1, stop=True)
+    for times in (None, [0.0, 1.0], [1.0]):
+        result = drawn.compile().simulate((0, 1), times, in_c)
+        assert result.success
+        assert "event 'now' ends the run" in result.message
+        assert result.t.tolist() == [0.0]
+        assert result.events["now"].t.tolist() == [0.0]
+
+
+@pytest.mark.parametrize("scene", [rail, relaxation])
+def test_an_event_a_few_roundings_before_the_end(in_c, scene):
+    drawn = scene()
+    drawn.mode("n", 0)
+    drawn.event("late", "t - 0.999999999999998", direction=1, set={"n": "n + 1"})
+    for times in (None, [1.0]):
+        result = drawn.compile().simulate((0.9, 1), times, in_c)
+        assert result.success
+        np.testing.assert_allclose(result.events["late"].t, [1.0 - 2e-15], atol=3e-16)
+        assert result.t[-1] == 1.0
+        assert result["n"][-1] == 1.0
+
+
+@pytest.mark.parametrize("method", ["cvode", "ida"])
+@pytest.mark.parametrize("tested", [True, False])
+def test_multistep_methods_as_through_python(method, tested, monkeypatch):
+    """The same integrators, each with a loop of its own: they agree as their tolerance says."""
+    pytest.importorskip("sksundae")
+    model = relaxation().compile(["r"])
+    settings = {"error_test_sensitivities": tested, **TIGHT}
+    ours = model.simulate((0, 15), [3.0, 15.0], method, **settings)
+    monkeypatch.setattr(sundials, "solve_in_c", lambda problem, method: "it is hidden")
+    theirs = model.simulate((0, 15), [3.0, 15.0], method, **settings)
+    assert theirs.statistics.through != ours.statistics.through == ""
+    assert ours.message.partition(".")[0] == theirs.message.partition(".")[0]
+    # A hundred steps of the tolerance; what is outside the test, a hundred times that.
+    atol = 1e-9 if tested else 1e-7
+    for key in ("t", "y_before", "y_after", "s"):
+        found, expected = (getattr(run.events["low"], key) for run in (ours, theirs))
+        np.testing.assert_allclose(found, expected, atol=atol)
+    np.testing.assert_allclose(ours.y, theirs.y, atol=atol)
+    np.testing.assert_allclose(ours.s, theirs.s, atol=atol)
+
+
+@pytest.mark.parametrize("method", ["dopri5", "rodas5"])
+def test_budgets_leave_what_happened(method):
     model = ball().compile()
     with pytest.warns(RuntimeWarning, match="the limit of 9 steps is reached"):
-        result = model.simulate((0, 2), [2.0], "dopri5", max_steps=9)
+        result = model.simulate((0, 2), [2.0], method, max_steps=9)
     assert result.status == -2
     assert len(result.events["hit"].t) >= 1
     assert result.t[-1] >= result.events["hit"].t[-1]
 
 
-@pytest.mark.parametrize("loop", ["DOP853", "dop853"])
+@pytest.mark.parametrize("loop", ["DOP853", "dop853", "rodas5", "cvode", "ida"])
 def test_a_budget_of_events(loop):
     model = ball().compile()
     with pytest.warns(RuntimeWarning, match=r"t = 1.66023.*: the limit of 2 events is reached"):
