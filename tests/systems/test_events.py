@@ -14,10 +14,7 @@ import cotree
 QUICK = ["DOP853", "LSODA", "cvode", "ida", "dop853", "dopri5", "rodas4", "rodas5"]
 METHODS = [
     *QUICK,
-    *(
-        pytest.param(name, marks=pytest.mark.slow)
-        for name in ("RK45", "Radau", "BDF", "rkf45")
-    ),
+    *(pytest.param(name, marks=pytest.mark.slow) for name in ("RK45", "Radau", "BDF", "rkf45")),
 ]
 TIGHT = {"rtol": 1e-12, "atol": 1e-13}
 CLOSE = 1e-9
