@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
+from hard_scenes import bennett_loop
 
 from cotree import Scene
 from cotree.errors import SolveError
@@ -114,6 +115,19 @@ def test_positions_that_are_set_in_a_loop(kind):
     # With sensitivities the speeds are a choice.
     result = agree(scene.compile(["a"]), 2.0, **kind)
     assert "sets fewer states than the constraints leave free" in result.message
+
+
+@pytest.mark.parametrize("method", ["dop853", "cvode", "ida"])
+def test_a_loop_that_is_redundant(method):
+    if method != "dop853":
+        pytest.importorskip("sksundae")
+    scene = bennett_loop()
+    back = {"j0.theta_dot": "-0.8*j0.theta_dot"}
+    scene.event("back", "j0.theta - 2", direction=1, set=back)
+    result = agree(scene.compile(), 1.0, most=1e-8, method=method)
+    assert len(result.events["back"].t) == 1
+    # Rounding, enlarged where the loop lies flat.
+    assert result.drift.worst < 1e-12
 
 
 def test_a_wall_in_the_way_of_a_loop(kind):
