@@ -387,10 +387,12 @@ def test_what_c_cannot_take_is_said(method):
     scene = Scene("discharge")
     scene.edge("C1", "capacitor", "a", "ground", capacitance=1.0, initial={"v": 1.0})
     scene.edge("R1", "resistor", "a", "ground", resistance=1.0)
-    scene.event("low", "C1.v - 0.5")
-    result = scene.compile().simulate((0.0, 1.0), [1.0], method)
-    assert "there are events" in result.statistics.through
-    assert "there are events" in result.message
+    scene.input("current", 0.0)
+    scene.edge("I1", "current_source", "ground", "a", current="current")
+    model = scene.compile()
+    result = model.simulate((0.0, 1.0), [1.0], method, inputs={"current": "0.1*t"})
+    assert "an input is neither a number nor a table" in result.statistics.through
+    assert "an input is neither a number nor a table" in result.message
 
 
 @pytest.mark.parametrize("method", METHODS)

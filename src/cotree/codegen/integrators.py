@@ -81,14 +81,18 @@ def driver_files(name: str) -> Mapping[str, str]:
     mapping of str to str
         Text by file name; :func:`run_files` and :func:`integrator_files` come with it.
     """
-    files = {
+    job = render("c/engine/cotree_job.c.jinja", method=INTEGRATORS[name], **_COMMON)
+    header = render("c/engine/cotree_job.h.jinja", **_COMMON)
+    return {**_event_files(), "cotree_job.h": header, "cotree_job.c": job}
+
+
+def _event_files() -> Mapping[str, str]:
+    """Write what finds events and lets them happen, the same for every engine."""
+    return {
         f"cotree_{part}{end}": render(f"{folder}/cotree_{part}{end}.jinja", **_COMMON)
         for part, folder in (("history", _FOLDER), ("jumps", "c/run"), ("events", "c/run"))
         for end in (".h", ".c")
     }
-    files["cotree_job.h"] = render("c/engine/cotree_job.h.jinja", **_COMMON)
-    job = render("c/engine/cotree_job.c.jinja", method=INTEGRATORS[name], **_COMMON)
-    return {**files, "cotree_job.c": job}
 
 
 def sundials_files(method: str) -> Mapping[str, str]:
@@ -108,6 +112,8 @@ def sundials_files(method: str) -> Mapping[str, str]:
     version = ".".join(map(str, SUNDIALS_VERSION))
     return {
         **_job_files(),
+        **_event_files(),
+        "cotree_integrator.h": render(f"{_FOLDER}/cotree_integrator.h.jinja", **_COMMON),
         "cotree_sundials.h": render("c/engine/cotree_sundials.h.jinja", **about),
         "engine.c": render("c/engine/sundials_job.c.jinja", version=version, **about),
     }

@@ -24,6 +24,7 @@ from cotree.solvers.engine import Job, build_engine
 from cotree.solvers.evaluate import FAILED
 from cotree.solvers.native import compiled_in, run_job, trajectory_of
 from cotree.solvers.problem import describe_entry
+from cotree.solvers.verdicts import BY_STATUS
 
 if TYPE_CHECKING:
     from cotree.build import LoadedLibrary
@@ -103,8 +104,6 @@ def solve_in_c(problem: Problem, method: str) -> Trajectory | str:
     """
     if problem.native is None:
         return problem.not_native
-    if problem.events is not None:
-        return "there are events"
     if problem.n_states == problem.n_algebraic:
         return "there are no states"
     if method == "cvode" and problem.n_algebraic and problem.n_states > _MOST_REDUCED:
@@ -122,7 +121,8 @@ def solve_in_c(problem: Problem, method: str) -> Trajectory | str:
         ended = run_job(job, problem, method)
     finally:
         job.end()
-    if ended.status == FAILED and (problem.n_algebraic or problem.singular is not None):
+    is_hard = problem.n_algebraic or problem.singular is not None
+    if ended.status == FAILED and is_hard and not job.is_final:
         # What looks far for algebraic unknowns, and passes singular positions, is Python.
         return f"{ended.reason} at t = {float(job.job.t):.10g}"
     trajectory = trajectory_of(job, problem, method, ended)
@@ -195,6 +195,8 @@ class SundialsJob(Job):
     def reason(self, problem: Problem) -> str:
         """Say why it failed."""
         status, c = int(self.job.status), self._memory
+        if status in BY_STATUS:
+            return self._verdict(problem, BY_STATUS[status])
         known = _REASONS | _OWN_REASONS[self._sundials.method]
         reason = known.get(status, f"flag {status}")
         reasons = [f"SUNDIALS says: {reason}" if status < 0 else reason]
