@@ -33,7 +33,8 @@ class Method:
     name : str
         The user's name for it.
     family : str
-        "cotree", "scipy" or "sundials".
+        "cotree", "scipy", "sundials" or, of SUNDIALS' integrators that have vectors of their own
+        for sensitivities, "correctors".
     implicit : bool
         Whether it uses a Jacobian.
     multistep : bool
@@ -63,6 +64,10 @@ _ROWS = (
     Method("LSODA", "scipy", True, True, True),
     Method("cvode", "sundials", True, True, False),
     Method("ida", "sundials", True, True, False),
+    Method("cvodes", "correctors", True, True, False),
+    Method("cvodes-simultaneous", "correctors", True, True, False),
+    Method("idas", "correctors", True, True, False),
+    Method("idas-simultaneous", "correctors", True, True, False),
 )
 
 METHODS: Mapping[str, Method] = {row.name: row for row in _ROWS}
@@ -103,6 +108,10 @@ def solver_for(method: str) -> Solver:
         from cotree.solvers.native import NativeSolver
 
         return NativeSolver(row.name)
+    if row.family == "correctors":
+        from cotree.solvers.correctors import CorrectorSolver
+
+        return CorrectorSolver(row.name)
     from cotree.solvers.sundials import SundialsSolver
 
     return SundialsSolver(row.name)
