@@ -113,6 +113,7 @@ def sundials_files(library: str) -> Mapping[str, str]:
         "library": library,
         "method": WITH_SENSITIVITIES.get(library, library),
         "has_correctors": library in WITH_SENSITIVITIES,
+        "has_together": library == "cvodes",
         "functions": SUNDIALS_FUNCTIONS[library],
         **_COMMON,
     }

@@ -67,6 +67,10 @@ _IDA = {
     ),
 }
 
+_BOTH_WITH_SENSITIVITIES = {
+    "N_VEnableFusedOps_Serial": ("int", "void *vector, int is_on"),
+}
+
 _CVODES = {
     "CVodeSensInit": (
         "int",
@@ -95,7 +99,6 @@ _IDAS = {
     "IDASensReInit": ("int", "void *ida, int corrector, void **s, void **ds"),
     "IDASensSVtolerances": ("int", "void *ida, double rtol, void **atols"),
     "IDASetSensErrCon": ("int", "void *ida, int is_on"),
-    "IDASetNonlinearSolverSensSim": ("int", "void *ida, void *solver"),
     "IDASetNonlinearSolverSensStg": ("int", "void *ida, void *solver"),
     "IDAGetSens": ("int", "void *ida, double *t, void **s"),
     "IDAGetSensDky": ("int", "void *ida, double t, int order, void **values"),
@@ -110,8 +113,8 @@ _IDAS = {
 SUNDIALS_FUNCTIONS: dict[str, Mapping[str, tuple[str, str]]] = {
     "cvode": {**_COMMON, **_CVODE},
     "ida": {**_COMMON, **_IDA},
-    "cvodes": {**_COMMON, **_CVODE, **_CVODES},
-    "idas": {**_COMMON, **_IDA, **_IDAS},
+    "cvodes": {**_COMMON, **_BOTH_WITH_SENSITIVITIES, **_CVODE, **_CVODES},
+    "idas": {**_COMMON, **_BOTH_WITH_SENSITIVITIES, **_IDA, **_IDAS},
 }
 
 #: Those that have sensitivities, and what they are without.

@@ -45,7 +45,6 @@ CORRECTORS: Mapping[str, Corrector] = {
     "cvodes": Corrector("cvodes", 2, "cvode"),
     "cvodes-simultaneous": Corrector("cvodes", 1, "cvode"),
     "idas": Corrector("idas", 2, "ida"),
-    "idas-simultaneous": Corrector("idas", 1, "ida"),
 }
 
 

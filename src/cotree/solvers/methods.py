@@ -67,7 +67,6 @@ _ROWS = (
     Method("cvodes", "correctors", True, True, False),
     Method("cvodes-simultaneous", "correctors", True, True, False),
     Method("idas", "correctors", True, True, False),
-    Method("idas-simultaneous", "correctors", True, True, False),
 )
 
 METHODS: Mapping[str, Method] = {row.name: row for row in _ROWS}
