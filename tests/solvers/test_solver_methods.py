@@ -17,8 +17,9 @@ from ivp_cases import (
 
 from cotree.errors import SolveError
 from cotree.solvers import METHODS, integrate, solver_for
+from cotree.solvers.correctors import CORRECTORS
 
-ALL = [name for name, row in METHODS.items() if row.family != "cotree"]  # of Python functions
+ALL = [name for name, row in METHODS.items() if row.family in ("scipy", "sundials")]  # of Python functions
 LONG = ("RK23", "Radau")  # many steps at tight tolerances
 SHORT = [name for name in ALL if name not in LONG]
 IMPLICIT = [name for name, row in METHODS.items() if row.implicit]
@@ -256,4 +257,4 @@ def test_missing_sundials_names_the_package(method, monkeypatch):
 
 def test_only_sundials_refuses_callable_inputs():
     refusing = {name for name, row in METHODS.items() if not row.accepts_callable_inputs}
-    assert refusing == {"cvode", "ida"}
+    assert refusing == {"cvode", "ida", *CORRECTORS}
