@@ -19,10 +19,11 @@ from cotree.errors import SolveError
 from cotree.solvers import METHODS, integrate, solver_for
 from cotree.solvers.correctors import CORRECTORS
 
-ALL = [name for name, row in METHODS.items() if row.family in ("scipy", "sundials")]  # of Python functions
+# Those that take Python functions.
+ALL = [name for name, row in METHODS.items() if row.family in ("scipy", "sundials")]
 LONG = ("RK23", "Radau")  # many steps at tight tolerances
 SHORT = [name for name in ALL if name not in LONG]
-IMPLICIT = [name for name, row in METHODS.items() if row.implicit]
+IMPLICIT = [name for name, row in METHODS.items() if row.implicit and row.family != "correctors"]
 
 
 def _error(trajectory) -> float:
