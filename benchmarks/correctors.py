@@ -163,7 +163,8 @@ def line(label: str, target: float, found: Sequence[list[Run]]) -> str:
         if run is None:
             cells.append("–")
             continue
-        text = f"{1e3 * run.seconds:.2g}"
+        milliseconds = 1e3 * run.seconds
+        text = f"{milliseconds:.2g}" if milliseconds < 99.5 else f"{milliseconds:.0f}"
         cells.append(f"{f'**{text}**' if run.seconds == least else text} ({run.steps})")
     return f"| {label} | {target:.0e} | {' | '.join(cells)} |"
 

@@ -138,7 +138,6 @@ def solve_in_c(
     times = [corners[0][0], *(end for _, end in corners)]
     job = (make_job or SundialsJob)(sundials, problem, times, method)
     if problem.is_sparse and job.is_wide:
-        job.end()
         return "the Jacobian's band is wide"
     try:
         ended = run_job(job, problem, method)
