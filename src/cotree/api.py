@@ -264,8 +264,8 @@ class Model(CompiledModel):
             Times to report; the solver's own steps where absent.
         method : str, optional
             ``dopri5``, ``rkf45``, ``dop853``, ``rodas4``, ``rodas5`` (in C), ``RK45``, ``RK23``,
-            ``DOP853``, ``Radau``, ``BDF``, ``LSODA`` (SciPy), ``cvode``, ``ida`` (SUNDIALS) or
-            ``auto``.
+            ``DOP853``, ``Radau``, ``BDF``, ``LSODA`` (SciPy), ``cvode``, ``ida``, and as an extra
+            ``cvodes``, ``cvodes-simultaneous`` and ``idas`` (SUNDIALS), or ``auto``.
         rtol, atol : float, optional
             Relative and absolute tolerance.
         parameters : mapping of str to float, optional

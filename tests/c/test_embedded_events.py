@@ -139,6 +139,21 @@ def test_ends_as_in_python(compiler: str, tmp_path: Path, case: str) -> None:
     np.testing.assert_allclose(found[states], exact[states], rtol=1e-8, atol=1e-9)
 
 
+@pytest.mark.parametrize("integrator", ["rodas4", "rodas5"])
+@pytest.mark.parametrize("case", ["loop", "relaxation"])
+def test_integrators_with_algebraic_unknowns_of_their_own(
+    compiler: str, tmp_path: Path, integrator: str, case: str
+) -> None:
+    scene, sensitivities, t_end = CASES[case]
+    model = scene().compile(sensitivities)
+    executable = build(write(model, tmp_path, integrator, t_end), compiler)
+    values, expected = printed(run([executable], tmp_path)), simulated(model, t_end)
+    assert values.keys() == expected.keys()
+    found, exact = (np.array([row[name] for name in values]) for row in (values, expected))
+    # As above.
+    np.testing.assert_allclose(found, exact, rtol=1e-6, atol=1e-8)
+
+
 @pytest.mark.parametrize("integrator", ["rkf45", "dop853", "rodas4"])
 def test_other_integrators(compiler: str, tmp_path: Path, integrator: str) -> None:
     model = load("bouncing-ball").compile(["e", "h"])

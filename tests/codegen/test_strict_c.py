@@ -87,7 +87,7 @@ def test_solve_call_and_table_are_clean(made_up, run_compiler, is_staged):
         run_compiler(_files(program), "-c")
 
 
-@pytest.mark.parametrize("method", ["cvode", "ida"])
+@pytest.mark.parametrize("method", ["cvode", "ida", "cvodes", "idas"])
 def test_what_drives_sundials_is_clean(run_compiler, method):
     run_compiler(sundials_files(method), "-c")
 

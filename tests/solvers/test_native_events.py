@@ -6,13 +6,24 @@ import warnings
 
 import numpy as np
 import pytest
+from hard_scenes import bennett_loop
 
 from cotree import Scene
 from cotree.errors import SolveError
+from cotree.solvers import sundials
 
 pytestmark = pytest.mark.compiler
 
 TIGHT = {"rtol": 1e-11, "atol": 1e-12}
+
+IN_C = ["dopri5", "rkf45", "dop853", "rodas4", "rodas5", "cvode", "ida"]
+
+
+@pytest.fixture(params=IN_C)
+def in_c(request):
+    if request.param in ("cvode", "ida"):
+        pytest.importorskip("sksundae")
+    return request.param
 
 
 def rail(gravity=-9.81, force=0.0, **initial):
@@ -48,12 +59,12 @@ def four_bar(**close):
     return scene
 
 
-def agree(model, t_end, times=21, most=1e-8, **settings):
+def agree(model, t_end, times=21, most=1e-8, method="dop853", **settings):
     """Run with the loops of Python and of C, and compare everything."""
     times = None if times is None else np.linspace(0, t_end, times)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        ours = model.simulate((0, t_end), times, "dop853", **TIGHT, **settings)
+        ours = model.simulate((0, t_end), times, method, **TIGHT, **settings)
         theirs = model.simulate((0, t_end), times, "DOP853", **TIGHT, **settings)
     assert "stood in" not in ours.message
     assert ours.status == theirs.status
@@ -72,35 +83,61 @@ def agree(model, t_end, times=21, most=1e-8, **settings):
     return ours
 
 
-def test_a_loop_whose_crank_is_turned_back():
+# One of each kind that runs in C, with what it is to agree to at a tolerance of 1e-11: formulas of
+# several steps gather errors of hundreds of steps.
+KINDS = [("dop853", 1e-8), ("rodas5", 1e-8), ("cvode", 1e-6), ("ida", 1e-6)]
+
+
+@pytest.fixture(params=KINDS, ids=[kind for kind, _ in KINDS])
+def kind(request):
+    if request.param[0] in ("cvode", "ida"):
+        pytest.importorskip("sksundae")
+    return dict(zip(("method", "most"), request.param, strict=True))
+
+
+def test_a_loop_whose_crank_is_turned_back(kind):
     scene = four_bar()
     scene.mode("n", 0)
     back = {"crank.theta_dot": "-e*crank.theta_dot", "n": "n + 1"}
     scene.event("back", "crank.theta - 0.4", direction=-1, set=back)
-    result = agree(scene.compile(["a", "m", "e"]), 2.0)
+    result = agree(scene.compile(["a", "m", "e"]), 2.0, **kind)
     assert len(result.events["back"].t) == 1
     assert result.drift.worst < 1e-13
 
 
-def test_positions_that_are_set_in_a_loop():
+def test_positions_that_are_set_in_a_loop(kind):
     scene = four_bar()
     scene.event("back", "crank.theta - 0.3", direction=-1, set={"crank.theta": "crank.theta + 0.4"})
-    result = agree(scene.compile(), 2.0)
+    result = agree(scene.compile(), 2.0, **kind)
     assert len(result.events["back"].t) == 5
     # The other angles follow: the least step closes the loop.
     assert result.drift.worst < 1e-13
     # With sensitivities the speeds are a choice.
-    result = agree(scene.compile(["a"]), 2.0)
+    result = agree(scene.compile(["a"]), 2.0, **kind)
     assert "sets fewer states than the constraints leave free" in result.message
 
 
-def test_a_wall_in_the_way_of_a_loop():
+@pytest.mark.parametrize("method", ["dop853", "cvode", "ida"])
+def test_a_loop_that_is_redundant(method):
+    if method != "dop853":
+        pytest.importorskip("sksundae")
+    scene = bennett_loop()
+    back = {"j0.theta_dot": "-0.8*j0.theta_dot"}
+    scene.event("back", "j0.theta - 2", direction=1, set=back)
+    result = agree(scene.compile(), 1.0, most=1e-8, method=method)
+    assert len(result.events["back"].t) == 1
+    # Rounding, enlarged where the loop lies flat.
+    assert result.drift.worst < 1e-12
+
+
+def test_a_wall_in_the_way_of_a_loop(kind):
     scene = four_bar()
     scene.event("wall", "D.x - 1.1", impact={"restitution": "e"})
-    assert len(agree(scene.compile(["a", "c", "e"]), 2.0).events["wall"].t) == 1
+    result = agree(scene.compile(["a", "c", "e"]), 2.0, **kind)
+    assert len(result.events["wall"].t) == 1
 
 
-@pytest.mark.parametrize("loop", ["DOP853", "dop853"])
+@pytest.mark.parametrize("loop", ["DOP853", "dop853", "rodas5", "cvode", "ida"])
 def test_an_initial_rate_of_a_chord_is_not_given_again_by_an_event(loop):
     scene = four_bar(initial={"theta_dot": -1.0})
     scene.mode("n", 0)
@@ -130,9 +167,28 @@ def test_more_happens_than_there_is_room_for_at_first():
     assert result["n"].tolist() == [637.0]
 
 
-@pytest.mark.parametrize("method", ["dopri5", "dop853", "rkf45", "rodas4"])
-def test_every_step_and_every_event_is_a_point(method):
-    result = ball().compile().simulate((0, 2), None, method, 1e-8, 1e-10)
+def relaxation():
+    """Draw a capacitor that discharges through k r i, and is charged where the current is low."""
+    scene = Scene("relaxation")
+    scene.parameter("r", 1.5)
+    scene.mode("k", 1)
+    scene.edge("c", "capacitor", "a", "ground", capacitance=2.0, initial={"v": 4.0})
+    scene.edge("R", "resistor", "a", "ground", resistance="k*r*abs(R.i)")
+    scene.event("low", "R.i - 0.5", direction=-1, set={"c.v": "4*k", "k": "3 - k"})
+    return scene
+
+
+@pytest.mark.parametrize("scene", [ball, relaxation])
+def test_nothing_stands_in(in_c, scene):
+    model = scene().compile(["e" if scene is ball else "r"])
+    result = model.simulate((0, 2), [2.0], in_c)
+    assert result.statistics.method == in_c
+    assert result.statistics.through == ""
+    assert result.message == f"{in_c} reached t = 2."
+
+
+def test_every_step_and_every_event_is_a_point(in_c):
+    result = ball().compile().simulate((0, 2), None, in_c, 1e-8, 1e-10)
     assert np.all(np.diff(result.t) > 0.0)
     for t, after in zip(result.events["hit"].t, result.events["hit"].y_after.T, strict=True):
         place = np.flatnonzero(result.t == t)
@@ -142,7 +198,7 @@ def test_every_step_and_every_event_is_a_point(method):
 
 
 @pytest.mark.parametrize("times", [None, [0.0, 0.3, 1.0]])
-@pytest.mark.parametrize("loop", ["DOP853", "dop853"])
+@pytest.mark.parametrize("loop", ["DOP853", "dop853", "rodas5", "cvode", "ida"])
 def test_what_jumps_at_a_breakpoint_is_stored_once(loop, times):
     scene = rail(gravity=0.0, s=0.0, s_dot="v")
     scene.parameter("v", 1.0)
@@ -153,27 +209,74 @@ def test_what_jumps_at_a_breakpoint_is_stored_once(loop, times):
     assert result["j.s_dot"][result.t == 0.3].tolist() == [2.0]
 
 
-def test_inputs_that_are_replaced():
+def test_inputs_that_are_replaced(kind):
     scene = rail(gravity=0.0, force="push", s=0.0)
     scene.input("push", 0.0)
     scene.mode("n", 0)
     scene.event("half", "j.s - 0.5", direction=1, set={"j.s": "0", "n": "n + push"})
     table = ([0.0, 1.0, 2.0], [0.0, 3.0, 1.0])
-    result = agree(scene.compile(), 3.0, inputs={"push": table})
+    result = agree(scene.compile(), 3.0, inputs={"push": table}, **kind)
     assert len(result.events["half"].t) >= 3
     assert result["n"][-1] > 3.0
 
 
-def test_budgets_leave_what_happened():
+@pytest.mark.parametrize("scene", [rail, relaxation])
+def test_a_stop_at_the_start(in_c, scene):
+    drawn = scene()
+    drawn.event("now", "t", direction=1, stop=True)
+    for times in (None, [0.0, 1.0], [1.0]):
+        result = drawn.compile().simulate((0, 1), times, in_c)
+        assert result.success
+        assert "event 'now' ends the run" in result.message
+        assert result.t.tolist() == [0.0]
+        assert result.events["now"].t.tolist() == [0.0]
+
+
+@pytest.mark.parametrize("scene", [rail, relaxation])
+def test_an_event_a_few_roundings_before_the_end(in_c, scene):
+    drawn = scene()
+    drawn.mode("n", 0)
+    drawn.event("late", "t - 0.999999999999998", direction=1, set={"n": "n + 1"})
+    for times in (None, [1.0]):
+        result = drawn.compile().simulate((0.9, 1), times, in_c)
+        assert result.success
+        np.testing.assert_allclose(result.events["late"].t, [1.0 - 2e-15], atol=3e-16)
+        assert result.t[-1] == 1.0
+        assert result["n"][-1] == 1.0
+
+
+@pytest.mark.parametrize("method", ["cvode", "ida"])
+@pytest.mark.parametrize("tested", [True, False])
+def test_multistep_methods_as_through_python(method, tested, monkeypatch):
+    """The same integrators, each with a loop of its own: they agree as their tolerance says."""
+    pytest.importorskip("sksundae")
+    model = relaxation().compile(["r"])
+    settings = {"error_test_sensitivities": tested, **TIGHT}
+    ours = model.simulate((0, 15), [3.0, 15.0], method, **settings)
+    monkeypatch.setattr(sundials, "solve_in_c", lambda problem, method: "it is hidden")
+    theirs = model.simulate((0, 15), [3.0, 15.0], method, **settings)
+    assert theirs.statistics.through != ours.statistics.through == ""
+    assert ours.message.partition(".")[0] == theirs.message.partition(".")[0]
+    # A hundred steps of the tolerance; what is outside the test, a hundred times that.
+    atol = 1e-9 if tested else 1e-7
+    for key in ("t", "y_before", "y_after", "s"):
+        found, expected = (getattr(run.events["low"], key) for run in (ours, theirs))
+        np.testing.assert_allclose(found, expected, atol=atol)
+    np.testing.assert_allclose(ours.y, theirs.y, atol=atol)
+    np.testing.assert_allclose(ours.s, theirs.s, atol=atol)
+
+
+@pytest.mark.parametrize("method", ["dopri5", "rodas5"])
+def test_budgets_leave_what_happened(method):
     model = ball().compile()
     with pytest.warns(RuntimeWarning, match="the limit of 9 steps is reached"):
-        result = model.simulate((0, 2), [2.0], "dopri5", max_steps=9)
+        result = model.simulate((0, 2), [2.0], method, max_steps=9)
     assert result.status == -2
     assert len(result.events["hit"].t) >= 1
     assert result.t[-1] >= result.events["hit"].t[-1]
 
 
-@pytest.mark.parametrize("loop", ["DOP853", "dop853"])
+@pytest.mark.parametrize("loop", ["DOP853", "dop853", "rodas5", "cvode", "ida"])
 def test_a_budget_of_events(loop):
     model = ball().compile()
     with pytest.warns(RuntimeWarning, match=r"t = 1.66023.*: the limit of 2 events is reached"):
@@ -224,11 +327,17 @@ def contradiction():
     return scene
 
 
-@pytest.mark.parametrize("scene", [endless, undefined, overflow, chatter, ball])
-def test_what_ends_a_run_is_said_in_the_same_words(scene):
+@pytest.mark.parametrize("scene", [endless, undefined, overflow, chatter])
+def test_what_ends_a_run_is_said_in_the_same_words(scene, kind):
     # The last good point is where a step ended, which are not the same.
-    result = agree(scene().compile(), 20.0, times=None, most=1e-6)
+    result = agree(scene().compile(), 20.0, times=None, most=1e-6, method=kind["method"])
     assert result.status == -1
+
+
+@pytest.mark.parametrize("method", ["dop853", "rodas5"])
+def test_bounces_end_at_the_same_one(method):
+    # Of formulas of several steps the errors decide which one is the last.
+    assert agree(ball().compile(), 20.0, times=None, most=1e-6, method=method).status == -1
 
 
 def test_python_explains_what_contradicts_the_constraints():

@@ -17,11 +17,13 @@ from ivp_cases import (
 
 from cotree.errors import SolveError
 from cotree.solvers import METHODS, integrate, solver_for
+from cotree.solvers.correctors import CORRECTORS
 
-ALL = [name for name, row in METHODS.items() if row.family != "cotree"]  # of Python functions
+# Those that take Python functions.
+ALL = [name for name, row in METHODS.items() if row.family in ("scipy", "sundials")]
 LONG = ("RK23", "Radau")  # many steps at tight tolerances
 SHORT = [name for name in ALL if name not in LONG]
-IMPLICIT = [name for name, row in METHODS.items() if row.implicit]
+IMPLICIT = [name for name, row in METHODS.items() if row.implicit and row.family != "correctors"]
 
 
 def _error(trajectory) -> float:
@@ -256,4 +258,4 @@ def test_missing_sundials_names_the_package(method, monkeypatch):
 
 def test_only_sundials_refuses_callable_inputs():
     refusing = {name for name, row in METHODS.items() if not row.accepts_callable_inputs}
-    assert refusing == {"cvode", "ida"}
+    assert refusing == {"cvode", "ida", *CORRECTORS}

@@ -1,6 +1,7 @@
 """Events where something is in the way: grazing, accumulation, chains, impulses, wrong scenes."""
 
 import itertools
+import re
 
 import numpy as np
 import pytest
@@ -17,12 +18,12 @@ from cotree.errors import (
 )
 
 TIGHT = {"rtol": 1e-11, "atol": 1e-13}
-QUICK = ["DOP853", "LSODA", "cvode", "dop853", "dopri5", "rodas4"]
+QUICK = ["DOP853", "LSODA", "cvode", "ida", "dop853", "dopri5", "rodas4", "rodas5"]
 METHODS = [
     *QUICK,
     *(
         pytest.param(name, marks=pytest.mark.slow)
-        for name in ("RK45", "RK23", "Radau", "BDF", "ida", "rkf45")
+        for name in ("RK45", "RK23", "Radau", "BDF", "rkf45")
     ),
 ]
 
@@ -34,9 +35,11 @@ def method(request):
     return request.param
 
 
-@pytest.fixture(params=["DOP853", "dop853"])
+@pytest.fixture(params=["DOP853", "dop853", "rodas5", "cvode", "ida"])
 def loop(request):
-    """The same order of method, in the loops of Python and of C."""
+    """The loop of Python, and that of C with every kind of engine."""
+    if request.param in ("cvode", "ida"):
+        pytest.importorskip("sksundae")
     return request.param
 
 
@@ -80,7 +83,9 @@ def test_accumulation_is_foretold(ball_model, loop):
     message = ball_model.simulate((0, 100), method=loop, **TIGHT).message
     speed = np.sqrt(2 * 9.81 * 2.0)
     end = speed / 9.81 + 2 * speed * 0.8 / 9.81 / 0.2
-    assert f"accumulates at t = {end:.8f}" in message
+    foretold = float(re.search(r"accumulates at t = (\S+):", message)[1])
+    # Formulas of several steps gather an error of some thousand tolerances over forty restarts.
+    assert foretold == pytest.approx(end, abs=2e-7 if loop in ("cvode", "ida") else 1e-8)
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
@@ -334,7 +339,7 @@ class TestRandom:
         return scene
 
     @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-    @pytest.mark.parametrize("loop", ["DOP853", "dop853"])
+    @pytest.mark.parametrize("loop", ["DOP853", "dop853", "rodas5", "cvode", "ida"])
     @settings(max_examples=5)
     @given(st.integers(0, 10_000))
     def test_sensitivities_are_differences(self, loop, seed):

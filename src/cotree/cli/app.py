@@ -143,7 +143,7 @@ def run_scene(
         str | None,
         typer.Option(
             help="dopri5, rkf45, dop853, rodas4, rodas5, RK45, RK23, DOP853, Radau, BDF, LSODA, "
-            "cvode, ida or auto."
+            "cvode, ida, cvodes, cvodes-simultaneous, idas or auto."
         ),
     ] = None,
     rtol: Annotated[float | None, typer.Option(help="Relative tolerance.")] = None,

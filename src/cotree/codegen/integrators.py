@@ -7,7 +7,12 @@ from typing import TYPE_CHECKING
 from cotree.codegen.fixed import FIXED, FixedStep
 from cotree.codegen.render import declared, render
 from cotree.codegen.rosenbrock import ROSENBROCK, RosenbrockTableau
-from cotree.codegen.sundials import SUNDIALS_FUNCTIONS, SUNDIALS_VERSION, VERSION_FUNCTION
+from cotree.codegen.sundials import (
+    SUNDIALS_FUNCTIONS,
+    SUNDIALS_VERSION,
+    VERSION_FUNCTION,
+    WITH_SENSITIVITIES,
+)
 from cotree.codegen.tableaus import TABLEAUS, Tableau
 from cotree.version import ABI_VERSION, VERSION
 
@@ -81,45 +86,60 @@ def driver_files(name: str) -> Mapping[str, str]:
     mapping of str to str
         Text by file name; :func:`run_files` and :func:`integrator_files` come with it.
     """
-    files = {
+    job = render("c/engine/cotree_job.c.jinja", method=INTEGRATORS[name], **_COMMON)
+    header = render("c/engine/cotree_job.h.jinja", **_COMMON)
+    return {**_event_files(), "cotree_job.h": header, "cotree_job.c": job}
+
+
+def _event_files() -> Mapping[str, str]:
+    """Write what finds events and lets them happen, the same for every engine."""
+    return {
         f"cotree_{part}{end}": render(f"{folder}/cotree_{part}{end}.jinja", **_COMMON)
         for part, folder in (("history", _FOLDER), ("jumps", "c/run"), ("events", "c/run"))
         for end in (".h", ".c")
     }
-    files["cotree_job.h"] = render("c/engine/cotree_job.h.jinja", **_COMMON)
-    job = render("c/engine/cotree_job.c.jinja", method=INTEGRATORS[name], **_COMMON)
-    return {**files, "cotree_job.c": job}
 
 
-def sundials_files(method: str) -> Mapping[str, str]:
+def sundials_files(library: str) -> Mapping[str, str]:
     """Write what runs a job with SUNDIALS, the same for every model.
 
     Parameters
     ----------
-    method : str
-        "cvode" or "ida".
+    library : str
+        A name in ``SUNDIALS_FUNCTIONS``.
 
     Returns
     -------
     mapping of str to str
         Text by file name.
     """
-    about = {"method": method, "functions": SUNDIALS_FUNCTIONS[method], **_COMMON}
+    about = {
+        "library": library,
+        "method": WITH_SENSITIVITIES.get(library, library),
+        "has_correctors": library in WITH_SENSITIVITIES,
+        "has_together": library == "cvodes",
+        "functions": SUNDIALS_FUNCTIONS[library],
+        **_COMMON,
+    }
     version = ".".join(map(str, SUNDIALS_VERSION))
     return {
         **_job_files(),
+        **_event_files(),
+        "cotree_integrator.h": render(f"{_FOLDER}/cotree_integrator.h.jinja", **_COMMON),
         "cotree_sundials.h": render("c/engine/cotree_sundials.h.jinja", **about),
         "engine.c": render("c/engine/sundials_job.c.jinja", version=version, **about),
     }
 
 
-def sundials_declarations(files: Mapping[str, str], method: str) -> str:
+def sundials_declarations(files: Mapping[str, str], library: str) -> str:
     """Give the declarations of that engine, and of SUNDIALS' functions, that cffi reads."""
-    functions = {**SUNDIALS_FUNCTIONS[method], **VERSION_FUNCTION}.items()
+    functions = {**SUNDIALS_FUNCTIONS[library], **VERSION_FUNCTION}.items()
+    pointers = "int cotree_sundials_pointers(const cotree_model *);\n"
     return (
         _declared(files, ("cotree_abi.h", "cotree_run.h", "cotree_job.h", "cotree_sundials.h"))
         + "size_t cotree_sundials_doubles(const cotree_model *, int, int, int);\n"
         + "int cotree_sundials_ints(const cotree_model *);\n"
+        + (pointers if library in WITH_SENSITIVITIES else "")
         + "int cotree_job_run(cotree_job *, long);\nvoid cotree_job_end(cotree_job *);\n"
         + "".join(f"{result} {name}({arguments});\n" for name, (result, arguments) in functions)
     )

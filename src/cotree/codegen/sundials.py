@@ -1,6 +1,7 @@
 """What C takes from SUNDIALS, whose headers are not there: functions, and the version they are of.
 
-Vectors, solvers and integrators are opaque; numbers are doubles, indices of 64 bits.
+Vectors, solvers and integrators are opaque; numbers are doubles, indices of 64 bits. CVODES and
+IDAS are CVODE and IDA with sensitivities, which have vectors of their own.
 """
 
 from __future__ import annotations
@@ -66,11 +67,58 @@ _IDA = {
     ),
 }
 
-#: Result and arguments by name, for each method.
+_BOTH_WITH_SENSITIVITIES = {
+    "N_VEnableFusedOps_Serial": ("int", "void *vector, int is_on"),
+}
+
+_CVODES = {
+    "CVodeSensInit": (
+        "int",
+        "void *cvode, int n, int corrector, cotree_sundials_sensitivity_rate rate, void **s",
+    ),
+    "CVodeSensReInit": ("int", "void *cvode, int corrector, void **s"),
+    "CVodeSensSVtolerances": ("int", "void *cvode, double rtol, void **atols"),
+    "CVodeSetSensErrCon": ("int", "void *cvode, int is_on"),
+    "CVodeSetNonlinearSolverSensSim": ("int", "void *cvode, void *solver"),
+    "CVodeSetNonlinearSolverSensStg": ("int", "void *cvode, void *solver"),
+    "CVodeGetSens": ("int", "void *cvode, double *t, void **s"),
+    "CVodeGetSensDky": ("int", "void *cvode, double t, int order, void **values"),
+    "CVodeGetNonlinearSystemDataSens": (
+        "int",
+        "void *cvode, double *t, void ***predicted, void ***s, double *gamma, double *rl1, "
+        "void ***scaled, void **data",
+    ),
+}
+
+_IDAS = {
+    "IDASensInit": (
+        "int",
+        "void *ida, int n, int corrector, cotree_sundials_sensitivity_residual residual, "
+        "void **s, void **ds",
+    ),
+    "IDASensReInit": ("int", "void *ida, int corrector, void **s, void **ds"),
+    "IDASensSVtolerances": ("int", "void *ida, double rtol, void **atols"),
+    "IDASetSensErrCon": ("int", "void *ida, int is_on"),
+    "IDASetNonlinearSolverSensStg": ("int", "void *ida, void *solver"),
+    "IDAGetSens": ("int", "void *ida, double *t, void **s"),
+    "IDAGetSensDky": ("int", "void *ida, double t, int order, void **values"),
+    "IDAGetNonlinearSystemDataSens": (
+        "int",
+        "void *ida, double *t, void ***predicted, void ***slopes, void ***s, void ***ds, "
+        "double *cj, void **data",
+    ),
+}
+
+#: Result and arguments by name, for each library.
 SUNDIALS_FUNCTIONS: dict[str, Mapping[str, tuple[str, str]]] = {
     "cvode": {**_COMMON, **_CVODE},
     "ida": {**_COMMON, **_IDA},
+    "cvodes": {**_COMMON, **_BOTH_WITH_SENSITIVITIES, **_CVODE, **_CVODES},
+    "idas": {**_COMMON, **_BOTH_WITH_SENSITIVITIES, **_IDA, **_IDAS},
 }
+
+#: Those that have sensitivities, and what they are without.
+WITH_SENSITIVITIES: Mapping[str, str] = {"cvodes": "cvode", "idas": "ida"}
 
 #: Tells the version, before anything else is called.
 VERSION_FUNCTION: Mapping[str, tuple[str, str]] = {

@@ -177,8 +177,8 @@ def write_c_project(
     SingularSystemError
         If there are constraints, and a linear system is singular at the start.
     CodegenError
-        If there is no such integrator, or it takes neither the constraints nor events beside
-        algebraic unknowns; or if the folder or a file cannot be written.
+        If there is no such integrator, or it takes neither the constraints nor events; or if the
+        folder or a file cannot be written.
     """
     method = _METHODS.get(integrator)
     if method is None:
@@ -191,7 +191,6 @@ def write_c_project(
     own: Mapping[str, str] = {}
     if method.is_implicit:
         _check_loops(program, integrator, is_dependent)
-        _check_events(program, integrator)
         own = {**render_newton(newton_context(program)), **stiff_files()}
     sources = [
         f"{model.prefix}.c",
@@ -306,15 +305,6 @@ def _start_lines(program: Program) -> list[str]:
     values = [*start.y.tolist(), *start.s.T.ravel().tolist()]
     text = " ".join(f"{literal(value)}," for value in values)
     return textwrap.wrap(text, 96, break_long_words=False, break_on_hyphens=False)
-
-
-def _check_events(program: Program, integrator: str) -> None:
-    """Refuse events where they would have to solve for what the integrator integrates."""
-    if program.layout.events and program.layout.n_algebraic:
-        raise CodegenError(
-            f"{integrator} integrates algebraic unknowns itself, which events do not go together "
-            "with: take dopri5, rkf45 or dop853"
-        )
 
 
 def _check_loops(program: Program, integrator: str, is_dependent: bool) -> None:

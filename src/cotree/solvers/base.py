@@ -31,7 +31,7 @@ class Statistics:
     compile_seconds : float
         Wall-clock time that the C of the method itself took before, once on a machine, [s].
     through : str
-        What ran the method in place of C, and why; or empty.
+        What ran a method of SUNDIALS in place of C, and why. Empty where C ran it, events included.
     """
 
     method: str

@@ -9,7 +9,6 @@ factorised once for them and for all their sensitivities.
 from __future__ import annotations
 
 import functools
-import importlib
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -17,15 +16,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.codegen.integrators import sundials_declarations, sundials_files
-from cotree.codegen.sundials import SUNDIALS_FUNCTIONS, SUNDIALS_VERSION
+from cotree.codegen.sundials import SUNDIALS_FUNCTIONS, SUNDIALS_VERSION, WITH_SENSITIVITIES
 from cotree.model.kernels import SINGULAR
 from cotree.solvers.drive import segments
 from cotree.solvers.engine import Job, build_engine
 from cotree.solvers.evaluate import FAILED
 from cotree.solvers.native import compiled_in, run_job, trajectory_of
 from cotree.solvers.problem import describe_entry
+from cotree.solvers.sundials_library import library_path, version_of
+from cotree.solvers.verdicts import BY_STATUS
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from cotree.build import LoadedLibrary
     from cotree.solvers.base import Trajectory
     from cotree.solvers.problem import Problem
@@ -59,8 +62,16 @@ _OWN_REASONS = {
         -9: "it cannot start",
         -10: "the right-hand side fails again and again",
         -11: "the right-hand side fails, and the step cannot be shortened",
+        -41: "the rates of sensitivities stopped the integration",
+        -42: "it cannot start with the sensitivities",
+        -43: "the rates of sensitivities fail again and again",
+        -44: "the rates of sensitivities fail, and the step cannot be shortened",
     },
-    "ida": {-9: "the right-hand side fails again and again", -12: "it cannot start"},
+    "ida": {
+        -9: "the right-hand side fails again and again",
+        -12: "it cannot start",
+        -42: "the equations of sensitivities fail again and again",
+    },
 }
 
 
@@ -71,7 +82,7 @@ class Sundials:
     Attributes
     ----------
     method : str
-        "cvode" or "ida".
+        "cvode" or "ida", for CVODES and IDAS, too.
     engine : LoadedLibrary
         Runs jobs.
     functions : object
@@ -86,7 +97,12 @@ class Sundials:
     library: Any
 
 
-def solve_in_c(problem: Problem, method: str) -> Trajectory | str:
+def solve_in_c(
+    problem: Problem,
+    method: str,
+    library: str = "",
+    make_job: Callable[..., SundialsJob] | None = None,
+) -> Trajectory | str:
     """Integrate a checked problem, or say why C cannot.
 
     Parameters
@@ -94,7 +110,11 @@ def solve_in_c(problem: Problem, method: str) -> Trajectory | str:
     problem : Problem
         It has passed ``check_problem``.
     method : str
-        "cvode" or "ida".
+        What the user calls it.
+    library : str
+        A name in ``SUNDIALS_FUNCTIONS``; the method where empty.
+    make_job : callable or None
+        Makes another job than a ``SundialsJob``, of a method that nothing in Python stands in for.
 
     Returns
     -------
@@ -103,75 +123,82 @@ def solve_in_c(problem: Problem, method: str) -> Trajectory | str:
     """
     if problem.native is None:
         return problem.not_native
-    if problem.events is not None:
+    if problem.events is not None and make_job is not None:
         return "there are events"
     if problem.n_states == problem.n_algebraic:
         return "there are no states"
-    if method == "cvode" and problem.n_algebraic and problem.n_states > _MOST_REDUCED:
+    is_reduced = (library or method).startswith("cvode") and problem.n_algebraic > 0
+    if is_reduced and problem.n_states > _MOST_REDUCED:
         return f"more than {_MOST_REDUCED} states have algebraic unknowns beside them"
     before = time.perf_counter()
-    sundials = load_sundials(method)
+    sundials = load_sundials(library or method)
     if isinstance(sundials, str):
         return sundials
     begin = time.perf_counter()
     corners = segments(problem)
-    job = SundialsJob(sundials, problem, [corners[0][0], *(end for _, end in corners)])
+    times = [corners[0][0], *(end for _, end in corners)]
+    job = (make_job or SundialsJob)(sundials, problem, times, method)
     if problem.is_sparse and job.is_wide:
         return "the Jacobian's band is wide"
     try:
         ended = run_job(job, problem, method)
     finally:
         job.end()
-    if ended.status == FAILED and (problem.n_algebraic or problem.singular is not None):
+    is_hard = problem.n_algebraic > 0 or problem.singular is not None
+    if ended.status == FAILED and is_hard and make_job is None and not job.is_final:
         # What looks far for algebraic unknowns, and passes singular positions, is Python.
         return f"{ended.reason} at t = {float(job.job.t):.10g}"
     trajectory = trajectory_of(job, problem, method, ended)
     return compiled_in(trajectory, begin - before)
 
 
-def load_sundials(method: str) -> Sundials | str:
+def load_sundials(library: str) -> Sundials | str:
     """Find SUNDIALS' functions and build the engine, once; or say why that is not possible.
 
     Parameters
     ----------
-    method : str
-        "cvode" or "ida".
+    library : str
+        A name in ``SUNDIALS_FUNCTIONS``.
     """
-    name = f"_cy_{method}"
-    try:
-        module = importlib.import_module(f"sksundae.{name}")
-    except ImportError:
-        return f"scikit-sundae has no module '{name}'"
-    return _load(method, str(module.__file__))
+    found = library_path(library)
+    return found.why_not or _load(library, found.path)
 
 
 @functools.cache
-def _load(method: str, path: str) -> Sundials | str:
-    files = sundials_files(method)
-    engine = build_engine(files, sundials_declarations(files, method))
+def _load(name: str, path: str) -> Sundials | str:
+    files = sundials_files(name)
+    engine = build_engine(files, sundials_declarations(files, name))
     if engine is None:
         return "no compiler can build its engine"
     ffi = engine.ffi
     try:
-        library = ffi.dlopen(path)
-        major, minor, patch = (ffi.new("int *") for _ in range(3))
-        failed = library.SUNDIALSGetVersionNumber(major, minor, patch, ffi.new("char[32]"), 32)
-        if failed or (major[0], minor[0]) != SUNDIALS_VERSION:
-            known = ".".join(map(str, SUNDIALS_VERSION))
-            return f"SUNDIALS is of version {major[0]}.{minor[0]}, not {known}"
+        # Lazily: of a module of Python nothing is called that needs Python.
+        library = ffi.dlopen(path, ffi.RTLD_LAZY)
+        version = version_of(ffi, library, path)
+        if version != SUNDIALS_VERSION:
+            here, known = (".".join(map(str, v)) or "unknown" for v in (version, SUNDIALS_VERSION))
+            return f"SUNDIALS is of version {here}, not {known}"
         functions = ffi.new("cotree_sundials *")
-        for name in SUNDIALS_FUNCTIONS[method]:
-            setattr(functions, name, ffi.addressof(library, name))
+        for function in SUNDIALS_FUNCTIONS[name]:
+            setattr(functions, function, ffi.addressof(library, function))
     except (OSError, AttributeError) as error:
         return f"SUNDIALS' functions cannot be found ({error})"
-    return Sundials(method, engine, functions, library)
+    return Sundials(WITH_SENSITIVITIES.get(name, name), engine, functions, library)
 
 
 class SundialsJob(Job):
-    """A job that SUNDIALS runs; end it, whatever happens."""
+    """A job that SUNDIALS runs; end it, whatever happens.
 
-    def __init__(self, sundials: Sundials, problem: Problem, corners: list[float]) -> None:
-        self._sundials = sundials
+    Attributes
+    ----------
+    name : str
+        Of the method.
+    """
+
+    def __init__(
+        self, sundials: Sundials, problem: Problem, corners: list[float], name: str
+    ) -> None:
+        self._sundials, self.name = sundials, name
         # IDA's equations need not be solved for the rates.
         self.keeps_algebraic = sundials.method == "ida"
         super().__init__(sundials.engine, problem, corners)
@@ -195,6 +222,8 @@ class SundialsJob(Job):
     def reason(self, problem: Problem) -> str:
         """Say why it failed."""
         status, c = int(self.job.status), self._memory
+        if status in BY_STATUS:
+            return self._verdict(problem, BY_STATUS[status])
         known = _REASONS | _OWN_REASONS[self._sundials.method]
         reason = known.get(status, f"flag {status}")
         reasons = [f"SUNDIALS says: {reason}" if status < 0 else reason]

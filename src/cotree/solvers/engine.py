@@ -114,7 +114,7 @@ class Job:
         native, n_full = problem.native, problem.size
         keeps = self.keeps_algebraic or newton is not None
         cut = problem.n_states - (0 if keeps else problem.n_algebraic)
-        rtol, atols = augmented_tolerances(problem)
+        rtol, atols = self._tolerances(problem)
         lead, blocks = problem.n_states if is_extended else cut, atols.reshape(-1, problem.n_states)
         atols = np.concatenate([blocks[0, :lead], blocks[1:, :cut].ravel()])
         n = len(atols)
@@ -154,6 +154,10 @@ class Job:
             self._at_once = len(problem.events.rows) + _ROUNDS
             self._make_records(4 * self._at_once)
             job.most_events = problem.max_events or 0
+
+    def _tolerances(self, problem: Problem) -> tuple[float, FloatArray]:
+        """Give the relative tolerance, and the absolute one of each entry of z."""
+        return augmented_tolerances(problem)
 
     def run(self, most_steps: int) -> int:
         """Take some steps; see ``COTREE_JOB_DONE`` and its like."""

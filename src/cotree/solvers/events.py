@@ -137,12 +137,25 @@ class Watch:
             if located.is_crossing:
                 margin = self._margin(located, i, stepper.t - t)
                 at_once = {i, *(j for at, j, _ in found if at <= located.t + margin)}
+                at_once.update(self._passing(located))
                 return located.with_events(tuple(sorted(at_once)), margin)
             if not is_ahead:
                 return located  # the step went wrong: it is taken anew, without an event
         self._g = looked.g[-1]
         self._side = np.where(np.abs(self._g) > self._band, np.sign(self._g), self._side)
         return None
+
+    def _passing(self, located: Located) -> list[int]:
+        """List what is at zero on its way through.
+
+        A step that ends there may show one of two events at once beyond rounding, and the other
+        within.
+        """
+        g = self._events.values(located.t, located.z)
+        rates = self._events.rates(located.t, located.z)
+        passing = (np.abs(g) <= self._band) & (self._side * rates < 0.0)
+        passing &= (self._direction == 0) | (self._direction == -self._side)
+        return [int(i) for i in np.flatnonzero(passing)]
 
     def happen(self, located: Located) -> FloatArray:
         """Let what was found happen."""

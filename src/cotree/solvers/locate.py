@@ -189,6 +189,8 @@ class Locator:
             start = a + width
         else:
             return a
+        if g(b) > 0.0:  # what was looked at there is rounding
+            return b
         return float(brentq(g, start, b, xtol=4 * np.spacing(abs(b)), rtol=1e-15))
 
     def arrive(

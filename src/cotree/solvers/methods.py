@@ -6,8 +6,8 @@ of a known family is one row of ``METHODS``.
 Constrained problems are projected between steps. A one-step method goes on from the projected
 state after every step. A multistep method remembers states before, which a projection leaves
 inconsistent with the new one: it starts anew from a projected state at breakpoints, and every
-hundred steps if the correction has become larger than the tolerance. CVODE and IDA, where C drives
-them, have the projection within each step. Whatever the method, every
+hundred steps if the correction has become larger than the tolerance. SUNDIALS' integrators, where C
+drives them, have the projection within each step. Whatever the method, every
 value in the trajectory is projected.
 """
 
@@ -33,7 +33,8 @@ class Method:
     name : str
         The user's name for it.
     family : str
-        "cotree", "scipy" or "sundials".
+        "cotree", "scipy", "sundials" or, of SUNDIALS' integrators that have vectors of their own
+        for sensitivities, "correctors".
     implicit : bool
         Whether it uses a Jacobian.
     multistep : bool
@@ -63,6 +64,9 @@ _ROWS = (
     Method("LSODA", "scipy", True, True, True),
     Method("cvode", "sundials", True, True, False),
     Method("ida", "sundials", True, True, False),
+    Method("cvodes", "correctors", True, True, False),
+    Method("cvodes-simultaneous", "correctors", True, True, False),
+    Method("idas", "correctors", True, True, False),
 )
 
 METHODS: Mapping[str, Method] = {row.name: row for row in _ROWS}
@@ -103,6 +107,10 @@ def solver_for(method: str) -> Solver:
         from cotree.solvers.native import NativeSolver
 
         return NativeSolver(row.name)
+    if row.family == "correctors":
+        from cotree.solvers.correctors import CorrectorSolver
+
+        return CorrectorSolver(row.name)
     from cotree.solvers.sundials import SundialsSolver
 
     return SundialsSolver(row.name)

@@ -47,8 +47,6 @@ def refusal(method: str, problem: Problem) -> str:
         return problem.not_native or "there is nothing for C to do"
     if not METHODS[method].implicit:
         return ""
-    if problem.events is not None and problem.n_algebraic:
-        return "there are events beside algebraic unknowns"
     if problem.singular is not None:
         # Stages of Rosenbrock methods are off the constraints, which then contradict each other.
         edges = problem.singular(problem.t_span[0], problem.z0)

@@ -22,6 +22,7 @@ from cotree.api import Model, Scene, load
 from cotree.build import find_toolchain
 from cotree.errors import Error, ParameterError, SolveError
 from cotree.scene.description import check_number
+from cotree.solvers.correctors import is_available
 from cotree.solvers.methods import METHODS, method_row
 from cotree.studies.accuracy import find_reference, starts_implicit
 from cotree.studies.bench_report import BenchReport, BenchRow
@@ -118,7 +119,7 @@ def bench(
     >>> report.recommended(1e-3).method
     'DOP853'
     """
-    names = list(METHODS) if methods is None else [method_row(name).name for name in methods]
+    names = _installed() if methods is None else [method_row(name).name for name in methods]
     pairs = [_pair(entry) for entry in tolerances]
     if repeats < 1:
         raise ParameterError(f"repeats is {repeats}: give 1 or more")
@@ -145,6 +146,11 @@ def bench(
         rows=tuple(trial.row() for trial in trials),
         machine=_machine(model),
     )
+
+
+def _installed() -> list[str]:
+    """List the methods whose libraries are there."""
+    return [name for name in METHODS if is_available(name)]
 
 
 @dataclass

@@ -1,0 +1,92 @@
+"""Where SUNDIALS' libraries are.
+
+CVODE and IDA come with scikit-sundae, CVODES and IDAS with SUNDIALS' own package sundials4py. The
+environment variable COTREE_SUNDIALS names a file to take in place of both.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+import re
+import sys
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from cotree.codegen.sundials import SUNDIALS_VERSION, WITH_SENSITIVITIES
+
+#: Names the file of a library that has the functions of all that is asked of it.
+VARIABLE = "COTREE_SUNDIALS"
+
+# The least version of Python that sundials4py is made for.
+_LEAST_PYTHON = (3, 12)
+
+
+class LibraryPath(NamedTuple):
+    """The file of a library; or why there is none, as a sentence without a capital and an end."""
+
+    path: str
+    why_not: str = ""
+
+
+def library_path(library: str) -> LibraryPath:
+    """Find the file that has a library of SUNDIALS in it.
+
+    Parameters
+    ----------
+    library : str
+        "cvode", "ida", "cvodes" or "idas".
+    """
+    named = os.environ.get(VARIABLE, "")
+    if named:
+        if os.path.isfile(named):
+            return LibraryPath(os.path.abspath(named))
+        return LibraryPath("", f"{VARIABLE} names '{named}', and there is no such file")
+    if library in WITH_SENSITIVITIES:
+        return _in_sundials4py(library)
+    name = f"_cy_{library}"
+    try:
+        module = importlib.import_module(f"sksundae.{name}")
+    except ImportError:
+        return LibraryPath("", f"scikit-sundae has no module '{name}'")
+    return LibraryPath(str(module.__file__))
+
+
+def version_of(ffi: Any, library: Any, path: str) -> tuple[int, ...]:
+    """Tell the major and minor version of an opened library; nothing where it cannot be told.
+
+    sundials4py leaves out the function that tells it: there the package's own version is
+    SUNDIALS', and stands in a name beside the file.
+    """
+    try:
+        tell = library.SUNDIALSGetVersionNumber
+    except AttributeError:
+        for folder in Path(path).parent.glob("sundials4py-*.dist-info"):
+            found = re.match(r"sundials4py-(\d+)\.(\d+)\.", folder.name)
+            if found:
+                return int(found[1]), int(found[2])
+        return ()
+    major, minor, patch = (ffi.new("int *") for _ in range(3))
+    failed = tell(major, minor, patch, ffi.new("char[32]"), 32)
+    return () if failed else (major[0], minor[0])
+
+
+def _in_sundials4py(library: str) -> LibraryPath:
+    """Find the module, which is a library itself; it need not be imported."""
+    try:
+        spec = importlib.util.find_spec("sundials4py")
+    except (ImportError, ValueError):
+        spec = None
+    if spec is not None and spec.origin is not None and os.path.isfile(spec.origin):
+        return LibraryPath(spec.origin)
+    version = ".".join(map(str, SUNDIALS_VERSION))
+    least, here = (".".join(map(str, v[:2])) for v in (_LEAST_PYTHON, sys.version_info))
+    install = "run `pip install sundials4py` (the extra cotree[sundials])"
+    if sys.version_info[:2] < _LEAST_PYTHON:
+        install = f"take Python {least} or later, here it is {here}, and {install}"
+    why = (
+        f"it needs SUNDIALS' {library.upper()}: {install}, or name the file of a library of "
+        f"SUNDIALS {version} that has it in the environment variable {VARIABLE}"
+    )
+    return LibraryPath("", why)
