@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 import pytest
 from made_up_scenes import SWIRL_C, busy_scene, call_case, closed_scene, solve_case
+from rod_chain import rod_chain
 
 from cotree import load
 from cotree.codegen import context
@@ -62,6 +63,17 @@ def _closed(sensitivities=("m", "L")):
 @pytest.mark.parametrize("sensitivities", [[], ["k"], None])
 def test_shipped_scenes_are_clean(program_of, scene_name, sensitivities, run_compiler):
     run_compiler(_files(program_of(scene_name, sensitivities)), "-c")
+
+
+@pytest.mark.parametrize("flags", [(), ("-DCOTREE_NO_VECTORS",), ("-march=native",)])
+def test_maps_and_sines_in_vectors_are_clean(run_compiler, flags):
+    """A short chain with sensitivities; and a long one, whose map holds loops of links."""
+    for n, wanted in ((6, True), (40, False)):
+        scene, names = rod_chain(n)
+        program = generate(formulate(scene, names if wanted else (), None)[1])[0]
+        files = _files(program)
+        assert f"chain_{n}_vectors.h" in files
+        run_compiler(files, "-c", *flags)
 
 
 def test_a_busy_scene_with_hostile_texts_is_clean(run_compiler):
