@@ -3,10 +3,10 @@
 Run it with ``python benchmarks/growth.py [chain] [jacobian] [ladder] [--json FILE] [N ...]``; it
 prints Markdown, all tables where none is named, and writes the same numbers as JSON. ``chain``
 looks at the rates of a planar chain alone, whose Jacobian has as many entries as the square of its
-rods: ``jacobian`` takes that in, and stops at shorter chains. Sizes N are those of every table that is
-named. Times are of the processor, which other work on the machine does not lengthen, and of this
+rods: ``jacobian`` takes that in, and stops at shorter chains. Sizes N are those of every table that
+is named. Times are of the processor, which other work on the machine does not lengthen, and of this
 machine; the exponents are those of N in a least-squares fit of the logarithms over the larger half
-of the sizes, where what does not grow counts least.
+of the sizes.
 """
 
 from __future__ import annotations
