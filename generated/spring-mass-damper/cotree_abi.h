@@ -24,6 +24,15 @@
 #define COTREE_RESTRICT
 #endif
 
+/* Blocks of long kernels stay apart: compilers take too long where they are joined. */
+#if defined(__GNUC__) || defined(__clang__)
+#define COTREE_APART __attribute__((noinline))
+#elif defined(_MSC_VER)
+#define COTREE_APART __declspec(noinline)
+#else
+#define COTREE_APART
+#endif
+
 #if defined(_WIN32)
 #define COTREE_EXPORT __declspec(dllexport)
 #else

@@ -143,7 +143,8 @@ def _even_reach(
     for period in range(1, min(LONGEST_BODY, (n - 1) // 2) + 1):
         is_same = labels[:-period] == labels[period:]
         agreed = _run_lengths(is_same)
-        rows = np.flatnonzero(_worth(agreed // period + 1, period, _FEWEST_EVEN))
+        hoped = _worth(agreed // period + 1, period, _FEWEST_EVEN)
+        rows = np.flatnonzero(hoped > best[: n - period])
         if not len(rows):
             continue
         # All places of the runs that are long enough.

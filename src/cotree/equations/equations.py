@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from cotree.errors import ParameterError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from cotree.dag.nodes import Dag, Node
     from cotree.dag.vector import Matrix, Vector
@@ -258,7 +258,7 @@ class Equations:
         The symbols of u, and the scene's own values of time and parameters.
     unknowns, unknown_tangents : tuple of Node
         Symbols of w and of its derivatives.
-    matrix : tuple of rows of Node
+    matrix : sequence of rows of Node
         A, symmetric.
     forcing : tuple of Node
         b.
@@ -304,7 +304,7 @@ class Equations:
     input_values: tuple[Node, ...]
     unknowns: tuple[Node, ...]
     unknown_tangents: tuple[Node, ...]
-    matrix: tuple[tuple[Node, ...], ...]
+    matrix: Sequence[Sequence[Node]]
     forcing: tuple[Node, ...]
     is_safe: tuple[bool, ...]
     links: tuple[Link, ...]

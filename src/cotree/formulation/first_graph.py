@@ -18,6 +18,7 @@ from cotree.equations import Link, State
 from cotree.errors import ExpressionError
 from cotree.formulation.across import accelerate, move
 from cotree.formulation.augmented import augmented_mass_matrix
+from cotree.formulation.deep_trees import LateMatrix, is_deep
 from cotree.formulation.events import bind_events
 from cotree.formulation.laws import applied_laws
 from cotree.formulation.lumping import lump
@@ -103,7 +104,7 @@ class FirstGraph:
     conditions: tuple[Condition, ...]
     measured: Mapping[Node, Node]
     unknowns: tuple[Node, ...]
-    matrix: tuple[tuple[Node, ...], ...]
+    matrix: Sequence[Sequence[Node]]
     forcing: tuple[Node, ...]
     is_safe: tuple[bool, ...]
     guards: tuple[Guard, ...]
@@ -167,9 +168,15 @@ def form_first_graph(
     loads = load(motion).plus(multiplier_loads(laws))
     constraints, idle = form_constraints(motion, still, baumgarte)
     idle_guards = met_where_idle(idle, still)
-    own = mass_matrix(motion, loads) if trees.is_one else augmented_mass_matrix(motion)
-    mass = attached.with_inertia(own, motion)
-    check_inertia(system, mass, constraints.gradient)
+
+    def form_mass() -> Sequence[Sequence[Node]]:
+        own = mass_matrix(motion, loads) if trees.is_one else augmented_mass_matrix(motion)
+        mass = attached.with_inertia(own, motion)
+        check_inertia(system, mass, constraints.gradient)
+        return mass
+
+    may_wait = trees.is_one and not attached.slopes and is_deep(motion)
+    mass = [] if may_wait else form_mass()
     at_rest = balance(motion, loads, still.across)
     applied = (*laws, *constraints.applied)
     values = {
@@ -193,7 +200,14 @@ def form_first_graph(
         conditions=start_conditions(scene, motion, still),
         measured=_measured(motion, observed),
         unknowns=(*accelerations, *constraints.multipliers),
-        matrix=_bordered(mass, constraints, dag),
+        # Where every pivot is safe, every speed has inertia.
+        matrix=LateMatrix(
+            lambda: _bordered(form_mass(), constraints, dag),
+            len(is_safe),
+            _border(constraints, dag),
+        )
+        if may_wait and all(is_safe)
+        else _bordered(mass or form_mass(), constraints, dag),
         forcing=(*(-row for row in at_rest.residual), *constraints.biases),
         is_safe=(*is_safe, *(False for _ in constraints.rows)),
         guards=(
@@ -278,10 +292,15 @@ def _bordered(
     mass: Sequence[Sequence[Node]], constraints: Constraints, dag: Dag
 ) -> tuple[tuple[Node, ...], ...]:
     """Border the mass matrix with the constraints: symmetric, [M, -G^T; -G, 0]."""
-    border = [[-entry for entry in row] for row in constraints.gradient]
-    zeros = [dag.zero] * len(border)
+    border = _border(constraints, dag)
     upper = [(*row, *(b[i] for b in border)) for i, row in enumerate(mass)]
-    return (*upper, *((*row, *zeros) for row in border))
+    return (*upper, *border)
+
+
+def _border(constraints: Constraints, dag: Dag) -> list[tuple[Node, ...]]:
+    """Form the rows below the mass matrix."""
+    zeros = [dag.zero] * len(constraints.gradient)
+    return [(*(-entry for entry in row), *zeros) for row in constraints.gradient]
 
 
 def _states(scene: SceneDescription, system: System) -> tuple[State, ...]:

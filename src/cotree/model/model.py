@@ -340,12 +340,14 @@ class CompiledModel:
 
     def bound_jacobian(self, p: Array) -> Callable[[float, Array, Array | None], Array]:
         """Give the Jacobian, dense, as a function of time, states and inputs; see :meth:`bound`."""
-        n = len(self.states)
-        dense, kernel = np.zeros((n, n)), self.bound("jacobian", p)
-        flat, places = dense.reshape(-1), self._rows * n + self._columns
+        n, dense = len(self.states), np.zeros((0, 0))
+        kernel, rows, columns = self.bound("jacobian", p), self._rows, self._columns
 
         def call(t: float, x: Array, u: Array | None) -> Array:
-            flat[places] = kernel(t, x, _NONE, u)
+            nonlocal dense
+            if len(dense) != n:  # at the first call: large models may never make one
+                dense = np.zeros((n, n))
+            dense[rows, columns] = kernel(t, x, _NONE, u)
             return dense
 
         return call

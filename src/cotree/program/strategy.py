@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.traverse import reachable, substitute
 from cotree.errors import FormulationError, ModelError
+from cotree.formulation.deep_trees import is_deep
 from cotree.formulation.elimination import eliminate
 from cotree.formulation.first_graph import form_first_graph, tree_links
 from cotree.graph import tree_walk
@@ -28,9 +29,6 @@ if TYPE_CHECKING:
 _LONG = 5  # moving branches from which elimination along the tree is counted too
 _PER_OPERATION = 0.5  # cycles, where nothing waits
 _SHARE_OF_JACOBIANS = 0.1  # of the evaluations of the right-hand side
-# Squared depth of speeds, on average, from which elimination by the matrix is not tried: it costs
-# that many operations a speed, and along the tree 90 (in a plane) to 600.
-_DEEP = 1000.0
 _FEW = 3  # turning clusters up to which every choice is tried
 
 
@@ -141,16 +139,7 @@ def _eliminations(first: FirstGraph) -> list[tuple[Link, ...]]:
     links = tree_links(first)
     if not links:
         return [()]
-    return [links] if _mean_squared_depth(links) > _DEEP else [(), links]
-
-
-def _mean_squared_depth(links: Sequence[Link]) -> float:
-    """Average, over the speeds, the square of how many carry each: itself and those below."""
-    depths, squares = [0], []
-    for link in links:
-        depths.append(depths[link.parent] + len(link.speeds))
-        squares += [depth**2 for depth in range(depths[link.parent] + 1, depths[-1] + 1)]
-    return sum(squares) / max(1, len(squares))
+    return [links] if is_deep(first.motion) else [(), links]
 
 
 def _choices(scene: SceneDescription, trees: Trees) -> Iterator[tuple[int, ...]]:

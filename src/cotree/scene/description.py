@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 #: Value of a field: one expression, or a tuple of three, or three such rows.
 FieldValue = Expression | tuple[Expression, ...] | tuple[tuple[Expression, ...], ...]
 
-_LARGEST_SCENE = 200_000  # edges; a bound on what untrusted input may ask for
+_LARGEST_SCENE = 250_000  # edges; a bound on what untrusted input may ask for
 
 
 @dataclass(frozen=True)
