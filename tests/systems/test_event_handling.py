@@ -442,7 +442,7 @@ def test_what_modes_may_not_be_used_in():
     scene = rail()
     scene.input("u", 1.0)
     scene.event("switch", "j.s", set={"u": "0"})
-    with pytest.raises(SceneError, match="event 'switch' sets 'u', an input, .*: set a mode"):
+    with pytest.raises(SceneError, match=r"event 'switch' sets 'u', an input, .*: set a mode"):
         scene.compile()
     scene = rail()
     scene.mode("on", 1)

@@ -170,6 +170,8 @@ def _load(method: str, path: str) -> Sundials | str:
 class SundialsJob(Job):
     """A job that SUNDIALS runs; end it, whatever happens."""
 
+    is_explicit = False
+
     def __init__(self, sundials: Sundials, problem: Problem, corners: list[float]) -> None:
         self._sundials = sundials
         # IDA's equations need not be solved for the rates.

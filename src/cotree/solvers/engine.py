@@ -99,9 +99,13 @@ class Job:
     ----------
     keeps_algebraic : bool
         Whether algebraic unknowns are integrated, not solved for at each evaluation.
+    is_explicit : bool
+        Whether the engine may run an explicit method, whose rates have to be taken on constraints
+        that depend on each other.
     """
 
     keeps_algebraic = False
+    is_explicit = True
 
     def __init__(
         self,
@@ -129,7 +133,8 @@ class Job:
         job.has_sensitivities = int(problem.n_sensitivities > 0)
         job.is_held = int(problem.project is not None)
         job.is_extended = int(is_extended)
-        job.is_strict = int(bool(problem.singular and problem.singular(corners[0], problem.z0)))
+        if self.is_explicit and newton is None and problem.singular is not None:
+            job.is_strict = int(bool(problem.singular(corners[0], problem.z0)))
         job.n, job.rtol, job.atols = n, rtol, self._doubles(atols)
         job.atol = float(np.min(problem.atol))
         job.max_step = min(problem.max_step, float(np.finfo(np.float64).max))
