@@ -7,22 +7,15 @@ from typing import Any
 import numpy as np
 
 from cotree.dag.traverse import reachable
+from cotree.export.to_sympy import ARITHMETIC
 
 _PLAIN = ("sin", "cos", "tan", "exp", "log", "sqrt", "sinh", "cosh", "tanh", "asin", "acos", "atan")
-_SIGNS: dict[str, Any] = {
-    "add": lambda a, b: a + b,
-    "sub": lambda a, b: a - b,
-    "mul": lambda a, b: a * b,
-    "div": lambda a, b: a / b,
-    "neg": lambda a: -a,
-    "pow": lambda a, b: a**b,
-}
 
 
 def apply(op: str, args: list[Any], room: Any) -> Any:
     """Apply an operation to numbers, or to expressions with the functions of a room."""
-    if op in _SIGNS:
-        return _SIGNS[op](*args)
+    if op in ARITHMETIC:
+        return ARITHMETIC[op](*args)
     if op == "abs":
         return apply("sqrt", [args[0] * args[0]], room)
     if op not in _PLAIN:

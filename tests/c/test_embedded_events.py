@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from c_programs import build, execute, printed, run
+from loop_with_network import four_bar
 
 from cotree import Scene, load
 from cotree.export.c_project import CProject, write_c_project
@@ -45,22 +46,10 @@ def driven() -> Scene:
 
 def loop() -> Scene:
     """Draw a loop of four bars that strikes a wall, and counts how often it passes a place."""
-    scene = Scene("loop", gravity=[0, -9.81, 0])
-    for name, value in {"a": 0.5, "c": 1.2, "e": 0.7}.items():
+    scene = four_bar("c", rocker={"damping": 0.1})
+    for name, value in {"c": 1.2, "e": 0.7}.items():
         scene.parameter(name, value)
     scene.mode("n", 0)
-    start = {"theta": 1.0, "theta_dot": 2.0}
-    scene.edge("crank", "revolute", "ground", "A", axis=[0, 0, 1], initial=start)
-    scene.edge("bar1", "arm", "A", "B", vector=["a", 0, 0])
-    scene.edge("coupler", "revolute", "B", "C", axis=[0, 0, 1])
-    scene.edge("bar2", "arm", "C", "D", vector=[1.5, 0, 0])
-    scene.edge("base", "arm", "ground", "E", vector=[1.6, 0, 0])
-    scene.edge("rocker", "revolute", "E", "F", axis=[0, 0, 1], damping=0.1)
-    scene.edge("bar3", "arm", "F", "G", vector=["c", 0, 0])
-    # Its rate is no state: a condition on the start only.
-    scene.edge("close", "revolute", "D", "G", axis=[0, 0, 1])
-    for i, node in enumerate("ACF"):
-        scene.edge(f"m{i + 1}", "rigid_body", "ground", node, mass=1.1, inertia=0.1 * (i + 1))
     scene.event("wall", "D.x - 1.1", direction=1, impact={"restitution": "e"})
     back = {"crank.theta_dot": "-0.9*crank.theta_dot", "n": "n + 1"}
     scene.event("back", "crank.theta - 1.3", direction=1, set=back)

@@ -9,21 +9,25 @@ from cotree.dag.derivative import tangents
 from cotree.equations import State
 
 
-def four_bar():
-    """A loop of four bars in gravity; redundant by two constraints, as every planar one."""
+def four_bar(length=1.2, mass=1.1, rocker=None, **close):
+    """A loop of four bars in gravity; redundant by two constraints, as every planar one.
+
+    Its third bar has a length, its bodies a mass, and the rocker's joint further fields. What the
+    closing joint is given takes the place of the crank's initial speed.
+    """
     scene = Scene("four-bar", gravity=[0, -9.81, 0])
     scene.parameter("a", 0.5)
-    start = {"theta": 1.0, "theta_dot": 2.0}
+    start = {"theta": 1.0} | ({} if close else {"theta_dot": 2.0})
     scene.edge("crank", "revolute", "ground", "A", axis=[0, 0, 1], initial=start)
     scene.edge("bar1", "arm", "A", "B", vector=["a", 0, 0])
     scene.edge("coupler", "revolute", "B", "C", axis=[0, 0, 1])
     scene.edge("bar2", "arm", "C", "D", vector=[1.5, 0, 0])
     scene.edge("base", "arm", "ground", "E", vector=[1.6, 0, 0])
-    scene.edge("rocker", "revolute", "E", "F", axis=[0, 0, 1])
-    scene.edge("bar3", "arm", "F", "G", vector=[1.2, 0, 0])
-    scene.edge("close", "revolute", "D", "G", axis=[0, 0, 1])
+    scene.edge("rocker", "revolute", "E", "F", axis=[0, 0, 1], **(rocker or {}))
+    scene.edge("bar3", "arm", "F", "G", vector=[length, 0, 0])
+    scene.edge("close", "revolute", "D", "G", axis=[0, 0, 1], **close)
     for i, node in enumerate("ACF"):
-        scene.edge(f"m{i + 1}", "rigid_body", "ground", node, mass=1.1, inertia=0.1 * (i + 1))
+        scene.edge(f"m{i + 1}", "rigid_body", "ground", node, mass=mass, inertia=0.1 * (i + 1))
     return scene
 
 

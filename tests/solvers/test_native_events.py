@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 
+import loop_with_network
 import numpy as np
 import pytest
 from hard_scenes import bennett_loop
@@ -42,20 +43,9 @@ def ball():
 
 def four_bar(**close):
     """Draw a loop whose crank is turned back at an angle, and whose coupler strikes a wall."""
-    scene = Scene("four-bar", gravity=[0, -9.81, 0])
-    for name, value in {"a": 0.5, "c": 1.2, "m": 1.1, "e": 0.7}.items():
+    scene = loop_with_network.four_bar("c", "m", {"damping": 0.1}, **close)
+    for name, value in {"c": 1.2, "m": 1.1, "e": 0.7}.items():
         scene.parameter(name, value)
-    start = {"theta": 1.0} | ({} if close else {"theta_dot": 2.0})
-    scene.edge("crank", "revolute", "ground", "A", axis=[0, 0, 1], initial=start)
-    scene.edge("bar1", "arm", "A", "B", vector=["a", 0, 0])
-    scene.edge("coupler", "revolute", "B", "C", axis=[0, 0, 1])
-    scene.edge("bar2", "arm", "C", "D", vector=[1.5, 0, 0])
-    scene.edge("base", "arm", "ground", "E", vector=[1.6, 0, 0])
-    scene.edge("rocker", "revolute", "E", "F", axis=[0, 0, 1], damping=0.1)
-    scene.edge("bar3", "arm", "F", "G", vector=["c", 0, 0])
-    scene.edge("close", "revolute", "D", "G", axis=[0, 0, 1], **close)
-    for i, node in enumerate("ACF"):
-        scene.edge(f"m{i + 1}", "rigid_body", "ground", node, mass="m", inertia=0.1 * (i + 1))
     return scene
 
 

@@ -441,7 +441,13 @@ def test_what_modes_may_not_be_used_in():
     scene = rail()
     scene.mode("on", 1)
     scene.input("u", "2*on")
-    with pytest.raises(ExpressionError, match="uses 'on', but may depend on parameters and t only"):
+    told = "uses 'on', but may depend on parameters and t only: let an output depend on modes"
+    with pytest.raises(ExpressionError, match=told):
+        scene.compile()
+    scene = rail()
+    scene.input("u", 1.0)
+    scene.event("switch", "j.s", set={"u": "0"})
+    with pytest.raises(SceneError, match=r"event 'switch' sets 'u', an input, .*: set a mode"):
         scene.compile()
     scene = rail()
     scene.mode("on", 1)

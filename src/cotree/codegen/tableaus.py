@@ -33,6 +33,8 @@ class Tableau:
     errors : tuple of dict
         Weights in the error estimate; of two, the second makes up a mean with the first that is
         of higher order. The stage after the last one is the rate at the new solution.
+    stable : str
+        Stability bound on the negative real axis, a little rounded down.
     dense : dict
         Weights in what the polynomial of degree 4 adds to the cubic through both ends of a step;
         empty where there is none.
@@ -47,6 +49,7 @@ class Tableau:
     stages: tuple[dict[int, str], ...]
     solution: dict[int, str]
     errors: tuple[dict[int, str], ...]
+    stable: str
     dense: dict[int, str]
 
     is_implicit = False
@@ -55,6 +58,16 @@ class Tableau:
     def last(self) -> int:
         """Number of the stage at the new solution, which begins the next step."""
         return len(self.nodes) + 1
+
+    @property
+    def probe(self) -> int:
+        """Number of the last stage but that one at the end of a step."""
+        return max(i for i, node in enumerate(self.nodes, 1) if node == "1.0")
+
+    @property
+    def probe_row(self) -> dict[int, str]:
+        """Weights of earlier stages in it."""
+        return self.stages[self.probe - 1]
 
     @property
     def needs_last(self) -> bool:
@@ -100,6 +113,7 @@ _DOPRI5 = Tableau(
             6: "-1.0 / 40.0",
         },
     ),
+    stable="3.25",
     # L. F. Shampine, Some practical Runge-Kutta formulas, Math. Comp. 46 (1986).
     dense={
         0: "-12715105075.0 / 11282082432.0",
@@ -148,6 +162,7 @@ _RKF45 = Tableau(
             5: "2.0 / 55.0",
         },
     ),
+    stable="3.6",
     dense={},
 )
 
@@ -256,6 +271,7 @@ _DOP853 = Tableau(
             11: "0.02265179219836082",
         },
     ),
+    stable="6.1",
     dense={},
 )
 

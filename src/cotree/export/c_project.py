@@ -34,6 +34,7 @@ from cotree.errors import CodegenError, SceneError, nearest
 from cotree.model.kernels import PythonKernels
 from cotree.model.model import CompiledModel
 from cotree.naming import c_string
+from cotree.solvers.project import Projection
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -43,9 +44,6 @@ if TYPE_CHECKING:
     from cotree.program import Program
 
 _METHODS = {**INTEGRATORS, **FIXED}
-
-# Rows of the constraints that are nearer to each other than this share of their size are dependent.
-_DEPENDENT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -317,16 +315,13 @@ def _check_loops(program: Program, integrator: str, is_dependent: bool) -> None:
 
 
 def _are_dependent(program: Program) -> bool:
-    """Tell whether constraints of edges are dependent at the start."""
-    layout = program.layout
-    if not layout.constraint_edges:
+    """Tell whether constraints of edges are dependent at the start, or nearly so."""
+    if not program.layout.constraint_edges:
         return False
     model = CompiledModel(program, PythonKernels(program))
-    p, start = model.default_parameters, model.start()
-    rows = model.bound("gradient", p)(0.0, start.y, np.zeros(0), None)
-    rows = rows.reshape(-1, layout.n_speeds)
-    size = max(1.0, float(np.max(np.abs(rows), initial=0.0)))
-    return bool(np.linalg.matrix_rank(rows, tol=_DEPENDENT * size) < len(rows))
+    start = model.start()
+    projection = Projection(model, model.default_parameters, lambda t: None)
+    return bool(projection.singular(0.0, np.concatenate([start.y, start.s.T.ravel()])))
 
 
 def _write_files(directory: Path, texts: Mapping[str, str]) -> None:

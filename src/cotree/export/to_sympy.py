@@ -81,7 +81,8 @@ def rational(value: float) -> Any:
     return sympy.Float(value)
 
 
-_ARITHMETIC: dict[str, Callable[..., Any]] = {
+#: Operations that are written with signs, of numbers or expressions.
+ARITHMETIC: dict[str, Callable[..., Any]] = {
     "add": lambda a, b: a + b,
     "sub": lambda a, b: a - b,
     "mul": lambda a, b: a * b,
@@ -95,8 +96,8 @@ def _apply(op: str, args: list[Any]) -> Any:
     """Apply one operation of :data:`cotree.dag.operations.OPERATIONS`."""
     import sympy
 
-    if op in _ARITHMETIC:
-        return _ARITHMETIC[op](*args)
+    if op in ARITHMETIC:
+        return ARITHMETIC[op](*args)
     if op == "select":
         condition, accepted, refused = args
         return sympy.Piecewise((accepted, condition >= 0), (refused, True))

@@ -39,6 +39,11 @@ def _bind(event: Event, system: System, states: Sequence[State]) -> EventRow:
         )
     for target in event.set:
         whose = f"event '{event.name}' sets '{target}'"
+        if target in system.inputs:
+            raise SceneError(
+                f"{whose}, an input, which comes from outside: set a mode, and let what names the "
+                "input name the mode, too"
+            )
         if target not in places:
             known = [state.name for state in states if not state.is_algebraic]
             raise SceneError(f"{whose}, which is no state and no mode{nearest(target, known)}")

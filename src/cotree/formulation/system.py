@@ -304,7 +304,10 @@ def _resolver(
         if name in by_name:
             return by_name[name]
         if allowed and (name == "t" or "." in name or name in refused):
-            raise ExpressionError(f"uses '{name}', but may depend on {allowed} only")
+            told = f"uses '{name}', but may depend on {allowed} only"
+            if name in refused:
+                told += ": let an output depend on modes, which fields may name"
+            raise ExpressionError(told)
         raise ExpressionError(f"uses the unknown name '{name}'{nearest(name, by_name)}")
 
     return resolve

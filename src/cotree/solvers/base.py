@@ -32,6 +32,9 @@ class Statistics:
         Wall-clock time that the C of the method itself took before, once on a machine, [s].
     through : str
         What ran a method of SUNDIALS in place of C, and why. Empty where C ran it, events included.
+    began_with : str
+        The method that ran before it, up to where the problem became stiff; or empty. The other
+        numbers count both.
     """
 
     method: str
@@ -42,6 +45,7 @@ class Statistics:
     seconds: float
     through: str = ""
     compile_seconds: float = 0.0
+    began_with: str = ""
 
 
 @dataclass(frozen=True, eq=False)

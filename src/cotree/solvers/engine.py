@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 # So often one event may make others happen at the same time, as in cotree_events.h.
 _ROUNDS = 50
 
+# Of a stiff problem fewer steps than these are nothing to speak of, as in cotree_integrator.h.
+_MOST_STIFF_STEPS = 1000
+
 # What cotree_status says, in the words of the other methods.
 _REASONS = {
     3: "the step size fell to rounding level",
@@ -96,9 +99,13 @@ class Job:
     ----------
     keeps_algebraic : bool
         Whether algebraic unknowns are integrated, not solved for at each evaluation.
+    is_explicit : bool
+        Whether the engine may run an explicit method, whose rates have to be taken on constraints
+        that depend on each other.
     """
 
     keeps_algebraic = False
+    is_explicit = True
 
     def __init__(
         self,
@@ -126,7 +133,8 @@ class Job:
         job.has_sensitivities = int(problem.n_sensitivities > 0)
         job.is_held = int(problem.project is not None)
         job.is_extended = int(is_extended)
-        job.is_strict = int(bool(problem.singular and problem.singular(corners[0], problem.z0)))
+        if self.is_explicit and newton is None and problem.singular is not None:
+            job.is_strict = int(bool(problem.singular(corners[0], problem.z0)))
         job.n, job.rtol, job.atols = n, rtol, self._doubles(atols)
         job.atol = float(np.min(problem.atol))
         job.max_step = min(problem.max_step, float(np.finfo(np.float64).max))
@@ -144,6 +152,7 @@ class Job:
             job.newton_memory = self._doubles(np.zeros(size))
         self._n = n_full
         self._room = 0
+        self._looks_from: int | None = None
         self.times, self.values = np.zeros(0), np.zeros((0, n_full))
         self._keeps_steps = wanted is None
         self._make_room(256 if wanted is None else len(wanted))
@@ -167,7 +176,20 @@ class Job:
                 self._make_room(max(needed, 2 * self._room))
         if self._at_once and self.job.n_records + self._at_once > self.job.most_records:
             self._make_records(2 * self.job.most_records)
+        if self._looks_from is not None:
+            unwatched = self._looks_from - int(self.job.n_steps)
+            self.job.is_waiting = int(unwatched <= 0)
+            most_steps = min(most_steps, unwatched) if unwatched > 0 else most_steps
         return int(self._lib.cotree_job_run(self.job, most_steps))
+
+    @property
+    def is_stiff(self) -> bool:
+        """Tell whether stability made an explicit method take many steps."""
+        return bool(self.job.is_stiff) and int(self.job.n_stiff_steps) > _MOST_STIFF_STEPS
+
+    def wait_where_stiff(self, first_step: int) -> None:
+        """Have an explicit method wait where its problem is stiff, from a number of steps on."""
+        self._looks_from = first_step
 
     @property
     def n_jacobians(self) -> int:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from cotree.solvers.problem import FloatArray, Problem
 
 # Results of cotree_job_run.
-_MORE, _FAILED, _STOPPED = 1, 2, 3
+_MORE, _FAILED, _STOPPED, _STIFF = 1, 2, 3, 4
 
 # How long C runs before Python looks up, [s], and how many steps it begins with.
 _GLANCE, _FIRST_STEPS = 0.1, 1000
@@ -69,6 +69,16 @@ def can_extend(method: str, problem: Problem) -> bool:
     )
 
 
+class Successor(Protocol):
+    """What may go on where an explicit method finds that its problem is stiff."""
+
+    note: str
+
+    def take_over(self, problem: Problem, first: Trajectory, job: Job) -> Trajectory | None:
+        """Go on from where a job waits; None has it go on by itself, and ``note`` says why."""
+        ...
+
+
 @dataclass(frozen=True)
 class NativeSolver:
     """One of cotree's own methods.
@@ -77,9 +87,12 @@ class NativeSolver:
     ----------
     method : str
         "dopri5", "rkf45", "dop853", "rodas4" or "rodas5".
+    successor : Successor or None
+        What may go on where an explicit method finds that the problem is stiff.
     """
 
     method: str
+    successor: Successor | None = None
 
     def solve(self, problem: Problem) -> Trajectory:
         """Integrate a problem, with SciPy where C cannot.
@@ -108,16 +121,48 @@ class NativeSolver:
         times = [corners[0][0], *(end for _, end in corners)]
         is_extended = can_extend(self.method, problem)
         job = Job(engine, problem, times, is_extended, newton)
-        ended = run_job(job, problem, self.method)
-        if ended.status == FAILED and is_extended:
+        ended = self._run(job, problem)
+        if isinstance(ended, Ended) and ended.status == FAILED and is_extended:
             job = Job(engine, problem, times)
-            ended = run_job(job, problem, self.method)
+            ended = self._run(job, problem, ended.seconds)
+        if isinstance(ended, Trajectory):
+            return compiled_in(ended, ended.statistics.compile_seconds + begin - before)
         is_hard = problem.n_algebraic or problem.singular is not None
         if ended.status == FAILED and is_hard and not job.is_final:
             # What looks far for algebraic unknowns, and passes singular positions, is Python.
             return self._stand_in(problem, f"{ended.reason} at t = {float(job.job.t):.10g}")
         trajectory = trajectory_of(job, problem, self.method, ended)
+        note = f" {self._note(job)}" if self._note(job) else ""
+        trajectory = replace(trajectory, message=f"{trajectory.message}{note}")
         return compiled_in(trajectory, begin - before)
+
+    def _run(self, job: Job, problem: Problem, spent: float = 0.0) -> Ended | Trajectory:
+        """Advance a job to its end, or let its successor go on."""
+        successor = self.successor
+        if successor is not None:
+            job.wait_where_stiff(0)
+        ended = run_job(job, problem, self.method, spent)
+        while ended.is_stiff:
+            assert successor is not None  # or nobody would have waited
+            first = trajectory_of(job, problem, self.method, ended)
+            trajectory = successor.take_over(problem, first, job)
+            if trajectory is not None:
+                return trajectory
+            job.wait_where_stiff(2 * int(job.job.n_steps))
+            ended = run_job(job, problem, self.method, ended.seconds)
+        return ended
+
+    def _note(self, job: Job) -> str:
+        """Say what an explicit method found out about stiffness."""
+        if self.successor is not None:
+            return self.successor.note
+        if not job.is_stiff:
+            return ""
+        return (
+            f"The problem is stiff from t = {float(job.job.stiff_since):.6g} on: about "
+            f"{int(job.job.n_stiff_steps)} steps were as short as stability asks, and a method for "
+            "stiff problems such as rodas5 may take far fewer."
+        )
 
     def _stand_in(self, problem: Problem, why: str) -> Trajectory:
         from cotree.solvers.select import integrate
@@ -135,54 +180,60 @@ def compiled_in(trajectory: Trajectory, seconds: float) -> Trajectory:
 
 
 class Ended(NamedTuple):
-    """How a job ended: its status, why it failed, and what C took, [s]."""
+    """How a job ended, or that it waits: its status, why it failed, and what C took, [s]."""
 
     status: int
     reason: str
     seconds: float
+    is_stiff: bool = False
 
 
-def run_job(job: Job, problem: Problem, method: str) -> Ended:
+def run_job(job: Job, problem: Problem, method: str, spent: float = 0.0) -> Ended:
     """Advance a job to its end.
 
     Parameters
     ----------
     job : Job
-        Not yet run.
+        Not yet run, or waiting.
     problem : Problem
         For its budgets.
     method : str
         What runs, for a progress bar.
+    spent : float
+        What was taken from the limit of time before, [s]; it counts as taken by C, too.
     """
     with Progress(method, problem.t_span) as progress:
-        begin = time.perf_counter()
-        status, reason = _advance(job, problem, begin, progress)
-        return Ended(status, reason, time.perf_counter() - begin)
+        begin = time.perf_counter() - spent
+        status, reason, is_stiff = _advance(job, problem, begin, progress)
+        return Ended(status, reason, time.perf_counter() - begin, is_stiff)
 
 
-def _advance(job: Job, problem: Problem, begin: float, progress: Progress) -> tuple[int, str]:
+def _advance(job: Job, problem: Problem, begin: float, progress: Progress) -> tuple[int, str, bool]:
+    """Give the status, the reason of a failure, and whether the job waits."""
     steps, limit = _FIRST_STEPS, problem.max_steps
     while True:
         allowed = steps if limit is None else min(steps, limit - job.job.n_steps)
-        before = time.perf_counter()
+        before, taken = time.perf_counter(), job.job.n_steps
         result = job.run(allowed)
         now = time.perf_counter()
         progress.reached(float(job.job.t))
         if result == _FAILED:
-            return FAILED, job.reason(problem)
+            return FAILED, job.reason(problem), False
+        if result == _STIFF:
+            return 0, "", True
         if result == _STOPPED:
             assert problem.events is not None  # one of which it was
-            return 0, verdict("stops", [problem.events.rows[job.job.event].name])
+            return 0, verdict("stops", [problem.events.rows[job.job.event].name]), False
         if result != _MORE:
-            return 0, ""
+            return 0, "", False
         if job.has_spent_events:
-            return BUDGET_SPENT, verdict("spends", [], detail=job.job.most_events)
+            return BUDGET_SPENT, verdict("spends", [], detail=job.job.most_events), False
         if limit is not None and job.job.n_steps >= limit:
-            return BUDGET_SPENT, f"the limit of {limit} steps is reached"
+            return BUDGET_SPENT, f"the limit of {limit} steps is reached", False
         if problem.time_limit is not None and now - begin > problem.time_limit:
-            return BUDGET_SPENT, f"the time limit of {problem.time_limit:g} s is spent"
+            return BUDGET_SPENT, f"the time limit of {problem.time_limit:g} s is spent", False
         rest = _GLANCE if problem.time_limit is None else problem.time_limit - (now - begin)
-        rate = allowed / max(now - before, 1e-9)
+        rate = (job.job.n_steps - taken) / max(now - before, 1e-9)
         steps = int(min(max(1.0, rate * min(_GLANCE, rest)), 10.0 * steps))
 
 

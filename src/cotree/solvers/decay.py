@@ -1,0 +1,87 @@
+"""How fast what a problem forgets decays: the eigenvalues of its states' Jacobian.
+
+In: a ``Problem`` and points of its motion. Out: rates in 1/s. They tell stiff problems.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cotree.solvers.algebraic import reduce_problem
+from cotree.solvers.evaluate import Evaluator, IntegrationStopError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+    from cotree.solvers.problem import FloatArray, Problem
+
+# Eigenvalues of a sparse Jacobian that are looked for, and how exactly: only their size counts.
+_FEW = 6
+_ROUGH = 1e-2
+
+
+def fastest_decay(problem: Problem, points: Sequence[tuple[float, FloatArray]]) -> float:
+    """Return the largest decay rate among modes that decay faster than they oscillate, [1/s].
+
+    Parameters
+    ----------
+    problem : Problem
+        Whose modes.
+    points : sequence of (float, ndarray)
+        Times, [s], and states with sensitivities there, all without algebraic unknowns.
+    """
+    modes = _modes(problem, points)
+    return float(np.max(-modes[np.abs(modes.imag) <= -modes.real].real, initial=0.0))
+
+
+def largest_decaying(problem: Problem, t: float, z: FloatArray) -> float:
+    """Return the size of the largest eigenvalue among modes that decay, however slowly, [1/s]."""
+    return float(np.max(np.abs(_modes(problem, [(t, z)])), initial=0.0))
+
+
+def _modes(
+    problem: Problem, points: Sequence[tuple[float, FloatArray]]
+) -> npt.NDArray[np.complex128]:
+    """Return the eigenvalues of modes that decay in the direction of time, at all points."""
+    evaluator = Evaluator(reduce_problem(problem) if problem.n_algebraic else problem)
+    return np.concatenate([np.zeros(0), *(_modes_at(evaluator, t, z) for t, z in points)])
+
+
+def _modes_at(evaluator: Evaluator, t: float, z: FloatArray) -> npt.NDArray[np.complex128]:
+    problem = evaluator.problem
+    try:
+        if problem.sparse_jacobian is not None:
+            matrix = evaluator.sparse_jacobian(t, z)
+        else:
+            matrix = evaluator.state_jacobian(t, z)
+    except IntegrationStopError:
+        return np.zeros(0, dtype=np.complex128)
+    # Integrated backwards in time, what grows forwards decays.
+    eigenvalues = problem.direction * _eigenvalues(matrix, problem.direction)
+    return eigenvalues[eigenvalues.real < 0.0]
+
+
+def _eigenvalues(matrix: Any, direction: float) -> npt.NDArray[np.complex128]:
+    """Return the eigenvalues, of a sparse matrix a few of those that decay fastest.
+
+    Where the iteration for these does not converge, the sums of the entries' sizes bound them.
+    """
+    if isinstance(matrix, np.ndarray):
+        return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)
+    import scipy.sparse.linalg
+
+    start = np.random.default_rng(0).normal(size=matrix.shape[0])  # the same at every run
+    which = "SR" if direction > 0 else "LR"
+    try:
+        found = scipy.sparse.linalg.eigs(
+            matrix, k=_FEW, which=which, v0=start, tol=_ROUGH, return_eigenvectors=False
+        )
+    except scipy.sparse.linalg.ArpackNoConvergence:
+        rows = abs(matrix).sum(axis=1).max()
+        columns = abs(matrix).sum(axis=0).max()
+        found = np.array([-direction * min(rows, columns)])
+    return np.asarray(found, dtype=np.complex128)

@@ -1,0 +1,195 @@
+"""A method for stiff problems goes on where an explicit one finds that its problem became stiff.
+
+In: a ``Problem`` and the job of the explicit method, which waits at the end of a step. Out: the
+trajectory of both methods, or None where the explicit one is to go on, with the reason.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cotree.codegen.tableaus import TABLEAUS
+from cotree.solvers.base import Drift, Statistics, Trajectory
+from cotree.solvers.decay import largest_decaying
+from cotree.solvers.evaluate import FAILED
+from cotree.solvers.native import refusal
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from cotree.solvers.engine import Job
+    from cotree.solvers.problem import FloatArray, Problem
+
+# Beyond it, factors that are kept for many steps win over eight stages that are cheap.
+_MOST_STATES = 150
+
+# The test of the integrator looks at differences that rounding may spoil: what it finds is believed
+# where the Jacobian has a mode of at least this share of the bound of stability.
+_CONFIRMED = 0.5
+
+# Wherever a value that an event looks at is within so many absolute tolerances of zero, a method
+# that begins there might take what happened already, or never leaves zero, for an event.
+_AT_ZERO = 10.0
+
+
+def stiff_method(problem: Problem) -> str:
+    """Name the method for a stiff problem.
+
+    Returns
+    -------
+    str
+        "rodas5"; "cvode", or "BDF" without scikit-sundae, where C cannot take it, for many states,
+        and for loops, which "rodas5" does not bring through singular configurations.
+    """
+    is_wide = problem.n_states > _MOST_STATES and not problem.n_algebraic
+    if problem.singular is None and not is_wide and not refusal("rodas5", problem):
+        return "rodas5"
+    return "cvode" if importlib.util.find_spec("sksundae") is not None else "BDF"
+
+
+@dataclass
+class Succession:
+    """Lets a method for stiff problems take a run over; it is mutable and belongs to one run.
+
+    Attributes
+    ----------
+    solve : callable
+        ``solve(problem, method)`` integrates with a named method.
+    note : str
+        What came of it, as a sentence; empty while nothing was asked.
+    """
+
+    solve: Callable[[Problem, str], Trajectory]
+    note: str = ""
+    _has_failed: bool = False
+
+    def take_over(self, problem: Problem, first: Trajectory, job: Job) -> Trajectory | None:
+        """Go on from where a job waits, to the end of the span.
+
+        Parameters
+        ----------
+        problem : Problem
+            The whole problem.
+        first : Trajectory
+            What the job has stored.
+        job : Job
+            It waits because it finds the problem stiff.
+
+        Returns
+        -------
+        Trajectory or None
+            That of both; None where the job is to go on by itself.
+        """
+        c, method = job.job, first.statistics.method
+        t, z, since = float(c.t), job.z.copy(), float(c.stiff_since)
+        if self._has_failed or not _is_confirmed(problem, t, z, float(c.last_step), method):
+            return None
+        self.note = _obstacle(problem, t, z, method)
+        if self.note:
+            return None
+        rest = _rest(problem, first, t, z)
+        if rest is None:
+            return None
+        other = stiff_method(problem)
+        second = self.solve(rest, other)
+        became = f"from t = {since:.6g} on its steps were as short as stability asks"
+        if second.status == FAILED:
+            self._has_failed = True
+            self.note = f"{method} went on by itself, although {became}: {second.message}"
+            return None
+        note = f"{other} took over from {method} at t = {t:.10g}: stiff, {became}."
+        return _joined(problem, first, replace(second, message=f"{second.message} {note}"))
+
+
+def _is_confirmed(problem: Problem, t: float, z: FloatArray, step: float, method: str) -> bool:
+    """Tell whether there is a mode that limits a step."""
+    cut, blocks = problem.n_states - problem.n_algebraic, 1 + problem.n_sensitivities
+    w = z.reshape(blocks, problem.n_states)[:, :cut].ravel()
+    bound = float(TABLEAUS[method].stable)
+    return step * largest_decaying(problem, t, w) >= _CONFIRMED * bound
+
+
+def _obstacle(problem: Problem, t: float, z: FloatArray, method: str) -> str:
+    """Say why no other method can begin at a point; nothing where one can."""
+    if problem.events is None:
+        return ""
+    values = np.abs(problem.events.values(t, z))
+    near = np.flatnonzero(values <= _AT_ZERO * float(np.min(problem.atol)))
+    if not near.size:
+        return ""
+    name = problem.events.rows[int(near[0])].name
+    return (
+        f"{method} went on by itself, although the problem is stiff at t = {t:.6g}: what event "
+        f"'{name}' looks at is zero there, where nothing can take over."
+    )
+
+
+def _rest(problem: Problem, first: Trajectory, t: float, z: FloatArray) -> Problem | None:
+    """Give what is left of a problem; None where a budget is spent."""
+    wanted = problem.t_eval
+    if wanted is not None:
+        wanted = wanted[len(first.t) :]
+        wanted = wanted if len(wanted) else np.array([problem.t_span[1]])
+    work, steps, events, limit = first.statistics, None, None, None
+    if problem.max_steps is not None:
+        steps = problem.max_steps - work.n_steps
+    if problem.max_events is not None:
+        events = problem.max_events - len(first.events)
+    if problem.time_limit is not None:
+        limit = problem.time_limit - work.seconds
+    if any(left is not None and left <= 0 for left in (steps, events, limit)):
+        return None
+    return replace(
+        problem,
+        z0=z,
+        t_span=(t, problem.t_span[1]),
+        t_eval=wanted,
+        max_steps=steps,
+        max_events=events,
+        time_limit=limit,
+    )
+
+
+def _joined(problem: Problem, first: Trajectory, second: Trajectory) -> Trajectory:
+    """Put two trajectories together: the second begins where the first ends."""
+    skipped = 0
+    if problem.t_eval is None:
+        skipped = int(bool(first.t.size and second.t.size and first.t[-1] == second.t[0]))
+    elif len(first.t) == len(problem.t_eval) and second.status == 0:
+        skipped = len(second.t)  # the end of the run, which nobody asked for
+    t, z = second.t[skipped:], second.z[:, skipped:]
+    return replace(
+        second,
+        t=np.concatenate([first.t, t]),
+        z=np.hstack([first.z, z]),
+        statistics=_summed(first.statistics, second.statistics),
+        drift=_joined_drift(first.drift, second.drift, skipped),
+        events=(*first.events, *second.events),
+    )
+
+
+def _summed(first: Statistics, second: Statistics) -> Statistics:
+    return replace(
+        second,
+        began_with=first.method,
+        nfev=first.nfev + second.nfev,
+        njev=first.njev + second.njev,
+        nlu=first.nlu + second.nlu,
+        n_steps=first.n_steps + second.n_steps,
+        seconds=first.seconds + second.seconds,
+        compile_seconds=first.compile_seconds + second.compile_seconds,
+    )
+
+
+def _joined_drift(first: Drift | None, second: Drift | None, skipped: int) -> Drift | None:
+    if first is None or second is None:
+        return second
+    return Drift(
+        second.names,
+        np.hstack([first.residual, second.residual[:, skipped:]]),
+        max(first.correction, second.correction),
+    )
