@@ -20,6 +20,10 @@ from cotree.codegen.repeats import FEWEST_LINES, Statement, may_repeat, pieces
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+#: Up to so many statements a compiler takes little time; what loops leave of them runs slower
+#: by a fifth than they do, unless that is less than this share.
+_SHORT, _MUCH_SHORTER = 8000, 0.25
+
 _FLOAT = r"\d+\.\d*(?:e[+-]?\d+)?|\d+e[+-]?\d+"
 _NUMBER = re.compile(rf"(?<![\w.])(?:({_FLOAT})|v(\d+)\b(?!\[)|(\d+))")
 # What may stand in a loop: temporaries, results, guards.
@@ -74,7 +78,8 @@ def roll(lines: Sequence[str], array: str = "v") -> list[str]:
     Returns
     -------
     list of str
-        The same with loops; tables and the array of their temporaries come first.
+        The same with loops; tables and the array of their temporaries come first. Statements that
+        loops would not shorten much, and that are not too many, stay as they are.
     """
     statements, comments = _apart(lines)
     if len(statements) < FEWEST_LINES:
@@ -90,7 +95,9 @@ def roll(lines: Sequence[str], array: str = "v") -> list[str]:
             writer.plain(rows)
         else:
             writer.loop([rows[i::period] for i in range(period)])
-    return writer.written()
+    written = writer.written()
+    is_short = len(lines) <= _SHORT and len(written) > _MUCH_SHORTER * len(lines)
+    return list(lines) if is_short else written
 
 
 def _apart(lines: Sequence[str]) -> tuple[list[str], list[str]]:
