@@ -8,7 +8,7 @@ for what becomes of each element.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from cotree.errors import ModelError, SceneError
 from cotree.readers.names import Namer
@@ -96,7 +96,7 @@ def read_urdf_text(text: str, where: str, scene_type: type[_Scene], options: Urd
         raise type(error)(f"{where}: {error}") from None
 
 
-class _Writer:
+class _Writer(Generic[_Scene]):
     """Adds a robot's parts to a scene, from the root outwards."""
 
     def __init__(self, scene_type: type[_Scene], robot: Robot, options: UrdfOptions) -> None:
@@ -111,7 +111,7 @@ class _Writer:
             name if name[0].isalpha() else f"robot_{name}", gravity=[0.0, 0.0, f"-{self.gravity}"]
         )
 
-    def write(self, root: Link, joints: Sequence[Joint], where: str) -> Any:
+    def write(self, root: Link, joints: Sequence[Joint], where: str) -> _Scene:
         self.scene.parameter(self.gravity, _STANDARD_GRAVITY, unit="m/s^2", doc="gravity")
         self.node = {link.name: self.namer.give("link", link.name) for link in self.robot.links}
         self.edge = {joint.name: self.namer.give("joint", joint.name) for joint in joints}

@@ -142,7 +142,7 @@ def read_robot(root: Element, where: str) -> Robot:
     ignored = Counter(child.tag for child in root.children if child.tag not in known)
     if not links:
         raise reader.error(root, "the robot has no links")
-    return Robot(reader.text(root, "name", "robot"), links, joints, dict(ignored))
+    return Robot(root.attributes.get("name", "robot"), links, joints, dict(ignored))
 
 
 def _link(reader: Reader, element: Element) -> Link:
@@ -172,7 +172,7 @@ def _inertial(reader: Reader, element: Element, what: str) -> Inertial:
 def _joint(reader: Reader, element: Element) -> Joint:
     name = reader.name(element, "joint")
     what = f"joint '{name[:60]}'"
-    kind = reader.text(element, "type", None)
+    kind = element.attributes.get("type")
     if kind is None:
         raise reader.error(element, f'{what} has no type: give type="revolute", for example')
     if kind not in JOINT_TYPES:
@@ -246,6 +246,6 @@ def _visuals(reader: Reader, elements: Sequence[Element]) -> list[Visual]:
                 continue
         except SceneError:
             continue
-        file = reader.text(shape, "filename", "") if shape.tag == "mesh" else ""
+        file = shape.attributes.get("filename", "") if shape.tag == "mesh" else ""
         found.append(Visual("", shape.tag, size, file, pose.xyz, pose.rpy))
     return found

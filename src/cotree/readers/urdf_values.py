@@ -45,10 +45,6 @@ class Reader:
             raise self.error(element, f"<{element.tag}> of {what} has no <{tag}>")
         return found
 
-    def text(self, element: Element, name: str, default: str | None) -> str | None:
-        """Give an attribute as it is written."""
-        return element.attributes.get(name, default)
-
     def name(self, element: Element, what: str, attribute: str = "name") -> str:
         """Give the name that there must be."""
         found = element.attributes.get(attribute, "").strip()
