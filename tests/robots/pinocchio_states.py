@@ -138,7 +138,7 @@ class Peer:
         return rates
 
     def solved(self, state, inputs):
-        """Give Pinocchio's a, by articulated bodies; with followers, which those do not know, by M."""
+        """Give its a: by articulated bodies, or by the mass matrix where joints mimic."""
         q, v, tau = self.pose(state), self.velocity(state), self.efforts(inputs)
         if not self.model.mimicking_joints:
             return pinocchio.aba(self.model, self.data, q, v, tau)

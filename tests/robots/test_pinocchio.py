@@ -121,8 +121,11 @@ def test_the_fingers_of_panda_mimic():
     assert peer.model.nv == 8
 
 
-LINK = """<link name="{name}"><inertial><origin xyz="{xyz}" rpy="0.3 -0.2 0.5"/><mass value="{mass}"/>
-<inertia ixx="0.03" ixy="0.001" ixz="-0.002" iyy="0.02" iyz="0.003" izz="0.025"/></inertial></link>"""
+LINK = (
+    '<link name="{name}"><inertial><origin xyz="{xyz}" rpy="0.3 -0.2 0.5"/><mass value="{mass}"/>'
+    '<inertia ixx="0.03" ixy="0.001" ixz="-0.002" iyy="0.02" iyz="0.003" izz="0.025"/>'
+    "</inertial></link>"
+)
 
 
 def written(tmp_path, joints):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cotree.readers.source import load_source
+from cotree.readers.source import is_urdf, load_source
 from cotree.readers.urdf import UrdfOptions, read_urdf_scene
 
-__all__ = ["UrdfOptions", "load_source", "read_urdf_scene"]
+__all__ = ["UrdfOptions", "is_urdf", "load_source", "read_urdf_scene"]

@@ -14,6 +14,11 @@ if TYPE_CHECKING:
 _Scene = TypeVar("_Scene", bound=SceneDescription)
 
 
+def is_urdf(source: str | Path) -> bool:
+    """Whether a file is a robot description, by its ending."""
+    return str(source).lower().endswith(".urdf")
+
+
 def load_source(source: str | Path, scene_type: type[_Scene]) -> _Scene:
     """Read a scene from whatever names it.
 
@@ -30,6 +35,6 @@ def load_source(source: str | Path, scene_type: type[_Scene]) -> _Scene:
     ModelError
         If there is no such scene, or it is wrong.
     """
-    if str(source).lower().endswith(".urdf"):
+    if is_urdf(source):
         return read_urdf_scene(source, scene_type, UrdfOptions())
     return load_scene(source, scene_type)

@@ -21,7 +21,7 @@ from cotree.scene.description import SceneDescription, check_number
 from cotree.scene.origin import Origin, Visual
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from cotree.readers.urdf_robot import Inertial, Joint, Link, Robot
@@ -102,7 +102,9 @@ class _Writer(Generic[_Scene]):
     def __init__(self, scene_type: type[_Scene], robot: Robot, options: UrdfOptions) -> None:
         self.robot, self.options = robot, options
         self.namer = Namer()
-        self.notes: list[str] = []
+        self.empty: list[str] = []
+        self.fixed_mimics: list[str] = []
+        self.free_mimics: list[str] = []
         self.visuals: list[Visual] = []
         # A name for a scene begins with a letter.
         name = Namer().own(robot.name).lstrip("_") or "robot"
@@ -125,10 +127,8 @@ class _Writer(Generic[_Scene]):
             self._add_mimic(joint, by_name)
         for link in self.robot.links:
             self._add_link(link)
-        self._note_what_is_not_read()
-        self.scene.origin = Origin(
-            where, tuple(self.notes), dict(self.namer.changed), tuple(self.visuals)
-        )
+        changed = dict(self.namer.changed)
+        self.scene.origin = Origin(where, tuple(self._notes()), changed, tuple(self.visuals))
         return self.scene
 
     def _add_joint(self, joint: Joint) -> None:
@@ -197,8 +197,8 @@ class _Writer(Generic[_Scene]):
         if joint.mimic is None:
             return
         if not self._follows(joint):
-            why = "it is fixed" if joint.type == "fixed" else "mimic=False"
-            self.notes.append(f"joint '{joint.name}' does not mimic '{joint.mimic.joint}': {why}")
+            kind = self.fixed_mimics if joint.type == "fixed" else self.free_mimics
+            kind.append(f"'{joint.name}'")
             return
         leader = by_name[joint.mimic.joint]
         self.scene.edge(
@@ -219,7 +219,7 @@ class _Writer(Generic[_Scene]):
         if inertial is None:
             return
         if inertial.mass == 0.0 and not any(inertial.moments):
-            self.notes.append(f"link '{link.name}' has an inertia of zero, as if it had none")
+            self.empty.append(f"'{link.name}'")
             return
         self._add_inertia(node, inertial)
 
@@ -264,9 +264,24 @@ class _Writer(Generic[_Scene]):
         self.scene.parameter(found, value, unit=unit)
         return found
 
-    def _note_what_is_not_read(self) -> None:
+    def _notes(self) -> Iterator[str]:
+        """Say what was not read, and what is called otherwise."""
         if self.robot.ignored:
-            counts = ", ".join(f"{n} <{tag[:40]}>" for tag, n in sorted(self.robot.ignored.items()))
-            self.notes.append(f"not read: {counts}")
-        for (kind, name), given in self.namer.changed.items():
-            self.notes.append(f"{kind} '{name[:60]}' is called '{given}'")
+            counts = sorted(self.robot.ignored.items())
+            yield "not read: " + _listed([f"{n} <{tag[:40]}>" for tag, n in counts])
+        if self.empty:
+            yield f"an inertia of zero, as if they had none, have links {_listed(self.empty)}"
+        if self.fixed_mimics:
+            yield f"fixed, so that they follow nothing: joints {_listed(self.fixed_mimics)}"
+        if self.free_mimics:
+            yield f"free to move, as mimic is False: joints {_listed(self.free_mimics)}"
+        if self.namer.changed:
+            names = [f"{k} '{name}' as '{new}'" for (k, name), new in self.namer.changed.items()]
+            yield f"renamed: {_listed(names)}"
+
+
+def _listed(items: Sequence[str]) -> str:
+    """List the first of some, each cut short, and count the rest."""
+    shown = [item if len(item) <= 140 else f"{item[:137]}..." for item in items[:8]]
+    more = len(items) - len(shown)
+    return ", ".join(shown) + (f" and {more} more" if more else "")
