@@ -10,7 +10,7 @@ import json
 import numpy as np
 import pinocchio
 from pinocchio_states import Peer, inertial_columns
-from robots import HERE, LINKS, STORED, inertia_of, read, stored_file
+from robot_files import HERE, LINKS, STORED, inertia_of, read, stored_file
 
 N_STATES = 4
 

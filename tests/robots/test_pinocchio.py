@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from robots import (
+from robot_files import (
     INERTIAL,
     array_of,
     follow,

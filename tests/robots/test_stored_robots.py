@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from robots import (
+from robot_files import (
     HERE,
     LINKS,
     STORED,
