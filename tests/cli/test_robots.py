@@ -29,7 +29,7 @@ def robot(tmp_path):
         (["graph", "ROBOT"], "shoulder_joint_frame -> upper_arm"),
         (["check", "ROBOT", "--t-end", "0.05", "-s", "slider_mass"], "sensitivity to slider_mass"),
         (
-            "bench ROBOT --t-end 0.05 --method dopri5 --tolerance 1e-6 --repeats 1".split(),
+            ["bench", "ROBOT", "--t-end", "0.05", "--method", "dopri5", "--tolerance", "1e-6"],
             "whole: 6 states",
         ),
     ],

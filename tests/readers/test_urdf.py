@@ -278,7 +278,7 @@ WRONG = [
         "link 'slider' is there twice, first on",
     ),
     ('name="slide" ', 'name="flange" ', '<joint name="flange"', "joint 'flange' is there twice"),
-    ('type="continuous"', 'type="continous"', '<joint name="follow"', "did you mean 'continuous'?"),
+    ('type="continuous"', 'type="contnuous"', '<joint name="follow"', "did you mean 'continuous'?"),
     ('type="fixed"', "", '<joint name="flange"', "joint 'flange' has no type"),
     ('<child link="tool"/>', '<child link="tol"/>', '<joint name="flange"', "did you mean 'tool'?"),
     (
