@@ -4,11 +4,12 @@
 
 #include "pinocchio/autodiff/casadi.hpp"
 #include "pinocchio/multibody.hpp"
-#include "pinocchio/serialization.hpp"
 #include "pinocchio/algorithm/aba.hpp"
 
 #include <cstdio>
 #include <string>
+
+void load_model(pinocchio::Model & model, const char * file);  // robots_model.cpp
 
 int main(int argc, char ** argv)
 {
@@ -16,7 +17,7 @@ int main(int argc, char ** argv)
   typedef ::casadi::SX Scalar;
   typedef Eigen::Matrix<Scalar, Eigen::Dynamic, 1> Vector;
   pinocchio::Model plain;
-  plain.loadFromText(argv[1]);
+  load_model(plain, argv[1]);
   const pinocchio::ModelTpl<Scalar> model = plain.cast<Scalar>();
   pinocchio::DataTpl<Scalar> data(model);
   const Scalar q = Scalar::sym("q", model.nq), v = Scalar::sym("v", model.nv);
@@ -28,9 +29,9 @@ int main(int argc, char ** argv)
   pinocchio::aba(model, data, own_q, own_v, own_tau);
   Scalar a(model.nv, 1);
   pinocchio::casadi::copy(data.ddq, a);
-  a = Scalar::cse(a);
+  a = cse(a);
   const ::casadi::Function forward("forward", {q, v, tau}, {a});
-  const Scalar slopes = Scalar::cse(Scalar::jacobian(a, Scalar::vertcat({q, v})));
+  const Scalar slopes = cse(Scalar::jacobian(a, Scalar::vertcat({q, v})));
   const ::casadi::Function jacobian("jacobian", {q, v, tau}, {slopes});
   const std::string folder = std::string(argv[2]) + "/";
   ::casadi::Dict options;

@@ -1,7 +1,6 @@
 // Times Pinocchio's forward dynamics and its derivatives in a loop over random states.
 // robots_pinocchio MODEL SECONDS: MODEL is what Model.saveToText wrote; prints two times in ns.
 #include "pinocchio/multibody.hpp"
-#include "pinocchio/serialization.hpp"
 #include "pinocchio/algorithm/aba-derivatives.hpp"
 #include "pinocchio/algorithm/aba.hpp"
 #include "pinocchio/algorithm/joint-configuration.hpp"
@@ -11,6 +10,8 @@
 #include <cstdio>
 #include <cstdlib>
 #include <vector>
+
+void load_model(pinocchio::Model & model, const char * file);  // robots_model.cpp
 
 namespace {
 const int kStates = 64;
@@ -38,7 +39,7 @@ int main(int argc, char ** argv)
 {
   if (argc != 3) return 2;
   pinocchio::Model model;
-  model.loadFromText(argv[1]);
+  load_model(model, argv[1]);
   pinocchio::Data data(model);
   model.lowerPositionLimit.setConstant(-1.0);
   model.upperPositionLimit.setConstant(1.0);
