@@ -18,6 +18,7 @@ from cotree.errors import (
     SolveError,
     TopologyError,
 )
+from cotree.reading import read_urdf
 from cotree.solvers import Result
 from cotree.studies.bench import bench
 from cotree.version import VERSION as __version__
@@ -42,5 +43,6 @@ __all__ = [
     "cache_directory",
     "clear_cache",
     "load",
+    "read_urdf",
     "register_component",
 ]

@@ -14,8 +14,9 @@ from cotree.errors import ParameterError, SingularSystemError
 from cotree.model.algebraic import solve_states
 from cotree.model.arrays import as_array
 from cotree.model.model import CompiledModel
+from cotree.readers import load_source
 from cotree.scene.description import SceneDescription, check_number
-from cotree.scene.toml_file import load_scene
+from cotree.scene.tunable import keep_tunable, listed_names
 from cotree.solvers.simulate import Settings, simulate
 
 if TYPE_CHECKING:
@@ -60,6 +61,7 @@ class Scene(SceneDescription):
         optimize: str = "auto",
         native: bool = False,
         baumgarte: float = 0.0,
+        tunable: Sequence[str] | None = None,
     ) -> Model:
         """Form the equations, generate C, compile and load it.
 
@@ -77,6 +79,9 @@ class Scene(SceneDescription):
         baumgarte : float
             Rate, [1/s], at which violated constraints decay. Zero, the default, leaves them to
             projection, which holds them to rounding.
+        tunable : sequence of str, optional
+            Parameters that runs may change, with those of sensitivities; others become numbers in
+            the code. As the scene says where absent.
 
         Returns
         -------
@@ -94,12 +99,13 @@ class Scene(SceneDescription):
         """
         from cotree.pipeline import compile_scene
 
-        names = _names(sensitivities)
+        names = listed_names(sensitivities, "sensitivities")
+        described = keep_tunable(self, tunable, names)
         rate = check_number(baumgarte, "baumgarte")
         if rate < 0.0:
             raise ParameterError(f"baumgarte is {rate}: it must not be negative")
         options = BuildOptions(optimize=optimize, native=native)
-        model = Model(compile_scene(self, names, tree, options, rate), self)
+        model = Model(compile_scene(described, names, tree, options, rate), described)
         model.check_start()
         for name in model.unreached:
             warnings.warn(
@@ -138,20 +144,8 @@ class Scene(SceneDescription):
         from cotree.export.equations import symbolic_equations
         from cotree.pipeline import formulate
 
-        names = _names(sensitivities)
+        names = listed_names(sensitivities, "sensitivities")
         return symbolic_equations(formulate(self, names, tree)[1])
-
-
-def _names(sensitivities: Sequence[str] | None) -> list[str]:
-    """Accept one name, several, or none."""
-    if isinstance(sensitivities, str):
-        return [sensitivities]
-    names = list(sensitivities or ())
-    for name in names:
-        if not isinstance(name, str):
-            text = f"sensitivities holds {name!r}: give names of parameters or states"
-            raise ParameterError(text)
-    return names
 
 
 def load(source: str | Path) -> Scene:
@@ -160,19 +154,19 @@ def load(source: str | Path) -> Scene:
     Parameters
     ----------
     source : str or Path
-        Name of a shipped scene, or path of a TOML file.
+        Name of a shipped scene, or path of a TOML or URDF file.
 
     Raises
     ------
     ModelError
-        If there is no such scene, the file is not TOML, or the scene is wrong.
+        If there is no such scene, the file is neither, or the scene is wrong.
 
     Examples
     --------
     >>> load("slider-pendulum").nodes
     ('ground', 'A', 'C', 'D', 'B')
     """
-    return load_scene(source, Scene)
+    return load_source(source, Scene)
 
 
 class Model(CompiledModel):

@@ -104,6 +104,19 @@ def check_scene_name(name: object) -> str:
     return name
 
 
+def check_text(value: object, what: str) -> str:
+    """Accept a unit, a meaning or another text for people.
+
+    Raises
+    ------
+    SceneError
+        If it is none, or too long.
+    """
+    if not isinstance(value, str) or len(value) > 1000:
+        raise SceneError(f"{what} must be a text of at most 1000 characters")
+    return value
+
+
 def c_identifier(name: str) -> str:
     """Turn an accepted name into a C identifier."""
     identifier = name.replace("-", "_")

@@ -24,6 +24,7 @@ from cotree.cli.arguments import (
     read_tree,
 )
 from cotree.cli.report import run_report
+from cotree.cli.source import read_robots_with, read_scene
 from cotree.errors import Error
 from cotree.version import VERSION
 
@@ -44,7 +45,9 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="A shipped scene, or a TOML file.")]
+SceneName = Annotated[
+    str, typer.Argument(metavar="SCENE", help="A shipped scene, or a TOML or URDF file.")
+]
 Sensitivity = Annotated[
     list[str],
     typer.Option(
@@ -130,8 +133,14 @@ def _options(
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
+    base: Annotated[
+        str, typer.Option(help="Of a URDF robot: fixed to the ground, or free.")
+    ] = "fixed",
+    mimic: Annotated[
+        bool, typer.Option(help="Whether its joints that mimic others follow them.")
+    ] = True,
 ) -> None:
-    pass
+    read_robots_with(base, mimic)
 
 
 @app.command("run")
@@ -174,8 +183,6 @@ def run_scene(
     """Integrate a scene and print its end state and sensitivities."""
     import numpy as np
 
-    from cotree.api import load
-
     check_folder(csv)
     check_picture(plot)
     settings: dict[str, Any] = {
@@ -186,7 +193,7 @@ def run_scene(
         "initial": read_numbers("--initial", initial),
         "inputs": read_pairs("--input", inputs),
     }
-    described = load(scene)
+    described = read_scene(scene)
     model = described.compile(sensitivity, read_tree(tree))
     end = described.defaults.t_end if t_end is None else t_end
     times = None if points is None else np.linspace(0.0, end, points)
@@ -221,9 +228,9 @@ def generate_project(
     ] = None,
 ) -> None:
     """Write a C project that integrates a scene without Python."""
-    from cotree.api import load
-
-    project = load(scene).compile(sensitivity, read_tree(tree)).write(output, integrator, step)
+    project = (
+        read_scene(scene).compile(sensitivity, read_tree(tree)).write(output, integrator, step)
+    )
     for file in project.files:
         typer.echo(f"wrote {file}")
     typer.echo(f"build it there with: {project.command}")
@@ -240,9 +247,7 @@ def show_equations(
     ] = False,
 ) -> None:
     """Print the governing and sensitivity equations of a scene."""
-    from cotree.api import load
-
-    described, choice = load(scene), read_tree(tree)
+    described, choice = read_scene(scene), read_tree(tree)
     if steps and latex:
         raise typer.BadParameter("give --latex or --steps, not both")
     if steps:
@@ -280,10 +285,8 @@ def show_graph(
     tree: TreeOption = [],  # noqa: B006
 ) -> None:
     """Print the linear graphs of a scene with tree and matrices, or draw them."""
-    from cotree.api import load
-
     check_picture(output)
-    report = load(scene).graph(read_tree(tree))
+    report = read_scene(scene).graph(read_tree(tree))
     if output is None:
         typer.echo(report.summary().rstrip())
         return
@@ -299,11 +302,10 @@ def check_scene(
     setting: Setting = [],  # noqa: B006
 ) -> None:
     """Compare sensitivities with finite differences; all parameters if none is named."""
-    from cotree.api import load
     from cotree.studies.check import check_sensitivities
 
     values = read_numbers("--set", setting)
-    described = load(scene)
+    described = read_scene(scene)
     names = sensitivity or [row.name for row in described.parameters.values() if row.tunable]
     report = check_sensitivities(
         described.compile(names), t_end=t_end, values=values, plain=described.compile()
@@ -345,7 +347,7 @@ def bench_scene(
     check_folder(json)
     check_picture(plot)
     report = bench(
-        scene,
+        read_scene(scene),
         sensitivity,
         method or None,
         read_tolerances(tolerance) or TOLERANCES,

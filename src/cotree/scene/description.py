@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.components import COMPONENTS, Component, Role
 from cotree.errors import ParameterError, SceneError, nearest
-from cotree.naming import check_name, check_scene_name
+from cotree.naming import check_name, check_scene_name, check_text
 from cotree.scene.events import Event, Mode, make_event
 from cotree.scene.expressions import Expression, parse
 from cotree.scene.fields import check_fields, check_initial, check_vector
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cotree.dag.several import Table
+    from cotree.scene.origin import Origin
     from cotree.scene.ports import Ends
 
 #: Value of a field: one expression, or a tuple of three, or three such rows.
@@ -102,6 +103,7 @@ class SceneDescription:
     modes: dict[str, Mode] = field(default_factory=dict)
     events: dict[str, Event] = field(default_factory=dict)
     defaults: Simulation = field(default_factory=Simulation)
+    origin: Origin | None = None  # of what was read from another tool's file
 
     def __init__(self, name: str, gravity: Sequence[float | str] = (0.0, 0.0, 0.0)) -> None:
         self.name = check_scene_name(name)
@@ -156,6 +158,7 @@ class SceneDescription:
         for edge in self.edges.values():
             nodes = (" -> " if len(edge.nodes) == 2 else ", ").join(edge.nodes)
             lines.append(f"  {edge.name:12} {edge.component.name:12} {nodes}")
+        lines += [f"  note: {note}" for note in (self.origin.notes if self.origin else ())]
         return "\n".join(lines)
 
     def parameter(
@@ -187,8 +190,8 @@ class SceneDescription:
         self.parameters[name] = Parameter(
             name,
             number,
-            _text(unit, f"unit of parameter '{name}'"),
-            _text(doc, f"doc of parameter '{name}'"),
+            check_text(unit, f"unit of parameter '{name}'"),
+            check_text(doc, f"doc of parameter '{name}'"),
             tunable,
         )
 
@@ -223,8 +226,8 @@ class SceneDescription:
         self.inputs[name] = Input(
             name,
             signal,
-            _text(unit, f"unit of input '{name}'"),
-            _text(doc, f"doc of input '{name}'"),
+            check_text(unit, f"unit of input '{name}'"),
+            check_text(doc, f"doc of input '{name}'"),
         )
 
     def edge(
@@ -312,7 +315,7 @@ class SceneDescription:
         """
         check_name("mode", name)
         self._check_new("mode", name, self._signals)
-        text = _text(doc, f"doc of mode '{name}'")
+        text = check_text(doc, f"doc of mode '{name}'")
         self.modes[name] = Mode(name, parse(initial, f"mode '{name}'"), text)
 
     def event(
@@ -361,7 +364,7 @@ class SceneDescription:
             if key not in known:
                 raise SceneError(f"simulation has no setting '{key}'{nearest(key, known)}")
             if key == "method":
-                settings[key] = _text(value, "method of the simulation")
+                settings[key] = check_text(value, "method of the simulation")
             elif check_number(value, f"{key} of the simulation") <= 0.0:
                 raise SceneError(f"{key} of the simulation is {value}: it must be positive")
         self.defaults = Simulation(**{**vars(self.defaults), **settings})
@@ -392,9 +395,3 @@ def check_number(value: object, what: str) -> float:
     if not math.isfinite(number):
         raise ParameterError(f"{what} is {number}: give a finite number")
     return number
-
-
-def _text(value: object, what: str) -> str:
-    if not isinstance(value, str) or len(value) > 1000:
-        raise SceneError(f"{what} must be a text of at most 1000 characters")
-    return value

@@ -1,0 +1,58 @@
+"""Names of other tools to names of a scene: safe, unique, and those that changed remembered."""
+
+from __future__ import annotations
+
+import keyword
+import re
+from dataclasses import dataclass, field
+
+from cotree.naming import RESERVED
+from cotree.scene.expressions import FUNCTIONS
+
+_STRANGE = re.compile(r"[^A-Za-z0-9_]")
+_LONGEST = 48  # leaves room for endings such as _damping within the 64 that a scene allows
+
+
+@dataclass
+class Namer:
+    """Gives each thing of a file a name of its own.
+
+    Attributes
+    ----------
+    changed : dict of (str, str) to str
+        Names that had to change: what the file calls it, by kind and name, to what the scene does.
+    """
+
+    changed: dict[tuple[str, str], str] = field(default_factory=dict)
+    _taken: set[str] = field(default_factory=lambda: {"ground", *RESERVED, *FUNCTIONS})
+    _alike: dict[str, int] = field(default_factory=dict)
+
+    def give(self, kind: str, name: str) -> str:
+        """Name a thing that the file names.
+
+        Parameters
+        ----------
+        kind : str
+            What it is, for people: ``link``, ``joint``.
+        name : str
+            What the file calls it; any text.
+        """
+        given = self.own(name)
+        if given != name:
+            self.changed[kind, name] = given
+        return given
+
+    def own(self, name: str) -> str:
+        """Name a thing that the scene adds, as closely as is allowed and not taken."""
+        safe = _STRANGE.sub("_", name)[:_LONGEST] or "unnamed"
+        if safe[0].isdigit():
+            safe = f"_{safe}"
+        if keyword.iskeyword(safe):
+            safe = f"{safe}_"
+        found = safe
+        while found in self._taken:
+            # Counted on, as a file may call a hundred thousand things alike.
+            self._alike[safe] = self._alike.get(safe, 1) + 1
+            found = f"{safe}_{self._alike[safe]}"
+        self._taken.add(found)
+        return found

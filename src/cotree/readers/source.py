@@ -1,0 +1,40 @@
+"""Whatever names a scene: a shipped one, a TOML file, or a file of another tool by its ending."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeVar
+
+from cotree.readers.urdf import UrdfOptions, read_urdf_scene
+from cotree.scene.description import SceneDescription
+from cotree.scene.toml_file import load_scene
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+_Scene = TypeVar("_Scene", bound=SceneDescription)
+
+
+def is_urdf(source: str | Path) -> bool:
+    """Whether a file is a robot description, by its ending."""
+    return str(source).lower().endswith(".urdf")
+
+
+def load_source(source: str | Path, scene_type: type[_Scene]) -> _Scene:
+    """Read a scene from whatever names it.
+
+    Parameters
+    ----------
+    source : str or Path
+        Name of a shipped scene, or path of a file: ``.urdf`` is a robot description, anything
+        else TOML.
+    scene_type : type
+        The class to make.
+
+    Raises
+    ------
+    ModelError
+        If there is no such scene, or it is wrong.
+    """
+    if is_urdf(source):
+        return read_urdf_scene(source, scene_type, UrdfOptions())
+    return load_scene(source, scene_type)

@@ -1,0 +1,251 @@
+"""A robot description as it stands in a file: links and joints, checked one by one.
+
+In: the elements of a URDF file (the Unified Robot Description Format of ROS). Out: a
+:class:`Robot`. What it says of itself only is checked here; that links and joints make a tree is
+checked by :mod:`cotree.readers.urdf_tree`.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.errors import SceneError, nearest
+from cotree.readers.urdf_values import Reader
+from cotree.scene.origin import Visual
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cotree.readers.urdf_values import Pose, Vector
+    from cotree.readers.xml_tree import Element
+
+#: Types of joints, with whether they have an axis.
+JOINT_TYPES = {
+    "fixed": False,
+    "revolute": True,
+    "continuous": True,
+    "prismatic": True,
+    "planar": True,
+    "floating": False,
+}
+_MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """Inertia of a link.
+
+    Attributes
+    ----------
+    pose : Pose
+        Of the centre of mass, and of the axes that the moments are about, in the link's axes.
+    mass : float
+        [kg].
+    moments : tuple of six float
+        ixx, ixy, ixz, iyy, iyz, izz, [kg m^2].
+    """
+
+    pose: Pose
+    mass: float
+    moments: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Link:
+    """A link: its name, the line where it begins, its inertia if it has any, what it looks like."""
+
+    name: str
+    line: int
+    inertial: Inertial | None
+    visuals: tuple[Visual, ...]
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """The coordinate of another joint, times a factor, plus an offset."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint.
+
+    Attributes
+    ----------
+    name, type : str
+        Its name, and one of :data:`JOINT_TYPES`.
+    line : int
+        Where it begins.
+    parent, child : str
+        Its links.
+    pose : Pose
+        Of the child's axes in the parent's, where its coordinate is zero.
+    axis : Vector
+        In the child's axes.
+    damping, friction : float
+        [N s/m or N m s/rad], [N or N m].
+    mimic : Mimic or None
+        Where its coordinate is that of another joint.
+    """
+
+    name: str
+    type: str
+    line: int
+    parent: str
+    child: str
+    pose: Pose
+    axis: Vector
+    damping: float
+    friction: float
+    mimic: Mimic | None
+
+
+@dataclass(frozen=True)
+class Robot:
+    """All of a file: its name, links, joints, and how often it has what is not read."""
+
+    name: str
+    links: tuple[Link, ...]
+    joints: tuple[Joint, ...]
+    ignored: dict[str, int]
+
+
+def read_robot(root: Element, where: str) -> Robot:
+    """Read the elements of a URDF file.
+
+    Parameters
+    ----------
+    root : Element
+        The outermost.
+    where : str
+        The file, for messages.
+
+    Raises
+    ------
+    SceneError
+        If an element is missing or wrong; the message begins with file and line.
+    """
+    reader = Reader(where)
+    if root.tag != "robot":
+        raise reader.error(root, f"the outermost element is <{root.tag[:40]}>, not <robot>")
+    known = ("link", "joint")
+    for child in root.children:
+        if child.tag.startswith("xacro:"):
+            raise reader.error(child, f"<{child.tag[:40]}> is a macro: run xacro on the file first")
+    links = tuple(_link(reader, element) for element in root.all("link"))
+    joints = tuple(_joint(reader, element) for element in root.all("joint"))
+    ignored = Counter(child.tag for child in root.children if child.tag not in known)
+    if not links:
+        raise reader.error(root, "the robot has no links")
+    return Robot(root.attributes.get("name", "robot"), links, joints, dict(ignored))
+
+
+def _link(reader: Reader, element: Element) -> Link:
+    name = reader.name(element, "link")
+    inertial = element.first("inertial")
+    return Link(
+        name,
+        element.line,
+        None if inertial is None else _inertial(reader, inertial, f"link '{name[:60]}'"),
+        tuple(_visuals(reader, element.all("visual"))),
+    )
+
+
+def _inertial(reader: Reader, element: Element, what: str) -> Inertial:
+    mass_element = reader.child(element, "mass", what)
+    mass = reader.number(mass_element, "value", what)
+    if mass < 0.0:
+        raise reader.error(mass_element, f"{what} has the negative mass {mass:g}")
+    tensor = reader.child(element, "inertia", what)
+    moments = {name: reader.number(tensor, name, what, 0.0) for name in _MOMENTS}
+    for name in ("ixx", "iyy", "izz"):
+        if moments[name] < 0.0:
+            raise reader.error(tensor, f"{what} has the negative moment of inertia {name}")
+    return Inertial(reader.pose(element, what), mass, tuple(moments.values()))
+
+
+def _joint(reader: Reader, element: Element) -> Joint:
+    name = reader.name(element, "joint")
+    what = f"joint '{name[:60]}'"
+    kind = element.attributes.get("type")
+    if kind is None:
+        raise reader.error(element, f'{what} has no type: give type="revolute", for example')
+    if kind not in JOINT_TYPES:
+        hint = nearest(kind[:80], JOINT_TYPES)
+        raise reader.error(element, f"{what} has the unknown type '{kind[:80]}'{hint}")
+    ends = [
+        reader.name(reader.child(element, end, what), f"{end} of {what}", "link")
+        for end in ("parent", "child")
+    ]
+    axis_element, axis = element.first("axis"), (1.0, 0.0, 0.0)
+    if JOINT_TYPES[kind] and axis_element is not None:
+        axis = reader.vector(axis_element, "xyz", what, axis)
+        if max(map(abs, axis)) < 1e-6:
+            raise reader.error(axis_element, f"the axis of {what} has no length")
+    damping, friction = _dynamics(reader, element, what)
+    return Joint(
+        name,
+        kind,
+        element.line,
+        ends[0],
+        ends[1],
+        reader.pose(element, what),
+        axis,
+        damping,
+        friction,
+        _mimic(reader, element, what),
+    )
+
+
+def _dynamics(reader: Reader, joint: Element, what: str) -> tuple[float, float]:
+    element = joint.first("dynamics")
+    if element is None:
+        return 0.0, 0.0
+    found = [reader.number(element, name, what, 0.0) for name in ("damping", "friction")]
+    for name, value in zip(("damping", "friction"), found, strict=True):
+        if value < 0.0:
+            raise reader.error(element, f"{what} has the negative {name} {value:g}")
+    return found[0], found[1]
+
+
+def _mimic(reader: Reader, joint: Element, what: str) -> Mimic | None:
+    element = joint.first("mimic")
+    if element is None:
+        return None
+    leader = reader.name(element, f"mimic of {what}", "joint")
+    multiplier = reader.number(element, "multiplier", what, 1.0)
+    return Mimic(leader, multiplier, reader.number(element, "offset", what, 0.0))
+
+
+def _visuals(reader: Reader, elements: Sequence[Element]) -> list[Visual]:
+    """List what can be drawn. A shape that is wrong is no reason to refuse the mechanics."""
+    found = []
+    for element in elements:
+        geometry = element.first("geometry")
+        shape = geometry.children[0] if geometry is not None and geometry.children else None
+        if shape is None:
+            continue
+        try:
+            pose = reader.pose(element, "visual")
+            if shape.tag == "mesh":
+                size = reader.vector(shape, "scale", "mesh", (1.0, 1.0, 1.0))
+            elif shape.tag == "box":
+                size = reader.vector(shape, "size", "box", None)
+            elif shape.tag in ("cylinder", "capsule"):
+                radius = reader.number(shape, "radius", shape.tag)
+                size = (radius, radius, reader.number(shape, "length", shape.tag))
+            elif shape.tag == "sphere":
+                radius = reader.number(shape, "radius", "sphere")
+                size = (radius, radius, radius)
+            else:
+                continue
+        except SceneError:
+            continue
+        file = shape.attributes.get("filename", "") if shape.tag == "mesh" else ""
+        found.append(Visual("", shape.tag, size, file, pose.xyz, pose.rpy))
+    return found

@@ -1,0 +1,105 @@
+"""Attributes of a URDF file: names, numbers, vectors and poses, or a sentence with the line."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.errors import SceneError
+
+if TYPE_CHECKING:
+    from cotree.readers.xml_tree import Element
+
+Vector = tuple[float, float, float]
+
+_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?\Z")
+_LARGEST = 1e15  # metres, kilograms: beyond it products overflow, and nothing is built of it
+_LONGEST_NAME = 500
+_ZERO = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A place, [m], and roll, pitch and yaw about fixed axes, [rad]."""
+
+    xyz: Vector = _ZERO
+    rpy: Vector = _ZERO
+
+
+@dataclass(frozen=True)
+class Reader:
+    """Reads attributes; every complaint begins with the file and the line."""
+
+    where: str
+
+    def error(self, element: Element, text: str) -> SceneError:
+        """Make the error that a text is about an element."""
+        return SceneError(f"{self.where}:{element.line}: {text}")
+
+    def child(self, element: Element, tag: str, what: str) -> Element:
+        """Give the child that there must be."""
+        found = element.first(tag)
+        if found is None:
+            raise self.error(element, f"<{element.tag}> of {what} has no <{tag}>")
+        return found
+
+    def name(self, element: Element, what: str, attribute: str = "name") -> str:
+        """Give the name that there must be."""
+        found = element.attributes.get(attribute, "").strip()
+        if not found:
+            raise self.error(element, f'the {what} has no name: write {attribute}="..."')
+        if len(found) > _LONGEST_NAME:
+            raise self.error(
+                element, f"the name of the {what} has more than {_LONGEST_NAME} characters"
+            )
+        return found
+
+    def number(self, element: Element, name: str, what: str, default: float | None = None) -> float:
+        """Give a number; it must be there where no default is given."""
+        text = element.attributes.get(name)
+        if text is None:
+            if default is None:
+                raise self.error(element, f'<{element.tag}> of {what} has no {name}="..."')
+            return default
+        return self._number(element, name, text.strip(), what)
+
+    def vector(
+        self, element: Element, name: str, what: str, default: Vector | None = _ZERO
+    ) -> Vector:
+        """Give three numbers."""
+        text = element.attributes.get(name)
+        if text is None:
+            if default is None:
+                raise self.error(element, f'<{element.tag}> of {what} has no {name}="..."')
+            return default
+        parts = text.split()
+        if len(parts) != 3:
+            raise self.error(
+                element,
+                f"{name} of <{element.tag}> of {what} has {len(parts)} parts: give three numbers",
+            )
+        x, y, z = (self._number(element, name, part, what) for part in parts)
+        return (x, y, z)
+
+    def pose(self, element: Element, what: str) -> Pose:
+        """Give the pose in an element's <origin>; none is zero."""
+        origin = element.first("origin")
+        if origin is None:
+            return Pose()
+        return Pose(self.vector(origin, "xyz", what), self.vector(origin, "rpy", what))
+
+    def _number(self, element: Element, name: str, text: str, what: str) -> float:
+        if not _NUMBER.match(text):
+            hint = ": run xacro on the file first" if "${" in text else ""
+            raise self.error(
+                element,
+                f"{name} of <{element.tag}> of {what} is '{text[:60]}', not a number{hint}",
+            )
+        value = float(text)
+        if not math.isfinite(value) or abs(value) > _LARGEST:
+            raise self.error(
+                element, f"{name} of <{element.tag}> of {what} is {text[:60]}: too large"
+            )
+        return value

@@ -1,0 +1,116 @@
+"""XML as a tree that knows its lines, without anything that reaches out of the file.
+
+Expat parses it. Document type declarations, and with them entities of any kind, are refused, as
+are more elements, depth or text than a description of a mechanism has.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from xml.parsers import expat
+
+from cotree.errors import SceneError
+
+_MOST_ELEMENTS = 200_000
+_DEEPEST = 60
+_LONGEST_VALUE = 10_000  # characters of an attribute
+
+
+@dataclass
+class Element:
+    """An element of an XML file.
+
+    Attributes
+    ----------
+    tag : str
+        Its name, with its prefix as written.
+    attributes : dict of str to str
+        Its attributes.
+    line : int
+        Where it begins, from 1.
+    children : list of Element
+        The elements in it. Text between them is not kept.
+    """
+
+    tag: str
+    attributes: dict[str, str]
+    line: int
+    children: list[Element] = field(default_factory=list)
+
+    def all(self, tag: str) -> list[Element]:
+        """List the children of a name."""
+        return [child for child in self.children if child.tag == tag]
+
+    def first(self, tag: str) -> Element | None:
+        """Give the first child of a name, if there is one."""
+        return next((child for child in self.children if child.tag == tag), None)
+
+
+class _Builder:
+    def __init__(self, where: str) -> None:
+        # The text is in UTF-8 by now, whatever its first line says.
+        self.parser = expat.ParserCreate("utf-8")
+        self.parser.StartElementHandler = self.start
+        self.parser.EndElementHandler = self.end
+        self.parser.StartDoctypeDeclHandler = self.refuse_doctype
+        self.where = where
+        self.root: Element | None = None
+        self.open: list[Element] = []
+        self.n_elements = 0
+
+    def complain(self, text: str) -> SceneError:
+        return SceneError(f"{self.where}:{self.parser.CurrentLineNumber}: {text}")
+
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
+        self.n_elements += 1
+        if self.n_elements > _MOST_ELEMENTS:
+            raise self.complain(f"more than {_MOST_ELEMENTS} elements")
+        if len(self.open) >= _DEEPEST:
+            raise self.complain(f"elements are nested more than {_DEEPEST} deep")
+        if any(len(value) > _LONGEST_VALUE for value in attributes.values()):
+            raise self.complain(f"an attribute has more than {_LONGEST_VALUE} characters")
+        element = Element(tag, attributes, self.parser.CurrentLineNumber)
+        if self.open:
+            self.open[-1].children.append(element)
+        else:
+            self.root = element
+        self.open.append(element)
+
+    def end(self, _: str) -> None:
+        self.open.pop()
+
+    def refuse_doctype(self, *_: object) -> None:
+        raise self.complain(
+            "a document type declaration, which may reach outside the file, is not read: delete it"
+        )
+
+
+def parse_xml(text: str, where: str) -> Element:
+    """Parse an XML text.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+    where : str
+        What to call it in messages.
+
+    Returns
+    -------
+    Element
+        The outermost element.
+
+    Raises
+    ------
+    SceneError
+        If it is not well-formed, has a document type declaration, or is too large. The message
+        begins with the file and the line.
+    """
+    builder = _Builder(where)
+    try:
+        builder.parser.Parse(text.encode("utf-8", "surrogatepass"), True)
+    except expat.ExpatError as error:
+        reason = expat.ErrorString(error.code)
+        raise SceneError(f"{where}:{error.lineno}: not valid XML: {reason}") from None
+    assert builder.root is not None  # expat refuses a text without an element
+    return builder.root

@@ -1,0 +1,47 @@
+"""Readers of other tools' files, as users call them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cotree.api import Scene
+from cotree.readers import UrdfOptions, read_urdf_scene
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def read_urdf(
+    path: str | Path, base: str = "fixed", mimic: bool = True, *, snap: float = 0.0
+) -> Scene:
+    """Read a robot from a URDF file.
+
+    Links become nodes, joints edges of the same name; torques and forces of joints are inputs
+    ``JOINT_torque`` and ``JOINT_force``; masses, centres of mass, moments of inertia, damping,
+    friction and gravity are parameters. What was not read, and names that had to change, stand in
+    ``scene.origin``.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    base : {"fixed", "free"}
+        Whether the root link is welded to the ground, or moves freely as edge ``base``.
+    mimic : bool
+        Whether joints that mimic others follow them; else they are joints of their own.
+    snap : float
+        Angles of frames this close, [rad], to a multiple of a quarter turn are taken as that. Files
+        often write quarter turns with few digits; exact ones save many operations. Zero, the
+        default, takes them as they are written.
+
+    Returns
+    -------
+    Scene
+        The robot at rest, all coordinates zero; gravity of 9.81 m/s^2 along -z.
+
+    Raises
+    ------
+    SceneError
+        If the file cannot be read, or is not a robot; the message begins with file and line.
+    """
+    return read_urdf_scene(path, Scene, UrdfOptions(base, mimic, snap))

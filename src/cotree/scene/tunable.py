@@ -1,0 +1,67 @@
+"""Which parameters may change after compiling: the others become numbers in the code."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+from typing import TYPE_CHECKING, TypeVar
+
+from cotree.errors import ParameterError, nearest
+from cotree.scene.description import SceneDescription
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+_Scene = TypeVar("_Scene", bound=SceneDescription)
+
+
+def listed_names(names: Sequence[str] | None, what: str) -> list[str]:
+    """Accept one name, several, or none.
+
+    Raises
+    ------
+    ParameterError
+        If one is no text.
+    """
+    if isinstance(names, str):
+        return [names]
+    found = list(names or ())
+    for name in found:
+        if not isinstance(name, str):
+            raise ParameterError(f"{what} holds {name!r}: give names of parameters or states")
+    return found
+
+
+def keep_tunable(
+    scene: _Scene, tunable: Sequence[str] | None, sensitivities: Sequence[str]
+) -> _Scene:
+    """Give the scene with no other parameters tunable than those wanted.
+
+    Parameters
+    ----------
+    scene : SceneDescription
+        The scene, which stays as it is.
+    tunable : sequence of str or None
+        The parameters that a run may change. None leaves that to the scene.
+    sensitivities : sequence of str
+        What sensitivities are wanted to: the parameters among them stay as the scene has them.
+
+    Raises
+    ------
+    ParameterError
+        If a name is no parameter.
+    """
+    if tunable is None:
+        return scene
+    wanted = listed_names(tunable, "tunable")
+    for name in wanted:
+        if name not in scene.parameters:
+            hint = nearest(name, scene.parameters)
+            raise ParameterError(f"tunable names '{name}', which is no parameter{hint}")
+    kept = {*wanted, *sensitivities}
+    changed = copy.copy(scene)
+    changed.parameters = {
+        name: row if name in kept else replace(row, tunable=False)
+        for name, row in scene.parameters.items()
+    }
+    return changed
