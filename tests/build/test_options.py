@@ -37,7 +37,8 @@ def test_chosen_level_is_kept():
 @pytest.mark.parametrize("native", [False, True])
 def test_digits_do_not_depend_on_hidden_defaults(toolchain, native):
     flags = compiler_flags(toolchain, BuildOptions(native=native), 10)
-    assert {"-std=c99", "-shared", "-ffp-contract=off", "-fno-math-errno"} <= set(flags)
+    contract = "fast" if native else "off"  # the machine's own code may fuse products and sums
+    assert {"-std=c99", "-shared", f"-ffp-contract={contract}", "-fno-math-errno"} <= set(flags)
     assert "-ffast-math" not in flags
 
 
