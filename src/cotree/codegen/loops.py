@@ -95,9 +95,9 @@ def roll(lines: Sequence[str], array: str = "v") -> list[str]:
             writer.plain(rows)
         else:
             writer.loop([rows[i::period] for i in range(period)])
-    written = writer.written()
-    is_short = len(lines) <= _SHORT and len(written) > _MUCH_SHORTER * len(lines)
-    return list(lines) if is_short else written
+    if len(lines) <= _SHORT and writer.n_lines > _MUCH_SHORTER * len(lines):
+        return list(lines)
+    return writer.written()
 
 
 def _apart(lines: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -163,6 +163,11 @@ class _Writer:
         self._kept = kept
         self._array = array
         self._names: Counter[str] = Counter()
+
+    @property
+    def n_lines(self) -> int:
+        """How many lines of statements there are."""
+        return len(self._lines)
 
     def written(self) -> list[str]:
         """Give all lines: the array, the tables, the statements."""
