@@ -192,6 +192,7 @@ def test_budgets_are_shared():
     assert part.status == -2
     assert part.statistics.n_steps == whole.statistics.n_steps - 5
     assert part.statistics.began_with == "dop853"
+    assert f"the limit of {whole.statistics.n_steps - 5} steps is reached" in part.message
     assert whole.t[-7] < part.t[-1] < END
     assert spent.statistics.began_with == ""
     assert "the limit of 50 steps is reached" in spent.message
