@@ -194,7 +194,7 @@ class Model(CompiledModel):
 
     def summary(self) -> str:
         """Describe the kernels, the formulations tried and what each pass did."""
-        lines = [self._program.summary(), "formulations tried, by estimated operations:"]
+        lines = [self._program.summary(), "formulations tried, the fewest estimated cycles first:"]
         for row in self._compiled.alternatives:
             axes = ", ".join(map(str, row.own_axes)) or "none"
             lines.append(f"  {row.summary()}; clusters in their own axes: {axes}")

@@ -19,6 +19,7 @@ from cotree.codegen.integrators import INTEGRATORS, engine_files, sundials_files
 from cotree.codegen.render import render_model
 from cotree.dag.several import SolveShape
 from cotree.equations import Guard
+from cotree.export.c_project import write_c_project
 from cotree.passes.recipe import run_passes
 from cotree.pipeline import formulate, generate
 from cotree.program import KERNELS
@@ -107,6 +108,27 @@ def test_what_drives_sundials_is_clean(run_compiler, method):
 @pytest.mark.parametrize("method", INTEGRATORS)
 def test_what_drives_own_methods_is_clean(run_compiler, method):
     run_compiler(engine_files(method), "-c")
+
+
+@pytest.mark.parametrize(
+    ("scene", "integrator", "step"),
+    [
+        ("bouncing-ball", "dop853", None),
+        ("bridge-rectifier", "rodas5", None),
+        ("slider-pendulum", "euler", 1e-3),
+    ],
+)
+def test_what_a_c_project_compiles_is_clean(run_compiler, tmp_path, scene, integrator, step):
+    """At the level of the command that is printed: compilers see more where they optimise."""
+    program = generate(formulate(load(scene), (), None)[1])[0]
+    project = write_c_project(
+        program, tmp_path / "project", integrator, t_end=1.0, rtol=1e-6, atol=1e-8, step=step
+    )
+    names = [word for word in project.command.split() if word.endswith(".c")]
+    assert "-O2" in project.command.split()
+    files = {path.name: path.read_text() for path in project.directory.glob("*.[ch]")}
+    assert set(names) <= set(files)
+    run_compiler(files, "-c", "-O2")
 
 
 def test_a_program_of_nothing_is_clean(made_up, run_compiler):

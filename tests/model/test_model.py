@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -250,3 +251,16 @@ def test_parameters_changed_in_place_are_seen(model_of):
     assert not np.array_equal(before, fresh)
     model.rhs(0.0, y)
     assert np.array_equal(model.rhs(0.0, y, series), fresh)
+
+
+def test_the_summary_lists_formulations_by_cycles():
+    lines = cotree.load("slider-pendulum").compile(["L"]).summary().splitlines()
+    at = lines.index("formulations tried, the fewest estimated cycles first:")
+    found = []
+    for line in lines[at + 1 :]:
+        row = re.fullmatch(r" +(\d+) operations, +(\d+) cycles, .* tree \{.*\}; clusters .*", line)
+        if row is None:
+            break
+        found.append(int(row[2]))
+    assert len(found) > 1
+    assert found == sorted(found)

@@ -12,6 +12,7 @@ from hard_scenes import bennett_loop
 
 from cotree import Scene, load
 from cotree.codegen.integrators import INTEGRATORS
+from cotree.solvers import native
 
 pytestmark = pytest.mark.compiler
 
@@ -118,6 +119,26 @@ def test_budgets(slider):
         result = slider.simulate((0.0, 1e9), [1e9], "rkf45", time_limit=0.05)
     assert result.status == -2
     assert 0.0 < result.t[-1] < 1e9
+
+
+@pytest.mark.parametrize("first", [5, 20])
+def test_a_second_attempt_takes_what_is_left_of_the_budget(monkeypatch, first):
+    run_job, jobs = native.run_job, []
+
+    def failing(job, problem, method, spent=0.0):
+        jobs.append(job)
+        if len(jobs) > 1:
+            return run_job(job, problem, method, spent)
+        job.run(first)
+        return native.Ended(native.FAILED, "made up", 0.0)
+
+    monkeypatch.setattr(native, "run_job", failing)
+    model = load("bridge-rectifier").compile()
+    with pytest.warns(RuntimeWarning, match="the limit of 20 steps is reached"):
+        result = model.simulate((0.0, 0.1), None, "dop853", max_steps=20)
+    assert len(jobs) == 2  # unknowns are integrated, then solved for
+    assert result.statistics.n_steps == 20 - first
+    assert len(result.t) == 1 + 20 - first
 
 
 @pytest.mark.parametrize("method", NATIVE)

@@ -192,6 +192,7 @@ def test_budgets_are_shared():
     assert part.status == -2
     assert part.statistics.n_steps == whole.statistics.n_steps - 5
     assert part.statistics.began_with == "dop853"
+    assert f"the limit of {whole.statistics.n_steps - 5} steps is reached" in part.message
     assert whole.t[-7] < part.t[-1] < END
     assert spent.statistics.began_with == ""
     assert "the limit of 50 steps is reached" in spent.message
@@ -210,3 +211,28 @@ def test_a_successor_that_fails(monkeypatch):
     assert result.message.startswith("dop853 reached t = 11. dop853 went on by itself, although")
     assert "as short as stability asks: It broke." in result.message
     assert result["m.v"][-1] == pytest.approx(np.sin(11.0), abs=1e-6)
+
+
+@pytest.mark.parametrize("rtol", [1e-4, 1e-6])
+def test_growth_from_below_the_tolerance_is_followed(rtol):
+    # Near the rest at x = 0 one mode grows as exp(1000 t) from 1e-9, below the tolerance, and
+    # Rosenbrock's steps of 40 of its time constants damp it: they came to rest at x = 7e-6.
+    model = van_der_pol(1e-6).compile()
+    result = model.simulate((0.0, 2000.0), [2000.0], rtol=rtol, atol=1e-2 * rtol, throw=True)
+    tight = model.simulate((0.0, 2000.0), [2000.0], "rodas5", rtol=1e-10, atol=1e-13, throw=True)
+    assert result.statistics.began_with == "dop853"
+    assert "at the start a mode grows e-fold every 0.001 s, which rodas5 would" in result.message
+    # Its first step, of 5.5 time constants, errs by per cents: some 1e-5 s of the whole motion.
+    # Where both are at the end, x' is 1; some hundred steps err by the tolerance.
+    assert abs(result["s.s"][-1] - tight["s.s"][-1]) < 1e-4 + 100.0 * rtol
+
+
+def test_growth_that_an_explicit_method_cannot_follow_is_said():
+    # Beside what grows e-fold in a second something decays in a microsecond.
+    scene = Scene("tipping")
+    for name, current in (("u", "u.v"), ("w", "-1e6*w.v")):
+        scene.edge(name, "capacitor", name, "ground", capacitance=1.0, initial={"v": 1e-6})
+        scene.edge(f"I{name}", "current_source", "ground", name, current=current)
+    result = scene.compile().simulate((0.0, 30.0), [30.0], throw=True)
+    assert result.statistics.method == "rodas5"
+    assert "But at the start a mode grows e-fold every 1 s: what is below" in result.message

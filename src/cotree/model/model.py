@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +14,7 @@ from cotree.model.algebraic import solve_start
 from cotree.model.arrays import as_array
 from cotree.model.junctions import Junctions
 from cotree.model.start import Start, consistent_start, start_by_differences
+from cotree.model.structure import JacobianStructure
 from cotree.scene.description import check_number
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ Array = npt.NDArray[np.float64]
 _NONE: Array = np.zeros(0)
 
 
-class CompiledModel:
+class CompiledModel(JacobianStructure):
     """Kernels of a scene with their names, called with numpy arrays.
 
     Every method takes parameters ``p`` and inputs ``u`` as arrays in the order of
@@ -192,24 +192,6 @@ class CompiledModel:
     def constraint_values(self, t: float, y: Any, p: Any = None) -> Array:
         """Evaluate what is zero on a motion, shape (n_constraints,); see :attr:`constraints`."""
         return self._at("constraints", t, y, p, None)
-
-    @property
-    def jacobian_pattern(self) -> npt.NDArray[np.bool_]:
-        """Where the Jacobian may be nonzero, shape (n_states, n_states)."""
-        n = len(self.states)
-        pattern = np.zeros((n, n), dtype=bool)
-        pattern[self._rows, self._columns] = True
-        return pattern
-
-    @cached_property
-    def _rows(self) -> npt.NDArray[np.intp]:
-        return np.array(self.layout.row_indices, dtype=np.intp)
-
-    @cached_property
-    def _columns(self) -> npt.NDArray[np.intp]:
-        starts = self.layout.column_starts
-        counts = [end - start for start, end in itertools.pairwise(starts)]
-        return np.repeat(np.arange(len(self.states)), counts)
 
     def parameter_array(self, values: Mapping[str, float] | None = None) -> Array:
         """Give the parameter array with some values replaced by name.

@@ -1,4 +1,4 @@
-"""How fast what a problem forgets decays: the eigenvalues of its states' Jacobian.
+"""How fast what a problem forgets decays, and what it does not grows: its Jacobian's eigenvalues.
 
 In: a ``Problem`` and points of its motion. Out: rates in 1/s. They tell stiff problems.
 """
@@ -34,24 +34,44 @@ def fastest_decay(problem: Problem, points: Sequence[tuple[float, FloatArray]]) 
     points : sequence of (float, ndarray)
         Times, [s], and states with sensitivities there, all without algebraic unknowns.
     """
-    modes = _modes(problem, points)
+    modes = _modes(problem, points, problem.direction)
     return float(np.max(-modes[np.abs(modes.imag) <= -modes.real].real, initial=0.0))
+
+
+def fastest_growth(problem: Problem, t: float, z: FloatArray) -> float:
+    """Return the largest rate at which a mode grows at a point, [1/s]; 0 where none is found.
+
+    Parameters
+    ----------
+    problem : Problem
+        Whose modes.
+    t : float
+        Time, [s].
+    z : ndarray
+        States with sensitivities there, without algebraic unknowns.
+    """
+    # Integrated the other way, what grows decays.
+    modes = _modes(problem, [(t, z)], -problem.direction)
+    return float(np.max(-modes.real, initial=0.0))
 
 
 def largest_decaying(problem: Problem, t: float, z: FloatArray) -> float:
     """Return the size of the largest eigenvalue among modes that decay, however slowly, [1/s]."""
-    return float(np.max(np.abs(_modes(problem, [(t, z)])), initial=0.0))
+    modes = _modes(problem, [(t, z)], problem.direction)
+    return float(np.max(np.abs(modes), initial=0.0))
 
 
 def _modes(
-    problem: Problem, points: Sequence[tuple[float, FloatArray]]
+    problem: Problem, points: Sequence[tuple[float, FloatArray]], way: float
 ) -> npt.NDArray[np.complex128]:
-    """Return the eigenvalues of modes that decay in the direction of time, at all points."""
+    """Return the eigenvalues of modes that decay as time goes a way, at all points."""
     evaluator = Evaluator(reduce_problem(problem) if problem.n_algebraic else problem)
-    return np.concatenate([np.zeros(0), *(_modes_at(evaluator, t, z) for t, z in points)])
+    return np.concatenate([np.zeros(0), *(_modes_at(evaluator, t, z, way) for t, z in points)])
 
 
-def _modes_at(evaluator: Evaluator, t: float, z: FloatArray) -> npt.NDArray[np.complex128]:
+def _modes_at(
+    evaluator: Evaluator, t: float, z: FloatArray, way: float
+) -> npt.NDArray[np.complex128]:
     problem = evaluator.problem
     try:
         if problem.sparse_jacobian is not None:
@@ -61,14 +81,15 @@ def _modes_at(evaluator: Evaluator, t: float, z: FloatArray) -> npt.NDArray[np.c
     except IntegrationStopError:
         return np.zeros(0, dtype=np.complex128)
     # Integrated backwards in time, what grows forwards decays.
-    eigenvalues = problem.direction * _eigenvalues(matrix, problem.direction)
+    eigenvalues = way * _eigenvalues(matrix, way, way == problem.direction)
     return eigenvalues[eigenvalues.real < 0.0]
 
 
-def _eigenvalues(matrix: Any, direction: float) -> npt.NDArray[np.complex128]:
+def _eigenvalues(matrix: Any, direction: float, is_bounded: bool) -> npt.NDArray[np.complex128]:
     """Return the eigenvalues, of a sparse matrix a few of those that decay fastest.
 
-    Where the iteration for these does not converge, the sums of the entries' sizes bound them.
+    Where the iteration for these does not converge, the sums of the entries' sizes bound them, if
+    a bound is wanted; or there are none.
     """
     if isinstance(matrix, np.ndarray):
         return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)
@@ -81,6 +102,8 @@ def _eigenvalues(matrix: Any, direction: float) -> npt.NDArray[np.complex128]:
             matrix, k=_FEW, which=which, v0=start, tol=_ROUGH, return_eigenvectors=False
         )
     except scipy.sparse.linalg.ArpackNoConvergence:
+        if not is_bounded:
+            return np.zeros(0, dtype=np.complex128)
         rows = abs(matrix).sum(axis=1).max()
         columns = abs(matrix).sum(axis=0).max()
         found = np.array([-direction * min(rows, columns)])

@@ -375,7 +375,7 @@ class _Run:
 
     def _check_steps(self) -> None:
         limit = self.problem.max_steps
-        if limit is not None and self.n_steps >= limit:
+        if limit is not None and self.problem.steps_taken + self.n_steps >= limit:
             raise IntegrationStopError(BUDGET_SPENT, f"the limit of {limit} steps is reached")
 
 

@@ -123,6 +123,7 @@ class NativeSolver:
         job = Job(engine, problem, times, is_extended, newton)
         ended = self._run(job, problem)
         if isinstance(ended, Ended) and ended.status == FAILED and is_extended:
+            problem = _less(problem, job)
             job = Job(engine, problem, times)
             ended = self._run(job, problem, ended.seconds)
         if isinstance(ended, Trajectory):
@@ -130,7 +131,8 @@ class NativeSolver:
         is_hard = problem.n_algebraic or problem.singular is not None
         if ended.status == FAILED and is_hard and not job.is_final:
             # What looks far for algebraic unknowns, and passes singular positions, is Python.
-            return self._stand_in(problem, f"{ended.reason} at t = {float(job.job.t):.10g}")
+            why = f"{ended.reason} at t = {float(job.job.t):.10g}"
+            return self._stand_in(_less(problem, job), why)
         trajectory = trajectory_of(job, problem, self.method, ended)
         note = f" {self._note(job)}" if self._note(job) else ""
         trajectory = replace(trajectory, message=f"{trajectory.message}{note}")
@@ -179,6 +181,11 @@ def compiled_in(trajectory: Trajectory, seconds: float) -> Trajectory:
     return replace(trajectory, statistics=statistics)
 
 
+def _less(problem: Problem, job: Job) -> Problem:
+    """Take the steps of a job off the budget of a problem."""
+    return replace(problem, steps_taken=problem.steps_taken + int(job.job.n_steps))
+
+
 class Ended(NamedTuple):
     """How a job ended, or that it waits: its status, why it failed, and what C took, [s]."""
 
@@ -210,9 +217,9 @@ def run_job(job: Job, problem: Problem, method: str, spent: float = 0.0) -> Ende
 
 def _advance(job: Job, problem: Problem, begin: float, progress: Progress) -> tuple[int, str, bool]:
     """Give the status, the reason of a failure, and whether the job waits."""
-    steps, limit = _FIRST_STEPS, problem.max_steps
+    steps, limit, others = _FIRST_STEPS, problem.max_steps, problem.steps_taken
     while True:
-        allowed = steps if limit is None else min(steps, limit - job.job.n_steps)
+        allowed = steps if limit is None else min(steps, limit - others - job.job.n_steps)
         before, taken = time.perf_counter(), job.job.n_steps
         result = job.run(allowed)
         now = time.perf_counter()
@@ -228,7 +235,7 @@ def _advance(job: Job, problem: Problem, begin: float, progress: Progress) -> tu
             return 0, "", False
         if job.has_spent_events:
             return BUDGET_SPENT, verdict("spends", [], detail=job.job.most_events), False
-        if limit is not None and job.job.n_steps >= limit:
+        if limit is not None and others + job.job.n_steps >= limit:
             return BUDGET_SPENT, f"the limit of {limit} steps is reached", False
         if problem.time_limit is not None and now - begin > problem.time_limit:
             return BUDGET_SPENT, f"the time limit of {problem.time_limit:g} s is spent", False

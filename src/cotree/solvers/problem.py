@@ -87,6 +87,8 @@ class Problem:
         Budget of wall-clock time, [s].
     max_steps, max_events : int or None
         Budgets of steps, and of events that happen; what happens at one time happens together.
+    steps_taken : int
+        How many steps of that budget other runs have taken before this one.
     project : callable or None
         ``project(t, z)`` returns z on the constraints, states and sensitivities both, and raises
         SolveError or SingularSystemError where it cannot. None where nothing constrains z.
@@ -135,6 +137,7 @@ class Problem:
     time_limit: float | None = None
     max_steps: int | None = None
     max_events: int | None = None
+    steps_taken: int = 0
     project: Callable[[float, FloatArray], FloatArray] | None = None
     residual: Callable[[float, FloatArray], FloatArray] | None = None
     constraints: tuple[str, ...] = ()

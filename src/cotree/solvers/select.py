@@ -7,11 +7,14 @@ In: a ``Problem`` and a method's name or "auto". Out: the method with its reason
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from cotree.solvers.algebraic import solve_reduced
-from cotree.solvers.decay import fastest_decay
+from cotree.solvers.decay import fastest_decay, fastest_growth
 from cotree.solvers.engine import load_engine
 from cotree.solvers.methods import method_row, solver_for
 from cotree.solvers.native import NativeSolver, compiled_in, refusal
@@ -26,6 +29,10 @@ if TYPE_CHECKING:
 # constants in the span its evaluations, 4000, equal those of an implicit method at usual
 # tolerances.
 _STIFF_TIME_CONSTANTS = 2000.0
+
+# An explicit method may begin where modes decay at most so many times as fast as the fastest one
+# grows: steps that follow the growth are then not much longer than stability allows.
+_MILD = 10.0
 
 _PROBE_STEPS = 20
 _PROBE_RTOL = 1e-3
@@ -89,6 +96,10 @@ def choose_method(problem: Problem) -> tuple[str, str]:
     count: accuracy needs short steps for them with any method. Stiffness that appears later than
     the probed steps is seen by "dop853" itself; see :mod:`cotree.solvers.succession`.
 
+    Modes that grow at the start, from below the tolerance to where they decide, are damped by the
+    long steps of methods for stiff problems, whose error estimates cannot see them: there an
+    explicit method begins where it can, and the reason says so where it cannot.
+
     Parameters
     ----------
     problem : Problem
@@ -113,13 +124,32 @@ def choose_method(problem: Problem) -> tuple[str, str]:
         return "DOP853", "There are no states to integrate."
     explicit = "DOP853" if refusal("dop853", problem) else "dop853"
     span = abs(problem.t_span[1] - problem.t_span[0])
-    count = span * fastest_decay(problem, _probe(problem, explicit))
+    points = _probe(problem, explicit)
+    count = span * fastest_decay(problem, points)
     length = f"the span is {float(f'{count:.2g}'):.6g} times the shortest decay"
     if count <= _STIFF_TIME_CONSTANTS:
         reason = f"not stiff, {length}" if count >= 1.0 else "not stiff, nothing decays fast"
         return explicit, f"{explicit} was chosen: {reason}."
     method = stiff_method(problem)
-    return method, f"{method} was chosen: stiff, {length}."
+    growth = fastest_growth(problem, *points[0])
+    if span * growth <= math.log(1.0 / _smallest_tolerance(problem)):
+        return method, f"{method} was chosen: stiff, {length}."
+    grows = f"at the start a mode grows e-fold every {1.0 / growth:.3g} s"
+    if explicit == "dop853" and fastest_decay(problem, points[:1]) <= _MILD * growth:
+        return explicit, (
+            f"{explicit} was chosen to begin with: stiff, {length}, but {grows}, which {method} "
+            "would damp while it is below the tolerance."
+        )
+    return method, (
+        f"{method} was chosen: stiff, {length}. But {grows}: what is below the tolerance there "
+        "may decide the result, so compare with that of a tighter one."
+    )
+
+
+def _smallest_tolerance(problem: Problem) -> float:
+    """Give the smaller of both tolerances, at least a rounding unit."""
+    atol = float(np.min(problem.atol, initial=math.inf))
+    return max(min(problem.rtol, atol), float(np.finfo(np.float64).eps))
 
 
 def _probe(problem: Problem, method: str) -> list[tuple[float, FloatArray]]:

@@ -135,8 +135,9 @@ def _rest(problem: Problem, first: Trajectory, t: float, z: FloatArray) -> Probl
         wanted = wanted[len(first.t) :]
         wanted = wanted if len(wanted) else np.array([problem.t_span[1]])
     work, steps, events, limit = first.statistics, None, None, None
+    taken = problem.steps_taken + work.n_steps
     if problem.max_steps is not None:
-        steps = problem.max_steps - work.n_steps
+        steps = problem.max_steps - taken
     if problem.max_events is not None:
         events = problem.max_events - len(first.events)
     if problem.time_limit is not None:
@@ -148,7 +149,7 @@ def _rest(problem: Problem, first: Trajectory, t: float, z: FloatArray) -> Probl
         z0=z,
         t_span=(t, problem.t_span[1]),
         t_eval=wanted,
-        max_steps=steps,
+        steps_taken=taken,
         max_events=events,
         time_limit=limit,
     )
