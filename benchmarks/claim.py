@@ -28,8 +28,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-for _room in ("example_scenes", "robots"):
-    sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / _room))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "example_scenes"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "robots"))
 from kernel_peers import sympy
 from robot_files import stored_file, without_losses
 from rod_chain import rod_chain

@@ -7,6 +7,7 @@ and Pinocchio's C++ of a chain. A kernel that is not there within a limit says s
 from __future__ import annotations
 
 import ctypes
+import importlib
 import multiprocessing
 import shutil
 import subprocess
@@ -246,8 +247,7 @@ def _write_sympy(model: Any, kernel: str, folder: Path) -> None:
 
 def sympy(model: Any, kernel: str, x: Any, s: Any, limit: float = LIMIT) -> Contender:
     """Have SymPy differentiate and share, in a process that can be stopped."""
-    import sympy.codegen.rewriting  # what importing takes is not its own
-
+    importlib.import_module("sympy.codegen.rewriting")  # what that takes is not its own
     folder = Path(tempfile.mkdtemp(prefix="peer"))
     _within(limit, _write_sympy, (model, kernel, folder))
     found = Contender(None, None, limit, 0.0, f"stopped after {limit:.0f} s")
