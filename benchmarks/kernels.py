@@ -29,6 +29,7 @@ from timing import Contender, about, difference, in_turn, own, table
 
 import cotree
 from cotree import Scene
+from cotree.build import BuildOptions, compiler_flags, find_toolchain
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -118,6 +119,7 @@ def measure(
     s = rng.uniform(-1.0, 1.0, len(model.states) * max(1, len(model.sensitivities)))
     for name, one in models.items():
         contenders[name] = own(one, row.kernel, x, s)
+        contenders[name].note = " ".join(flags(one, OWN[name]))
     for name in row.peers:
         if name in peers:
             found = _peer(name, row, model, x, s)
@@ -143,6 +145,15 @@ def measure(
         if one.times and name not in OWN
     }
     return found
+
+
+def flags(model: Any, native: bool) -> tuple[str, ...]:
+    """Give the flags that the library compiles a model with."""
+    toolchain = find_toolchain()
+    if toolchain is None:
+        raise SystemExit("no C compiler was found: install one")
+    n_written = model._compiled.context.n_written
+    return compiler_flags(toolchain, BuildOptions(native=native), n_written)
 
 
 def _peer(name: str, row: Row, model: Any, x: Any, s: Any) -> Contender | None:
