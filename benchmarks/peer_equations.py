@@ -34,17 +34,22 @@ class Equations:
     Parameters
     ----------
     model : cotree.Model
-        The model; parameters without sensitivities become numbers.
+        The model; parameters without expressions become numbers.
     room : module
         Has ``sin`` and its like for expressions.
     states, parameters : sequences of expressions
         For the states, and for the parameters that have sensitivities.
     time : expression
         For the time.
+    free : sequence of str, optional
+        The parameters that have expressions, if not those with sensitivities.
     """
 
-    def __init__(self, model: Any, room: Any, states: Any, parameters: Any, time: Any) -> None:
-        program, free = model._program, list(model.sensitivities)
+    def __init__(
+        self, model: Any, room: Any, states: Any, parameters: Any, time: Any, free: Any = None
+    ) -> None:
+        program = model._program
+        free = list(model.sensitivities if free is None else free)
         values = dict(zip(model.parameters, program.layout.parameter_values, strict=True))
         self.room = room
         self.values = [float(values[name]) for name in free]
@@ -68,6 +73,12 @@ class Equations:
                 found[node] = (float(node.value), float(node.value))
             elif node.op == "solve":
                 found[node] = _solved(node.data.size, [found[arg] for arg in node.args])
+            elif node.op == "sines":
+                found[node] = [
+                    (apply(name, [angle], self.room), apply(name, [value], np))
+                    for name in ("sin", "cos")
+                    for angle, value in (found[arg] for arg in node.args)
+                ]
             elif node.op == "result":
                 found[node] = found[node.args[0]][node.data]
             else:

@@ -1,0 +1,283 @@
+"""Functions of C called in a loop: one harness for own kernels and those of other tools.
+
+Every call sees another state, since the first one grows by 1e-9; times are of the thread's
+processor, which other work on the machine does not lengthen. Who is compared is called in turn,
+round by round, so that what disturbs one disturbs all.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+import resource
+import subprocess
+import tempfile
+import time
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cffi
+import numpy as np
+
+import cotree
+from cotree.build import find_toolchain
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+DECLARATIONS = """
+double time_state(void *, long, double *, double *, double *, double *, double *);
+double time_sensitivity(void *, long, double *, double *, double *, double *, double *, double *);
+double time_casadi(void *, long, double *, const double **, double **, long long *, double *);
+double time_heyoka(void *, long, double *, double *, double *);
+double time_plain(void *, long, double *, double *);
+"""
+_LOOP = """
+double time_{name}(void *function, long n, double *x{more})
+{{
+    const {name}_call f = ({name}_call)function;
+    const double began = now();
+    for (long i = 0; i < n; ++i) {{
+        x[0] += 1e-9;
+        f({given});
+    }}
+    return (now() - began) / (double)n * 1e9;
+}}
+"""
+#: Type of the function, further arguments of the loop, and what a call is given.
+_KINDS = {
+    "state": (
+        "int (*{})(double, double *, double *, double *, double *, double *)",
+        ", double *u, double *p, double *k, double *out",
+        "0.0, x, u, p, k, out",
+    ),
+    "sensitivity": (
+        "int (*{})(double, double *, double *, double *, double *, double *, double *)",
+        ", double *s, double *u, double *p, double *k, double *out",
+        "0.0, x, s, u, p, k, out",
+    ),
+    "casadi": (
+        "int (*{})(const double **, double **, long long *, double *, int)",
+        ", const double **arguments, double **results, long long *iw, double *w",
+        "arguments, results, iw, w, 0",
+    ),
+    "heyoka": (
+        "void (*{})(double *, double *, double *, double *)",
+        ", double *p, double *out",
+        "out, x, p, out",  # nothing reads the time
+    ),
+    "plain": ("void (*{})(double *, double *)", ", double *out", "x, out"),
+}
+_HEAD = """
+#define _POSIX_C_SOURCE 200809L
+#include <time.h>
+static double now(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+"""
+
+
+@dataclass
+class Contender:
+    """Something that computes a kernel.
+
+    Attributes
+    ----------
+    operations, c_bytes : int or None
+        Of its code; None where it has none to count.
+    generation, compilation : float
+        Processor seconds before there was C, and of its compiler.
+    note : str
+        How it was compiled, or why there is nothing to call.
+    call : callable or None
+        Calls it so many times, and gives the time of one, [ns].
+    value : callable or None
+        Gives what it last computed.
+    """
+
+    operations: int | None
+    c_bytes: int | None
+    generation: float
+    compilation: float
+    note: str
+    call: Callable[[int], float] | None = None
+    value: Callable[[], Any] | None = None
+    times: list[float] = field(default_factory=list)
+
+    def row(self) -> dict[str, Any]:
+        """Give its numbers for JSON."""
+        kept = {k: v for k, v in vars(self).items() if k not in ("call", "value", "times")}
+        if self.times:
+            kept |= {"median ns": float(np.median(self.times)), "least ns": min(self.times)}
+        return kept
+
+
+@cache
+def harness() -> tuple[Any, Any]:
+    """Compile and load the loops."""
+    text = _HEAD
+    for name, (kind, more, given) in _KINDS.items():
+        text += f"typedef {kind.format(name + '_call')};" + _LOOP.format(
+            name=name, more=more, given=given
+        )
+    folder = Path(tempfile.mkdtemp(prefix="loops"))
+    (folder / "loops.c").write_text(text)
+    command = [compiler(), "-O2", "-shared", "-fPIC", "loops.c", "-o", "loops.so"]
+    subprocess.run(command, cwd=folder, check=True)
+    ffi = cffi.FFI()
+    ffi.cdef(DECLARATIONS)
+    return ffi, ffi.dlopen(str(folder / "loops.so"))
+
+
+def compiler() -> str:
+    """Name the C compiler, or stop."""
+    toolchain = find_toolchain()
+    if toolchain is None:
+        raise SystemExit("no C compiler was found: install one")
+    return toolchain.command[0]
+
+
+def pointer(array: Any) -> Any:
+    """Give the address of an array's numbers."""
+    return harness()[0].cast("double *", array.ctypes.data)
+
+
+def loop(kind: str, address: int, first: Any, others: Sequence[Any]) -> Callable[[int], float]:
+    """Bind a loop around a function to its arguments; the first is put back at each start.
+
+    Parameters
+    ----------
+    kind : str
+        How it is called: ``state``, ``sensitivity``, ``casadi``, ``heyoka`` or ``plain``.
+    address : int
+        Of the function.
+    first : ndarray
+        The array whose first number grows with the calls.
+    others : sequence of ndarray or pointer
+        What follows.
+    """
+    ffi, library = harness()
+    function, start = ffi.cast("void *", address), first.copy()
+    given = [pointer(a) if isinstance(a, np.ndarray) else a for a in (first, *others)]
+    timed = getattr(library, f"time_{kind}")
+
+    def call(n: int) -> float:
+        first[:] = start
+        return float(timed(function, n, *given))
+
+    call.keeps = (first, *others)  # type: ignore[attr-defined]
+    return call
+
+
+def own(model: Any, kernel: str, x: Any, s: Any) -> Contender:
+    """Take a kernel of a compiled model."""
+    native = model._compiled.kernels.native()
+    ffi = native.library.ffi
+    struct = ffi.cast("const cotree_model *", native.address)
+    address = int(ffi.cast("uintptr_t", getattr(struct, kernel)))
+    out = np.zeros(len(model._program.kernels[kernel].results) + 1)
+    kind = "sensitivity" if "s" in model._program.kernels[kernel].spec.arguments else "state"
+    before = [s.copy()] if kind == "sensitivity" else []
+    rest = [np.zeros(struct.n_inputs + 1), native.p, native.k, out]
+    files = model._compiled.files
+    return Contender(
+        model.operations[kernel].kernel,
+        sum(len(text) for name, text in files.items() if name != "cotree_abi.h"),
+        model.times["formulate"] + model.times["generate"],
+        model.times["compile"],
+        "",
+        loop(kind, address, x.copy(), [*before, *rest]),
+        lambda: out[:-1],
+    )
+
+
+def in_turn(contenders: Sequence[Contender], rounds: int, seconds: float = 0.01) -> None:
+    """Time contenders, each for some seconds a round."""
+    able = [one for one in contenders if one.call is not None]
+    counts = []
+    for one in able:
+        one.call(3)  # the first calls load the code
+        counts.append(int(np.clip(seconds * 1e9 / max(one.call(10), 1.0), 1, 10_000_000)))
+    for _ in range(rounds):
+        for one, n in zip(able, counts, strict=True):
+            one.times.append(one.call(n))
+
+
+def difference(one: Contender, other: Contender) -> float:
+    """Give the largest difference of what two compute at the same state, as a share of it."""
+    found = []
+    for contender in (one, other):
+        contender.call(1)
+        found.append(np.array(contender.value()))
+    scale = max(1.0, float(np.max(np.abs(found[0]))))
+    return float(np.max(np.abs(found[0] - found[1]))) / scale
+
+
+def compile_c(
+    text: str, levels: Sequence[Sequence[str]], limit: float
+) -> tuple[Path | None, float, str]:
+    """Compile C text with the first command of several that ends in time.
+
+    Returns
+    -------
+    library : Path or None
+        None where no command ends.
+    seconds : float
+        Of the processor.
+    note : str
+        The command, or what went wrong.
+    """
+    folder, note = Path(tempfile.mkdtemp(prefix="peer")), ""
+    (folder / "peer.c").write_text(text)
+    for level in levels:
+        command = [*level, "-shared", "-fPIC", "peer.c", "-o", "peer.so", "-lm"]
+        began = spent_by_children()
+        try:
+            subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=limit)
+        except subprocess.TimeoutExpired:
+            note += f"{' '.join(level[:2])} stopped after {limit:.0f} s; "
+            continue
+        except (OSError, subprocess.CalledProcessError) as reason:
+            note += f"{' '.join(level[:2])} failed: {str(reason)[:80]}; "
+            continue
+        return folder / "peer.so", spent_by_children() - began, note + " ".join(level[:2])
+    return None, 0.0, note.removesuffix("; ")
+
+
+def spent_by_children() -> float:
+    """Processor seconds of the processes that this one waited for."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def about(flags: str) -> dict[str, str]:
+    """Name machine, versions and flags."""
+    found = {"machine": platform.machine(), "processor": _processor(), "cotree": cotree.__version__}
+    found |= {"python": platform.python_version(), "measured": time.strftime("%Y-%m-%d")}
+    for name in ("casadi", "heyoka", "sympy", "pin"):
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = "none"
+    toolchain = find_toolchain()
+    found["compiler"] = "none" if toolchain is None else toolchain.version
+    return {**found, "flags": flags}
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line.partition(":")[2].strip() for line in lines if "model name" in line), "")
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """Write Markdown."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
