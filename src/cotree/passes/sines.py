@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from cotree.dag.several import sines
-from cotree.dag.traverse import dependent, substitute
+from cotree.dag.traverse import dependent
 from cotree.passes.stage import varying_values
 
 if TYPE_CHECKING:
@@ -46,4 +46,9 @@ def _rewrite(kernel: Kernel) -> Kernel:
         if node.args[0] in place:
             first = place[node.args[0]]
             new[node] = packed[first if node.op == "sin" else len(angles) + first]
-    return replace(kernel, results=tuple(substitute(kernel.results, new)))
+    for node in order:
+        args = tuple(new.get(arg, arg) for arg in node.args)
+        if node not in new and args != node.args:
+            with dag.labelled(node.section):
+                new[node] = dag.rebuild(node, args)
+    return replace(kernel, results=tuple(new.get(node, node) for node in kernel.results))
