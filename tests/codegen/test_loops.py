@@ -72,7 +72,7 @@ def test_a_guard_in_a_loop_names_its_parameter():
 
 def test_the_rates_of_a_chain_are_as_long_for_any_number_of_rods():
     lines = []
-    for n in (40, 60):
+    for n in (30, 40):
         program = generate(formulate(rod_chain(n)[0], (), None)[1])[0]
         kernel = next(k for k in model_context(program).kernels if "_rhs(" in k.signature)
         lines.append(sum(not line.strip()[:1].isdigit() for line in kernel.lines))

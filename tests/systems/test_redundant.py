@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from fast_and_slow import cases
 
 from cotree import Scene
 
@@ -77,7 +78,7 @@ def linkage(axis: list[float], closing: str) -> Scene:
     return scene
 
 
-@pytest.mark.parametrize("axis", [[0, 0, 1], [1, 2, 3]], ids=str)
+@pytest.mark.parametrize("axis", cases([[1, 2, 3]], [[0, 0, 1]]), ids=str)
 def test_a_planar_loop_of_hinges_in_space(axis):
     ends = []
     for closing in ("slot", "revolute"):

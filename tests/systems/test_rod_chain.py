@@ -45,6 +45,7 @@ def test_operations_grow_no_faster_than_back_substitution(monkeypatch):
     assert counts[1] / counts[0] < 8.0
 
 
+@pytest.mark.slow
 def test_a_map_of_all_parameters_grows_with_the_length_of_the_chain():
     """One column of the map is a back-substitution along the tree, O(n)."""
     maps = [
