@@ -154,12 +154,12 @@ def load(source: str | Path) -> Scene:
     Parameters
     ----------
     source : str or Path
-        Name of a shipped scene, or path of a TOML or URDF file.
+        Name of a shipped scene, or path of a TOML, URDF or SPICE file.
 
     Raises
     ------
     ModelError
-        If there is no such scene, the file is neither, or the scene is wrong.
+        If there is no such scene, the file is none of these, or the scene is wrong.
 
     Examples
     --------
