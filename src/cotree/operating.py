@@ -64,7 +64,9 @@ class OperatingModel(CompiledModel):
         own = rest.parameter_array({name: known[name] for name in rest.parameters})
         inputs = None
         if u is not None:
-            signals = dict(zip(self.inputs, as_array(u, (len(self.inputs),), "inputs"), strict=True))
+            signals = dict(
+                zip(self.inputs, as_array(u, (len(self.inputs),), "inputs"), strict=True)
+            )
             inputs = np.array([signals[name] for name in rest.inputs])
         try:
             start = rest.start(t, own, u=inputs)

@@ -89,7 +89,9 @@ _RESISTANCES = ("base_resistance", "collector_resistance", "emitter_resistance")
 def _transistor(name: str, doc: str, sign: int, has: frozenset[str]) -> Component:
     """Make a transistor with the terms of some fields."""
     inner = {
-        row.partition("_")[0]: f"inner_{row.partition('_')[0]}" for row in _RESISTANCES if row in has
+        row.partition("_")[0]: f"inner_{row.partition('_')[0]}"
+        for row in _RESISTANCES
+        if row in has
     }
     base, collector, emitter = (inner.get(end, end) for end in ("base", "collector", "emitter"))
     laws = _Laws(sign, has)
@@ -182,16 +184,15 @@ class _Laws:
         """Differentiate the charge of a junction by its voltage, and by the other's."""
         import sympy
 
-        v, capacity, cross = self.voltage[own], sympy.Integer(0), sympy.Integer(0)
+        v, capacity = self.voltage[own], sympy.Integer(0)
         if f"{own}_capacitance" in self.has:
-            fields = (symbol(f"{own}_{part}") for part in ("capacitance", "potential", "grading"))
-            capacity += depletion_capacity(v, *fields, symbol("forward_share"))
+            capacity += depletion_capacity(v, own)
         charge = sympy.Integer(0)
         if own == "be" and "forward_transit_time" in self.has:
             charge = symbol("forward_transit_time") * self.forward / self._base_charge()
         if own == "bc" and "reverse_transit_time" in self.has:
             charge = symbol("reverse_transit_time") * self.reverse
-        return capacity + sympy.diff(charge, v), cross + sympy.diff(charge, self.voltage[other])
+        return capacity + sympy.diff(charge, v), sympy.diff(charge, self.voltage[other])
 
     def port(self, own: str, other: str, between: tuple[str, str]) -> Terminal:
         """Make the port of a junction."""

@@ -101,9 +101,7 @@ def _capacity(has: frozenset[str]) -> Any:
     v, thermal = symbol("across"), symbol("thermal_voltage")
     capacity = sympy.Integer(0)
     if "junction_capacitance" in has:
-        names = ("capacitance", "potential", "grading")
-        own = (symbol(f"junction_{part}") for part in names)
-        capacity += depletion_capacity(v, *own, symbol("forward_share"))
+        capacity += depletion_capacity(v, "junction")
     if "transit_time" in has:
         slope = sympy.diff(junction_current(v, symbol("saturation_current"), thermal), v)
         capacity += symbol("transit_time") * slope

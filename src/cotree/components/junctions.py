@@ -30,19 +30,27 @@ def junction_current(voltage: Any, saturation_current: Any, thermal_voltage: Any
     return saturation_current * (sympy.exp(voltage / thermal_voltage) - 1)
 
 
-def depletion_capacity(
-    voltage: Any, capacitance: Any, potential: Any, grading: Any, forward_share: Any
-) -> Any:
+def depletion_capacity(voltage: Any, prefix: str) -> Any:
     """Give C (1 - v/V)^-m, and beyond the share F of V the tangent to it.
 
     The base of the power is held above 1 - F, so that neither it nor its derivatives are ever
     undefined.
+
+    Parameters
+    ----------
+    voltage : sympy expression
+        Of the junction.
+    prefix : str
+        Of the fields; see :func:`depletion_fields`.
     """
     import sympy
 
-    over = sympy.Max(0, voltage / potential - forward_share)
+    names = ("capacitance", "potential", "grading")
+    capacitance, potential, grading = (symbol(f"{prefix}_{name}") for name in names)
+    share = symbol("forward_share")
+    over = sympy.Max(0, voltage / potential - share)
     base = 1 - voltage / potential + over
-    return capacitance * base ** (-grading) * (1 + grading * over / (1 - forward_share))
+    return capacitance * base ** (-grading) * (1 + grading * over / (1 - share))
 
 
 def depletion_fields(prefix: str, potential: float, grading: float) -> tuple[Field, ...]:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 _DOMAIN = "electrical"
 
+
 def _bipolar(name: str, doc: str, sign: int) -> Component:
     """Make a bipolar transistor; ``sign`` is -1 for one whose junctions conduct the other way.
 
@@ -30,7 +31,9 @@ def _bipolar(name: str, doc: str, sign: int) -> Component:
 
     def law(across: Any, other: Any, current: Any, gain: Any, thermal_voltage: Any) -> Any:
         own = junction_current(sign * across, current, thermal_voltage)
-        return sign * (own * (1 + 1 / gain) - junction_current(sign * other, current, thermal_voltage))
+        return sign * (
+            own * (1 + 1 / gain) - junction_current(sign * other, current, thermal_voltage)
+        )
 
     def port(own: str, other: str, gain: str, between: tuple[str, str]) -> Terminal:
         names = ("across", f"across_{other}", "saturation_current", gain, "thermal_voltage")

@@ -6,6 +6,7 @@ their elements. See docs/spice.md for what is read and what becomes of it.
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -70,6 +71,7 @@ class Writer(Generic[_Scene]):
         self.voltages: dict[str, Value] = {}
 
     def error(self, line: int, message: str) -> SceneError:
+        """Make an error with file and line."""
         return SceneError(f"{self.where}:{line}: {message}")
 
     def write(self) -> _Scene:
@@ -129,7 +131,9 @@ class Writer(Generic[_Scene]):
             if name.lower() in scope.values and not path:
                 raise self.error(line, f"parameter '{shown(name)}' is given twice")
             value = scope.value(word, f"{self.where}:{line}")
-            scope.values[name.lower()] = self.own_parameter(f"{path}{name}".replace(".", "_"), value, line)
+            scope.values[name.lower()] = self.own_parameter(
+                f"{path}{name}".replace(".", "_"), value, line
+            )
 
     def _option(self, line: Line, scope: Scope) -> None:
         where = f"{self.where}:{line.number}"
@@ -207,7 +211,7 @@ class Writer(Generic[_Scene]):
         find_couplings(place, rest)
         for line in sorted(rest, key=lambda line: order.get(line.key[0], 1)):
             place.check_name(line)
-            self.guarded(line.number, lambda line=line: DEVICES[line.key[0]](place, line))
+            self.guarded(line.number, partial(DEVICES[line.key[0]], place, line))
 
     def _instance(self, line: Line, outer: Place, depth: int) -> None:
         words, given = split_settings(line.words[1:])
@@ -254,5 +258,3 @@ class Writer(Generic[_Scene]):
             more = f" and {len(pairs) - 8} more" if len(pairs) > 8 else ""
             notes.append(f"names that had to change: {', '.join(pairs[:8])}{more}")
         return notes
-
-

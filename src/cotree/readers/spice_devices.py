@@ -23,9 +23,9 @@ _UNUSED_OF_CHANNELS = {"ad", "as", "pd", "ps", "nrd", "nrs"}
 _DEFAULT_SIZE = 1e-4  # m, as ngspice has it
 
 
-def _parts(place: Place, line: Line, known: set[str], counts: range) -> tuple[
-    tuple[str, ...], dict[str, str]
-]:
+def _parts(
+    place: Place, line: Line, known: set[str], counts: range
+) -> tuple[tuple[str, ...], dict[str, str]]:
     """Split a line into words and settings."""
     words, rest = split_settings(line.words[1:])
     given = settings(rest, place.at(line))
@@ -46,8 +46,8 @@ def _one_port(place: Place, line: Line, type: str, field: str, unit: str, key: s
         raise place.sheet.error(line.number, f"'{shown(line.words[0])}' needs one value")
     value = place.principal(line, words[2] if len(words) == 3 else given[key], unit)
     nodes = [place.node(word) for word in words[:2]]
-    place.add(line.words[0], type, *nodes, initial=_initial(place, line, words, given, key),
-              **{field: value})
+    initial = _initial(place, line, words, given, key)
+    place.add(line.words[0], type, nodes, {field: value}, initial)
 
 
 def _initial(
@@ -96,19 +96,21 @@ def _coupling(place: Place, line: Line) -> None:
     """Add two coupled inductors as one edge, named as the coupling."""
     words, _ = _parts(place, line, set(), range(3, 4))
     fields: dict[str, Any] = {"coupling": place.principal(line, words[2], "1")}
-    initial = {}
+    initial: dict[str, Any] = {}
     for number, (port, name) in enumerate(zip(("primary", "secondary"), words[:2], strict=True)):
         inductor = place.coupled[name.lower()]
         own, given = _parts(place, inductor, {"l", "ic"}, range(2, 4))
         if (len(own) == 3) == ("l" in given):
-            raise place.sheet.error(inductor.number, f"'{shown(inductor.words[0])}' needs one value")
+            raise place.sheet.error(
+                inductor.number, f"'{shown(inductor.words[0])}' needs one value"
+            )
         word = own[2] if len(own) == 3 else given["l"]
         fields[f"inductance{number + 1}"] = place.principal(inductor, word, "H")
         fields[port] = [place.node(node) for node in own[:2]]
         start = _initial(place, inductor, own, given, "l")
         if start:
             initial[port] = start
-    place.add(line.words[0], "coupled_inductors", initial=initial, **fields)
+    place.add(line.words[0], "coupled_inductors", (), fields, initial)
 
 
 def find_couplings(place: Place, lines: list[Line]) -> None:
@@ -151,7 +153,7 @@ def _independent(place: Place, line: Line) -> None:
         label, unit = place.label(line.words[0]), "V" if is_voltage else "A"
         fields["value"] = place.sheet.own_parameter(label, fields["value"], line.number, unit)
     kind, given = edge_of(Source(source.shape, fields), is_voltage)
-    place.add(line.words[0], kind, *nodes, **given)
+    place.add(line.words[0], kind, nodes, given)
 
 
 def _by_voltage(place: Place, line: Line) -> None:
@@ -163,7 +165,7 @@ def _by_voltage(place: Place, line: Line) -> None:
     nodes = [place.node(word) for word in words[:4]]
     factor = place.principal(line, words[4], unit)
     ports = {"output": nodes[:2], "control": nodes[2:]}
-    place.add(line.words[0], type, **ports, **{field: factor})
+    place.add(line.words[0], type, (), {**ports, field: factor})
 
 
 def _by_current(place: Place, line: Line) -> None:
@@ -181,7 +183,7 @@ def _by_current(place: Place, line: Line) -> None:
     factor = place.principal(line, words[3], "ohm" if is_voltage else "1")
     kind = "voltage" if is_voltage else "current"
     law = f"{text_of(factor)}*{source}.i"
-    place.add(line.words[0], f"{kind}_source", *nodes, **{kind: law})
+    place.add(line.words[0], f"{kind}_source", nodes, {kind: law})
 
 
 def _area(place: Place, line: Line, words: tuple[str, ...], given: dict[str, str]) -> Value:
@@ -199,14 +201,14 @@ def _diode(place: Place, line: Line) -> None:
     model = place.model(words[2], "d", line)
     fields = device_fields(model, _area(place, line, words[3:], given), place.sheet.gmin)
     nodes = [place.node(word) for word in words[:2]]
-    initial = {}
+    initial: dict[str, Any] = {}
     is_state = {"junction_capacitance", "transit_time"} & fields.keys()
     if place.sheet.uses_initial and is_state and "series_resistance" not in fields:
         voltage = _given_voltage(place, words[0], words[1])
         if "ic" in given:
             voltage = place.scope.value(given["ic"], place.at(line))
         initial = {} if is_zero(voltage) else {"v": voltage}
-    place.add(line.words[0], "diode", *nodes, initial=initial, **fields)
+    place.add(line.words[0], "diode", nodes, fields, initial)
 
 
 def _bipolar(place: Place, line: Line) -> None:
@@ -216,7 +218,7 @@ def _bipolar(place: Place, line: Line) -> None:
     fields = device_fields(model, _area(place, line, words[at + 1 :], given), place.sheet.gmin)
     if at == 4:  # no current flows into the substrate: nothing of it is modelled
         place.node(words[3])
-    place.add(line.words[0], model.component, *map(place.node, words[:3]), **fields)
+    place.add(line.words[0], model.component, [place.node(word) for word in words[:3]], fields)
 
 
 def _field_effect(place: Place, line: Line) -> None:
@@ -240,19 +242,19 @@ def _field_effect(place: Place, line: Line) -> None:
     ends = (drain, gate, source) if "body_effect" not in fields else (drain, gate, source, bulk)
     if drain == source:
         raise place.sheet.error(line.number, "drain and source are one node")
-    place.add(line.words[0], model.component, *ends, **fields)
+    place.add(line.words[0], model.component, ends, fields)
     for side, end in (("cbd", drain), ("cbs", source)):
         if bulk != end:
             pair = (bulk, end) if model.component == "mosfet_n" else (end, bulk)
-            place.add(f"{line.words[0]}_{side}", "diode", *pair, **bulk_fields(
-                model, side, place.sheet.gmin))
+            own = bulk_fields(model, side, place.sheet.gmin)
+            place.add(f"{line.words[0]}_{side}", "diode", pair, own)
     overlaps = (("cgdo", drain, width), ("cgso", source, width), ("cgbo", bulk, length))
     for side, end, size in overlaps:
         per_length = model.values[side]
         if not is_zero(per_length) and end != gate:
             name = f"{line.words[0]}_{side}"
             capacitance = scaled(per_length, size)
-            place.add(name, "capacitor", gate, end, capacitance=capacitance)
+            place.add(name, "capacitor", (gate, end), {"capacitance": capacitance})
 
 
 def _inner(place: Place, line: Line, model: DeviceModel, name: str, node: str) -> str:
@@ -260,7 +262,8 @@ def _inner(place: Place, line: Line, model: DeviceModel, name: str, node: str) -
     if is_zero(model.values[name]):
         return node
     inner = place.inner_node(line, name)
-    place.add(f"{line.words[0]}_{name}", "resistor", node, inner, resistance=model.values[name])
+    value = {"resistance": model.values[name]}
+    place.add(f"{line.words[0]}_{name}", "resistor", (node, inner), value)
     return inner
 
 

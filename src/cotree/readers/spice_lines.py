@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 _LONGEST_LINE = 100_000  # characters, continued lines counted in
 _COMMENT = re.compile(r";|(?:^|\s)\$(?:\s|$)")
 
-#: An expression in braces or quotes, a sign of equality, or a word; parentheses and commas separate.
+#: An expression in braces or quotes, a sign of equality, or a word.
 _WORD = re.compile(r"\{[^{}]*\}|'[^']*'|=|[^\s(),={}']+")
 _BETWEEN = re.compile(r"[\s(),]*")
 
@@ -90,7 +90,9 @@ def _words(line: str, where: str) -> tuple[str, ...]:
             break
         match = _WORD.match(line, at)
         if match is None:
-            raise SceneError(f"{where}: {line[at]!r} opens or closes an expression on one side only")
+            raise SceneError(
+                f"{where}: {line[at]!r} opens or closes an expression on one side only"
+            )
         found.append(match.group())
         at = match.end()
     if not found:

@@ -106,7 +106,15 @@ _FIELD_EFFECT = {
 }
 _ALIASES = {
     "d": {"cj0": "cjo", "cj": "cjo"},
-    "q": {"va": "vaf", "vb": "var", "ik": "ikf", "pe": "vje", "me": "mje", "pc": "vjc", "mc": "mjc"},
+    "q": {
+        "va": "vaf",
+        "vb": "var",
+        "ik": "ikf",
+        "pe": "vje",
+        "me": "mje",
+        "pc": "vjc",
+        "mc": "mjc",
+    },
     "m": {"vt0": "vto"},
 }
 _TABLES = {"d": _DIODE, "q": _BIPOLAR, "m": _FIELD_EFFECT}

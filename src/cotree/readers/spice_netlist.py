@@ -148,8 +148,8 @@ class _Parser:
         elif key[0] not in _ELEMENTS:
             raise self.error(
                 line.number,
-                f"'{shown(line.words[0])}' is no element that is known here: names begin with R, L, "
-                "C, K, V, I, E, F, G, H, D, Q, M or X",
+                f"'{shown(line.words[0])}' is no element that is known here: names begin with R, "
+                "L, C, K, V, I, E, F, G, H, D, Q, M or X",
             )
         else:
             self.open[-1].elements.append(line)

@@ -10,6 +10,8 @@ from cotree.readers.spice_lines import shown
 from cotree.readers.spice_models import DeviceModel, read_model
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from cotree.readers.names import Namer
     from cotree.readers.spice_lines import Line
     from cotree.readers.spice_netlist import Circuit
@@ -172,9 +174,9 @@ class Place:
         self,
         name: str,
         type: str,
-        *nodes: str,
-        initial: dict[str, Any] | None = None,
-        **fields: Any,
+        nodes: Sequence[str],
+        fields: Mapping[str, Any],
+        initial: Mapping[str, Any] | None = None,
     ) -> str:
         """Add an edge of a name, and give what it is called in the scene."""
         edge = self.sheet.names.give("element", self.label(name))

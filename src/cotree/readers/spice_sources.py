@@ -81,9 +81,7 @@ def read_source(words: tuple[str, ...], scope: Scope, times: Times, where: str) 
     return Source("", {"value": constant}, is_constant=True)
 
 
-def _waveform(
-    key: str, words: tuple[str, ...], scope: Scope, times: Times, where: str
-) -> Source:
+def _waveform(key: str, words: tuple[str, ...], scope: Scope, times: Times, where: str) -> Source:
     if len(words) > _WAVEFORMS[key]:
         raise SceneError(f"{where}: {key.upper()} has more than {_WAVEFORMS[key]} numbers")
     if key == "pwl":
@@ -103,7 +101,9 @@ def _piecewise(numbers: list[float], where: str) -> Source:
     return Source("piecewise", {"times": times, "values": values})
 
 
-def _or_else(values: list[Value], place: int, default: float | None, what: str, where: str) -> Value:
+def _or_else(
+    values: list[Value], place: int, default: float | None, what: str, where: str
+) -> Value:
     """Give a number of a waveform, or its default, where it is not there."""
     if place < len(values):
         return values[place]
@@ -171,5 +171,3 @@ def edge_of(source: Source, is_voltage: bool) -> tuple[str, dict[str, Any]]:
     if source.shape:
         return f"{source.shape}_{kind}", source.fields
     return f"{kind}_source", {kind: source.fields["value"]}
-
-

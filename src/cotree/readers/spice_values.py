@@ -138,12 +138,12 @@ class Scope:
                 hint = nearest(own, FUNCTIONS)
                 raise ExpressionError(f"calls '{shown(name)}', which is no function here{hint}")
             return own
-        value = self.find(name)
-        if value is None and name == "pi":
+        found = self.find(name)
+        if found is None and name == "pi":
             return repr(math.pi)
-        if value is None:
+        if found is None:
             raise ExpressionError(f"names '{shown(name)}', which is no parameter")
-        return f"({value!r})" if isinstance(value, float) else f"({value})"
+        return text_of(found)
 
 
 def _folded(text: str) -> float:

@@ -343,7 +343,7 @@ class SceneDescription:
         self.events[name] = make_event(name, when, direction, set or {}, stop, impact)
 
     def simulation(self, **settings: Any) -> None:
-        """Set what a plain run does: ``t_end``, ``rtol``, ``atol``, ``method``, ``start``, ``held``.
+        """Set what a plain run does: ``t_end``, ``rtol``, ``atol``, ``method``, ``start``...
 
         See :class:`cotree.scene.simulation.Simulation`.
 

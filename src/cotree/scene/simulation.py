@@ -39,9 +39,7 @@ class Simulation:
     held: tuple[tuple[str, Expression], ...] = ()
 
 
-def with_settings(
-    old: Simulation, settings: Mapping[str, Any], check_number: Any
-) -> Simulation:
+def with_settings(old: Simulation, settings: Mapping[str, Any], check_number: Any) -> Simulation:
     """Change some settings.
 
     Raises

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cotree.components import Terminal
-    from cotree.scene.description import Edge, SceneDescription
+    from cotree.scene.description import Edge, FieldValue, SceneDescription
 
 _DOMAIN = "electrical"
 
@@ -74,7 +74,7 @@ def _standing(edge: Edge) -> Edge:
     return replace(edge, component=_at_rest(component), initial=_guesses(edge))
 
 
-def _guesses(edge: Edge) -> dict[str, object]:
+def _guesses(edge: Edge) -> dict[str, FieldValue]:
     """Keep initial values of junctions only, where they are guesses."""
     is_storage = any(port.storage is not None for port in edge.component.ports)
     return {} if is_storage else dict(edge.initial)
