@@ -18,7 +18,7 @@ NETLISTS = Path(__file__).parent / "netlists"
 #: The converter and the rectifier switch often, so that errors of each edge add up.
 OFF = {
     **{"divider": 1e-7, "transformer": 2e-6, "junction": 1e-9, "amplifier": 2e-6, "pnp": 5e-6},
-    **{"waveforms": 1e-5, "inverter": 1e-7, "nand": 5e-6, "multivibrator": 2e-6, "mirror": 2e-6},
+    **{"waveforms": 1e-5, "inverter": 1e-7, "nand": 5e-6, "multivibrator": 1e-5, "mirror": 2e-6},
     **{"converter": 1e-4, "rectifier": 1e-5},
 }
 
@@ -26,7 +26,7 @@ OFF = {
 #: 1e-12 S at some volts and some hundred kilo-ohms.
 OFF_AT_REST = 2e-6
 
-OPTIONS = ".options reltol=1e-7 abstol=1e-15 vntol=1e-10 chgtol=1e-18 trtol=1"
+OPTIONS = ".options reltol=1e-6 abstol=1e-13 vntol=1e-8 chgtol=1e-17"
 
 
 def ngspice(path, nodes, folder):
@@ -38,7 +38,7 @@ def ngspice(path, nodes, folder):
     whole = [*lines, OPTIONS, ".control", *commands, ".endc", ".end", ""]
     (folder / "whole.cir").write_text("\n".join(whole))
     command = ["ngspice", "-b", str(folder / "whole.cir")]
-    subprocess.run(command, capture_output=True, cwd=folder, timeout=100, check=False)
+    subprocess.run(command, capture_output=True, cwd=folder, timeout=60, check=False)
     end, rest = (
         [float(word) for word in (folder / f"{name}.data").read_text().split("\n")[-2].split()]
         for name in ("end", "op")
@@ -50,7 +50,7 @@ def observed(path):
     """Read a netlist, its nodes as outputs; give the scene and the nodes' names in the file."""
     scene = cotree.read_spice(path)
     given = {new: old for (kind, old), new in scene.origin.names.items() if kind == "node"}
-    nodes = [node for node in scene.nodes if node != "ground" and not node.startswith("X")]
+    nodes = [node for node in scene.nodes if node != "ground" and "_" not in node[1:]]
     for node in nodes:
         scene.output(f"at_{node}", f"{node}.v")
     return scene, [given.get(node, node) for node in nodes]

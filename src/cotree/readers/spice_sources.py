@@ -69,7 +69,7 @@ def read_source(words: tuple[str, ...], scope: Scope, times: Times, where: str) 
             count = next((i for i, w in enumerate(rest) if w.lower() in ("ac", "dc")), len(rest))
             waveform = _waveform(key, tuple(rest[:count]), scope, times, where)
             rest = rest[count:]
-        elif is_given:
+        elif is_given or (key.isalpha() and scope.find(key) is None):
             raise SceneError(
                 f"{where}: '{shown(word)}' is no waveform that is known here: DC, SIN, PULSE, PWL "
                 "and EXP are"
