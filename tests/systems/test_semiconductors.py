@@ -90,6 +90,14 @@ def test_currents_are_those_of_gummel_and_poon(type, sign, vbe, vbc):
 
 def test_the_charge_of_a_base_does_not_depend_on_the_way():
     """Both junctions go around a loop of voltages; what flowed into the base flowed out again."""
+    # No static current into the base: what flows there is charge.
+    charged = {
+        **GUMMEL_POON,
+        **{"be_recombination": 0.0, "bc_recombination": 0.0},
+        **{"forward_gain": 1e30, "reverse_gain": 1e30},
+        **{"be_capacitance": 2e-12, "bc_capacitance": 1e-12},
+        **{"forward_transit_time": 1e-9, "reverse_transit_time": 1e-8},
+    }
     scene = cotree.Scene("loop")
     scene.edge("Ve", "sine_voltage", "b", "ground", offset=0.68, amplitude=0.05, frequency=1e6)
     scene.edge(
@@ -98,11 +106,7 @@ def test_the_charge_of_a_base_does_not_depend_on_the_way():
     )
     scene.edge(
         *("Q", "bjt_npn", "c", "b", "ground"),
-        **{**GUMMEL_POON, "be_recombination": 0.0, "bc_recombination": 0.0},
-        # No static current into the base: what flows there is charge.
-        **{"forward_gain": 1e30, "reverse_gain": 1e30},
-        **{"be_capacitance": 2e-12, "bc_capacitance": 1e-12},
-        **{"forward_transit_time": 1e-9, "reverse_transit_time": 1e-8},
+        **charged,
     )
     scene.edge("I", "current_source", "ground", "sum", current="Q.ib")
     scene.edge("C", "capacitor", "sum", "ground", capacitance=1e-12)
@@ -134,10 +138,10 @@ def test_the_bulk_raises_the_threshold(type, sign):
 def test_what_does_not_go_together_is_refused():
     scene = cotree.Scene("wrong")
     base = {"saturation_current": 1e-15, "forward_gain": 100.0, "forward_transit_time": 1e-9}
-    with pytest.raises(cotree.SceneError, match="'Q' .* give a bc_capacitance"):
+    with pytest.raises(cotree.SceneError, match=r"'Q' .* give a bc_capacitance"):
         scene.edge("Q", "bjt_npn", "c", "b", "e", forward_early_voltage=50.0, **base)
+    fields = {"factor": 1e-3, "threshold": 0.7, "body_effect": 0.5}
     with pytest.raises(cotree.SceneError, match="'M' has a body_effect: name its bulk"):
-        fields = {"factor": 1e-3, "threshold": 0.7, "body_effect": 0.5}
         scene.edge("M", "mosfet_n", "d", "g", "s", **fields)
     with pytest.raises(cotree.SceneError, match="start of the simulation is 'rest'"):
         scene.simulation(start="rest")
