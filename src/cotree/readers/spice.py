@@ -206,7 +206,7 @@ class Writer(Generic[_Scene]):
                 raise self.error(line.number, f"more than {_MOST_ELEMENTS} elements")
             if line.key[0] == "x":
                 self._instance(line, place, depth)
-        order = {"r": 0, "k": 2, "f": 3, "h": 3}  # what others name comes before them
+        order = {"k": 2, "f": 3, "h": 3}  # what others name comes before them
         rest = [line for line in circuit.elements if line.key[0] != "x"]
         find_couplings(place, rest)
         for line in sorted(rest, key=lambda line: order.get(line.key[0], 1)):
