@@ -18,7 +18,7 @@ from cotree.errors import (
     SolveError,
     TopologyError,
 )
-from cotree.reading import read_urdf
+from cotree.reading import read_spice, read_urdf
 from cotree.solvers import Result
 from cotree.studies.bench import bench
 from cotree.version import VERSION as __version__
@@ -43,6 +43,7 @@ __all__ = [
     "cache_directory",
     "clear_cache",
     "load",
+    "read_spice",
     "read_urdf",
     "register_component",
 ]

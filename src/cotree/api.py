@@ -13,7 +13,7 @@ from cotree.build import BuildOptions
 from cotree.errors import ParameterError, SingularSystemError
 from cotree.model.algebraic import solve_states
 from cotree.model.arrays import as_array
-from cotree.model.model import CompiledModel
+from cotree.operating import OperatingModel
 from cotree.readers import load_source
 from cotree.scene.description import SceneDescription, check_number
 from cotree.scene.tunable import keep_tunable, listed_names
@@ -154,12 +154,12 @@ def load(source: str | Path) -> Scene:
     Parameters
     ----------
     source : str or Path
-        Name of a shipped scene, or path of a TOML or URDF file.
+        Name of a shipped scene, or path of a TOML, URDF or SPICE file.
 
     Raises
     ------
     ModelError
-        If there is no such scene, the file is neither, or the scene is wrong.
+        If there is no such scene, the file is none of these, or the scene is wrong.
 
     Examples
     --------
@@ -169,13 +169,12 @@ def load(source: str | Path) -> Scene:
     return load_source(source, Scene)
 
 
-class Model(CompiledModel):
+class Model(OperatingModel):
     """A compiled scene."""
 
     def __init__(self, compiled: Compiled, scene: SceneDescription) -> None:
-        super().__init__(compiled.program, compiled.kernels)
+        super().__init__(compiled.program, compiled.kernels, scene)
         self._compiled = compiled
-        self._scene = scene
 
     @property
     def source(self) -> str:
@@ -391,4 +390,5 @@ class Model(CompiledModel):
 
         d, to = self._scene.defaults, Path(directory)
         numbers = {"t_end": d.t_end, "rtol": d.rtol, "atol": d.atol}
-        return write_c_project(self._program, to, integrator, **numbers, step=step)
+        start = self.start() if self.begins_at_rest else None
+        return write_c_project(self._program, to, integrator, **numbers, step=step, start=start)

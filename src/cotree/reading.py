@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cotree.api import Scene
-from cotree.readers import UrdfOptions, read_urdf_scene
+from cotree.readers import UrdfOptions, read_spice_scene, read_urdf_scene
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -45,3 +45,30 @@ def read_urdf(
         If the file cannot be read, or is not a robot; the message begins with file and line.
     """
     return read_urdf_scene(path, Scene, UrdfOptions(base, mimic, snap))
+
+
+def read_spice(path: str | Path) -> Scene:
+    """Read a circuit from a SPICE netlist.
+
+    Nodes and elements keep their names where a scene can have them; values of elements are
+    parameters of the same name, those of models ``MODEL_parameter``. Runs begin at the operating
+    point, or with ``uic`` at initial values, and end where ``.tran`` says. What was not read, and
+    names that had to change, stand in ``scene.origin``; docs/spice.md lists what is known.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    Scene
+        The circuit.
+
+    Raises
+    ------
+    SceneError
+        If the file cannot be read, or holds what is not known; the message begins with file and
+        line.
+    """
+    return read_spice_scene(path, Scene)

@@ -1,37 +1,26 @@
-"""Diodes and transistors: static laws without capacitances; add capacitors for these."""
+"""Transistors: static laws, and what real ones have beside them where a scene gives its fields."""
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
+from cotree.components.bipolar import FIELDS, bipolar
 from cotree.components.component import Component, Role
+from cotree.components.diodes import DIODE
+from cotree.components.junctions import is_absent, junction_current, symbol
 from cotree.components.law import Law
-from cotree.components.ports import one_port, optional, value
+from cotree.components.ports import optional, value
 from cotree.components.terminal import Kind, Measure, Terminal
+from cotree.errors import SceneError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from cotree.components.component import Adapt
 
 _DOMAIN = "electrical"
-
-_THERMAL_VOLTAGE = optional(
-    "thermal_voltage", "V", "k T / e, times an ideality factor", 0.02585, "positive"
-)
-
-
-def _junction(voltage: Any, saturation_current: Any, thermal_voltage: Any) -> Any:
-    import sympy
-
-    return saturation_current * (sympy.exp(voltage / thermal_voltage) - 1)
-
-
-DIODE = one_port(
-    "diode",
-    "Shockley diode: I (exp(v / V) - 1)",
-    (value("saturation_current", "A", "I, what flows backwards"), _THERMAL_VOLTAGE),
-    Terminal(
-        _DOMAIN,
-        Kind.DISSIPATOR,
-        through=Law.taking(("across", "saturation_current", "thermal_voltage"), _junction),
-    ),
-)
 
 
 def _bipolar(name: str, doc: str, sign: int) -> Component:
@@ -41,8 +30,10 @@ def _bipolar(name: str, doc: str, sign: int) -> Component:
     """
 
     def law(across: Any, other: Any, current: Any, gain: Any, thermal_voltage: Any) -> Any:
-        own = _junction(sign * across, current, thermal_voltage)
-        return sign * (own * (1 + 1 / gain) - _junction(sign * other, current, thermal_voltage))
+        own = junction_current(sign * across, current, thermal_voltage)
+        return sign * (
+            own * (1 + 1 / gain) - junction_current(sign * other, current, thermal_voltage)
+        )
 
     def port(own: str, other: str, gain: str, between: tuple[str, str]) -> Terminal:
         names = ("across", f"across_{other}", "saturation_current", gain, "thermal_voltage")
@@ -55,16 +46,11 @@ def _bipolar(name: str, doc: str, sign: int) -> Component:
             between=between,
         )
 
-    return Component(
+    plain = Component(
         name,
         Role.NETWORK,
         doc,
-        fields=(
-            value("saturation_current", "A", "of both junctions"),
-            value("forward_gain", "1", "collector current per base current"),
-            optional("reverse_gain", "1", "the same with collector and emitter exchanged", 1.0),
-            _THERMAL_VOLTAGE,
-        ),
+        fields=FIELDS,
         domains=(_DOMAIN,),
         ports=(
             port("be", "bc", "forward_gain", ("base", "emitter")),
@@ -80,6 +66,7 @@ def _bipolar(name: str, doc: str, sign: int) -> Component:
             Measure("vce", "V", ((1, "across", "be"), (-1, "across", "bc"))),
         ),
     )
+    return replace(plain, adapt=bipolar(name, doc, sign, plain))
 
 
 BJT_NPN = _bipolar("bjt_npn", "bipolar transistor after Ebers and Moll, npn", 1)
@@ -108,7 +95,7 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
         return sign * channel + leakage * across
 
     names = ("across", "across_gs", "factor", "threshold", "modulation", "leakage")
-    return Component(
+    plain = Component(
         name,
         Role.NETWORK,
         doc,
@@ -117,6 +104,8 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
             value("threshold", "V", "of the gate against the source", ""),
             optional("modulation", "1/V", "of the channel's length", 0.0, "nonnegative"),
             optional("leakage", "S", "between drain and source", 1e-12, "nonnegative"),
+            optional("body_effect", "V^0.5", "of the bulk's voltage", 0.0, "nonnegative"),
+            optional("surface_potential", "V", "of the channel at threshold", 0.6, "positive"),
         ),
         domains=(_DOMAIN,),
         ports=(
@@ -144,6 +133,52 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
             Measure("vgs", "V", ((1, "across", "gs"),)),
         ),
     )
+    return replace(plain, adapt=_with_bulk(plain, law, sign))
+
+
+def _with_bulk(plain: Component, law: Callable[..., Any], sign: int) -> Adapt:
+    """Give a field-effect transistor its fourth node, where a scene names it.
+
+    The threshold is raised by g (sqrt(P - v) - sqrt(P)), where v is what the bulk is above the
+    lower of source and drain; forwards the root goes on straight, as in SPICE.
+    """
+
+    def shifted() -> Any:
+        import sympy
+
+        vds, vbs = sign * symbol("across"), sign * symbol("across_bs")
+        effect, potential = symbol("body_effect"), symbol("surface_potential")
+        v = vbs - sympy.Min(vds, 0)
+        # The root is never taken of what is not positive, whichever branch is evaluated.
+        straight = sympy.Max(v, 0) / (2 * sympy.sqrt(potential))
+        root = sympy.Max(0, sympy.sqrt(potential - sympy.Min(v, 0)) - straight)
+        raised = sign * effect * (root - sympy.sqrt(potential))
+        names = ("across", "across_gs", "factor", "threshold", "modulation", "leakage")
+        arguments = {name: symbol(name) for name in names}
+        arguments["threshold"] += raised
+        return law(*arguments.values())
+
+    @lru_cache(maxsize=1)
+    def made() -> Component:
+        drain = replace(plain.ports[0], through=Law.of(shifted()))
+        bulk = replace(plain.ports[1], port="bs", between=("bulk", "source"))
+        return replace(
+            plain,
+            ports=(drain, plain.ports[1], bulk),
+            terminals=(*plain.terminals, "bulk"),
+            measures=(*plain.measures, Measure("vbs", "V", ((1, "across", "bs"),))),
+        )
+
+    def adapt(
+        edge: str, nodes: Sequence[object], given: Mapping[str, Any]
+    ) -> tuple[Component, Sequence[object], Mapping[str, Any]]:
+        if len(nodes) == len(plain.terminals) + 1:
+            return made(), nodes, given
+        if not is_absent(given.get("body_effect")):
+            raise SceneError(f"edge '{edge}' has a body_effect: name its bulk as the fourth node")
+        return plain, nodes, given
+
+    return adapt
 
 
 MOSFET_N = _mosfet("mosfet_n", "field-effect transistor by the square law, n channel", 1)

@@ -17,7 +17,7 @@ from itertools import product
 from typing import TYPE_CHECKING
 
 from cotree.dag.evaluate import evaluate
-from cotree.dag.traverse import reachable
+from cotree.dag.traverse import dependent, reachable
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -141,15 +141,22 @@ def acts_in_part(roots: Iterable[Node]) -> bool:
 def _all_pieces(dag: Dag, order: Sequence[Node]) -> dict[Node, tuple[_Line, ...]]:
     """Write as lines all nodes that are few of them."""
     pieces: dict[Node, tuple[_Line, ...]] = {}
+    others = [n for n in order if n.op == "symbol" and n.data[0] not in ("p", "t")]
+    moving = dependent(order, others)
     for node in order:
-        own = _pieces(dag, node, pieces)
+        own = _pieces(dag, node, pieces, node in moving)
         if 0 < len(own) <= _MOST_PIECES:
             pieces[node] = own
     return pieces
 
 
-def _pieces(dag: Dag, node: Node, pieces: Mapping[Node, tuple[_Line, ...]]) -> tuple[_Line, ...]:
-    """Write a node as lines, one of which it is at any time; as nothing where it is none."""
+def _pieces(
+    dag: Dag, node: Node, pieces: Mapping[Node, tuple[_Line, ...]], is_moving: bool
+) -> tuple[_Line, ...]:
+    """Write a node as lines, one of which it is at any time; as nothing where it is none.
+
+    One that depends on states may still be a line in one branch of a selection.
+    """
     zero = dag.zero
     if node.value is not None or (node.op == "symbol" and node.data[0] == "p"):
         return (_Line(node, zero, zero),)
@@ -160,7 +167,8 @@ def _pieces(dag: Dag, node: Node, pieces: Mapping[Node, tuple[_Line, ...]]) -> t
     if not node.args or not all(arg in pieces for arg in node.args):
         return ()
     rows = [pieces[arg] for arg in node.args]
-    if all(_is_fixed(line) for row in rows for line in row) and node.op != "result":
+    is_fixed = not is_moving and all(_is_fixed(line) for row in rows for line in row)
+    if is_fixed and node.op != "result":
         return (_Line(node, zero, zero),)
     if node.op == "abs":
         return (*rows[0], *(_scaled(line, -dag.one) for line in rows[0]))

@@ -12,7 +12,7 @@ import math
 import os
 import tempfile
 import textwrap
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from cotree.codegen.context import ModelContext
+    from cotree.model.start import Start
     from cotree.program import Program
 
 _METHODS = {**INTEGRATORS, **FIXED}
@@ -141,6 +142,7 @@ def write_c_project(
     rtol: float,
     atol: float,
     step: float | None = None,
+    start: Start | None = None,
 ) -> CProject:
     """Write a model with a main program that integrates it.
 
@@ -160,6 +162,8 @@ def write_c_project(
         Tolerances of states and sensitivities, relative and absolute.
     step : float, optional
         Length of all steps of a method of ``FIXED``, [s].
+    start : Start, optional
+        Where it begins, if not at its own consistent start.
 
     Returns
     -------
@@ -201,6 +205,8 @@ def write_c_project(
     ]
     command = f"cc -std=c99 -O2 -ffp-contract=off -o {model.prefix} {' '.join(sources)} -lm"
     main = _main_context(program, model, integrator, command, t_end, rtol, atol, step, is_dependent)
+    if start is not None:
+        main = replace(main, start=_start_text(start))
     texts = {**render_model(model), **run_files(), **own, **integrator_files(integrator), **driver}
     texts["main.c"] = render("c/main.c.jinja", main=main)
     _write_files(directory, texts)
@@ -299,7 +305,10 @@ def _start_lines(program: Program) -> list[str]:
     if not layout.states or not is_sought:
         return []
     # A few evaluations need no compiler, which a machine that only writes C may not have.
-    start = CompiledModel(program, PythonKernels(program)).start()
+    return _start_text(CompiledModel(program, PythonKernels(program)).start())
+
+
+def _start_text(start: Start) -> list[str]:
     values = [*start.y.tolist(), *start.s.T.ravel().tolist()]
     text = " ".join(f"{literal(value)}," for value in values)
     return textwrap.wrap(text, 96, break_long_words=False, break_on_hyphens=False)

@@ -161,9 +161,9 @@ class CompiledModel(JacobianStructure):
         SingularSystemError
             If the algebraic equations do not determine them.
         """
-        size = (len(self.parameters),)
-        p = self.default_parameters if p is None else as_array(p, size, "the parameters")
-        y, s = self.initial(p), self.initial_sensitivity(p)
+        p = self.default_parameters if p is None else p
+        p = as_array(p, (len(self.parameters),), "the parameters")
+        y, s = self.initial_values(t, p, u)
         kept = {i for i, is_given in enumerate(self.layout.given) if is_given}
         for name, value in (initial or {}).items():
             if name not in self.states:
@@ -183,6 +183,10 @@ class CompiledModel(JacobianStructure):
             s = start_by_differences(self, t, p, initial or {}, start)
         u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
         return Start(*solve_start(self, t, p, u, y, s), start.is_chosen)
+
+    def initial_values(self, t: float, p: Array, u: Any) -> tuple[Array, Array]:
+        """Give initial states and sensitivities as they are before anything has to hold."""
+        return self.initial(p), self.initial_sensitivity(p)
 
     @cached_property
     def junctions(self) -> Junctions:
@@ -364,11 +368,8 @@ class CompiledModel(JacobianStructure):
 
     def _prepare(self, p: Any) -> None:
         """Prepare for parameters, unless they are those of the last call."""
-        values = (
-            self.default_parameters
-            if p is None
-            else as_array(p, (len(self.parameters),), "the parameters")
-        )
+        values = self.default_parameters if p is None else p
+        values = as_array(values, (len(self.parameters),), "the parameters")
         if self._prepared is not None and np.array_equal(values, self._prepared):
             return
         if not np.all(np.isfinite(values)):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeVar
 
+from cotree.readers.spice import read_spice_scene
 from cotree.readers.urdf import UrdfOptions, read_urdf_scene
 from cotree.scene.description import SceneDescription
 from cotree.scene.toml_file import load_scene
@@ -19,14 +20,19 @@ def is_urdf(source: str | Path) -> bool:
     return str(source).lower().endswith(".urdf")
 
 
+def is_spice(source: str | Path) -> bool:
+    """Whether a file is a netlist, by its ending."""
+    return str(source).lower().endswith((".cir", ".sp", ".net"))
+
+
 def load_source(source: str | Path, scene_type: type[_Scene]) -> _Scene:
     """Read a scene from whatever names it.
 
     Parameters
     ----------
     source : str or Path
-        Name of a shipped scene, or path of a file: ``.urdf`` is a robot description, anything
-        else TOML.
+        Name of a shipped scene, or path of a file: ``.urdf`` is a robot description, ``.cir``,
+        ``.sp`` and ``.net`` are netlists, anything else TOML.
     scene_type : type
         The class to make.
 
@@ -37,4 +43,6 @@ def load_source(source: str | Path, scene_type: type[_Scene]) -> _Scene:
     """
     if is_urdf(source):
         return read_urdf_scene(source, scene_type, UrdfOptions())
+    if is_spice(source):
+        return read_spice_scene(source, scene_type)
     return load_scene(source, scene_type)

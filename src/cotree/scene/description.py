@@ -13,6 +13,7 @@ from cotree.scene.events import Event, Mode, make_event
 from cotree.scene.expressions import Expression, parse
 from cotree.scene.fields import check_fields, check_initial, check_vector
 from cotree.scene.ports import check_heat, check_ports
+from cotree.scene.simulation import Simulation, with_settings
 from cotree.scene.tables import parse_signal
 
 if TYPE_CHECKING:
@@ -73,16 +74,6 @@ class Edge:
     fields: Mapping[str, FieldValue]
     initial: Mapping[str, FieldValue]
     ports: tuple[Ends, ...] = ()
-
-
-@dataclass(frozen=True)
-class Simulation:
-    """What a plain run does: end time, and tolerances and method where given."""
-
-    t_end: float = 10.0
-    rtol: float = 1e-8
-    atol: float = 1e-10
-    method: str = "auto"
 
 
 @dataclass(repr=False)
@@ -352,22 +343,16 @@ class SceneDescription:
         self.events[name] = make_event(name, when, direction, set or {}, stop, impact)
 
     def simulation(self, **settings: Any) -> None:
-        """Set what a plain run does: ``t_end``, ``rtol``, ``atol``, ``method``.
+        """Set what a plain run does: ``t_end``, ``rtol``, ``atol``, ``method``, ``start``...
+
+        See :class:`cotree.scene.simulation.Simulation`.
 
         Raises
         ------
-        SceneError
+        SceneError, ExpressionError
             If a setting is unknown or has no sensible value.
         """
-        known = Simulation.__dataclass_fields__
-        for key, value in settings.items():
-            if key not in known:
-                raise SceneError(f"simulation has no setting '{key}'{nearest(key, known)}")
-            if key == "method":
-                settings[key] = check_text(value, "method of the simulation")
-            elif check_number(value, f"{key} of the simulation") <= 0.0:
-                raise SceneError(f"{key} of the simulation is {value}: it must be positive")
-        self.defaults = Simulation(**{**vars(self.defaults), **settings})
+        self.defaults = with_settings(self.defaults, settings, check_number)
 
     @property
     def _signals(self) -> dict[str, object]:

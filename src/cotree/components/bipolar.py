@@ -1,0 +1,248 @@
+"""Bipolar transistors after Gummel and Poon, as far as a scene gives fields of it.
+
+With no more than gains they are those of Ebers and Moll. Currents of the junctions, with
+f = I (exp(vbe / (nf V)) - 1) and r the same of vbc, and the base charge qb = q1/2 (1 + sqrt(1 + 4
+q2)), q1 = 1 / (1 - vbc/Vf - vbe/Vr), q2 = f/If + r/Ir:
+
+    collector to emitter (f - r) / qb, base to emitter f / bf, base to collector r / br,
+
+and recombination, leakage, charges and resistances. See H. K. Gummel and H. C. Poon, An integral
+charge control model of bipolar transistors, Bell System Technical Journal 49 (1970).
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from cotree.components.component import Component, Role
+from cotree.components.junctions import (
+    FORWARD_SHARE,
+    depletion_capacity,
+    depletion_fields,
+    extras,
+    is_absent,
+    junction_current,
+    symbol,
+)
+from cotree.components.law import Law
+from cotree.components.ports import optional, resistive, value
+from cotree.components.terminal import Kind, Measure, Terminal
+from cotree.errors import SceneError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cotree.components.component import Adapt
+
+_DOMAIN = "electrical"
+
+_FORWARD, _REVERSE = depletion_fields("be", 0.75, 0.33), depletion_fields("bc", 0.75, 0.33)
+
+#: What adds a term to the laws, or a port.
+_EXTRAS = (
+    optional("forward_ideality", "1", "factor of V forwards", 1.0, "positive"),
+    optional("reverse_ideality", "1", "factor of V backwards", 1.0, "positive"),
+    optional("forward_early_voltage", "V", "infinite where left out", None, "positive"),
+    optional("reverse_early_voltage", "V", "infinite where left out", None, "positive"),
+    optional("forward_knee_current", "A", "infinite where left out", None, "positive"),
+    optional("reverse_knee_current", "A", "infinite where left out", None, "positive"),
+    optional("be_recombination", "A", "saturation current of it", 0.0, "nonnegative"),
+    optional("bc_recombination", "A", "saturation current of it", 0.0, "nonnegative"),
+    optional("leakage", "S", "beside each junction", 0.0, "nonnegative"),
+    optional("base_resistance", "ohm", "between terminal and junctions", 0.0, "nonnegative"),
+    optional("collector_resistance", "ohm", "the same of the collector", 0.0, "nonnegative"),
+    optional("emitter_resistance", "ohm", "the same of the emitter", 0.0, "nonnegative"),
+    _FORWARD[0],
+    _REVERSE[0],
+    optional("forward_transit_time", "s", "charge per current forwards", 0.0, "nonnegative"),
+    optional("reverse_transit_time", "s", "charge per current backwards", 0.0, "nonnegative"),
+)
+
+FIELDS = (
+    value("saturation_current", "A", "of both junctions"),
+    value("forward_gain", "1", "collector current per base current"),
+    optional("reverse_gain", "1", "the same with collector and emitter exchanged", 1.0),
+    optional("thermal_voltage", "V", "k T / e, times an ideality factor", 0.02585, "positive"),
+    *_EXTRAS,
+    optional("be_recombination_ideality", "1", "factor of V for it", 1.5, "positive"),
+    optional("bc_recombination_ideality", "1", "factor of V for it", 2.0, "positive"),
+    *_FORWARD[1:],
+    *_REVERSE[1:],
+    FORWARD_SHARE,
+)
+
+_CHARGES = {
+    "be": {"be_capacitance", "forward_transit_time"},
+    "bc": {"bc_capacitance", "reverse_transit_time"},
+}
+_OF_BASE_CHARGE = {
+    "forward_early_voltage",
+    "reverse_early_voltage",
+    "forward_knee_current",
+    "reverse_knee_current",
+}
+_RESISTANCES = ("base_resistance", "collector_resistance", "emitter_resistance")
+
+
+@lru_cache(maxsize=256)
+def _transistor(name: str, doc: str, sign: int, has: frozenset[str]) -> Component:
+    """Make a transistor with the terms of some fields."""
+    inner = {
+        row.partition("_")[0]: f"inner_{row.partition('_')[0]}"
+        for row in _RESISTANCES
+        if row in has
+    }
+    base, collector, emitter = (inner.get(end, end) for end in ("base", "collector", "emitter"))
+    laws = _Laws(sign, has)
+    ports = [
+        laws.port("be", "bc", (base, emitter)),
+        laws.port("bc", "be", (base, collector)),
+        *(resistive(_DOMAIN, f"{end}_resistance", end, (end, at)) for end, at in inner.items()),
+    ]
+    return Component(
+        name,
+        Role.NETWORK,
+        doc,
+        fields=FIELDS,
+        domains=(_DOMAIN,),
+        ports=tuple(ports),
+        terminals=("collector", "base", "emitter"),
+        measures=_measures(inner),
+    )
+
+
+def _measures(inner: Mapping[str, str]) -> tuple[Measure, ...]:
+    """Give currents into the terminals, and voltages between them."""
+
+    def drop(sign: int, end: str) -> tuple[tuple[int, str, str], ...]:
+        return ((sign, "across", end),) if end in inner else ()
+
+    # What flows from a terminal to its inner node; the emitter's drop is taken backwards.
+    be, bc = (1, "across", "be"), (1, "across", "bc")
+    return (
+        Measure("ib", "A", ((1, "through", "be"), (1, "through", "bc"))),
+        Measure("ic", "A", ((-1, "through", "bc"),)),
+        Measure("ie", "A", ((-1, "through", "be"),)),
+        Measure("vbe", "V", (*drop(1, "base"), be, *drop(-1, "emitter"))),
+        Measure("vbc", "V", (*drop(1, "base"), bc, *drop(-1, "collector"))),
+        Measure(
+            "vce",
+            "V",
+            (be, (-1, "across", "bc"), *drop(1, "collector"), *drop(-1, "emitter")),
+        ),
+    )
+
+
+class _Laws:
+    """Terminal equations of the junctions, as expressions of ``vbe`` and ``vbc``."""
+
+    def __init__(self, sign: int, has: frozenset[str]) -> None:
+        self.sign, self.has = sign, has
+        self.voltage = {"be": symbol("vbe"), "bc": symbol("vbc")}
+        self.thermal = symbol("thermal_voltage")
+        saturation = symbol("saturation_current")
+        self.forward, self.reverse = (
+            junction_current(v, saturation, symbol(f"{way}_ideality") * self.thermal)
+            for v, way in ((self.voltage["be"], "forward"), (self.voltage["bc"], "reverse"))
+        )
+
+    def _base_charge(self) -> Any:
+        import sympy
+
+        def share(of: Any, name: str) -> Any:
+            return of / symbol(name) if name in self.has else 0
+
+        q1 = 1 / (
+            1
+            - share(self.voltage["bc"], "forward_early_voltage")
+            - share(self.voltage["be"], "reverse_early_voltage")
+        )
+        q2 = share(self.forward, "forward_knee_current")
+        q2 += share(self.reverse, "reverse_knee_current")
+        if q2 == 0:
+            return q1
+        # Junctions block before the sum is negative; a search for a root may pass there.
+        return q1 / 2 * (1 + sympy.sqrt(sympy.Max(1e-6, 1 + 4 * q2)))
+
+    def _current(self, own: str) -> Any:
+        import sympy
+
+        transport = (self.forward - self.reverse) / self._base_charge()
+        if own == "be":
+            total = transport + self.forward / symbol("forward_gain")
+        else:
+            total = self.reverse / symbol("reverse_gain") - transport
+        v = self.voltage[own]
+        if f"{own}_recombination" in self.has:
+            ideality = symbol(f"{own}_recombination_ideality")
+            factor = sympy.exp(v / (ideality * self.thermal)) - 1
+            total += symbol(f"{own}_recombination") * factor
+        return total + symbol("leakage") * v if "leakage" in self.has else total
+
+    def _capacities(self, own: str, other: str) -> tuple[Any, Any]:
+        """Differentiate the charge of a junction by its voltage, and by the other's."""
+        import sympy
+
+        v, capacity = self.voltage[own], sympy.Integer(0)
+        if f"{own}_capacitance" in self.has:
+            capacity += depletion_capacity(v, own)
+        charge = sympy.Integer(0)
+        if own == "be" and "forward_transit_time" in self.has:
+            charge = symbol("forward_transit_time") * self.forward / self._base_charge()
+        if own == "bc" and "reverse_transit_time" in self.has:
+            charge = symbol("reverse_transit_time") * self.reverse
+        return capacity + sympy.diff(charge, v), sympy.diff(charge, self.voltage[other])
+
+    def port(self, own: str, other: str, between: tuple[str, str]) -> Terminal:
+        """Make the port of a junction."""
+        through, storage, kind = self.sign * self._current(own), None, Kind.DISSIPATOR
+        if self.has & _CHARGES[own]:
+            capacity, cross = self._capacities(own, other)
+            kind, storage = Kind.ACROSS_STORAGE, Law.of(self._of_port(capacity, own, other))
+            # Rates of both voltages change sign where currents do.
+            through += cross * symbol(f"across_rate_{other}")
+        return Terminal(
+            _DOMAIN,
+            kind,
+            own,
+            through=Law.of(self._of_port(through, own, other)),
+            storage=storage,
+            is_passive=False,
+            between=between,
+        )
+
+    def _of_port(self, expression: Any, own: str, other: str) -> Any:
+        names = {own: "across", other: f"across_{other}"}
+        return expression.subs({self.voltage[at]: self.sign * symbol(names[at]) for at in names})
+
+
+def bipolar(name: str, doc: str, sign: int, plain: Component) -> Adapt:
+    """Give the terms that a scene has fields of to a transistor.
+
+    Parameters
+    ----------
+    name, doc : str
+        Of the component.
+    sign : int
+        -1 where junctions conduct the other way.
+    plain : Component
+        The transistor with none of these terms.
+    """
+
+    def adapt(
+        edge: str, nodes: Sequence[object], given: Mapping[str, Any]
+    ) -> tuple[Component, Sequence[object], Mapping[str, Any]]:
+        has = extras(_EXTRAS, given)
+        rest = {key: item for key, item in given.items() if key in has or not is_absent(item)}
+        if not has:
+            return plain, nodes, rest
+        is_coupled = "forward_transit_time" in has and has & _OF_BASE_CHARGE
+        if is_coupled and not has & _CHARGES["bc"]:
+            raise SceneError(
+                f"edge '{edge}' has a forward_transit_time and a charge of the base that the "
+                "collector's voltage changes: give a bc_capacitance, too"
+            )
+        return _transistor(name, doc, sign, has), nodes, rest
+
+    return adapt

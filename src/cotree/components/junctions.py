@@ -1,0 +1,77 @@
+"""Junctions of semiconductors as SymPy expressions: currents, charges, and their capacities.
+
+Capacities are the derivatives of charges, C = dQ/dv, so that what flows into a junction is what
+its charge grows by.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from cotree.components.ports import optional
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from cotree.components.component import Field
+
+
+def symbol(name: str) -> Any:
+    """Make the symbol that stands for an argument of a law."""
+    import sympy
+
+    return sympy.Symbol(name, real=True)
+
+
+def junction_current(voltage: Any, saturation_current: Any, thermal_voltage: Any) -> Any:
+    """Give I (exp(v / V) - 1)."""
+    import sympy
+
+    return saturation_current * (sympy.exp(voltage / thermal_voltage) - 1)
+
+
+def depletion_capacity(voltage: Any, prefix: str) -> Any:
+    """Give C (1 - v/V)^-m, and beyond the share F of V the tangent to it.
+
+    The base of the power is held above 1 - F, so that neither it nor its derivatives are ever
+    undefined.
+
+    Parameters
+    ----------
+    voltage : sympy expression
+        Of the junction.
+    prefix : str
+        Of the fields; see :func:`depletion_fields`.
+    """
+    import sympy
+
+    names = ("capacitance", "potential", "grading")
+    capacitance, potential, grading = (symbol(f"{prefix}_{name}") for name in names)
+    share = symbol("forward_share")
+    over = sympy.Max(0, voltage / potential - share)
+    base = 1 - voltage / potential + over
+    return capacitance * base ** (-grading) * (1 + grading * over / (1 - share))
+
+
+def depletion_fields(prefix: str, potential: float, grading: float) -> tuple[Field, ...]:
+    """Make the fields of a depletion capacitance, but for where its tangent begins."""
+    return (
+        optional(f"{prefix}_capacitance", "F", "of its charge at no voltage", 0.0, "nonnegative"),
+        optional(f"{prefix}_potential", "V", "built in", potential, "positive"),
+        optional(f"{prefix}_grading", "1", "exponent of the doping", grading, "nonnegative"),
+    )
+
+
+FORWARD_SHARE = optional(
+    "forward_share", "1", "of the potential built in, where the capacitance goes on straight", 0.5
+)
+
+
+def extras(fields: tuple[Field, ...], given: Mapping[str, Any]) -> frozenset[str]:
+    """List which of some fields a scene gives as anything but the number zero."""
+    return frozenset(row.name for row in fields if not is_absent(given.get(row.name)))
+
+
+def is_absent(value: Any) -> bool:
+    """Say whether a field is not given, or zero as a number."""
+    return value is None or (isinstance(value, (int, float)) and value == 0)

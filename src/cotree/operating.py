@@ -1,0 +1,79 @@
+"""Models that begin at the operating point of their network.
+
+The operating point is the solution of another scene, whose storages are at rest
+(:mod:`cotree.scene.standstill`). It has no states: all that it needs is the search for algebraic
+unknowns, with its limited junctions, conductances beside them and growing sources. Its sensitivity
+graphs give the sensitivities of the start.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.errors import Error
+from cotree.model.arrays import as_array
+from cotree.model.kernels import PythonKernels
+from cotree.model.model import CompiledModel
+from cotree.scene.simulation import OPERATING_POINT
+from cotree.scene.standstill import standing_scene
+
+if TYPE_CHECKING:
+    from cotree.model.kernels import Kernels
+    from cotree.program import Program
+    from cotree.scene.description import SceneDescription
+
+Array = npt.NDArray[np.float64]
+
+
+class OperatingModel(CompiledModel):
+    """A compiled model that knows its scene, and begins where that says."""
+
+    def __init__(self, program: Program, kernels: Kernels, scene: SceneDescription) -> None:
+        super().__init__(program, kernels)
+        self._scene = scene
+
+    @property
+    def begins_at_rest(self) -> bool:
+        """Whether runs begin at the operating point."""
+        return self._scene.defaults.start == OPERATING_POINT
+
+    @cached_property
+    def at_rest(self) -> CompiledModel:
+        """The network at rest; its outputs are this model's states."""
+        from cotree.pipeline import formulate, generate
+
+        given = [name for name in self.sensitivities if name in self._scene.parameters]
+        try:
+            equations = formulate(standing_scene(self._scene, self.states), given, None)[1]
+            program, _ = generate(equations)
+        except Error as error:
+            raise type(error)(f"the operating point: {error}") from None
+        return CompiledModel(program, PythonKernels(program))  # a few evaluations
+
+    def initial_values(self, t: float, p: Array, u: Any) -> tuple[Array, Array]:
+        """Give initial states and sensitivities: those of the operating point, or the scene's."""
+        y, s = super().initial_values(t, p, u)
+        if not self.begins_at_rest or not self.states:
+            return y, s
+        rest = self.at_rest
+        known = dict(zip(self.parameters, p.tolist(), strict=True))
+        own = rest.parameter_array({name: known[name] for name in rest.parameters})
+        inputs = None
+        if u is not None:
+            signals = dict(
+                zip(self.inputs, as_array(u, (len(self.inputs),), "inputs"), strict=True)
+            )
+            inputs = np.array([signals[name] for name in rest.inputs])
+        try:
+            start = rest.start(t, own, u=inputs)
+        except Error as error:
+            raise type(error)(f"the operating point: {error}") from None
+        y = rest.output_values(t, start.y, own, inputs)
+        if rest.sensitivities:
+            found = rest.output_sensitivity(t, start.y, start.s, own, inputs)
+            s[:, [self.sensitivities.index(name) for name in rest.sensitivities]] = found
+        return y, s

@@ -1,0 +1,260 @@
+"""SPICE netlists to scenes.
+
+Elements become edges, instances of subcircuits are written out, values become parameters named as
+their elements. See docs/spice.md for what is read and what becomes of it.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from cotree.errors import ModelError, SceneError
+from cotree.readers.names import Namer
+from cotree.readers.spice_devices import DEVICES, find_couplings
+from cotree.readers.spice_lines import Line, settings, shown, split_settings
+from cotree.readers.spice_netlist import Circuit, Netlist, parse_netlist
+from cotree.readers.spice_place import Place
+from cotree.readers.spice_sources import Times
+from cotree.readers.spice_values import Scope, Value
+from cotree.readers.text_file import read_text
+from cotree.scene.description import SceneDescription
+from cotree.scene.origin import Origin
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_Scene = TypeVar("_Scene", bound=SceneDescription)
+
+_LARGEST_FILE = 20_000_000  # bytes
+_MOST_ELEMENTS, _DEEPEST = 100_000, 20
+_ROOM_TEMPERATURE = 27.0  # degrees Celsius
+_GMIN = 1e-12  # S
+
+
+def read_spice_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
+    """Read a circuit from a netlist.
+
+    Parameters
+    ----------
+    source : str or Path
+        Path of the file.
+    scene_type : type
+        The class to make.
+
+    Raises
+    ------
+    SceneError
+        If the file cannot be read, or holds what is not known; the message begins with file and
+        line.
+    """
+    return read_spice_text(read_text(source, _LARGEST_FILE), str(source), scene_type)
+
+
+def read_spice_text(text: str, where: str, scene_type: type[_Scene]) -> _Scene:
+    """Read a circuit from the text of a netlist; ``where`` names it in messages."""
+    return Writer(scene_type, parse_netlist(text, where), where).write()
+
+
+class Writer(Generic[_Scene]):
+    """Adds a netlist's elements to a scene."""
+
+    def __init__(self, scene_type: type[_Scene], netlist: Netlist, where: str) -> None:
+        self.netlist, self.where = netlist, where
+        self.times, self.uses_initial, self.gmin = Times(), False, _GMIN
+        self.names, self.parameter_names = Namer(), Namer()
+        self.nodes: dict[tuple[str, str], str] = {}
+        self.count = 0
+        stem = Namer().own(Path(where).stem[:40]).lstrip("_") or "netlist"
+        self.scene = scene_type(stem if stem[0].isalpha() else f"netlist_{stem}")
+        self.voltages: dict[str, Value] = {}
+
+    def error(self, line: int, message: str) -> SceneError:
+        """Make an error with file and line."""
+        return SceneError(f"{self.where}:{line}: {message}")
+
+    def write(self) -> _Scene:
+        """Write the whole netlist.
+
+        Raises
+        ------
+        SceneError
+            As :func:`read_spice_scene`.
+        """
+        whole, top = self.netlist.circuit, Scope()
+        for line in self.netlist.options:
+            self._option(line, top)
+        self._parameters(whole, top, "")
+        if self.netlist.transient is not None:
+            self._transient(self.netlist.transient, top)
+        for line in self.netlist.held:
+            self._held(line, top)
+        self._circuit(whole, Place(self, whole, top), 0)
+        if not self.scene.edges:
+            raise self.error(1, "no elements: is the first line the title?")
+        self._begin()
+        changed = {**self.names.changed, **self.parameter_names.changed}
+        self.scene.origin = Origin(self.where, tuple(self._notes(changed)), changed)
+        return self.scene
+
+    def guarded(self, line: int, act: Callable[[], Any]) -> Any:
+        """Do something to the scene; what it refuses is told with the line."""
+        try:
+            return act()
+        except ModelError as error:
+            if str(error).startswith(f"{self.where}:"):
+                raise
+            raise self.error(line, " ".join(str(error).split())) from None
+
+    def own_parameter(
+        self, name: str, value: Value, line: int, unit: str = "", doc: str = ""
+    ) -> Value:
+        """Make a parameter of a number, and give its name; expressions stay as they are."""
+        if isinstance(value, str):
+            return value
+        own = self.parameter_names.give("parameter", name)
+        self.guarded(line, lambda: self.scene.parameter(own, value, unit=unit, doc=doc))
+        return own
+
+    def node(self, path: str, name: str) -> str:
+        """Give the node of a name in an instance."""
+        key = (path, name.lower())
+        if name.lower() in ("0", "gnd"):
+            return "ground"
+        if key not in self.nodes:
+            self.nodes[key] = self.names.give("node", f"{path}{name}".replace(".", "_"))
+        return self.nodes[key]
+
+    def _parameters(self, circuit: Circuit, scope: Scope, path: str) -> None:
+        for name, word, line in circuit.parameters:
+            if name.lower() in scope.values and not path:
+                raise self.error(line, f"parameter '{shown(name)}' is given twice")
+            value = scope.value(word, f"{self.where}:{line}")
+            scope.values[name.lower()] = self.own_parameter(
+                f"{path}{name}".replace(".", "_"), value, line
+            )
+
+    def _option(self, line: Line, scope: Scope) -> None:
+        where = f"{self.where}:{line.number}"
+        if line.key == ".temp":
+            given = {"temp": line.words[1]} if len(line.words) == 2 else {}
+            if not given:
+                raise self.error(line.number, ".temp needs one temperature")
+        else:
+            row = [i for i, word in enumerate(line.words) if word == "="]
+            given = {}
+            for i in row:
+                if i < 2 or i + 1 >= len(line.words):
+                    raise self.error(line.number, "= stands between a name and a value")
+                given[line.words[i - 1].lower()] = line.words[i + 1]
+        for name, word in given.items():
+            if name == "gmin":
+                self.gmin = scope.number(word, where)
+                if not self.gmin >= 0.0:
+                    raise self.error(line.number, "gmin must not be negative")
+            elif name in ("temp", "tnom"):
+                if scope.number(word, where) != _ROOM_TEMPERATURE:
+                    raise self.error(
+                        line.number,
+                        f"{name} must be 27: nothing is scaled with temperature here; give models "
+                        "as they are at the temperature wanted",
+                    )
+            else:
+                self.netlist.passed_over.append(f".options {shown(name)}")
+
+    def _transient(self, line: Line, scope: Scope) -> None:
+        where = f"{self.where}:{line.number}"
+        words = line.words[1:]
+        if words and words[-1].lower() == "uic":
+            self.uses_initial, words = True, words[:-1]
+        if not 2 <= len(words) <= 4:
+            raise self.error(line.number, ".tran needs a step and an end time")
+        step, stop, *_ = (scope.number(word, where) for word in words)
+        if not (step > 0.0 and stop > 0.0):
+            raise self.error(line.number, "step and end time of .tran must be positive")
+        self.times = Times(step, stop)
+        self.scene.simulation(t_end=stop)
+
+    def _held(self, line: Line, scope: Scope) -> None:
+        where = f"{self.where}:{line.number}"
+        words = line.words[1:]
+        for i in range(0, len(words), 4):
+            four = words[i : i + 4]
+            if len(four) < 4 or four[0].lower() != "v" or four[2] != "=":
+                raise self.error(line.number, ".ic is written as .ic v(node)=value")
+            self.voltages[four[1].lower()] = scope.value(four[3], where)
+
+    def _begin(self) -> None:
+        """Say where the run begins."""
+        known = {name: node for (path, name), node in self.nodes.items() if not path}
+        line = self.netlist.held[0].number if self.netlist.held else 1
+        for name in self.voltages:
+            if name not in known:
+                raise self.error(line, f".ic names '{shown(name)}', which is no node")
+        if self.uses_initial:
+            return
+        held = {known[name]: value for name, value in self.voltages.items()}
+        start = "operating point"
+        self.guarded(line, lambda: self.scene.simulation(start=start, held=held))
+
+    def _circuit(self, circuit: Circuit, place: Place, depth: int) -> None:
+        """Add the elements of a circuit or of an instance."""
+        for line in circuit.elements:
+            self.count += 1
+            if self.count > _MOST_ELEMENTS:
+                raise self.error(line.number, f"more than {_MOST_ELEMENTS} elements")
+            if line.key[0] == "x":
+                self._instance(line, place, depth)
+        order = {"k": 2, "f": 3, "h": 3}  # what others name comes before them
+        rest = [line for line in circuit.elements if line.key[0] != "x"]
+        find_couplings(place, rest)
+        for line in sorted(rest, key=lambda line: order.get(line.key[0], 1)):
+            place.check_name(line)
+            self.guarded(line.number, partial(DEVICES[line.key[0]], place, line))
+
+    def _instance(self, line: Line, outer: Place, depth: int) -> None:
+        words, given = split_settings(line.words[1:])
+        words = tuple(word for word in words if word.lower() != "params:")
+        outer.check_name(line)
+        if depth >= _DEEPEST:
+            raise self.error(line.number, f"subcircuits within more than {_DEEPEST} others")
+        if not words:
+            raise self.error(line.number, f"{shown(line.words[0])} needs nodes and a subcircuit")
+        circuit, home = outer.circuit_named(words[-1], line.number)
+        if len(words) - 1 != len(circuit.pins):
+            raise self.error(
+                line.number,
+                f"{shown(line.words[0])} has {len(words) - 1} nodes, and subcircuit "
+                f"'{shown(circuit.name)}' {len(circuit.pins)} pins",
+            )
+        where = f"{self.where}:{line.number}"
+        values = settings(given, where)
+        path = f"{outer.path}{line.words[0]}."
+        for pin, node in zip(circuit.pins, words[:-1], strict=True):
+            self.nodes[path, pin.lower()] = outer.node(node)
+        inner = Scope({}, home.scope)
+        place = Place(self, circuit, inner, path, home)
+        for name in values:
+            if name not in circuit.defaults:
+                raise self.error(
+                    line.number,
+                    f"subcircuit '{shown(circuit.name)}' has no parameter '{shown(name)}'",
+                )
+        for name, word in circuit.defaults.items():
+            scope, at = (outer.scope, line.number) if name in values else (inner, circuit.line)
+            value = scope.value(values.get(name, word), f"{self.where}:{at}")
+            inner.values[name] = self.own_parameter(place.label(name), value, line.number)
+        self._parameters(circuit, inner, path)
+        self._circuit(circuit, place, depth + 1)
+
+    def _notes(self, changed: dict[tuple[str, str], str]) -> list[str]:
+        notes = []
+        if self.netlist.passed_over:
+            listed = ", ".join(dict.fromkeys(self.netlist.passed_over))
+            notes.append(f"not read: {shown(listed) if len(listed) > 200 else listed}")
+        if changed:
+            pairs = [f"{kind} {shown(old)} is {new}" for (kind, old), new in changed.items()]
+            more = f" and {len(pairs) - 8} more" if len(pairs) > 8 else ""
+            notes.append(f"names that had to change: {', '.join(pairs[:8])}{more}")
+        return notes

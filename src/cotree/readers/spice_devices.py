@@ -1,0 +1,285 @@
+"""Elements of netlists, one function for each letter: words of a line to edges."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from cotree.errors import nearest
+from cotree.readers.spice_lines import settings, shown, split_settings
+from cotree.readers.spice_models import bulk_fields, channel_fields, device_fields
+from cotree.readers.spice_sources import Source, edge_of, read_source
+from cotree.readers.spice_values import checked_names, is_zero, scaled, text_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from cotree.readers.spice_lines import Line
+    from cotree.readers.spice_models import DeviceModel
+    from cotree.readers.spice_place import Place
+    from cotree.readers.spice_values import Value
+
+#: Geometry that serves capacitances and leakage per area, of which models here have none.
+_UNUSED_OF_CHANNELS = {"ad", "as", "pd", "ps", "nrd", "nrs"}
+_DEFAULT_SIZE = 1e-4  # m, as ngspice has it
+
+
+def _parts(
+    place: Place, line: Line, known: set[str], counts: range
+) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Split a line into words and settings."""
+    words, rest = split_settings(line.words[1:])
+    given = settings(rest, place.at(line))
+    checked_names(given, known, f"'{shown(line.words[0])}'", place.at(line))
+    if len(words) not in counts:
+        few = f"{counts.start}" + (f" to {counts.stop - 1}" if len(counts) > 1 else "")
+        raise place.sheet.error(
+            line.number, f"'{shown(line.words[0])}' has {len(words)} words after it, not {few}"
+        )
+    return words, given
+
+
+def _one_port(place: Place, line: Line, type: str, field: str, unit: str, key: str) -> None:
+    """Add a resistor, capacitor or inductor."""
+    known = {key, "ic"} if key != "r" else {key}
+    words, given = _parts(place, line, known, range(2, 4))
+    if (len(words) == 3) == (key in given):
+        raise place.sheet.error(line.number, f"'{shown(line.words[0])}' needs one value")
+    value = place.principal(line, words[2] if len(words) == 3 else given[key], unit)
+    nodes = [place.node(word) for word in words[:2]]
+    initial = _initial(place, line, words, given, key)
+    place.add(line.words[0], type, nodes, {field: value}, initial)
+
+
+def _initial(
+    place: Place, line: Line, words: tuple[str, ...], given: dict[str, str], key: str
+) -> dict[str, Any]:
+    """Give the initial value of a storage, where the run begins with such."""
+    if not place.sheet.uses_initial or key == "r":
+        return {}
+    symbol = "v" if key == "c" else "i"
+    if "ic" in given:
+        return {symbol: place.scope.value(given["ic"], place.at(line))}
+    if key != "c":
+        return {}
+    voltage = _given_voltage(place, words[0], words[1])
+    return {} if is_zero(voltage) else {symbol: voltage}
+
+
+def _given_voltage(place: Place, plus: str, minus: str) -> Value:
+    """Give the voltage between two nodes that .ic says, zero where it says nothing."""
+    ends = []
+    for word in (plus, minus):
+        own = place.node(word)
+        known = {place.sheet.node("", name): v for name, v in place.sheet.voltages.items()}
+        ends.append(known.get(own, 0.0))
+    if is_zero(ends[1]):
+        return ends[0]
+    if isinstance(ends[0], float) and isinstance(ends[1], float):
+        return ends[0] - ends[1]
+    return f"{text_of(ends[0])} - {text_of(ends[1])}"
+
+
+def _resistor(place: Place, line: Line) -> None:
+    _one_port(place, line, "resistor", "resistance", "ohm", "r")
+
+
+def _capacitor(place: Place, line: Line) -> None:
+    _one_port(place, line, "capacitor", "capacitance", "F", "c")
+
+
+def _inductor(place: Place, line: Line) -> None:
+    if line.key not in place.coupled:
+        _one_port(place, line, "inductor", "inductance", "H", "l")
+
+
+def _coupling(place: Place, line: Line) -> None:
+    """Add two coupled inductors as one edge, named as the coupling."""
+    words, _ = _parts(place, line, set(), range(3, 4))
+    fields: dict[str, Any] = {"coupling": place.principal(line, words[2], "1")}
+    initial: dict[str, Any] = {}
+    for number, (port, name) in enumerate(zip(("primary", "secondary"), words[:2], strict=True)):
+        inductor = place.coupled[name.lower()]
+        own, given = _parts(place, inductor, {"l", "ic"}, range(2, 4))
+        if (len(own) == 3) == ("l" in given):
+            raise place.sheet.error(
+                inductor.number, f"'{shown(inductor.words[0])}' needs one value"
+            )
+        word = own[2] if len(own) == 3 else given["l"]
+        fields[f"inductance{number + 1}"] = place.principal(inductor, word, "H")
+        fields[port] = [place.node(node) for node in own[:2]]
+        start = _initial(place, inductor, own, given, "l")
+        if start:
+            initial[port] = start
+    place.add(line.words[0], "coupled_inductors", (), fields, initial)
+
+
+def find_couplings(place: Place, lines: list[Line]) -> None:
+    """Find the inductors that are coupled, before they are written.
+
+    Raises
+    ------
+    SceneError
+        If one is not there, or is coupled twice.
+    """
+    inductors = {line.key: line for line in lines if line.key[0] == "l"}
+    for line in lines:
+        if line.key[0] != "k":
+            continue
+        pair = [word.lower() for word in line.words[1:3]]
+        for name in pair:
+            if name not in inductors:
+                raise place.sheet.error(
+                    line.number,
+                    f"'{shown(line.words[0])}' couples '{shown(name)}', which is no inductor here"
+                    f"{nearest(name, inductors)}",
+                )
+            if name in place.coupled or pair.count(name) > 1:
+                raise place.sheet.error(
+                    line.number,
+                    f"'{shown(name)}' is coupled twice: windings are coupled in pairs only",
+                )
+        place.coupled.update((name, inductors[name]) for name in pair)
+
+
+def _independent(place: Place, line: Line) -> None:
+    """Add a source of a voltage or a current."""
+    if len(line.words) < 3 or "=" in line.words:
+        raise place.sheet.error(line.number, f"'{shown(line.words[0])}' needs two nodes, a value")
+    is_voltage = line.key[0] == "v"
+    nodes = [place.node(word) for word in line.words[1:3]]
+    source = read_source(line.words[3:], place.scope, place.sheet.times, place.at(line))
+    fields = dict(source.fields)
+    if source.is_constant:
+        label, unit = place.label(line.words[0]), "V" if is_voltage else "A"
+        fields["value"] = place.sheet.own_parameter(label, fields["value"], line.number, unit)
+    kind, given = edge_of(Source(source.shape, fields), is_voltage)
+    place.add(line.words[0], kind, nodes, given)
+
+
+def _by_voltage(place: Place, line: Line) -> None:
+    """Add a source that a voltage controls."""
+    words, _ = _parts(place, line, set(), range(5, 6))
+    type, field, unit = (
+        ("vcvs", "gain", "1") if line.key[0] == "e" else ("vccs", "transconductance", "S")
+    )
+    nodes = [place.node(word) for word in words[:4]]
+    factor = place.principal(line, words[4], unit)
+    ports = {"output": nodes[:2], "control": nodes[2:]}
+    place.add(line.words[0], type, (), {**ports, field: factor})
+
+
+def _by_current(place: Place, line: Line) -> None:
+    """Add a source that the current of a voltage source controls."""
+    words, _ = _parts(place, line, set(), range(4, 5))
+    source = place.edges.get(words[2].lower())
+    if source is None or words[2][0].lower() != "v":
+        raise place.sheet.error(
+            line.number,
+            f"'{shown(line.words[0])}' takes the current of '{shown(words[2])}', which is no "
+            "voltage source here",
+        )
+    nodes = [place.node(word) for word in words[:2]]
+    is_voltage = line.key[0] == "h"
+    factor = place.principal(line, words[3], "ohm" if is_voltage else "1")
+    kind = "voltage" if is_voltage else "current"
+    law = f"{text_of(factor)}*{source}.i"
+    place.add(line.words[0], f"{kind}_source", nodes, {kind: law})
+
+
+def _area(place: Place, line: Line, words: tuple[str, ...], given: dict[str, str]) -> Value:
+    """Read the factor of area of a device, and pass over ``off``."""
+    rest = [word for word in words if word.lower() != "off"]
+    if len(rest) > 1 or (rest and "area" in given):
+        raise place.sheet.error(line.number, f"'{shown(rest[-1])}' is one word too many")
+    if rest or "area" in given:
+        return place.scope.value(rest[0] if rest else given["area"], place.at(line))
+    return 1.0
+
+
+def _diode(place: Place, line: Line) -> None:
+    words, given = _parts(place, line, {"area", "ic"}, range(3, 6))
+    model = place.model(words[2], "d", line)
+    fields = device_fields(model, _area(place, line, words[3:], given), place.sheet.gmin)
+    nodes = [place.node(word) for word in words[:2]]
+    initial: dict[str, Any] = {}
+    is_state = {"junction_capacitance", "transit_time"} & fields.keys()
+    if place.sheet.uses_initial and is_state and "series_resistance" not in fields:
+        voltage = _given_voltage(place, words[0], words[1])
+        if "ic" in given:
+            voltage = place.scope.value(given["ic"], place.at(line))
+        initial = {} if is_zero(voltage) else {"v": voltage}
+    place.add(line.words[0], "diode", nodes, fields, initial)
+
+
+def _bipolar(place: Place, line: Line) -> None:
+    words, given = _parts(place, line, {"area"}, range(4, 8))
+    at = 3 if place.has_model(words[3]) or len(words) == 4 else 4
+    model = place.model(words[at], "q", line)
+    fields = device_fields(model, _area(place, line, words[at + 1 :], given), place.sheet.gmin)
+    if at == 4:  # no current flows into the substrate: nothing of it is modelled
+        place.node(words[3])
+    place.add(line.words[0], model.component, [place.node(word) for word in words[:3]], fields)
+
+
+def _field_effect(place: Place, line: Line) -> None:
+    """Add a transistor with its overlaps, the diodes of its bulk and its resistances."""
+    known = {"w", "l", "m"} | _UNUSED_OF_CHANNELS
+    words, given = _parts(place, line, known, range(5, 7))
+    model = place.model(words[4], "m", line)
+    if len(words) == 6 and words[5].lower() != "off":
+        raise place.sheet.error(line.number, f"'{shown(words[5])}' is one word too many")
+    width, length = (
+        place.scope.value(given[key], place.at(line)) if key in given else _DEFAULT_SIZE
+        for key in ("w", "l")
+    )
+    count = place.scope.value(given["m"], place.at(line)) if "m" in given else 1.0
+    if count != 1.0:
+        raise place.sheet.error(line.number, "m must be 1: write several transistors")
+    drain, gate, source, bulk = map(place.node, words[:4])
+    drain = _inner(place, line, model, "rd", drain)
+    source = _inner(place, line, model, "rs", source)
+    fields = channel_fields(model, width, length)
+    ends = (drain, gate, source) if "body_effect" not in fields else (drain, gate, source, bulk)
+    if drain == source:
+        raise place.sheet.error(line.number, "drain and source are one node")
+    place.add(line.words[0], model.component, ends, fields)
+    for side, end in (("cbd", drain), ("cbs", source)):
+        if bulk != end:
+            pair = (bulk, end) if model.component == "mosfet_n" else (end, bulk)
+            own = bulk_fields(model, side, place.sheet.gmin)
+            place.add(f"{line.words[0]}_{side}", "diode", pair, own)
+    overlaps = (("cgdo", drain, width), ("cgso", source, width), ("cgbo", bulk, length))
+    for side, end, size in overlaps:
+        per_length = model.values[side]
+        if not is_zero(per_length) and end != gate:
+            name = f"{line.words[0]}_{side}"
+            capacitance = scaled(per_length, size)
+            place.add(name, "capacitor", (gate, end), {"capacitance": capacitance})
+
+
+def _inner(place: Place, line: Line, model: DeviceModel, name: str, node: str) -> str:
+    """Put a resistance between a terminal and the channel, where the model has one."""
+    if is_zero(model.values[name]):
+        return node
+    inner = place.inner_node(line, name)
+    value = {"resistance": model.values[name]}
+    place.add(f"{line.words[0]}_{name}", "resistor", (node, inner), value)
+    return inner
+
+
+#: What adds the elements of each letter.
+DEVICES: dict[str, Callable[[Place, Line], None]] = {
+    "r": _resistor,
+    "c": _capacitor,
+    "l": _inductor,
+    "k": _coupling,
+    "v": _independent,
+    "i": _independent,
+    "e": _by_voltage,
+    "g": _by_voltage,
+    "f": _by_current,
+    "h": _by_current,
+    "d": _diode,
+    "q": _bipolar,
+    "m": _field_effect,
+}

@@ -1,0 +1,247 @@
+"""Models of devices: what parameters of ``.model`` become in fields of components."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.errors import SceneError, nearest
+from cotree.readers.spice_lines import shown
+from cotree.readers.spice_values import is_zero, scaled, text_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from cotree.readers.spice_netlist import ModelCard
+    from cotree.readers.spice_values import Value
+
+#: k T / e at 27 degrees Celsius, [V], with the constants that ngspice has (CODATA of 2014).
+THERMAL_VOLTAGE = 1.38064852e-23 * 300.15 / 1.6021766208e-19
+
+#: Of no effect at the temperature that all is given at, or of noise only.
+_NO_EFFECT = frozenset(("eg", "xti", "xtb", "kf", "af", "tnom", "ptf"))
+
+
+@dataclass(frozen=True)
+class Row:
+    """A parameter of a model.
+
+    Attributes
+    ----------
+    default : float
+        Its value where a model leaves it out.
+    field : str
+        The component's field.
+    area : str
+        What the factor of area does: ``*``, ``/`` or nothing.
+    unit : str
+        For people.
+    """
+
+    default: float
+    field: str
+    area: str = ""
+    unit: str = ""
+
+
+_DIODE = {
+    "is": Row(1e-14, "saturation_current", "*", "A"),
+    "n": Row(1.0, ""),
+    "rs": Row(0.0, "series_resistance", "/", "ohm"),
+    "cjo": Row(0.0, "junction_capacitance", "*", "F"),
+    "vj": Row(1.0, "junction_potential", "", "V"),
+    "m": Row(0.5, "junction_grading"),
+    "fc": Row(0.5, "forward_share"),
+    "tt": Row(0.0, "transit_time", "", "s"),
+    "bv": Row(0.0, "breakdown_voltage", "", "V"),
+    "ibv": Row(1e-3, "breakdown_current", "*", "A"),
+}
+_BIPOLAR = {
+    "is": Row(1e-16, "saturation_current", "*", "A"),
+    "bf": Row(100.0, "forward_gain"),
+    "br": Row(1.0, "reverse_gain"),
+    "nf": Row(1.0, "forward_ideality"),
+    "nr": Row(1.0, "reverse_ideality"),
+    "vaf": Row(0.0, "forward_early_voltage", "", "V"),
+    "var": Row(0.0, "reverse_early_voltage", "", "V"),
+    "ikf": Row(0.0, "forward_knee_current", "*", "A"),
+    "ikr": Row(0.0, "reverse_knee_current", "*", "A"),
+    "ise": Row(0.0, "be_recombination", "*", "A"),
+    "ne": Row(1.5, "be_recombination_ideality"),
+    "isc": Row(0.0, "bc_recombination", "*", "A"),
+    "nc": Row(2.0, "bc_recombination_ideality"),
+    "rb": Row(0.0, "base_resistance", "/", "ohm"),
+    "rc": Row(0.0, "collector_resistance", "/", "ohm"),
+    "re": Row(0.0, "emitter_resistance", "/", "ohm"),
+    "cje": Row(0.0, "be_capacitance", "*", "F"),
+    "vje": Row(0.75, "be_potential", "", "V"),
+    "mje": Row(0.33, "be_grading"),
+    "cjc": Row(0.0, "bc_capacitance", "*", "F"),
+    "vjc": Row(0.75, "bc_potential", "", "V"),
+    "mjc": Row(0.33, "bc_grading"),
+    "fc": Row(0.5, "forward_share"),
+    "tf": Row(0.0, "forward_transit_time", "", "s"),
+    "tr": Row(0.0, "reverse_transit_time", "", "s"),
+}
+#: What the writer makes fields and elements of, rather than this table.
+_FIELD_EFFECT = {
+    "vto": Row(0.0, "", "", "V"),
+    "kp": Row(2e-5, "", "", "A/V^2"),
+    "lambda": Row(0.0, "", "", "1/V"),
+    "gamma": Row(0.0, "", "", "V^0.5"),
+    "phi": Row(0.6, "", "", "V"),
+    "is": Row(1e-14, "", "", "A"),
+    "rd": Row(0.0, "", "", "ohm"),
+    "rs": Row(0.0, "", "", "ohm"),
+    "cbd": Row(0.0, "", "", "F"),
+    "cbs": Row(0.0, "", "", "F"),
+    "pb": Row(0.8, "", "", "V"),
+    "mj": Row(0.5, ""),
+    "fc": Row(0.5, ""),
+    "cgso": Row(0.0, "", "", "F/m"),
+    "cgdo": Row(0.0, "", "", "F/m"),
+    "cgbo": Row(0.0, "", "", "F/m"),
+    "ld": Row(0.0, "", "", "m"),
+    "level": Row(1.0, ""),
+}
+_ALIASES = {
+    "d": {"cj0": "cjo", "cj": "cjo"},
+    "q": {
+        "va": "vaf",
+        "vb": "var",
+        "ik": "ikf",
+        "pe": "vje",
+        "me": "mje",
+        "pc": "vjc",
+        "mc": "mjc",
+    },
+    "m": {"vt0": "vto"},
+}
+_TABLES = {"d": _DIODE, "q": _BIPOLAR, "m": _FIELD_EFFECT}
+
+#: Letters of the elements that types of models serve, and what they are here.
+TYPES = {
+    **{"d": ("d", "diode"), "npn": ("q", "bjt_npn"), "pnp": ("q", "bjt_pnp")},
+    **{"nmos": ("m", "mosfet_n"), "pmos": ("m", "mosfet_p")},
+}
+
+
+@dataclass(frozen=True)
+class DeviceModel:
+    """A model with its values.
+
+    Attributes
+    ----------
+    letter : str
+        That of its elements.
+    component : str
+        What they become.
+    values : mapping of str to Value
+        By name, all that the model may have.
+    """
+
+    letter: str
+    component: str
+    values: Mapping[str, Value]
+
+
+def read_model(
+    card: ModelCard, where: str, own: Callable[[str, str, str, str], Value]
+) -> DeviceModel:
+    """Read the parameters of a model.
+
+    Parameters
+    ----------
+    card : ModelCard
+        The statement.
+    where : str
+        File and line.
+    own : callable
+        ``own(name, word, unit, where)`` gives the value of a parameter of the model.
+
+    Raises
+    ------
+    SceneError
+        If its type or a parameter is not modelled.
+    """
+    if card.type not in TYPES:
+        raise SceneError(
+            f"{where}: models of type '{shown(card.type)}' are not known here"
+            f"{nearest(card.type, TYPES)}"
+        )
+    letter, component = TYPES[card.type]
+    table, aliases = _TABLES[letter], _ALIASES[letter]
+    values: dict[str, Value] = {name: row.default for name, row in table.items()}
+    seen = set()
+    for written, word in card.given.items():
+        name = aliases.get(written, written)
+        if name in seen:
+            raise SceneError(f"{where}: '{shown(written)}' is given twice")
+        seen.add(name)
+        if name in _NO_EFFECT:
+            _check_temperature(name, own("", word, "", where), where)
+        elif name not in table:
+            raise SceneError(
+                f"{where}: '{shown(written)}' of model '{shown(card.name)}' is not modelled here"
+                f"{nearest(name, table)}"
+            )
+        else:
+            values[name] = own(name, word, table[name].unit, where)
+    if values.get("level", 1.0) != 1.0:
+        raise SceneError(f"{where}: field-effect transistors of level 1 only are modelled here")
+    return DeviceModel(letter, component, values)
+
+
+def _check_temperature(name: str, value: Value, where: str) -> None:
+    if name == "tnom" and value != 27.0:
+        raise SceneError(f"{where}: tnom must be 27: nothing is scaled with temperature here")
+
+
+def device_fields(model: DeviceModel, area: Value, gmin: float) -> dict[str, Value]:
+    """Give the fields of a diode or a bipolar transistor of a model."""
+    fields: dict[str, Value] = {}
+    for name, row in _TABLES[model.letter].items():
+        value = model.values[name]
+        # What is zero is not there: resistances, charges, and voltages and currents without end.
+        if row.field and not is_zero(value):
+            fields[row.field] = scaled(value, area, row.area) if row.area else value
+    ideality = model.values.get("n", 1.0)
+    fields["thermal_voltage"] = scaled(ideality, THERMAL_VOLTAGE)
+    for name in ("forward_ideality", "reverse_ideality"):
+        if fields.get(name) == 1.0:
+            del fields[name]
+    if gmin:
+        fields["leakage"] = gmin
+    return fields
+
+
+def bulk_fields(model: DeviceModel, side: str, gmin: float) -> dict[str, Value]:
+    """Give the fields of the diode between bulk and drain (``cbd``) or source (``cbs``)."""
+    v = model.values
+    fields: dict[str, Value] = {
+        "saturation_current": v["is"],
+        "thermal_voltage": THERMAL_VOLTAGE,
+    }
+    if gmin:
+        fields["leakage"] = gmin
+    if not is_zero(v[side]):
+        fields["junction_capacitance"] = v[side]
+        fields["junction_potential"], fields["junction_grading"] = v["pb"], v["mj"]
+        fields["forward_share"] = v["fc"]
+    return fields
+
+
+def channel_fields(model: DeviceModel, width: Value, length: Value) -> dict[str, Value]:
+    """Give the fields of a field-effect transistor."""
+    v = model.values
+    inner = length if is_zero(v["ld"]) else f"{text_of(length)} - 2*{text_of(v['ld'])}"
+    fields: dict[str, Value] = {
+        "factor": scaled(scaled(v["kp"], width), inner, "/"),
+        "threshold": v["vto"],
+        "leakage": 0.0,
+    }
+    if not is_zero(v["lambda"]):
+        fields["modulation"] = v["lambda"]
+    if not is_zero(v["gamma"]):
+        fields["body_effect"], fields["surface_potential"] = v["gamma"], v["phi"]
+    return fields

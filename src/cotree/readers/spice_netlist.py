@@ -1,0 +1,198 @@
+"""The statements of a netlist, sorted: circuits with their elements, models and parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from cotree.errors import SceneError, nearest
+from cotree.readers.spice_lines import Line, read_lines, settings, shown, split_settings
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_LARGEST = 100_000  # statements
+_DEEPEST = 20  # subcircuits within each other
+
+#: Analyses and prints that a scene has no use for.
+_PASSED_OVER = frozenset(
+    (".print", ".plot", ".probe", ".save", ".op", ".ac", ".dc", ".noise", ".tf", ".four")
+) | {".nodeset", ".width", ".title", ".meas", ".measure", ".sens", ".pz", ".disto"}
+_ELEMENTS = frozenset("rlckviefghdqmx")
+
+
+@dataclass(frozen=True)
+class ModelCard:
+    """A ``.model``: its name as written, its type in small letters, its parameters."""
+
+    name: str
+    type: str
+    given: dict[str, str]
+    line: int
+
+
+@dataclass
+class Circuit:
+    """The whole netlist, or the inside of a subcircuit.
+
+    Attributes
+    ----------
+    name : str
+        As it is written.
+    pins : tuple of str
+        Its nodes that are seen from outside.
+    defaults : dict of str to str
+        Its parameters with their values as written.
+    elements : list of Line
+        Its elements.
+    models, circuits : dict
+        By name in small letters.
+    parameters : list of (str, str, int)
+        Names as written, values as written, lines.
+    line : int
+        Where it begins.
+    """
+
+    name: str
+    line: int
+    pins: tuple[str, ...] = ()
+    defaults: dict[str, str] = field(default_factory=dict)
+    elements: list[Line] = field(default_factory=list)
+    models: dict[str, ModelCard] = field(default_factory=dict)
+    circuits: dict[str, Circuit] = field(default_factory=dict)
+    parameters: list[tuple[str, str, int]] = field(default_factory=list)
+
+
+@dataclass
+class Netlist:
+    """A netlist.
+
+    Attributes
+    ----------
+    circuit : Circuit
+        The outermost.
+    transient : Line or None
+        Its ``.tran``.
+    held : list of Line
+        Its ``.ic``.
+    options : list of Line
+        Its ``.options`` and ``.temp``.
+    passed_over : list of str
+        Statements that a scene has no use for.
+    """
+
+    circuit: Circuit
+    transient: Line | None = None
+    held: list[Line] = field(default_factory=list)
+    options: list[Line] = field(default_factory=list)
+    passed_over: list[str] = field(default_factory=list)
+
+
+def parse_netlist(text: str, where: str) -> Netlist:
+    """Sort the statements of a netlist.
+
+    Raises
+    ------
+    SceneError
+        If one is not known, or not complete; the message begins with file and line.
+    """
+    return _Parser(where).parse(text)
+
+
+class _Parser:
+    def __init__(self, where: str) -> None:
+        self.where = where
+        self.netlist = Netlist(Circuit("", 1))
+        self.open = [self.netlist.circuit]
+        self.commands: dict[str, Callable[[Line], None]] = {
+            ".model": self._model,
+            ".param": self._parameters,
+            ".subckt": self._begin,
+            ".ends": self._finish,
+            ".tran": self._transient,
+            ".ic": self.netlist.held.append,
+            ".options": self.netlist.options.append,
+            ".option": self.netlist.options.append,
+            ".opt": self.netlist.options.append,
+            ".temp": self.netlist.options.append,
+        }
+
+    def parse(self, text: str) -> Netlist:
+        for count, line in enumerate(read_lines(text, self.where)):
+            if count >= _LARGEST:
+                raise self.error(line.number, f"more than {_LARGEST} statements")
+            self._take(line)
+        if len(self.open) > 1:
+            inner = self.open[-1]
+            raise self.error(inner.line, f".subckt {shown(inner.name)} has no .ends")
+        return self.netlist
+
+    def error(self, line: int, message: str) -> SceneError:
+        return SceneError(f"{self.where}:{line}: {message}")
+
+    def _take(self, line: Line) -> None:
+        key = line.key
+        if key in self.commands:
+            self.commands[key](line)
+        elif key in (".include", ".inc", ".lib"):
+            raise self.error(
+                line.number,
+                f"{key} would read another file, which is not done: paste what it holds here",
+            )
+        elif key in _PASSED_OVER:
+            self.netlist.passed_over.append(key)
+        elif key.startswith("."):
+            raise self.error(
+                line.number, f"unknown statement '{shown(key)}'{nearest(key, self.commands)}"
+            )
+        elif key[0] not in _ELEMENTS:
+            raise self.error(
+                line.number,
+                f"'{shown(line.words[0])}' is no element that is known here: names begin with R, "
+                "L, C, K, V, I, E, F, G, H, D, Q, M or X",
+            )
+        else:
+            self.open[-1].elements.append(line)
+
+    def _model(self, line: Line) -> None:
+        if len(line.words) < 3 or "=" in line.words[1:3]:
+            raise self.error(line.number, ".model needs a name and a type")
+        name = line.words[1]
+        if name.lower() in self.open[-1].models:
+            raise self.error(line.number, f"there is a second .model '{shown(name)}'")
+        given = settings(line.words[3:], f"{self.where}:{line.number}")
+        card = ModelCard(name, line.words[2].lower(), given, line.number)
+        self.open[-1].models[name.lower()] = card
+
+    def _parameters(self, line: Line) -> None:
+        given = settings(line.words[1:], f"{self.where}:{line.number}")
+        written = {word.lower(): word for word in line.words[1::3]}
+        rows = [(written[name], value, line.number) for name, value in given.items()]
+        self.open[-1].parameters += rows
+
+    def _begin(self, line: Line) -> None:
+        if len(self.open) > _DEEPEST:
+            raise self.error(line.number, f".subckt within more than {_DEEPEST} others")
+        words, given = split_settings(line.words[1:])
+        words = tuple(word for word in words if word.lower() != "params:")
+        if not words:
+            raise self.error(line.number, ".subckt needs a name")
+        name, pins = words[0], words[1:]
+        if name.lower() in self.open[-1].circuits:
+            raise self.error(line.number, f"there is a second .subckt '{shown(name)}'")
+        if len({pin.lower() for pin in pins}) < len(pins):
+            raise self.error(line.number, f".subckt '{shown(name)}' has two pins of one name")
+        defaults = settings(given, f"{self.where}:{line.number}")
+        inner = Circuit(name, line.number, pins, defaults)
+        self.open[-1].circuits[name.lower()] = inner
+        self.open.append(inner)
+
+    def _finish(self, line: Line) -> None:
+        if len(self.open) == 1:
+            raise self.error(line.number, ".ends without a .subckt")
+        self.open.pop()
+
+    def _transient(self, line: Line) -> None:
+        if self.netlist.transient is not None:
+            raise self.error(line.number, "there is a second .tran")
+        self.netlist.transient = line

@@ -1,0 +1,173 @@
+"""Waveforms of independent sources: DC, SIN, PULSE, PWL, EXP."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from cotree.errors import SceneError
+from cotree.readers.spice_lines import shown
+from cotree.readers.spice_values import is_zero, read_number, text_of
+
+if TYPE_CHECKING:
+    from cotree.readers.spice_values import Scope, Value
+
+_WAVEFORMS = {"sin": 6, "pulse": 7, "pwl": 20_000, "exp": 6}
+_DEGREE = "0.017453292519943295"  # rad
+
+
+@dataclass(frozen=True)
+class Times:
+    """What ``.tran`` says, which waveforms take their defaults from; None where there is none."""
+
+    step: float | None = None
+    stop: float | None = None
+
+
+@dataclass(frozen=True)
+class Source:
+    """What a source becomes.
+
+    Attributes
+    ----------
+    shape : str
+        ``""`` for one given value, ``sine``, ``pulse`` or ``piecewise``.
+    fields : dict
+        Fields of the component, ``value`` standing for its voltage or current.
+    is_constant : bool
+        Whether it is a given value as a number, worth a parameter.
+    """
+
+    shape: str
+    fields: dict[str, Any]
+    is_constant: bool = False
+
+
+def read_source(words: tuple[str, ...], scope: Scope, times: Times, where: str) -> Source:
+    """Read what a source gives, from the words after its nodes.
+
+    Raises
+    ------
+    SceneError
+        If it is no waveform that is known, or a number is missing.
+    """
+    constant: Value = 0.0
+    rest = list(words)
+    waveform: Source | None = None
+    is_given = False
+    while rest:
+        word = rest.pop(0)
+        key = word.lower()
+        if key == "dc":
+            if not rest:
+                raise SceneError(f"{where}: DC needs a value")
+            constant, is_given = scope.value(rest.pop(0), where), True
+        elif key == "ac":  # what it does in an analysis of small signals
+            while rest and read_number(rest[0]) is not None:
+                rest.pop(0)
+        elif key in _WAVEFORMS:
+            count = next((i for i, w in enumerate(rest) if w.lower() in ("ac", "dc")), len(rest))
+            waveform = _waveform(key, tuple(rest[:count]), scope, times, where)
+            rest = rest[count:]
+        elif is_given or (key.isalpha() and scope.find(key) is None):
+            raise SceneError(
+                f"{where}: '{shown(word)}' is no waveform that is known here: DC, SIN, PULSE, PWL "
+                "and EXP are"
+            )
+        else:
+            constant, is_given = scope.value(word, where), True
+    if waveform is not None:
+        return waveform
+    return Source("", {"value": constant}, is_constant=True)
+
+
+def _waveform(key: str, words: tuple[str, ...], scope: Scope, times: Times, where: str) -> Source:
+    if len(words) > _WAVEFORMS[key]:
+        raise SceneError(f"{where}: {key.upper()} has more than {_WAVEFORMS[key]} numbers")
+    if key == "pwl":
+        return _piecewise([scope.number(word, where) for word in words], where)
+    values = [scope.value(word, where) for word in words]
+    if len(values) < 2:
+        raise SceneError(f"{where}: {key.upper()} needs two numbers and more")
+    return {"sin": _sine, "pulse": _pulse, "exp": _exponential}[key](values, times, where)
+
+
+def _piecewise(numbers: list[float], where: str) -> Source:
+    if len(numbers) < 2 or len(numbers) % 2:
+        raise SceneError(f"{where}: PWL needs pairs of a time and a value")
+    times, values = numbers[::2], numbers[1::2]
+    if len(times) == 1:
+        return Source("", {"value": values[0]}, is_constant=True)
+    return Source("piecewise", {"times": times, "values": values})
+
+
+def _or_else(
+    values: list[Value], place: int, default: float | None, what: str, where: str
+) -> Value:
+    """Give a number of a waveform, or its default, where it is not there."""
+    if place < len(values):
+        return values[place]
+    if default is None:
+        raise SceneError(f"{where}: {what} is not given, and there is no .tran to take it from")
+    return default
+
+
+def _sine(values: list[Value], times: Times, where: str) -> Source:
+    inverse = None if not times.stop else 1.0 / times.stop
+    frequency = _or_else(values, 2, inverse, "the frequency of SIN", where)
+    delay, decay, phase = (_or_else(values, i, 0.0, "", where) for i in (3, 4, 5))
+    angle = f"{text_of(phase)}*{_DEGREE}"
+    if not is_zero(decay):
+        passed = "t" if is_zero(delay) else f"max(0, t - {text_of(delay)})"
+        turn = f"2*pi*{text_of(frequency)}*{passed} + {angle}"
+        wave = f"{text_of(values[1])}*exp(-{text_of(decay)}*{passed})*sin({turn})"
+        return Source("", {"value": f"{text_of(values[0])} + {wave}"})
+    fields: dict[str, Any] = {"offset": values[0], "amplitude": values[1], "frequency": frequency}
+    if not is_zero(delay):
+        fields["delay"] = delay
+    if not is_zero(phase):
+        fields["phase"] = angle
+    return Source("sine", fields)
+
+
+def _pulse(values: list[Value], times: Times, where: str) -> Source:
+    fields: dict[str, Any] = {"low": values[0], "high": values[1]}
+    if len(values) > 2 and not is_zero(values[2]):
+        fields["delay"] = values[2]
+    for place, name in ((3, "rise"), (4, "fall")):
+        # An edge of no length is as long as the simulator prints.
+        given = values[place] if place < len(values) else 0.0
+        edge = times.step if is_zero(given) else given
+        if edge is None:
+            raise SceneError(f"{where}: the {name} of PULSE is not given, and there is no .tran")
+        fields[name] = edge
+    fields["width"] = _or_else(values, 5, times.stop, "the width of PULSE", where)
+    if len(values) > 6 and not is_zero(values[6]):
+        fields["period"] = values[6]
+    return Source("pulse", fields)
+
+
+def _exponential(values: list[Value], times: Times, where: str) -> Source:
+    low, high = text_of(values[0]), text_of(values[1])
+    first = _or_else(values, 2, 0.0, "", where)
+    rise = _or_else(values, 3, times.step, "the time constant of EXP", where)
+    if len(values) > 4:
+        second = values[4]
+    else:
+        step = _or_else(values, 4, times.step, "the second delay of EXP", where)
+        second = f"{text_of(first)} + {text_of(step)}"
+    fall = _or_else(values, 5, times.step, "the second time constant of EXP", where)
+
+    def since(begin: Value, constant: Value) -> str:
+        return f"(1 - exp(-max(0, t - {text_of(begin)})/{text_of(constant)}))"
+
+    up, down = f"({high} - {low})*{since(first, rise)}", f"({low} - {high})*{since(second, fall)}"
+    return Source("", {"value": f"{low} + {up} + {down}"})
+
+
+def edge_of(source: Source, is_voltage: bool) -> tuple[str, dict[str, Any]]:
+    """Give type and fields of a source's edge."""
+    kind = "voltage" if is_voltage else "current"
+    if source.shape:
+        return f"{source.shape}_{kind}", source.fields
+    return f"{kind}_source", {kind: source.fields["value"]}

@@ -1,0 +1,191 @@
+"""Numbers with suffixes, and expressions of parameters in the scene's own small grammar."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from cotree.dag.nodes import Dag
+from cotree.errors import ExpressionError, SceneError, nearest
+from cotree.readers.spice_lines import shown
+from cotree.scene.expressions import FUNCTIONS, parse
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from cotree.dag.nodes import Node
+
+#: A number, or the text of an expression in the scene's grammar.
+Value = float | str
+
+_DIGITS = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_NUMBER = re.compile(rf"([+-]?{_DIGITS})([A-Za-zµ]*)\Z", re.ASCII)
+_TOKEN = re.compile(
+    rf"\s*(?:(?P<number>{_DIGITS})(?P<suffix>[A-Za-zµ]*)|(?P<name>[A-Za-z_]\w*)"
+    r"|(?P<sign>\*\*|[-+*/^(),]))",
+    re.ASCII,
+)
+_SUFFIXES = {
+    **{"t": 1e12, "g": 1e9, "meg": 1e6, "k": 1e3, "mil": 25.4e-6, "m": 1e-3},
+    **{"u": 1e-6, "µ": 1e-6, "n": 1e-9, "p": 1e-12, "f": 1e-15, "a": 1e-18},
+}
+_OTHER_NAMES = {"ln": "log", "sgn": "sign", "arctan": "atan"}
+_LONGEST = 3000  # characters of an expression, parameters put in
+
+
+def read_number(word: str) -> float | None:
+    """Read a number with a suffix and a unit, which is passed over; None where it is none."""
+    match = _NUMBER.match(word)
+    if match is None:
+        return None
+    value = _scaled(match.group(1), match.group(2))
+    return value if math.isfinite(value) else None
+
+
+def _scaled(digits: str, letters: str) -> float:
+    small = letters.lower()
+    suffix = next((s for s in ("meg", "mil") if small.startswith(s)), small[:1])
+    if suffix not in _SUFFIXES:
+        return float(digits)
+    power = round(math.log10(_SUFFIXES[suffix])) if suffix != "mil" else 0
+    if suffix == "mil" or "e" in digits.lower():
+        return float(digits) * _SUFFIXES[suffix]
+    return float(f"{digits}e{power}")  # rounded once: 1.1u is 1.1e-6
+
+
+@dataclass(frozen=True)
+class Scope:
+    """What names stand for in a circuit or in an instance of a subcircuit.
+
+    Attributes
+    ----------
+    values : dict of str to Value
+        By name in small letters: numbers, or texts of expressions.
+    outer : Scope or None
+        Where names are looked up that are not here.
+    """
+
+    values: dict[str, Value] = field(default_factory=dict)
+    outer: Scope | None = None
+
+    def find(self, name: str) -> Value | None:
+        """Look a parameter up, inside first."""
+        scope: Scope | None = self
+        while scope is not None:
+            if name in scope.values:
+                return scope.values[name]
+            scope = scope.outer
+        return None
+
+    def value(self, word: str, where: str) -> Value:
+        """Read a number, a parameter's name, or an expression in braces or quotes.
+
+        Raises
+        ------
+        SceneError
+            If it is none of these; the message begins with ``where``.
+        """
+        number = read_number(word)
+        if number is not None:
+            return number
+        body = word[1:-1] if word[:1] in ("{", "'") else word
+        try:
+            return self._expression(body)
+        except ExpressionError as error:
+            raise SceneError(f"{where}: '{shown(word)}' {error}") from None
+
+    def number(self, word: str, where: str) -> float:
+        """Read what must be a number.
+
+        Raises
+        ------
+        SceneError
+            If it is none, or depends on parameters.
+        """
+        value = self.value(word, where)
+        if isinstance(value, str):
+            raise SceneError(f"{where}: '{shown(word)}' must be a number without parameters")
+        return value
+
+    def _expression(self, body: str) -> Value:
+        made, at = [], 0
+        while body[at:].strip():
+            match = _TOKEN.match(body, at)
+            if match is None:
+                raise ExpressionError("is neither a number nor an expression of parameters")
+            at = match.end()
+            made.append(self._piece(match, body[at:].lstrip()[:1] == "("))
+            if sum(map(len, made)) > _LONGEST:
+                raise ExpressionError(f"is longer than {_LONGEST} characters with its parameters")
+        text = " ".join(made)
+        expression = parse(text, "an expression")
+        return text if expression.names else _folded(text)
+
+    def _piece(self, match: re.Match[str], is_call: bool) -> str:
+        if match["number"] is not None:
+            value = _scaled(match["number"], match["suffix"])
+            if not math.isfinite(value):
+                raise ExpressionError("holds a number that is not finite")
+            return repr(value)
+        if match["sign"] is not None:
+            return "**" if match["sign"] == "^" else match["sign"]
+        name = match["name"].lower()
+        if is_call:
+            own = _OTHER_NAMES.get(name, name)
+            if own not in FUNCTIONS:
+                hint = nearest(own, FUNCTIONS)
+                raise ExpressionError(f"calls '{shown(name)}', which is no function here{hint}")
+            return own
+        found = self.find(name)
+        if found is None and name == "pi":
+            return repr(math.pi)
+        if found is None:
+            raise ExpressionError(f"names '{shown(name)}', which is no parameter")
+        return text_of(found)
+
+
+def _folded(text: str) -> float:
+    """Give the value of an expression without parameters."""
+    node = parse(text, "an expression").lower(Dag(), _unknown)
+    if node.value is None or not math.isfinite(node.value):
+        raise ExpressionError("has no finite value")
+    return node.value
+
+
+def _unknown(name: str) -> Node:
+    raise ExpressionError(f"names '{shown(name)}'")
+
+
+def text_of(value: Value) -> str:
+    """Write a value as a part of an expression."""
+    return f"({value!r})" if isinstance(value, float) else f"({value})"
+
+
+def scaled(value: Value, factor: Value, sign: str = "*") -> Value:
+    """Multiply or divide two values; one as a number changes nothing."""
+    if factor == 1.0:
+        return value
+    if isinstance(value, float) and isinstance(factor, float):
+        return value * factor if sign == "*" else value / factor
+    return f"{text_of(value)}{sign}{text_of(factor)}"
+
+
+def is_zero(value: Value | None) -> bool:
+    """Say whether a value is not there, or zero as a number."""
+    return value is None or value == 0.0
+
+
+def checked_names(given: Mapping[str, str], known: set[str], what: str, where: str) -> None:
+    """Refuse names that are not known.
+
+    Raises
+    ------
+    SceneError
+        For the first one.
+    """
+    for name in given:
+        if name not in known:
+            hint = nearest(name, known)
+            raise SceneError(f"{where}: {what} has no '{shown(name)}' that is modelled here{hint}")

@@ -1,0 +1,75 @@
+"""What a plain run of a scene does, and where it begins."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from cotree.errors import SceneError, nearest
+from cotree.naming import check_name, check_text
+from cotree.scene.expressions import Expression, parse
+
+#: Where a run may begin: at the initial values of its states, or where nothing moves.
+INITIAL, OPERATING_POINT = "initial values", "operating point"
+
+_POSITIVE = ("t_end", "rtol", "atol")
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """What a plain run does.
+
+    Attributes
+    ----------
+    t_end, rtol, atol, method
+        End time, [s], tolerances and method.
+    start : {"initial values", "operating point"}
+        Where it begins. At its operating point an electrical network rests with what its sources
+        give at the start: no current flows into capacitors, no voltage is across inductors.
+    held : tuple of (str, Expression)
+        Nodes whose voltages are held while the operating point is sought, and let go then.
+    """
+
+    t_end: float = 10.0
+    rtol: float = 1e-8
+    atol: float = 1e-10
+    method: str = "auto"
+    start: str = INITIAL
+    held: tuple[tuple[str, Expression], ...] = ()
+
+
+def with_settings(old: Simulation, settings: Mapping[str, Any], check_number: Any) -> Simulation:
+    """Change some settings.
+
+    Raises
+    ------
+    SceneError, ExpressionError
+        If a setting is unknown or has no sensible value.
+    """
+    known = Simulation.__dataclass_fields__
+    changed = dict(vars(old))
+    for key, value in settings.items():
+        if key not in known:
+            raise SceneError(f"simulation has no setting '{key}'{nearest(key, known)}")
+        what = f"{key} of the simulation"
+        if key in _POSITIVE and check_number(value, what) <= 0.0:
+            raise SceneError(f"{what} is {value}: it must be positive")
+        if key in ("method", "start"):
+            value = check_text(value, what)
+        if key == "start" and value not in (INITIAL, OPERATING_POINT):
+            raise SceneError(f"{what} is '{value}': give '{INITIAL}' or '{OPERATING_POINT}'")
+        changed[key] = _held(value, what) if key == "held" else value
+    made = Simulation(**changed)
+    if made.held and made.start != OPERATING_POINT:
+        raise SceneError(f"held of the simulation needs start = '{OPERATING_POINT}'")
+    return made
+
+
+def _held(value: object, what: str) -> tuple[tuple[str, Expression], ...]:
+    if not isinstance(value, Mapping):
+        raise SceneError(f"{what} must be a table of nodes and voltages")
+    return tuple(
+        (check_name("node", node), parse(item, f"voltage of node '{node}'"))
+        for node, item in value.items()
+    )

@@ -1,0 +1,103 @@
+"""An electrical network at rest: the scene whose solution is the operating point of another.
+
+Nothing changes with time there. Capacities become what flows through them at a constant voltage:
+nothing, or the static current of a junction. Inductances become short circuits.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+from cotree.components import Component, Kind, Law, Role, integral_of
+from cotree.components.junctions import symbol
+from cotree.errors import SceneError
+from cotree.scene.expressions import parse
+from cotree.scene.simulation import Simulation
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cotree.components import Terminal
+    from cotree.scene.description import Edge, FieldValue, SceneDescription
+
+_DOMAIN = "electrical"
+
+
+def standing_scene(scene: SceneDescription, wanted: Sequence[str]) -> SceneDescription:
+    """Make the scene of an operating point.
+
+    Parameters
+    ----------
+    scene : SceneDescription
+        An electrical network, which stays as it is.
+    wanted : sequence of str
+        Variables that the outputs ``wanted_0``, ``wanted_1``, ... are to give.
+
+    Raises
+    ------
+    SceneError
+        If it is more than an electrical network.
+    """
+    standing = copy.copy(scene)
+    standing.edges = {name: _standing(edge) for name, edge in scene.edges.items()}
+    standing.events, standing.defaults = {}, Simulation()
+    for number, (node, voltage) in enumerate(scene.defaults.held):
+        if node not in scene.nodes:
+            raise SceneError(f"held of the simulation names '{node}', which is no node")
+        source, own = "voltage_source", standing.edges
+        standing.edges = {}
+        standing.edge(f"held_{number}", source, node, "ground", voltage=voltage.text)
+        own[f"held {number}"] = replace(  # a name that no edge of a scene can have
+            standing.edges[f"held_{number}"], name=f"held {number}"
+        )
+        standing.edges = own
+    standing.outputs = {
+        f"wanted_{i}": parse(name, f"variable '{name}' at the operating point")
+        for i, name in enumerate(wanted)
+    }
+    return standing
+
+
+def _standing(edge: Edge) -> Edge:
+    component = edge.component
+    is_electrical = component.role is Role.NETWORK and all(
+        port.domain == _DOMAIN and integral_of(port) is None for port in component.ports
+    )
+    if not is_electrical:
+        raise SceneError(
+            f"edge '{edge.name}' of type '{component.name}' is no part of an electrical network, "
+            "or stores what has no rest: start from initial values, not from an operating point"
+        )
+    return replace(edge, component=_at_rest(component), initial=_guesses(edge))
+
+
+def _guesses(edge: Edge) -> dict[str, FieldValue]:
+    """Keep initial values of junctions only, where they are guesses."""
+    is_storage = any(port.storage is not None for port in edge.component.ports)
+    return {} if is_storage else dict(edge.initial)
+
+
+@lru_cache(maxsize=1024)
+def _at_rest(component: Component) -> Component:
+    if all(port.storage is None for port in component.ports):
+        return component
+    return replace(component, ports=tuple(map(_terminal_at_rest, component.ports)), demands=())
+
+
+def _terminal_at_rest(terminal: Terminal) -> Terminal:
+    if terminal.kind is Kind.THROUGH_STORAGE:
+        none = Law(lambda: 0)
+        return replace(terminal, kind=Kind.ACROSS_SOURCE, storage=None, through=None, across=none)
+    if terminal.kind is not Kind.ACROSS_STORAGE:
+        return terminal
+    static = None if terminal.through is None else terminal.through.expression
+    if static is not None:
+        rates = {item: 0 for item in static.free_symbols if item.name.startswith("across_rate_")}
+        static = static.subs(rates)
+    if static is None or symbol("across") not in static.free_symbols:
+        law = Law(lambda: 0) if static is None else Law.of(static)
+        return replace(terminal, kind=Kind.THROUGH_SOURCE, storage=None, through=law)
+    return replace(terminal, kind=Kind.DISSIPATOR, storage=None, through=Law.of(static))

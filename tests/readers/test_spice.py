@@ -1,0 +1,260 @@
+"""SPICE netlists: what is read, what is refused, and references that they reach."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cotree
+from cotree.api import Scene
+from cotree.cli import main
+from cotree.readers.spice import read_spice_text
+from cotree.readers.spice_values import Scope, read_number
+
+HERE = Path(__file__).parent
+REFERENCES = HERE.parent / "references"
+
+
+def read(text):
+    return read_spice_text(text, "a.cir", Scene)
+
+
+def reference(name):
+    return json.loads((REFERENCES / f"{name}.json").read_text())
+
+
+def test_the_rectifier_reaches_its_reference():
+    known = reference("spice_rectifier")
+    scene = cotree.load(HERE / "netlists" / "rectifier.cir")
+    for node in ("p", "a1", "b"):
+        scene.output(f"v({node})".replace("(", "_").rstrip(")"), f"{node}.v")
+    times = [row["t"] for row in known["reference"]]
+    result = scene.compile().simulate((0, 0.04), [0, *times], rtol=1e-11, atol=1e-13)
+    for i, row in enumerate(known["reference"], start=1):
+        for name, value in row["values"].items():
+            own = result[name.replace("(", "_").rstrip(")")][i]
+            # Some thousand steps of rtol 1e-11 at 8 V; the file's gmin of 1e-18 S moves less.
+            assert own == pytest.approx(value, abs=1e-8), (row["t"], name)
+
+
+def ladder():
+    rows = ["a lossy ladder", ".param Rs=50 RL=50 C=1n", "Vs s 0 1", "Rs s n0 {Rs}"]
+    rows += [
+        ".subckt section in out",
+        "R in mid 1",
+        "L mid out 1u",
+        "C out 0 {C}",
+        ".ends section",
+    ]
+    rows += [f"X{k} n{k - 1} n{k} section" for k in range(1, 51)]
+    return "\n".join([*rows, "Rload n50 0 {RL}", ".tran 1n 5u uic", ".end"])
+
+
+def test_the_ladder_reaches_its_reference_with_sensitivities():
+    known = reference("spice_rlc_ladder50")
+    scene = read(ladder())
+    nodes = ("n1", "n25", "n50")
+    for node in nodes:
+        scene.output(f"v_{node}", f"{node}.v")
+    model = scene.compile(["RL", "Rs"])
+    assert len(model.states) == 100
+    times = [row["t"] for row in known["reference"]]
+    result = model.simulate((0, 5e-6), [0, *times], rtol=1e-10, atol=1e-13)
+    for i, row in enumerate(known["reference"], start=1):
+        for node in nodes:
+            # A thousand steps of rtol 1e-10 at 1 V.
+            value = row["values"][f"v({node})"]
+            assert result[f"v_{node}"][i] == pytest.approx(value, abs=1e-8)
+    for name, rows in known["sensitivities"]["values"].items():
+        for i, row in enumerate(rows, start=1):
+            for node in nodes:
+                own = result.sensitivity(f"v_{node}", name)[i]
+                assert own == pytest.approx(row["values"][f"v({node})"], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("word", "value"),
+    [
+        *[("1", 1.0), ("1k", 1e3), ("2.5MEG", 2.5e6), ("3m", 3e-3), ("10uF", 1e-5)],
+        *[("1mil", 25.4e-6), ("5V", 5.0), (".5n", 5e-10), ("-1e3k", -1e6), ("1.1u", 1.1e-6)],
+        *[("1f", 1e-15), ("2g", 2e9), ("7t", 7e12), ("4a", 4e-18), ("1e999", None)],
+        *[("abc", None), ("1_0", None), ("0x10", None), ("", None), ("1k2", None)],
+    ],
+)
+def test_numbers_have_suffixes(word, value):
+    assert read_number(word) == value
+
+
+def test_expressions_are_of_the_scenes_grammar():
+    scope = Scope({"a": 2.0, "b": "R1"})
+    assert scope.value("{3*A^2 + sqrt(16)}", "x") == 16.0
+    assert scope.value("{2*1k}", "x") == 2000.0
+    assert scope.value("'b + 1'", "x") == "(R1) + 1.0"
+
+
+def test_a_netlist_becomes_a_scene():
+    scene = read(
+        "R9 a 0 1 the title\n"
+        ".param r=2k half={r/2}\n"
+        "* a comment\n"
+        "V1 in 0 dc 5 ac 1 ; another\n"
+        "R1 IN 2\n"
+        "+ {half} $ and another\n"
+        "C1 2 gnd 1u ic=1\n"
+        "I1 0 2 1m\n"
+        ".tran 1u 2m uic\n"
+        ".print v(2)\n"
+        ".options reltol=1e-5 gmin=1e-13\n"
+        ".control\nrun\n.endc\n"
+        ".end\n"
+        "what comes after is not read\n"
+    )
+    assert set(scene.edges) == {"C1", "I1", "R1", "V1"}
+    assert {n: p.value for n, p in scene.parameters.items()} == {
+        **{"r": 2e3, "V1": 5.0, "C1": 1e-6, "I1": 1e-3}
+    }
+    assert scene.defaults.t_end == 2e-3
+    assert scene.defaults.start == "initial values"
+    assert set(scene.nodes) == {"ground", "in_", "_2"}
+    assert scene.origin.names[("node", "2")] == "_2"
+    assert any(".print" in note for note in scene.origin.notes)
+    # From 1 V to the 5 V and the 1 V across R1 of a milliampere.
+    model = scene.compile(["r"])
+    end = model.simulate((0, 2e-3), rtol=1e-9)["C1.v"][-1]
+    assert end == pytest.approx(6 - 5 * np.exp(-2), rel=1e-7)
+
+
+def test_subcircuits_nest_and_take_parameters():
+    scene = read(
+        "nested\nV1 a 0 6\n"
+        ".subckt outer x y r=1k\n"
+        ".subckt inner p q params: r=5\nR1 p q {r}\n.ends\n"
+        "X1 x m inner r={2*r}\nX2 m y inner r={r}\n.ends outer\n"
+        "X1 a 0 outer r=3k\nX2 a b outer\nRb b 0 1k\n.end\n"
+    )
+    scene.output("m", "X1_m.v")
+    scene.output("b", "b.v")
+    model = scene.compile()
+    np.testing.assert_allclose(model.output_values(0.0, []), [2.0, 1.5], rtol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "message"),
+    [
+        ("R1 a 0", 2, "needs one value"),
+        ("R1 a 0 {x}", 2, "names 'x', which is no parameter"),
+        ("R1 a 0 {1/0}", 2, "has no value"),
+        ("R1 a 0 {foo(1)}", 2, "no function here"),
+        ("R1 a 0 1 tc=1", 2, "no 'tc'"),
+        ("R1 a 0 {1", 2, "on one side only"),
+        ("R1 a 0 1\nR1 a 0 1", 3, "a second 'R1'"),
+        ("R1 a a 1", 2, "begins and ends at node"),
+        ("B1 a 0 v=1", 2, "no element that is known here"),
+        ("S1 a 0 b 0 m", 2, "no element that is known here"),
+        ("D1 a 0 m", 2, "no .model 'm'"),
+        ("D1 a 0 m\n.model m D(IS=1 XYZ=2)", 3, "'xyz' of model 'm' is not modelled here"),
+        ("M1 a b 0 0 m\n.model m NMOS(TOX=1n)", 3, "'tox' of model 'm' is not modelled here"),
+        ("M1 a b 0 0 m\n.model m NMOS(LEVEL=3)", 3, "level 1 only"),
+        ("D1 a 0 m\n.model m NPN", 2, "is not for elements D"),
+        ("R1 a 0 1\n.include x.lib", 3, "would read another file"),
+        ("R1 a 0 1\n.lib x.lib", 3, "would read another file"),
+        ("R1 a 0 1\n.func f(x)=1", 3, "unknown statement '.func'"),
+        ("X1 a 0 s", 2, "no subcircuit 's'"),
+        ("X1 a s\n.subckt s a b\nR1 a b 1\n.ends", 2, "has 1 nodes, and subcircuit 's' 2 pins"),
+        (".subckt s a b\nR1 a b 1", 2, "has no .ends"),
+        (".subckt s a b\nX1 a b s\n.ends\nX1 1 0 s", 3, "within more than 20"),
+        ("F1 a 0 V9 2\nR1 a 0 1", 2, "no voltage source here"),
+        ("V1 a 0 NOISE(1 2)", 2, "no waveform"),
+        ("V1 a 0 PWL(0 1 2)", 2, "pairs of a time and a value"),
+        ("V1 a 0 PULSE(0 1)", 2, "there is no .tran"),
+        ("L1 a 0 1\nL2 b 0 1\nL3 c 0 1\nK1 L1 L2 1\nK2 L1 L3 1", 6, "coupled twice"),
+        ("R1 a 0 1\n.temp 50", 3, "must be 27"),
+        ("R1 a 0 1\n.tran 1", 3, "needs a step and an end time"),
+        ("R1 a 0 1\n.ic v(q)=1", 3, "no node"),
+        ("", 1, "no elements"),
+    ],
+)
+def test_what_is_not_known_is_refused_with_its_line(text, line, message):
+    with pytest.raises(cotree.SceneError) as caught:
+        read(f"title\n{text}\n")
+    told = str(caught.value)
+    assert told.startswith(f"a.cir:{line}: ")
+    assert message in told
+    assert "\n" not in told
+
+
+def test_the_operating_point_and_its_sensitivities():
+    """Voltage divider before a diode: the start agrees with differences of itself."""
+    scene = cotree.load(HERE / "netlists" / "amplifier.cir")
+    model = scene.compile(["R1", "q1_bf", "Re"])
+    start = model.start()
+    # Nothing moves: currents of some picoampere through a picofarad of the junctions at most.
+    rates = model.rhs(0.0, start.y)
+    own = model.jacobian(0.0, start.y)
+    assert np.max(np.abs(np.linalg.solve(own, rates))) < 1e-9
+    for j, name in enumerate(model.sensitivities):
+        i = model.parameters.index(name)
+        step = 1e-3 * model.default_parameters[i]
+        ends = []
+        for sign in (1, -1):
+            p = model.default_parameters
+            p[i] += sign * step
+            ends.append(model.start(0.0, p).y)
+        difference = (ends[0] - ends[1]) / (2 * step)
+        # Differences of this step have errors of some 1e-6 of their size, of a step a tenth as
+        # long 1e-8 and the noise of the solutions.
+        np.testing.assert_allclose(start.s[:, j], difference, rtol=3e-6, atol=1e-14)
+
+
+@pytest.mark.parametrize("name", ["amplifier", "junction", "nand"])
+def test_sensitivities_agree_with_differences(name):
+    scene = cotree.load(HERE / "netlists" / f"{name}.cir")
+    wanted = {"amplifier": "q1_cjc", "junction": "fast_tt", "nand": "mn_gamma"}[name]
+    state = {"amplifier": "Q1.bc.v", "junction": "D1.junction.v", "nand": "CL.v"}[name]
+    t_end = {"amplifier": 2e-5, "junction": 1.3e-6, "nand": 1.2e-9}[name]
+    model = scene.compile([wanted])
+    settings = {"rtol": 1e-9, "atol": 1e-12}
+    result = model.simulate((0, t_end), [0, t_end], **settings)
+    value = scene.parameters[wanted].value
+    ends = [
+        model.simulate((0, t_end), [0, t_end], parameters={wanted: value * (1 + h)}, **settings)
+        for h in (1e-4, -1e-4)
+    ]
+    difference = (ends[0][state][-1] - ends[1][state][-1]) / (2e-4 * value)
+    # Errors of the runs, some 1e-9 V, by twice the step, 2e-4; that of differences is less.
+    own = result.sensitivity(state, wanted)[-1]
+    scale = abs(value) * 1.0
+    assert own * scale == pytest.approx(difference * scale, rel=1e-4, abs=2e-5)
+
+
+def test_held_voltages_choose_an_operating_point():
+    """A latch of two inverters rests where .ic puts it."""
+    text = (
+        "latch\n.model n NMOS(VTO=1 KP=1m)\nVdd v 0 5\n"
+        "R1 v a 10k\nR2 v b 10k\nM1 a b 0 0 n W=1u L=1u\nM2 b a 0 0 n W=1u L=1u\n"
+        "C1 a 0 1p\nC2 b 0 1p\n.ic v(a)={high} v(b)={low}\n.param high=%s low=%s\n"
+    )
+    for high, low in ((5, 0.2), (0.2, 5)):
+        scene = read(text % (high, low))
+        start = scene.compile().start()
+        np.testing.assert_allclose(start.y, [high, low], rtol=1e-12)
+
+
+def test_a_c_project_begins_at_the_operating_point(tmp_path):
+    scene = cotree.load(HERE / "netlists" / "amplifier.cir")
+    model = scene.compile()
+    model.write(tmp_path, "rodas5")
+    text = (tmp_path / "main.c").read_text()
+    assert f"{model.start().y[0]:.12g}"[:10] in text
+
+
+def test_commands_take_netlists(tmp_path, capsys):
+    assert main(["run", str(HERE / "netlists" / "divider.cir")]) == 0
+    assert "L1.i" in capsys.readouterr().out
+    wrong = tmp_path / "wrong.sp"
+    wrong.write_text("title\nR1 a 0\n")
+    assert main(["run", str(wrong)]) == 2
+    assert "wrong.sp:2:" in capsys.readouterr().err
