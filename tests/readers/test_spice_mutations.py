@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
+from damage import cut, damaged, flip, insert, repeat, replaced
 
 import cotree
 from cotree.api import Scene
@@ -28,56 +29,14 @@ NASTY = (
 _LONGEST_TIME = 3.0  # seconds; a netlist of this size takes a few milliseconds
 
 
-def damaged(text, rng):
-    """Damage a text in one to five places."""
-    for _ in range(rng.choice((1, 1, 1, 2, 3, 5))):
-        text = rng.choice((_cut, _repeat, _insert, _insert, _flip, _word, _word, _line, _number))(
-            text, rng
-        )
-    return text
-
-
-def _span(text, rng):
-    start = rng.randrange(len(text) + 1)
-    return start, min(len(text), start + rng.randrange(rng.choice((4, 40, 400))))
-
-
-def _cut(text, rng):
-    start, end = _span(text, rng)
-    return text[:start] + text[end:]
-
-
-def _repeat(text, rng):
-    start, end = _span(text, rng)
-    return text[:end] + text[start:end] * rng.choice((1, 1, 2, 20)) + text[end:]
-
-
-def _insert(text, rng):
-    at = rng.randrange(len(text) + 1)
-    return text[:at] + rng.choice(NASTY) + text[at:]
-
-
-def _flip(text, rng):
-    at = rng.randrange(max(1, len(text)))
-    return text[:at] + chr(rng.choice((rng.randrange(128), rng.randrange(0xD800)))) + text[at + 1 :]
-
-
-def _replaced(text, rng, pattern, made):
-    found = list(re.finditer(pattern, text))
-    if not found:
-        return text
-    match = rng.choice(found)
-    return text[: match.start()] + made + text[match.end() :]
-
-
 def _word(text, rng):
     words = re.findall(r"[^\s(),={}]+", text) or ["x"]
-    return _replaced(text, rng, r"[^\s(),={}]+", rng.choice((*words, rng.choice(NASTY))))
+    return replaced(text, rng, r"[^\s(),={}]+", rng.choice((*words, rng.choice(NASTY))))
 
 
 def _number(text, rng):
     made = rng.choice((*NASTY[:12], str(rng.uniform(-5, 5)), "1e-9"))
-    return _replaced(text, rng, r"\d+\.?\d*", made)
+    return replaced(text, rng, r"\d+\.?\d*", made)
 
 
 def _line(text, rng):
@@ -88,10 +47,13 @@ def _line(text, rng):
     return "\n".join(lines)
 
 
+_DAMAGES = (cut, repeat, *[insert(NASTY)] * 2, flip, _word, _word, _line, _number)
+
+
 def check(seed, sources):
     """Read a damaged netlist; give the scene, or None for a sentence."""
     rng = random.Random(seed)
-    text = damaged(rng.choice(sources), rng)
+    text = damaged(rng.choice(sources), rng, _DAMAGES)
     began, scene, message = time.process_time(), None, ""
     try:
         scene = read_spice_text(text, "damaged.cir", Scene)

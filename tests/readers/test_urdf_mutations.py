@@ -7,6 +7,7 @@ import re
 import time
 
 import pytest
+from damage import cut, damaged, flip, insert, repeat, replaced
 from urdf_texts import ROBOTS, WHOLE
 
 import cotree
@@ -63,60 +64,20 @@ NASTY = (
 _LONGEST_TIME = 2.0  # seconds; a robot of this size takes a few milliseconds
 
 
-def damaged(text, rng):
-    """Damage a text in one to five places."""
-    for _ in range(rng.choice((1, 1, 1, 2, 3, 5))):
-        text = rng.choice(_DAMAGES)(text, rng)
-    return text
-
-
-def _span(text, rng, most):
-    start = rng.randrange(len(text) + 1)
-    return start, min(len(text), start + rng.randrange(most))
-
-
-def _cut(text, rng):
-    start, end = _span(text, rng, rng.choice((4, 40, 400)))
-    return text[:start] + text[end:]
-
-
-def _repeat(text, rng):
-    start, end = _span(text, rng, rng.choice((4, 40, 400)))
-    return text[:end] + text[start:end] * rng.choice((1, 1, 2, 20)) + text[end:]
-
-
-def _insert(text, rng):
-    at = rng.randrange(len(text) + 1)
-    return text[:at] + rng.choice(NASTY) + text[at:]
-
-
-def _flip(text, rng):
-    at = rng.randrange(max(1, len(text)))
-    return text[:at] + chr(rng.choice((rng.randrange(128), rng.randrange(0xD800)))) + text[at + 1 :]
-
-
-def _replace_match(text, rng, pattern, make):
-    found = list(re.finditer(pattern, text))
-    if not found:
-        return text
-    match = rng.choice(found)
-    return text[: match.start()] + make(match) + text[match.end() :]
-
-
 def _value(text, rng):
     """Put something else into an attribute."""
-    return _replace_match(text, rng, r'"[^"]*"', lambda _: f'"{rng.choice(NASTY)}"')
+    return replaced(text, rng, r'"[^"]*"', f'"{rng.choice(NASTY)}"')
 
 
 def _number(text, rng):
     made = rng.choice((*NASTY[:12], str(rng.uniform(-5, 5)), "1e-9"))
-    return _replace_match(text, rng, r"-?\d+\.?\d*", lambda _: made)
+    return replaced(text, rng, r"-?\d+\.?\d*", made)
 
 
 def _word(text, rng):
     """Put another word of the file in the place of one: names, tags, attributes, types."""
     words = re.findall(r"[A-Za-z_][\w-]*", text) or ["x"]
-    return _replace_match(text, rng, r"[A-Za-z_][\w-]*", lambda _: rng.choice(words))
+    return replaced(text, rng, r"[A-Za-z_][\w-]*", rng.choice(words))
 
 
 def _element(text, rng):
@@ -131,10 +92,10 @@ def _element(text, rng):
 
 
 _DAMAGES = (
-    _cut,
-    _repeat,
-    _insert,
-    _flip,
+    cut,
+    repeat,
+    insert(NASTY),
+    flip,
     _value,
     _value,
     _number,
@@ -153,7 +114,7 @@ def texts():
 def check(seed, sources):
     """Read a damaged robot; give the scene, or the sentence."""
     rng = random.Random(seed)
-    text = damaged(rng.choice(sources), rng)
+    text = damaged(rng.choice(sources), rng, _DAMAGES)
     options = UrdfOptions(rng.choice(("fixed", "free")), rng.random() < 0.5)
     began, scene, message = time.process_time(), None, ""
     try:
