@@ -11,11 +11,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cotree.dag.linear_map import apply_map, form_map
-from cotree.dag.traverse import reachable, substitute, symbols_in
+from cotree.dag.traverse import dependent, reachable, substitute
 from cotree.program.counts import count_operations
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from cotree.dag.linear_map import LinearMap
     from cotree.dag.nodes import Dag, Node
@@ -61,7 +61,7 @@ def rates_along_sensitivities(
     if common is None or equations.n_algebraic:
         return None
     states = [dag.symbol("s", i) for i in range(n)]
-    alone = [_at_rest(equations, j, row, solved) for j, row in enumerate(equations.sensitivities)]
+    alone = _at_rest(equations, solved)
     touched = sorted({place for column in alone for place in column})
     own = {place: dag.symbol("own", i) for i, place in enumerate(touched)}
     size = len(common.forcing)
@@ -103,17 +103,19 @@ def rates_along_states(
     Parameters and results are those of :func:`rates_along_sensitivities`, the latter by place.
     """
     dag, rows = equations.dag, equations.columns
-    unknowns = set(equations.unknown_tangents)
-    solving = _common_rates(rows, unknowns)
-    if not solving or equations.n_algebraic:
+    if equations.n_algebraic or not equations.unknowns:
         return None
-    forced = [dict(_nonzero(substitute(row.forcing, solved))) for row in rows]
+    solving = _common_rates(rows, equations.unknown_tangents)
+    if not solving:
+        return None
+    size = len(equations.forcing)
+    entries = iter(substitute([node for row in rows for node in row.forcing], solved))
+    forced = [{k: node for k in range(size) if not (node := next(entries)).is_zero} for _ in rows]
     moving = [j for j, forcing in enumerate(forced) if forcing]
     if not moving:
         return None
     touched = sorted({place for forcing in forced for place in forcing})
     own = {place: dag.symbol("own", i) for i, place in enumerate(touched)}
-    size = len(equations.forcing)
     tangents = factors.solve([own.get(k, dag.zero) for k in range(size)])
     known = dict(zip(equations.unknown_tangents, tangents, strict=True))
     results = substitute(substitute(list(solving.values()), solved), known)
@@ -139,21 +141,15 @@ def rates_along_states(
     return kept
 
 
-def _common_rates(rows: Sequence[Derivative], unknowns: set[Node]) -> dict[int, Node]:
+def _common_rates(rows: Sequence[Derivative], unknowns: Sequence[Node]) -> dict[int, Node]:
     """Give the rates that all directions have in terms of unknowns; none where they differ."""
+    solving = dependent(reachable(node for row in rows for node in row.rates.values()), unknowns)
     found: dict[int, Node] = {}
     for row in rows:
         for i, node in row.rates.items():
-            if (
-                not unknowns.isdisjoint(symbols_in([node]))
-                and found.setdefault(i, node) is not node
-            ):
+            if node in solving and found.setdefault(i, node) is not node:
                 return {}
     return found
-
-
-def _nonzero(nodes: Sequence[Node]) -> Iterator[tuple[int, Node]]:
-    return ((i, node) for i, node in enumerate(nodes) if not node.is_zero)
 
 
 def _dependence(linear: LinearMap) -> list[int]:
@@ -175,17 +171,20 @@ def _formed(
     return form_map(dag, results, inputs, len(columns))
 
 
-def _at_rest(
-    equations: Equations, number: int, row: Derivative, solved: Mapping[Node, Node]
-) -> dict[int, Node]:
-    """Give what a parameter changes by itself: places of the forcing, then those of the rates."""
-    dag, n, size = equations.dag, len(equations.states), len(row.forcing)
-    still = dict.fromkeys((dag.symbol("s", number * n + i) for i in range(n)), dag.zero)
-    still |= dict.fromkeys(equations.unknown_tangents, dag.zero)
-    places = [*range(size), *(size + i for i in row.rates)]
-    nodes = substitute([*row.forcing, *row.rates.values()], still)
-    nodes = substitute(nodes, solved)
-    return {place: node for place, node in zip(places, nodes, strict=True) if not node.is_zero}
+def _at_rest(equations: Equations, solved: Mapping[Node, Node]) -> list[dict[int, Node]]:
+    """Give what each parameter changes by itself: places of the forcing, then of the rates."""
+    dag, rows = equations.dag, equations.sensitivities
+    moving = (dag.symbol("s", i) for i in range(len(equations.states) * len(rows)))
+    still = dict.fromkeys((*equations.unknown_tangents, *moving), dag.zero)
+    nodes = [node for row in rows for node in (*row.forcing, *row.rates.values())]
+    # One substitution for all: what they share is visited once.
+    known = iter(substitute(nodes, {**solved, **still}))
+    found = []
+    for row in rows:
+        size = len(row.forcing)
+        places = (*range(size), *(size + i for i in row.rates))
+        found.append({place: node for place in places if not (node := next(known)).is_zero})
+    return found
 
 
 def _solved_along(

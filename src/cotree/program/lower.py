@@ -143,12 +143,14 @@ def _solve_derivatives(
     columns = equations.columns if with_columns else ()
     directions = (*equations.sensitivities, *motion, *columns)
     n_observed = n + len(motion)
+    solves = [not is_mapped or i >= n or bool(row.outputs) for i, row in enumerate(directions)]
     # One substitution for all directions: what they share is visited once.
     known = iter(
         substitute(
             [
                 node
                 for i, row in enumerate(directions)
+                if solves[i]
                 for node in (
                     *row.forcing,
                     *row.rates.values(),
@@ -161,13 +163,13 @@ def _solve_derivatives(
     rates: list[_Row] = []
     outputs: list[_Row] = []
     for i, row in enumerate(directions):
-        forcing = [next(known) for _ in row.forcing]
-        unsolved = [next(known) for _ in row.rates]
-        observed = [next(known) for _ in row.outputs] if i < n_observed else []
-        if is_mapped and i < n and not observed:
+        if not solves[i]:
             rates.append({})
             outputs.append({})
             continue
+        forcing = [next(known) for _ in row.forcing]
+        unsolved = [next(known) for _ in row.rates]
+        observed = [next(known) for _ in row.outputs] if i < n_observed else []
         unknowns = factors.solve(forcing)
         tangents = dict(zip(equations.unknown_tangents, unknowns, strict=True))
         rates.append(dict(zip(row.rates, substitute(unsolved, tangents), strict=True)))
