@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import argparse
 import gc
-import json
 import sys
 import time
 import warnings
@@ -33,7 +32,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "robots"))
 from kernel_peers import sympy
 from robot_files import stored_file, without_losses
 from rod_chain import rod_chain
-from timing import Contender, about, difference, in_turn, loop, spent_by_children, table
+from timing import Contender, about, difference, in_turn, keep, loop, show, spent_by_children, table
 
 import cotree
 from cotree.build import BuildOptions, build_library, find_toolchain, load_library
@@ -275,11 +274,8 @@ def main() -> None:
         for n_names in SYSTEMS[name].counts:
             print(name, n_names, file=sys.stderr, flush=True)
             rows.append(measure(name, SYSTEMS[name], n_names, given.rounds, options))
-            if given.json is not None:
-                found = {"about": versions, "rows": rows}
-                given.json.write_text(json.dumps(found, indent=1) + "\n")
-    print("\n".join(f"{key}: {value}" for key, value in versions.items()), end="\n\n")
-    print(report(rows))
+            keep(given.json, versions, rows)
+    show(versions, report(rows))
 
 
 if __name__ == "__main__":

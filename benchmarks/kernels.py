@@ -12,7 +12,6 @@ in turn; what they compute is compared.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
 import tempfile
@@ -25,7 +24,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "example_scenes"))
 from rod_chain import rod_chain
-from timing import Contender, about, difference, in_turn, own, table
+from timing import Contender, about, difference, in_turn, keep, own, show, table
 
 import cotree
 from cotree import Scene
@@ -231,11 +230,8 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             os.environ["COTREE_CACHE_DIR"] = folder  # nothing was compiled before
             results.append(measure(row, given.rounds, given.pinocchio))
-        if given.json is not None:
-            found = {"about": versions, "rows": results}
-            given.json.write_text(json.dumps(found, indent=1) + "\n")
-    print("\n".join(f"{key}: {value}" for key, value in versions.items()), end="\n\n")
-    print(report(results))
+        keep(given.json, versions, results)
+    show(versions, report(results))
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ round by round, so that what disturbs one disturbs all.
 from __future__ import annotations
 
 import importlib.metadata
+import json
 import platform
 import resource
 import subprocess
@@ -275,6 +276,18 @@ def _processor() -> str:
     except OSError:
         return platform.processor()
     return next((line.partition(":")[2].strip() for line in lines if "model name" in line), "")
+
+
+def keep(path: Path | None, versions: dict[str, str], rows: Sequence[Any]) -> None:
+    """Write numbers, and what they were measured with, where a file is named."""
+    if path is not None:
+        path.write_text(json.dumps({"about": versions, "rows": rows}, indent=1) + "\n")
+
+
+def show(versions: dict[str, str], report: str) -> None:
+    """Print what numbers were measured with, and their table."""
+    print("\n".join(f"{key}: {value}" for key, value in versions.items()), end="\n\n")
+    print(report)
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
