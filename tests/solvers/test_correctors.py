@@ -12,8 +12,8 @@ from domain_scenes import scene_of_domain
 from hand_made import Made, model_of
 from ivp_cases import oscillator
 from loop_with_network import four_bar, with_a_network
-from network_scenes import rc_ladder, rc_ladder_matrix
 from reference_scenes import read_reference
+from sundials_cases import follows_a_long_ladder, follows_an_oscillator
 
 from cotree import Scene, bench, load
 from cotree.build import find_toolchain
@@ -225,16 +225,7 @@ def test_stiff_reactions(name, span, tested, method):
 @pytest.mark.usefixtures("there")
 @pytest.mark.parametrize("method", METHODS)
 def test_sensitivities_against_a_closed_form(method):
-    scene = Scene("oscillator")
-    scene.parameter("c", 1.0)
-    scene.edge("L1", "inductor", "a", "ground", inductance=1.0, initial={"i": 0.0})
-    scene.edge("C1", "capacitor", "a", "ground", capacitance="c", initial={"v": 1.0})
-    result = scene.compile(["c"]).simulate((0.0, 5.0), None, method, 1e-10, 1e-12)
-    # v = cos(t / sqrt(c)), dv/dc = t sin(t) / 2 at c = 1. Some thousand steps of 1e-10.
-    np.testing.assert_allclose(result["C1.v"], np.cos(result.t), atol=1e-7)
-    found = result.sensitivity("C1.v", "c")
-    np.testing.assert_allclose(found, 0.5 * result.t * np.sin(result.t), atol=5e-7)
-    assert len(result.t) == result.statistics.n_steps + 1
+    follows_an_oscillator(method)
 
 
 @pytest.mark.usefixtures("there")
@@ -272,13 +263,7 @@ def test_jumps_of_an_input_are_corners(method):
 @pytest.mark.usefixtures("there")
 @pytest.mark.parametrize("method", METHODS)
 def test_sensitivities_of_a_long_ladder(method):
-    """A band, with places of its own for the states."""
-    model = rc_ladder(150).compile(["R"])
-    result = model.simulate((0.0, 10.0), [10.0], method, 1e-9, 1e-12, throw=True)
-    # All voltages depend on t / R, so that dv/dR = -t v' at R = 1; v' = A v + e_1.
-    rates = rc_ladder_matrix(150) @ result.y[:, -1] + np.eye(150)[0]
-    # Some hundred steps of 1e-9, times t.
-    np.testing.assert_allclose(result.s[:, 0, -1], -10.0 * rates, atol=1e-6)
+    follows_a_long_ladder(method)
 
 
 @pytest.mark.usefixtures("there")

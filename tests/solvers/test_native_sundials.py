@@ -11,8 +11,9 @@ import pytest
 from domain_scenes import scene_of_domain
 from hand_made import Made, model_of
 from loop_with_network import four_bar, with_a_network
-from network_scenes import rc_grid, rc_ladder, rc_ladder_matrix
+from network_scenes import rc_grid, rc_ladder
 from reference_scenes import read_reference
+from sundials_cases import follows_a_long_ladder, follows_an_oscillator
 
 from cotree import Scene, load
 from cotree.codegen.sundials import SUNDIALS_FUNCTIONS
@@ -149,16 +150,7 @@ def test_stiff_reactions_agree_with_python(name, span, tested, method, in_python
 
 @pytest.mark.parametrize("method", METHODS)
 def test_sensitivities_against_a_closed_form(method):
-    scene = Scene("oscillator")
-    scene.parameter("c", 1.0)
-    scene.edge("L1", "inductor", "a", "ground", inductance=1.0, initial={"i": 0.0})
-    scene.edge("C1", "capacitor", "a", "ground", capacitance="c", initial={"v": 1.0})
-    result = scene.compile(["c"]).simulate((0.0, 5.0), None, method, 1e-10, 1e-12)
-    # v = cos(t / sqrt(c)), dv/dc = t sin(t) / 2 at c = 1. Some thousand steps of 1e-10.
-    np.testing.assert_allclose(result["C1.v"], np.cos(result.t), atol=1e-7)
-    found = result.sensitivity("C1.v", "c")
-    np.testing.assert_allclose(found, 0.5 * result.t * np.sin(result.t), atol=5e-7)
-    assert len(result.t) == result.statistics.n_steps + 1
+    follows_an_oscillator(method)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -288,14 +280,7 @@ def test_many_states_beside_algebraic_unknowns_are_left_to_others(monkeypatch):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_sensitivities_of_a_long_ladder(method):
-    model = rc_ladder(150).compile(["R"])
-    end = 10.0
-    result = model.simulate((0.0, end), [end], method, 1e-9, 1e-12, throw=True)
-    # All voltages depend on t / R, so that dv/dR = -t v' at R = 1; v' = A v + e_1.
-    rates = rc_ladder_matrix(150) @ result.y[:, -1] + np.eye(150)[0]
-    # Some hundred steps of 1e-9, times t.
-    np.testing.assert_allclose(result.s[:, 0, -1], -end * rates, atol=1e-6)
-    assert result.statistics.through == ""
+    assert follows_a_long_ladder(method).statistics.through == ""
 
 
 @pytest.mark.parametrize(
