@@ -240,6 +240,7 @@ class Model(OperatingModel):
         inputs: Mapping[str, Any] | None = None,
         *,
         error_test_sensitivities: bool = True,
+        scales: Mapping[str, float] | None = None,
         max_step: float | None = None,
         max_steps: int | None = None,
         max_events: int | None = None,
@@ -270,6 +271,9 @@ class Model(OperatingModel):
             (times, values), or a Python function of t (SciPy's methods only).
         error_test_sensitivities : bool
             Whether sensitivities take part in the error test.
+        scales : mapping of str to float, optional
+            Sizes of parameters in place of their values: ``atol`` divided by them is that of their
+            sensitivities. One where a value is zero, and for initial values.
         max_step : float, optional
             Longest step, [s]; infinity for no limit. The default is a 32nd of the shortest period
             where sines of time drive laws that act for a part of it, as diodes do; else none.
@@ -310,6 +314,7 @@ class Model(OperatingModel):
             initial=initial or {},
             inputs=inputs or {},
             error_test_sensitivities=error_test_sensitivities,
+            scales=scales or {},
             max_step=max_step,
             max_steps=max_steps,
             max_events=max_events,

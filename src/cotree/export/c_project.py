@@ -89,6 +89,8 @@ class MainContext:
         kink: the first time, the period or zero, and one where none come before the first.
     has_sensitivities : bool
         Whether the unknowns are states and sensitivities, or states alone.
+    seeds : list of int
+        Places of the parameters of sensitivity, -1 of initial values.
     start : list of str
         Lines of C literals: the initial states and sensitivities of a model whose start has to
         satisfy more than its kernels of the initial state; empty for others.
@@ -123,6 +125,7 @@ class MainContext:
     stops: list[str]
     max_step: str
     has_sensitivities: bool
+    seeds: list[int]
     start: list[str]
     n_constraints: int
     n_algebraic: int
@@ -267,6 +270,7 @@ def _main_context(
         stops=[] if step is not None else _stop_rows(program),  # steps of one length pass over
         max_step=_max_step(program),
         has_sensitivities=bool(model.sensitivities),
+        seeds=_seeds(program),
         start=_start_lines(program),
         n_constraints=model.n_constraints,
         n_algebraic=model.n_algebraic,
@@ -278,6 +282,11 @@ def _main_context(
         and program.can_extend
         and not program.layout.events,
     )
+
+
+def _seeds(program: Program) -> list[int]:
+    places = {row.name: i for i, row in enumerate(program.layout.parameters)}
+    return [places.get(name, -1) for name in program.layout.sensitivities]
 
 
 def _stop_rows(program: Program) -> list[str]:

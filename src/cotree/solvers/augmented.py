@@ -131,6 +131,10 @@ def difference_columns(
 def augmented_tolerances(problem: Problem) -> tuple[float, FloatArray]:
     """Return the relative tolerance and the absolute tolerance of each entry of z.
 
+    Absolute tolerances of sensitivities are those of the states over the sizes of the parameters,
+    as in CVODES (Hindmarsh et al. 2005): capacitances of 1e-12 F have sensitivities of 1e7 V/F, of
+    which rounding alone exceeds what is small for a voltage.
+
     No solver here has a switch that takes entries out of the error test, so untested
     sensitivities get an absolute tolerance that no error reaches. The solvers average the squares
     over all entries, so the states' tolerances are divided by sqrt(1 + n_sensitivities): the
@@ -146,7 +150,10 @@ def augmented_tolerances(problem: Problem) -> tuple[float, FloatArray]:
     count = 1 + problem.n_sensitivities
     state_atol = np.broadcast_to(np.asarray(problem.atol, dtype=np.float64), (problem.n_states,))
     if problem.error_test_sensitivities:
-        return max(problem.rtol, RTOL_FLOOR), np.tile(state_atol, count)
+        scales = np.ones(count) if problem.scales is None else np.append(1.0, problem.scales)
+        return max(problem.rtol, RTOL_FLOOR), np.minimum(
+            (state_atol / scales[:, None]).ravel(), UNTESTED
+        )
     share = float(np.sqrt(count))
     atol = np.full(problem.size, UNTESTED)
     atol[: problem.n_states] = state_atol / share

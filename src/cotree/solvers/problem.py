@@ -73,7 +73,10 @@ class Problem:
     rtol : float
         Relative tolerance; what is below ``RTOL_FLOOR`` is raised to it, and the message says so.
     atol : float or ndarray, shape (n_states,)
-        Absolute tolerance, [state unit]. A state's sensitivities share its value.
+        Absolute tolerance, [state unit].
+    scales : ndarray, shape (n_sensitivities,), or None
+        Sizes of the parameters, by which absolute tolerances of sensitivities are divided: what a
+        change of a parameter by its own size does is then tested as the states are. None for one.
     error_test_sensitivities : bool
         Whether sensitivities take part in the error test.
     breakpoints : tuple of float
@@ -129,6 +132,7 @@ class Problem:
     t_eval: FloatArray | None = None
     rtol: float = 1e-8
     atol: float | FloatArray = 1e-10
+    scales: FloatArray | None = None
     error_test_sensitivities: bool = True
     breakpoints: tuple[float, ...] = ()
     names: tuple[str, ...] = ()

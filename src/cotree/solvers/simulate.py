@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.errors import ParameterError, SolveError
+from cotree.errors import ParameterError, SolveError, nearest
 from cotree.model.signals import Signals, read_signals
 from cotree.scene.description import check_number
 from cotree.solvers.augmented import DENSE_LIMIT
@@ -55,6 +55,7 @@ class Settings:
     initial: Mapping[str, float] = field(default_factory=dict)
     inputs: Mapping[str, Any] = field(default_factory=dict)
     error_test_sensitivities: bool = True
+    scales: Mapping[str, float] = field(default_factory=dict)
     max_step: float | None = None
     max_steps: int | None = None
     max_events: int | None = None
@@ -109,6 +110,7 @@ def simulate(
         rtol=check_number(settings.rtol, "rtol"),
         atol=check_number(settings.atol, "atol"),
         error_test_sensitivities=settings.error_test_sensitivities,
+        scales=_scales(model, values, settings.scales),
         breakpoints=(*model.stop_times(p, t_span, settings.inputs), *signals.breakpoints),
         names=model.states,
         parameters=model.sensitivities,
@@ -189,12 +191,30 @@ def _check_settings(settings: Settings) -> None:
     """Refuse settings of the wrong kind, by name."""
     if not isinstance(settings.method, str):
         raise SolveError(f"method is {settings.method!r}: give a name in quotes")
-    for name in ("parameters", "initial", "inputs"):
+    for name in ("parameters", "initial", "inputs", "scales"):
         if not isinstance(getattr(settings, name), Mapping):
             raise ParameterError(f"{name} must be a mapping of names to values")
     for name in ("max_steps", "max_events", "time_limit"):
         if getattr(settings, name) is not None:
             check_number(getattr(settings, name), name)
+
+
+def _scales(
+    model: CompiledModel, values: Mapping[str, float], given: Mapping[str, float]
+) -> FloatArray:
+    """Give the sizes of parameters of sensitivity: their values, one for zeros and for states."""
+    found = [abs(values.get(name, 1.0)) or 1.0 for name in model.sensitivities]
+    for name, value in given.items():
+        if name not in model.sensitivities:
+            raise ParameterError(
+                f"scales names '{name}', to which no sensitivity was asked for"
+                f"{nearest(name, model.sensitivities)}"
+            )
+        size = check_number(value, f"the scale of '{name}'")
+        if size <= 0.0:
+            raise ParameterError(f"the scale of '{name}' is {size}: it must be positive")
+        found[model.sensitivities.index(name)] = size
+    return np.array(found)
 
 
 def _max_step(model: CompiledModel, p: FloatArray, settings: Settings) -> float:
