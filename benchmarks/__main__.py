@@ -68,14 +68,13 @@ class Outcome:
 
 
 def run(name: str) -> Outcome:
-    """Run a script, and show what it says of its progress."""
-    command = ["benchmarks/" + name + ".py"]
+    """Run a script from the root of the repository."""
+    command = ["python", f"benchmarks/{name}.py"]
     began = time.perf_counter()
     done = subprocess.run(
         [sys.executable, HERE / f"{name}.py"],
         cwd=HERE.parent,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
+        capture_output=True,
         text=True,
         check=False,
     )
@@ -84,9 +83,7 @@ def run(name: str) -> Outcome:
     if done.returncode:
         lines = done.stderr.strip().splitlines() or [f"it ended with {done.returncode}"]
         problem = lines[-1][:200]
-    return Outcome(
-        name, ["python", *command], seconds, problem, done.stdout, tables_of(done.stdout)
-    )
+    return Outcome(name, command, seconds, problem, done.stdout, tables_of(done.stdout))
 
 
 def tables_of(text: str) -> list[dict[str, Any]]:

@@ -1,9 +1,10 @@
 """Hard cases: digits reached against tolerance, drift, cost, and what was hard.
 
 Run it with ``python benchmarks/hard_cases.py [CASE ...] [--write]``. It prints Markdown; without
-names it runs all of them, some minutes, and with ``--write`` writes ``docs/hard_cases.md``. Cost is counted in steps and
-evaluations, so that the page is the same on every machine, but for what rounding decides. The cases
-are those of ``tests/example_scenes/hard_cases.py``, of which tests run the quick ones.
+names it runs all of them, some minutes, and with ``--write`` writes ``docs/hard_cases.md``. Cost is
+counted in steps and evaluations, so that the page is the same on every machine, but for what
+rounding decides. The cases are those of ``tests/example_scenes/hard_cases.py``, of which tests run
+the quick ones.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ REVERSAL = ((5.0, 10.0, 20.0), (1e-7, 1e-10, 1e-13))
 
 HEAD = """# Hard cases
 
-Made by `python benchmarks/hard_cases.py --write`. Every case runs at the relative tolerances 1e-4, 1e-7
-and 1e-10, unless it says otherwise: three numbers in a cell are theirs. Absolute tolerances are a
-hundredth, but those of reactions 1e-12 and 1e-14 of them. The method is that of `auto`, unless `*`
+Made by `python benchmarks/hard_cases.py --write`. Every case runs at the relative tolerances 1e-4,
+1e-7 and 1e-10, unless it says otherwise: three numbers in a cell are theirs. Absolute tolerances
+are a hundredth, but those of reactions 1e-12 and 1e-14 of them. The method is that of `auto`, unless `*`
 says that it was named.
 
 - **digits**: −log₁₀ of the largest error of any quantity at any time, relative to the largest

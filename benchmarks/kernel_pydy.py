@@ -1,4 +1,4 @@
-"""The chain of rods by PyDy: Kane's equations of SymPy, PyDy's C of their matrices, a solution in C.
+"""The chain of rods by PyDy: Kane's equations by SymPy, PyDy's C of their matrices, solved in C.
 
 PyDy leaves the solution to LAPACK through NumPy; here a Cholesky factorisation in C does it, which
 takes less time at these sizes.

@@ -1,7 +1,8 @@
 """Kernels beside those of other tools: time of a call in a C loop, operations, code, compilation.
 
 Run it with ``python benchmarks/kernels.py [ROW ...] [--rounds N] [--json FILE]``; it prints
-Markdown. Peers take ``pip install casadi heyoka sympy pydy`` and are left out where they are missing;
+Markdown. Peers take ``pip install casadi heyoka sympy pydy`` and are left out where they are
+missing;
 ``--pinocchio FOLDER`` takes what ``robots.py`` takes.
 All parameters stay free. Peers get the same equations, operation by operation, with parameters as
 arguments, and differentiate them by their own means; what depends on parameters only is kept by
