@@ -4,9 +4,9 @@ Run it with ``python benchmarks/robots.py [NAME ...] [--seconds S] [--json FILE]
 prints Markdown. It needs ``pip install cotree[robots]``; peers are left out where they cannot be
 built: Pinocchio in C++ and CasADi's code of its forward dynamics take ``pip install cmeel-eigen
 casadi`` and g++ (some minutes, once), MuJoCo ``pip install mujoco``. Times of calls are the least
-of many rounds over 64 random states in a loop in C, each in a program of its own, one by one; generated code of both
-kinds is compiled with the same flags: by gcc -O2 up to 6 000 operations, by clang -O1
-beyond, where it is there.
+of many rounds over 64 random states in a loop in C, each in a program of its own, one by one;
+generated code of both kinds is compiled with the same flags: by gcc -O2 up to 6 000 operations, by
+clang -O1 beyond, where it is there.
 """
 
 from __future__ import annotations
