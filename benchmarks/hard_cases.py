@@ -1,9 +1,10 @@
 """Hard cases: digits reached against tolerance, drift, cost, and what was hard.
 
-Run it with ``python benchmarks/hard_cases.py [CASE ...]``. It prints Markdown; without names it
-runs all of them, some minutes, and writes ``docs/hard_cases.md``. Cost is counted in steps and
-evaluations, so that the page is the same on every machine, but for what rounding decides. The cases
-are those of ``tests/example_scenes/hard_cases.py``, of which tests run the quick ones.
+Run it with ``python benchmarks/hard_cases.py [CASE ...] [--write]``. It prints Markdown; without
+names it runs all of them, some minutes, and with ``--write`` writes ``docs/hard_cases.md``. Cost is
+counted in steps and evaluations, so that the page is the same on every machine, but for what
+rounding decides. The cases are those of ``tests/example_scenes/hard_cases.py``, of which tests run
+the quick ones.
 """
 
 from __future__ import annotations
@@ -21,10 +22,10 @@ REVERSAL = ((5.0, 10.0, 20.0), (1e-7, 1e-10, 1e-13))
 
 HEAD = """# Hard cases
 
-Made by `python benchmarks/hard_cases.py`. Every case runs at the relative tolerances 1e-4, 1e-7
-and 1e-10, unless it says otherwise: three numbers in a cell are theirs. Absolute tolerances are a
-hundredth, but those of reactions 1e-12 and 1e-14 of them. The method is that of `auto`, unless `*`
-says that it was named.
+Made by `python benchmarks/hard_cases.py --write`. Every case runs at the relative tolerances 1e-4,
+1e-7 and 1e-10, unless it says otherwise: three numbers in a cell are theirs. Absolute tolerances
+are a hundredth, but those of reactions 1e-12 and 1e-14 of them. The method is that of `auto`,
+unless `*` says that it was named.
 
 - **digits**: −log₁₀ of the largest error of any quantity at any time, relative to the largest
   value of the quantity, or to each value where it says so. No more than are known of what it is
@@ -99,9 +100,13 @@ def reversals() -> str:
 
 
 if __name__ == "__main__":
-    chosen = sys.argv[1:] or list(CASES)
+    names = [name for name in sys.argv[1:] if name != "--write"]
+    chosen = names or list(CASES)
     text = f"{HEAD}\n{table(chosen)}\n\n## What is hard\n\n{what_was_hard(chosen)}\n"
-    if not sys.argv[1:]:
+    if not names:
         text += f"\n{AFTER}\n{reversals()}\n"
+    if "--write" in sys.argv:
+        if names:
+            raise SystemExit("--write takes all cases: name none")
         PAGE.write_text(text, encoding="utf-8")
     print(text)

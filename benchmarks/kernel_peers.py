@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ctypes
 import importlib
-import multiprocessing
 import shutil
 import subprocess
 import tempfile
@@ -17,8 +16,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from kernel_pydy import pydy
 from peer_equations import Equations
-from timing import Contender, compile_c, compiler, harness, loop, pointer
+from timing import Contender, compile_c, compiler, harness, loop, pointer, within
 
 LIMIT = 100.0  # seconds that a compiler, or a tool before it, gets
 BEST = ("-O3", "-march=native", "-fno-math-errno")
@@ -37,16 +37,6 @@ def places(model: Any) -> tuple[list[int], list[int]]:
     starts, rows = model.layout.column_starts, list(model.layout.row_indices)
     columns = [j for j in range(len(starts) - 1) for _ in range(starts[j], starts[j + 1])]
     return rows, columns
-
-
-def _within(limit: float, work: Any, arguments: tuple[Any, ...]) -> None:
-    """Work in a process of its own, stopped after some seconds."""
-    process = multiprocessing.get_context("fork").Process(target=work, args=arguments)
-    process.start()
-    process.join(limit)
-    if process.is_alive():
-        process.kill()
-        process.join()
 
 
 # ---- CasADi
@@ -162,7 +152,7 @@ def heyoka(model: Any, kernel: str, x: Any, s: Any) -> Contender:
     import heyoka as hy
 
     folder, began = Path(tempfile.mkdtemp(prefix="peer")), time.perf_counter()
-    _within(LIMIT, _heyoka_objects, (model, kernel, folder))
+    within(LIMIT, _heyoka_objects, (model, kernel, folder))
     took = time.perf_counter() - began
     found = Contender(None, None, 0.0, took, f"stopped after {LIMIT:.0f} s")
     n, m = len(model.states), len(model.sensitivities)
@@ -249,7 +239,7 @@ def sympy(model: Any, kernel: str, x: Any, s: Any, limit: float = LIMIT) -> Cont
     """Have SymPy differentiate and share, in a process that can be stopped."""
     importlib.import_module("sympy.codegen.rewriting")  # what that takes is not its own
     folder = Path(tempfile.mkdtemp(prefix="peer"))
-    _within(limit, _write_sympy, (model, kernel, folder))
+    within(limit, _write_sympy, (model, kernel, folder))
     found = Contender(None, None, limit, 0.0, f"stopped after {limit:.0f} s")
     if not (folder / "text").exists():
         return found
@@ -299,4 +289,4 @@ def pinocchio_chain(n: int, folder: Path, seconds: float = 0.5) -> dict[str, flo
     return dict(zip(("rhs", "jacobian"), found, strict=False))
 
 
-PEERS = {"CasADi": casadi, "heyoka": heyoka, "SymPy": sympy}
+PEERS = {"CasADi": casadi, "heyoka": heyoka, "SymPy": sympy, "PyDy": pydy}

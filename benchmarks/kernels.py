@@ -1,7 +1,8 @@
 """Kernels beside those of other tools: time of a call in a C loop, operations, code, compilation.
 
 Run it with ``python benchmarks/kernels.py [ROW ...] [--rounds N] [--json FILE]``; it prints
-Markdown. Peers take ``pip install casadi heyoka sympy`` and are left out where they are missing;
+Markdown. Peers take ``pip install casadi heyoka sympy pydy`` and are left out where they are
+missing;
 ``--pinocchio FOLDER`` takes what ``robots.py`` takes.
 All parameters stay free. Peers get the same equations, operation by operation, with parameters as
 arguments, and differentiate them by their own means; what depends on parameters only is kept by
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 
 OWN = {"native": True, "portable": False}
 ALL = ("CasADi", "heyoka", "SymPy")
+CHAIN = (*ALL, "PyDy")  # whose equations are PyDy's own
 _AGREE = 1e-9  # rounding of some thousand operations
 
 
@@ -88,7 +90,8 @@ ROWS = [
     Row("slider-pendulum, rhs", _slider(), "rhs", "1.00"),
     Row("slider-pendulum, rhs + L", _slider("L"), "augmented_rhs", "0.86"),
     Row("slider-pendulum, rhs + 8", _slider(*_EIGHT), "augmented_rhs", "0.71"),
-    Row("chain of 20, rhs", _chain(20), "rhs", "0.58", ("CasADi", "heyoka")),
+    Row("chain of 5, rhs", _chain(5), "rhs", "–", CHAIN),
+    Row("chain of 20, rhs", _chain(20), "rhs", "0.58", ("CasADi", "heyoka", "PyDy")),
     Row("chain of 50, rhs", _chain(50), "rhs", "0.57", ("CasADi", "heyoka")),
     Row("chain of 10, Jacobian", _chain(10), "jacobian", "0.43", ("CasADi", "heyoka"), 10),
     Row("chain of 20, Jacobian", _chain(20), "jacobian", "0.29", ("CasADi",), 20),
@@ -104,7 +107,7 @@ ROWS = [
 
 
 def measure(
-    row: Row, rounds: int, folder: Path | None = None, peers: Sequence[str] = ALL
+    row: Row, rounds: int, folder: Path | None = None, peers: Sequence[str] = CHAIN
 ) -> dict[str, Any]:
     """Measure a row, beside Pinocchio where there is a folder for its program."""
     models: dict[str, Any] = {}
@@ -191,7 +194,7 @@ def report(results: Sequence[dict[str, Any]]) -> str:
             f"{_ns(result[name])} ({_ns(result[name], 'least ns')})"
             if "median ns" in result.get(name, {})
             else "–"
-            for name in (*OWN, *ALL)
+            for name in (*OWN, *CHAIN)
         ]
         cells.append(_ns(result.get("Pinocchio", {}), "least ns"))
         times.append([result["row"], *cells, ratio(result), result["reach"]])
@@ -205,7 +208,7 @@ def report(results: Sequence[dict[str, Any]]) -> str:
         line.append(f"{other['generation']:.2f}" if other else "–")
         line.append(f"{other['compilation']:.1f} ({other['note']})" if other else "–")
         sizes.append(line)
-    head = ["kernel", *OWN, *ALL, "Pinocchio", "own / best peer", "aimed at"]
+    head = ["kernel", *OWN, *CHAIN, "Pinocchio", "own / best peer", "aimed at"]
     more = ["kernel", "operations", "CasADi's", "C of the model, kB", "CasADi's C, kB"]
     more += ["generation s", "compilation s", "CasADi's generation s", "compilation s"]
     return f"{table(head, times)}\n\n{table(more, sizes)}"

@@ -3,10 +3,10 @@
 Run it with ``python benchmarks/robots.py [NAME ...] [--seconds S] [--json FILE] [--profile]``; it
 prints Markdown. It needs ``pip install cotree[robots]``; peers are left out where they cannot be
 built: Pinocchio in C++ and CasADi's code of its forward dynamics take ``pip install cmeel-eigen
-casadi`` and g++ (some minutes, once). Times of calls are the least of many rounds over 64 random
-states in a loop in C, each in a program of its own, one after the other; generated code of both
-kinds is compiled with the same flags: by gcc -O2 up to 6 000 operations, by clang -O1
-beyond, where it is there.
+casadi`` and g++ (some minutes, once), MuJoCo ``pip install mujoco``. Times of calls are the least
+of many rounds over 64 random states in a loop in C, each in a program of its own, one by one;
+generated code of both kinds is compiled with the same flags: by gcc -O2 up to 6 000 operations, by
+clang -O1 beyond, where it is there.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "robots"))
 
+import robots_mujoco
 from robot_files import installed_file, without_losses
 
 import cotree
@@ -261,6 +262,7 @@ class Peers:
         model = pinocchio.buildModelFromUrdf(str(path), *root)
         found: dict[str, Any] = {"python": through_python(model)}
         with tempfile.TemporaryDirectory() as folder:
+            found["mujoco"] = {"rhs": robots_mujoco.forward_time(model, Path(folder), seconds)}
             text = Path(folder) / "model.txt"
             model.saveToText(str(text))
             if self.loop:
@@ -367,6 +369,7 @@ def report(found: dict[str, dict[str, Any]]) -> str:
         for kernel in _KERNELS:
             mine, other = row[kernel], peers.get("casadi", {}).get(kernel)
             plain = peers.get("pinocchio", {}).get(kernel)
+            third = peers.get("mujoco", {}).get(kernel)
             ratio = "–"
             if mine["ns"] and other and other["ns"]:
                 ratio = f"{mine['ns'] / other['ns']:.2f}"
@@ -379,6 +382,7 @@ def report(found: dict[str, dict[str, Any]]) -> str:
                     _ns(mine),
                     _ns(other),
                     "–" if plain is None else f"{plain:,.0f}",
+                    "–" if third is None else f"{third:,.0f}",
                     ratio,
                     f"{mine['C bytes'] / 1e3:.0f}",
                     f"{mine['compile s']:.1f} ({mine['compiler']})",
@@ -393,6 +397,7 @@ def report(found: dict[str, dict[str, Any]]) -> str:
         "ns a call",
         "CasADi's",
         "Pinocchio, C++",
+        "MuJoCo",
         "own / CasADi",
         "C, kB",
         "compile s",
@@ -411,7 +416,7 @@ def versions() -> dict[str, str]:
         "python": platform.python_version(),
         "cotree": cotree.__version__,
     }
-    for name in ("pin", "casadi", "example-robot-data"):
+    for name in ("pin", "casadi", "mujoco", "example-robot-data"):
         try:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:

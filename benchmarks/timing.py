@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
+import multiprocessing
 import platform
 import resource
 import subprocess
@@ -250,6 +251,16 @@ def compile_c(
     return None, 0.0, note.removesuffix("; ")
 
 
+def within(limit: float, work: Callable[..., None], arguments: tuple[Any, ...]) -> None:
+    """Work in a process of its own, stopped after some seconds."""
+    process = multiprocessing.get_context("fork").Process(target=work, args=arguments)
+    process.start()
+    process.join(limit)
+    if process.is_alive():
+        process.kill()
+        process.join()
+
+
 def spent_by_children() -> float:
     """Processor seconds of the processes that this one waited for."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -260,7 +271,7 @@ def about(flags: str) -> dict[str, str]:
     """Name machine, versions and flags."""
     found = {"machine": platform.machine(), "processor": _processor(), "cotree": cotree.__version__}
     found |= {"python": platform.python_version(), "measured": time.strftime("%Y-%m-%d")}
-    for name in ("casadi", "heyoka", "sympy", "pin"):
+    for name in ("casadi", "heyoka", "sympy", "pydy", "pin", "mujoco"):
         try:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:

@@ -1,0 +1,56 @@
+"""The command that runs all benchmarks: what it keeps, and what it says where one cannot run."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+SCRIPTS = {path.stem for path in (ROOT / "benchmarks").glob("*.py")}
+
+
+def benchmarks(*arguments, cwd=ROOT):
+    path = os.pathsep.join(filter(None, [str(ROOT / "src"), os.environ.get("PYTHONPATH", "")]))
+    return subprocess.run(
+        [sys.executable, str(ROOT / "benchmarks"), *arguments],
+        cwd=cwd,
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.compiler
+def test_tables_are_kept_with_what_they_were_measured_with(tmp_path):
+    done = benchmarks("real_time", "--out", str(tmp_path / "kept"))
+    assert done.returncode == 0, done.stderr
+    numbers = json.loads((tmp_path / "kept" / "real_time.json").read_text("utf-8"))
+    assert {"machine", "processor", "compiler", "python", "cotree"} <= set(numbers["about"])
+    assert numbers["problem"] == ""
+    for table in numbers["tables"]:
+        assert table["rows"]
+        assert all(len(row) == len(table["head"]) for row in table["rows"])
+    text = (tmp_path / "kept" / "real_time.md").read_text("utf-8")
+    assert "- compiler: " in text
+    assert "[real_time](real_time.md)" in (tmp_path / "kept" / "README.md").read_text("utf-8")
+
+
+def test_an_unknown_name_is_told(tmp_path):
+    done = benchmarks("kernel", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "there is no benchmark 'kernel'; the known ones: " in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_every_script_that_measures_is_listed():
+    helpers = {"__main__", "kernel_peers", "kernel_pydy", "peer_equations", "robots_mujoco"}
+    done = benchmarks("--help")
+    for name in SCRIPTS - helpers - {"timing"}:
+        assert f"{name}: " in done.stdout.replace("\n", " "), name
