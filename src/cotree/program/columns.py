@@ -158,6 +158,8 @@ class _Ways:
     def along_states(self) -> _Map | None:
         """Map unit vectors: the columns of the Jacobian, as far as they depend on unknowns."""
         one, zero, places = self._dag.one, self._dag.zero, range(len(self._states))
+        if _are_too_many(len(places), len(places) + len(self._solving)):
+            return None
         columns = [[one if i == j else zero for i in places] for j in places]
         results = self._rates_along(self.common.forcing, self._solving)
         return self._map(results, self._solving, self._states, columns)
@@ -255,7 +257,7 @@ class _Ways:
         in_order: bool = False,
     ) -> _Map | None:
         """Form a map; None where none can be formed, or it is too large."""
-        if len(columns) * (len(inputs) + len(results)) > _MOST_VALUES:
+        if _are_too_many(len(columns), len(inputs) + len(results)):
             return None
         formed = form_map(self._dag, results, inputs, columns)
         if formed is None:
@@ -312,6 +314,11 @@ def _at_rest(equations: Equations, solved: Mapping[Node, Node]) -> list[_Row]:
         places = (*range(size), *(size + i for i in row.rates))
         found.append({place: node for place in places if not (node := next(known)).is_zero})
     return found
+
+
+def _are_too_many(n_columns: int, n_values: int) -> bool:
+    """Tell whether columns of so many inputs and results are more than a kernel is to keep."""
+    return n_columns * n_values > _MOST_VALUES
 
 
 def _sample(n: int) -> list[int]:
