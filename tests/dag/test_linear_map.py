@@ -25,7 +25,7 @@ def _made(dag: Dag):
 
     inputs = [dag.symbol("a", 0), dag.symbol("a", 1)]
     columns = [[dag.symbol("c", 2 * j), dag.symbol("c", 2 * j + 1) * x[0]] for j in range(COLUMNS)]
-    linear, shared = form_map(dag, results(*inputs), inputs, COLUMNS)
+    linear, shared = form_map(dag, results(*inputs), inputs, columns)
     mapped = [node for row in apply_map(dag, linear, shared, columns) for node in row]
     return linear, mapped, [node for column in columns for node in results(*column)]
 
@@ -71,6 +71,7 @@ def test_derivatives_of_a_map_are_those_of_written_out_statements():
 def test_what_is_not_linear_has_no_map():
     dag = Dag()
     a, x = dag.symbol("a", 0), dag.symbol("x", 0)
-    assert form_map(dag, [a * a], [a], 4) is None
-    assert form_map(dag, [dag.function("exp", a)], [a], 4) is None
-    assert form_map(dag, [x + 0.0 * a], [a], 4) is None  # does not vanish with a
+    column = [[dag.symbol("c", 0)]]
+    assert form_map(dag, [a * a], [a], column) is None
+    assert form_map(dag, [dag.function("exp", a)], [a], column) is None
+    assert form_map(dag, [x + 0.0 * a], [a], column) is None  # does not vanish with a

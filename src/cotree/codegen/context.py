@@ -12,7 +12,7 @@ from cotree.codegen.c_statements import count_written
 from cotree.codegen.heads import function_head
 from cotree.codegen.loops import roll
 from cotree.codegen.maps import MapContext, map_context
-from cotree.codegen.printer_c import FILLED, SINES, Printed, is_written_out, literal, print_nodes
+from cotree.codegen.printer_c import SINES, Printed, is_written_out, literal, print_nodes
 from cotree.dag.operations import OPERATIONS
 from cotree.dag.several import Function, Table
 from cotree.dag.several import results as results_of
@@ -292,7 +292,7 @@ def kernel_context(
         lines.append(f"if (!({value} {comparison} 0.0)) return -{i + 1};")
     name, arguments = f"{prefix}_{spec.name}", _arguments(kernel)
     rolled = roll(lines, "z" if "v" in arguments else "v")
-    cut = cut_into_blocks(name, rolled, arguments, (spec.result, *FILLED))
+    cut = cut_into_blocks(name, rolled, arguments, (spec.result, *printed.filled))
     return KernelContext(
         signature=function_head("int", name, arguments.values()),
         prototype=function_head("COTREE_EXPORT int", name, arguments.values()),

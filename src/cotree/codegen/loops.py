@@ -27,7 +27,9 @@ _SHORT, _MUCH_SHORTER = 8000, 0.25
 _FLOAT = r"\d+\.\d*(?:e[+-]?\d+)?|\d+e[+-]?\d+"
 _NUMBER = re.compile(rf"(?<![\w.])(?:({_FLOAT})|v(\d+)\b(?!\[)|(\d+))")
 # What may stand in a loop: temporaries, results, guards.
-_STATEMENT = re.compile(r"const double v\d+ = |[a-z]+\[\d+\] = |if \(!\(.*\) return -\d+;$")
+_STATEMENT = re.compile(
+    r"const double v\d+ = |(?:[a-z]+|(?:shared|own)\d+)\[\d+\] = |if \(!\(.*\) return -\d+;$"
+)
 _MARK = re.compile("([\x00\x01\x02])")
 _DEFINITION = re.compile(r"const double v(\d+) = ")
 

@@ -16,7 +16,7 @@ from cotree.dag.traverse import reachable
 from cotree.naming import c_comment
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Collection, Mapping, Sequence
 
     from cotree.dag.linear_map import LinearMap
     from cotree.dag.nodes import Node
@@ -32,9 +32,6 @@ _OUTER = {"sign": _ATOM, "select": 3}  # arguments that do not stand between com
 
 #: The key of the function that takes several angles.
 SINES = "sines"
-
-#: Arrays that statements fill and only maps read.
-FILLED = ("shared", "own")
 
 #: Name of an array and the first element of a part of it.
 Place = tuple[str, int]
@@ -59,12 +56,15 @@ class Printed:
         Number of statements.
     uses_status : bool
         Whether a statement may set ``status``.
+    filled : list of str
+        Arrays that statements fill and only maps read.
     """
 
     lines: list[str]
     values: list[str]
     n_statements: int
     uses_status: bool
+    filled: list[str] = field(default_factory=list)
 
 
 def literal(value: float) -> str:
@@ -101,7 +101,45 @@ def print_nodes(
     for node in order:
         printer.visit(node)
     values = [printer.operand(root, 0) for root in roots]
-    return Printed(printer.lines, values, printer.n_statements, printer.uses_status)
+    n = printer.n_statements
+    return Printed(printer.lines, values, n, printer.uses_status, printer.filled)
+
+
+@dataclass(frozen=True)
+class PrintedParts:
+    """C statements in parts, and an expression for each value asked for."""
+
+    parts: list[list[str]]
+    values: list[str]
+
+
+def print_parts(
+    roots: Sequence[Node], parts: Sequence[Sequence[Node]], kept: Collection[Node]
+) -> PrintedParts:
+    """Print statements in parts, in an order of evaluation that is given.
+
+    Parameters
+    ----------
+    roots : sequence of Node
+        The values wanted.
+    parts : sequence of sequence of Node
+        All that they depend on, but symbols and constants.
+    kept : collection of Node
+        What gets a statement even if it is used once.
+    """
+    printer = _Printer({}, {}, {})
+    order = [node for part in parts for node in part]
+    printer.count_uses([*roots, *kept], order)
+    for node in reachable(roots):
+        if not node.args:
+            printer.visit(node)
+    found, done = [], 0
+    for part in parts:
+        for node in part:
+            printer.visit(node)
+        found.append(printer.lines[done:])
+        done = len(printer.lines)
+    return PrintedParts(found, [printer.operand(root, 1) for root in roots])
 
 
 def is_written_out(node: Node) -> bool:
@@ -116,6 +154,7 @@ class _Printer:
     places: Mapping[Node, Place]
     lines: list[str] = field(default_factory=list)
     uses_status: bool = False
+    filled: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self._text: dict[Node, tuple[str, int]] = {}  # expression and its precedence
@@ -273,21 +312,23 @@ class _Printer:
             if i >= n and not value.is_zero
         }
         n_own = max(1, width * (linear.n_inputs - n))
+        shared, given = arrays = f"shared{name[1:]}", f"own{name[1:]}"
+        self.filled += arrays
         self.lines[:0] = [
-            f"double shared[{max(1, linear.n_shared)}];",
-            f"double own[{n_own}];",
+            f"double {shared}[{max(1, linear.n_shared)}];",
+            f"double {given}[{n_own}];",
             f"for (int i = 0; i < {n_own}; ++i) {{",
-            "    own[i] = 0.0;",
+            f"    {given}[i] = 0.0;",
             "}",
         ]
         filled = (enumerate(node.args[: linear.n_shared]), own.items())
         self.lines += [
             f"{array}[{i}] = {self.operand(value, 0)};"
-            for array, values in zip(FILLED, filled, strict=True)
+            for array, values in zip(arrays, filled, strict=True)
             for i, value in values
         ]
         array, first = self.places.get(node, (name, 0))
         if array == name:
             self.lines.append(f"double {name}[{linear.n_results}];")
         to = f"{array} + {first}" if first else array
-        self.lines.append(f"{self.names[linear]}(shared, {'s' if n else 'own'}, own, {to});")
+        self.lines.append(f"{self.names[linear]}({shared}, {'s' if n else given}, {given}, {to});")

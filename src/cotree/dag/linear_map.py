@@ -3,7 +3,8 @@
 Sensitivities to many parameters differ in the numbers that go in, not in what is done with them.
 Such statements are kept once, and C applies them to several columns at a time. Arguments of the
 node are what all columns share, then the columns one by one; its results are those of the first
-column, those of the second, and so on.
+column, those of the second, and so on. What vanishes in a column because the inputs that it depends
+on are zero there is known, and left out.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 #: What a value that depends on a column may be made by; a division by what is shared is a product.
 _LINEAR = frozenset({"add", "sub", "mul", "neg"})
+#: Columns that C takes at a time, on most machines: what vanishes in all of them is left out.
+BLOCK = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,14 +36,21 @@ class LinearMap:
     ----------
     results : tuple of Node
         In terms of the symbols ``("shared", i)`` and ``("column", i)``.
-    n_shared, n_inputs, n_columns : int
-        How many values all columns share, how long each of them is, and how many there are.
+    n_shared, n_inputs : int
+        How many values all columns share, and how long each of them is.
+    given : tuple of int
+        Of each column, which inputs may be other than zero: as bits, the first lowest.
     """
 
     results: tuple[Node, ...]
     n_shared: int
     n_inputs: int
-    n_columns: int
+    given: tuple[int, ...]
+
+    @property
+    def n_columns(self) -> int:
+        """How many columns there are."""
+        return len(self.given)
 
     @cached_property
     def order(self) -> list[Node]:
@@ -48,9 +58,45 @@ class LinearMap:
         return reachable(self.results)
 
     @cached_property
+    def supports(self) -> dict[Node, int]:
+        """Columns in which each value may be other than zero: as bits, the first lowest.
+
+        What does not depend on a column has none.
+        """
+        found: dict[Node, int] = {}
+        for node in self.order:
+            own = 0
+            if node.op == "symbol" and node.data[0] == "column":
+                bit = 1 << node.data[1]
+                own = sum(1 << j for j, given in enumerate(self.given) if given & bit)
+            for arg in node.args:
+                own |= found[arg]
+            found[node] = own
+        return found
+
+    @cached_property
     def counts(self) -> Counter[str]:
-        """Operations of one column, by kind."""
-        return Counter(node.op for node in self.order if node.args)
+        """Operations of all columns, by kind: each where its result may be other than zero."""
+        counts: Counter[str] = Counter()
+        for node in self.statements:
+            counts[node.op] += self.supports[node].bit_count()
+        return counts
+
+    @cached_property
+    def statements(self) -> list[Node]:
+        """What is computed of one column."""
+        return [node for node in self.order if node.args]
+
+    def blocks(self, node: Node) -> int:
+        """Tell in which blocks of columns a value may be other than zero, as bits."""
+        support, all_of_one = self.supports[node], (1 << BLOCK) - 1
+        places = range(0, self.n_columns, BLOCK)
+        return sum(1 << k for k, at in enumerate(places) if support >> at & all_of_one)
+
+    @cached_property
+    def n_times(self) -> int:
+        """How often a statement is run, all blocks counted."""
+        return sum(self.blocks(node).bit_count() for node in self.statements)
 
     @property
     def n_results(self) -> int:
@@ -151,7 +197,7 @@ def _pull_back(node: Node, values: Mapping[Node, Node], bar: dict[Node, Node]) -
 
 
 def form_map(
-    dag: Dag, results: Sequence[Node], inputs: Sequence[Node], n_columns: int
+    dag: Dag, results: Sequence[Node], inputs: Sequence[Node], columns: Sequence[Sequence[Node]]
 ) -> tuple[LinearMap, tuple[Node, ...]] | None:
     """Form a map from results that are linear in some symbols.
 
@@ -163,8 +209,8 @@ def form_map(
         Linear and homogeneous in ``inputs``.
     inputs : sequence of Node
         Symbols that stand for the values of one column.
-    n_columns : int
-        How many columns it will be applied to.
+    columns : sequence of sequence of Node
+        What it will be applied to: which of their values are zero.
 
     Returns
     -------
@@ -172,7 +218,13 @@ def form_map(
         The map and what its columns share. None where something is not made by sums and products:
         a linear system that is solved at run time.
     """
-    results = _as_products(dag, results, inputs)
+    given = tuple(
+        sum(1 << i for i, value in enumerate(column) if not value.is_zero) for column in columns
+    )
+    idle = {
+        node: dag.zero for i, node in enumerate(inputs) if not any(bits >> i & 1 for bits in given)
+    }
+    results = _as_products(dag, substitute(results, idle), inputs)
     order = reachable(results)
     among = dependent(order, inputs)
     varying = among - set(inputs)
@@ -190,7 +242,7 @@ def form_map(
     }
     own |= {node: dag.symbol("shared", i) for i, node in enumerate(shared)}
     body = tuple(substitute(results, own))
-    return LinearMap(body, len(shared), len(inputs), n_columns), tuple(shared)
+    return LinearMap(body, len(shared), len(inputs), given), tuple(shared)
 
 
 def _is_linear(node: Node, varying: Container[Node]) -> bool:

@@ -1,33 +1,33 @@
-"""Derivatives along many directions as one map of many columns.
+"""Derivatives along many directions as maps of many columns.
 
 Along parameter j the unknowns' derivatives solve ``A w_j = b_x s_j + b_j``, where b_x s is the same
 for all and b_j is what the parameter itself changes. Statements written out for each parameter use
-what vanishes in it; those of a map are written once and C takes several columns at a time. Both
-ways are counted.
+what vanishes in it; those of a map are written once and C takes several columns at a time. Columns
+of the Jacobian are those of one map with unit vectors for s; where it has fewer columns than there
+are parameters, it is formed first and multiplied with each s_j. All ways are counted.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from cotree.dag.linear_map import apply_map, form_map
-from cotree.dag.traverse import dependent, reachable, substitute
+from cotree.dag.traverse import dependent, reachable, substitute, symbols_in
 from cotree.program.counts import count_operations
+from cotree.program.lanes import cost_of_map, gather_columns
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Collection, Iterable, Mapping, Sequence
 
     from cotree.dag.linear_map import LinearMap
     from cotree.dag.nodes import Dag, Node
     from cotree.equations import Derivative, Equations
     from cotree.formulation.elimination import Solver
 
-#: Columns that C takes at a time, on most machines.
-_LANES = 4
 #: Fewer operations than these are written out for each direction.
 _FEW_OPERATIONS = 600
-#: What one value costs that goes into a vector, or comes out of it.
-_MOVE = 2
 #: Of the operations written out, those of a map may cost this share.
 _WORTH = 0.75
 #: Values of all columns that a kernel keeps on its stack: 800 kB.
@@ -35,11 +35,30 @@ _MOST_VALUES = 100_000
 #: Directions that are written out to see what one costs.
 _SAMPLES = 5
 
+#: Derivatives along one direction, by place.
+_Row = dict[int, "Node"]
 
-def rates_along_sensitivities(
+
+@dataclass(frozen=True)
+class MappedRates:
+    """The rates along all states, and along all sensitivities; None where they are no map.
+
+    Attributes
+    ----------
+    columns : list of dict of int to Node, or None
+        Of the Jacobian, by place.
+    sensitivities : list of Node or None
+        Rates of all sensitivities, direction by direction.
+    """
+
+    columns: list[_Row] | None
+    sensitivities: list[Node] | None
+
+
+def map_rates(
     equations: Equations, factors: Solver, solved: Mapping[Node, Node], rates: Sequence[Node]
-) -> list[Node] | None:
-    """Form the rates of all sensitivities, direction by direction, as one map.
+) -> MappedRates:
+    """Form derivatives of the rates as maps, where that costs less than to write them out.
 
     Parameters
     ----------
@@ -51,127 +70,237 @@ def rates_along_sensitivities(
         The unknowns' symbols and values.
     rates : sequence of Node
         Rates of the states, solved.
-
-    Returns
-    -------
-    list of Node or None
-        None where it costs more, or where a map cannot be formed.
     """
-    common, dag, n = equations.direction, equations.dag, len(equations.states)
+    common = equations.direction
     if common is None or equations.n_algebraic:
-        return None
-    states = [dag.symbol("s", i) for i in range(n)]
-    alone = _at_rest(equations, solved)
-    touched = sorted({place for column in alone for place in column})
-    own = {place: dag.symbol("own", i) for i, place in enumerate(touched)}
-    size = len(common.forcing)
-    forcing = [
-        node + own.get(k, dag.zero) for k, node in enumerate(substitute(common.forcing, solved))
-    ]
-    tangents = dict(zip(equations.unknown_tangents, factors.solve(forcing), strict=True))
-    found = dict(
-        zip(
-            common.rates,
-            substitute(substitute(list(common.rates.values()), solved), tangents),
-            strict=True,
+        return MappedRates(None, None)
+    ways = _Ways(equations, common, factors, solved, rates)
+    along_states = ways.along_states() if equations.unknowns else None
+    columns = None
+    if along_states and ways.are_worth([along_states], equations.columns):
+        columns = ways.with_unsolved(along_states)
+    sensitivities = None
+    if len(equations.sensitivities) > 1:
+        chosen = ways.along_sensitivities(along_states)
+        if chosen and ways.are_worth(chosen, equations.sensitivities):
+            n = len(equations.states)
+            sensitivities = [
+                row.get(i, equations.dag.zero) for row in chosen[-1].rows for i in range(n)
+            ]
+    return MappedRates(columns, sensitivities)
+
+
+@dataclass(frozen=True)
+class _Map:
+    """A map of columns, in the order in which they are taken."""
+
+    dag: Dag
+    linear: LinearMap
+    shared: tuple[Node, ...]
+    columns: list[Sequence[Node]]
+    order: list[int]
+    n_directions: int
+    places: list[int]  # of its results
+
+    @property
+    def known(self) -> list[Node]:
+        """What is computed before."""
+        return [*self.shared, *(value for column in self.columns for value in column)]
+
+    @cached_property
+    def rows(self) -> list[_Row]:
+        """The results of each direction, those that vanish left out."""
+        supports = [self.linear.supports[root] for root in self.linear.results]
+        found: list[_Row] = [{} for _ in range(self.n_directions)]
+        if not self.order:
+            return found
+        applied = apply_map(self.dag, self.linear, self.shared, self.columns)
+        for k, values in enumerate(applied):
+            found[self.order[k]] = {
+                place: value
+                for place, value, support in zip(self.places, values, supports, strict=True)
+                if support >> k & 1
+            }
+        return found
+
+
+@dataclass(frozen=True)
+class _Ways:
+    """The ways to form derivatives of the rates."""
+
+    equations: Equations
+    common: Derivative
+    factors: Solver
+    solved: Mapping[Node, Node]
+    rates: Sequence[Node]
+
+    @property
+    def _dag(self) -> Dag:
+        return self.equations.dag
+
+    @cached_property
+    def _states(self) -> list[Node]:
+        """The symbols of a change of all states."""
+        return [self._dag.symbol("s", i) for i in range(len(self.equations.states))]
+
+    @cached_property
+    def _alone(self) -> list[_Row]:
+        """What each parameter changes by itself."""
+        return _at_rest(self.equations, self.solved)
+
+    @cached_property
+    def _solving(self) -> list[int]:
+        """Places of the rates that depend on unknowns."""
+        rates, unknowns = self.common.rates, self.equations.unknown_tangents
+        moving = dependent(reachable(rates.values()), unknowns)
+        return [i for i, node in rates.items() if node in moving]
+
+    def along_states(self) -> _Map | None:
+        """Map unit vectors: the columns of the Jacobian, as far as they depend on unknowns."""
+        one, zero, places = self._dag.one, self._dag.zero, range(len(self._states))
+        if _are_too_many(len(places), len(places) + len(self._solving)):
+            return None
+        columns = [[one if i == j else zero for i in places] for j in places]
+        results = self._rates_along(self.common.forcing, self._solving)
+        return self._map(results, self._solving, self._states, columns)
+
+    def with_unsolved(self, along_states: _Map) -> list[_Row]:
+        """Add what does not depend on unknowns to columns of the Jacobian."""
+        dag, found = self._dag, [dict(row) for row in along_states.rows]
+        for i in self.common.rates.keys() - set(self._solving):
+            (rate,) = substitute([self.common.rates[i]], self.solved)
+            moving = [node for node in symbols_in([rate]) if node.data[0] == "s"]
+            still = dict.fromkeys(moving, dag.zero)
+            for node in moving:
+                (value,) = substitute([rate], {**still, node: dag.one})
+                if not value.is_zero:
+                    found[node.data[1]][i] = value
+        return found
+
+    def along_sensitivities(self, along_states: _Map | None) -> list[_Map] | None:
+        """Choose the cheaper way to the rates of sensitivities, which the last map gives.
+
+        Either one map of changes of states and of what parameters change, or the columns of the
+        Jacobian, what parameters change by themselves, and a sum of products of both.
+        """
+        touched = sorted({place for column in self._alone for place in column})
+        own = {place: self._dag.symbol("own", i) for i, place in enumerate(touched)}
+        n = len(self._states)
+        changes = [
+            [self._dag.symbol("s", j * n + i) for i in range(n)]
+            for j in range(len(self.equations.sensitivities))
+        ]
+        given = [[row.get(place, self._dag.zero) for place in touched] for row in self._alone]
+        results = self._results(own)
+        at_once = self._map(
+            results,
+            range(n),
+            [*self._states, *own.values()],
+            [[*s, *values] for s, values in zip(changes, given, strict=True)],
+            in_order=True,
         )
-    )
-    results = [found.get(i, dag.zero) + own.get(size + i, dag.zero) for i in range(n)]
-    columns = [
-        [dag.symbol("s", j * n + i) for i in range(n)]
-        + [column.get(place, dag.zero) for place in touched]
-        for j, column in enumerate(alone)
-    ]
-    formed = _formed(dag, results, [*states, *own.values()], columns)
-    if formed is None:
-        return None
-    linear, shared = formed
-    written_out = [
-        _solved_along(equations.sensitivities[j], factors, solved, equations.unknown_tangents)
-        for j in _sample(len(columns))
-    ]
-    if not _is_worth(linear, [*rates, *shared], columns, written_out):
-        return None
-    return [node for column in apply_map(dag, linear, shared, columns) for node in column]
+        if at_once is None or along_states is None:
+            return None if at_once is None else [at_once]
+        columns = self.with_unsolved(along_states)
+        if 2 * sum(map(len, columns)) > len(at_once.linear.statements):
+            return [at_once]
+        still = dict.fromkeys(self._states, self._dag.zero)
+        alone = self._map(substitute(results, still), range(n), list(own.values()), given)
+        if alone is None:
+            return [at_once]
+        products = self._products(columns, alone.rows, changes)
+        in_turn = [along_states, alone, products]
+        return min([at_once], in_turn, key=self._cost)
+
+    def _products(
+        self, columns: Sequence[_Row], alone: Sequence[_Row], changes: Sequence[Sequence[Node]]
+    ) -> _Map:
+        """Multiply the Jacobian with the sensitivities, and add what parameters change."""
+        dag, n = self._dag, len(self._states)
+        places = sorted({i for row in alone for i in row})
+        own = {place: dag.symbol("own", k) for k, place in enumerate(places)}
+        results = [own.get(i, dag.zero) for i in range(n)]
+        for column, change in zip(columns, self._states, strict=True):
+            for i, value in column.items():
+                results[i] = results[i] + value * change
+        given = [
+            [*s, *(row.get(i, dag.zero) for i in places)]
+            for s, row in zip(changes, alone, strict=True)
+        ]
+        found = self._map(results, range(n), [*self._states, *own.values()], given, in_order=True)
+        assert found is not None  # sums of products
+        return found
+
+    def _results(self, own: Mapping[int, Node]) -> list[Node]:
+        """Form the rates along a change of states and of the forcing, then of rates themselves."""
+        size, zero = len(self.common.forcing), self._dag.zero
+        forcing = [node + own.get(k, zero) for k, node in enumerate(self.common.forcing)]
+        places = self.common.rates.keys()
+        found = dict(zip(places, self._rates_along(forcing, places), strict=True))
+        n = len(self._states)
+        return [found.get(i, zero) + own.get(size + i, zero) for i in range(n)]
+
+    def _rates_along(self, forcing: Sequence[Node], places: Collection[int]) -> list[Node]:
+        rates = [self.common.rates[i] for i in places]
+        known = substitute([*forcing, *rates], self.solved)
+        unknowns = self.factors.solve(known[: len(forcing)])
+        tangents = dict(zip(self.equations.unknown_tangents, unknowns, strict=True))
+        return substitute(known[len(forcing) :], tangents)
+
+    def _map(
+        self,
+        results: Sequence[Node],
+        places: Iterable[int],
+        inputs: Sequence[Node],
+        columns: Sequence[Sequence[Node]],
+        *,
+        in_order: bool = False,
+    ) -> _Map | None:
+        """Form a map; None where none can be formed, or it is too large."""
+        if _are_too_many(len(columns), len(inputs) + len(results)):
+            return None
+        formed = form_map(self._dag, results, inputs, columns)
+        if formed is None:
+            return None
+        linear, order = formed[0], list(range(len(columns)))
+        if not in_order:
+            linear, order = gather_columns(linear)
+        taken = [columns[j] for j in order]
+        return _Map(self._dag, linear, formed[1], taken, order, len(columns), list(places))
+
+    def _cost(self, maps: Sequence[_Map]) -> int:
+        """Count what some maps take, and what is computed before."""
+        return self._before(maps) + sum(cost_of_map(one.linear) for one in maps)
+
+    def _before(self, maps: Sequence[_Map]) -> int:
+        nodes = reachable([*self.rates, *(node for one in maps for node in one.known)])
+        return count_operations(node for node in nodes if node.op != "map").total
+
+    def are_worth(self, maps: Sequence[_Map], rows: Sequence[Derivative]) -> bool:
+        """Compare the cost of some maps with that of statements for each direction."""
+        if not rows:
+            return False
+        known = reachable([*self.rates, *(node for one in maps for node in one.known)])
+        shared = {node for node in known if node.op != "map"}
+        scalar = count_operations(shared).total
+        samples = [rows[j] for j in _sample(len(rows))]
+        apart = sum(
+            count_operations(node for node in self._written_out(row) if node not in shared).total
+            for row in samples
+        )
+        longhand = scalar + apart * len(rows) / len(samples)
+        return longhand > _FEW_OPERATIONS and self._cost(maps) < _WORTH * longhand
+
+    def _written_out(self, row: Derivative) -> list[Node]:
+        """Write the rates along one direction out."""
+        size = len(row.forcing)
+        known = substitute([*row.forcing, *row.rates.values()], self.solved)
+        unknowns = self.factors.solve(known[:size])
+        tangents = dict(zip(self.equations.unknown_tangents, unknowns, strict=True))
+        return reachable(substitute(known[size:], tangents))
 
 
-def rates_along_states(
-    equations: Equations, factors: Solver, solved: Mapping[Node, Node], rates: Sequence[Node]
-) -> list[dict[int, Node]] | None:
-    """Form the columns of the Jacobian, their unknowns' derivatives as one map.
-
-    Parameters and results are those of :func:`rates_along_sensitivities`, the latter by place.
-    """
-    dag, rows = equations.dag, equations.columns
-    if equations.n_algebraic or not equations.unknowns:
-        return None
-    solving = _common_rates(rows, equations.unknown_tangents)
-    if not solving:
-        return None
-    size = len(equations.forcing)
-    entries = iter(substitute([node for row in rows for node in row.forcing], solved))
-    forced = [{k: node for k in range(size) if not (node := next(entries)).is_zero} for _ in rows]
-    moving = [j for j, forcing in enumerate(forced) if forcing]
-    if not moving:
-        return None
-    touched = sorted({place for forcing in forced for place in forcing})
-    own = {place: dag.symbol("own", i) for i, place in enumerate(touched)}
-    tangents = factors.solve([own.get(k, dag.zero) for k in range(size)])
-    known = dict(zip(equations.unknown_tangents, tangents, strict=True))
-    results = substitute(substitute(list(solving.values()), solved), known)
-    columns = [[forced[j].get(place, dag.zero) for place in touched] for j in moving]
-    formed = _formed(dag, results, list(own.values()), columns)
-    if formed is None:
-        return None
-    linear, shared = formed
-    written_out = [
-        _solved_along(rows[moving[k]], factors, solved, equations.unknown_tangents)
-        for k in _sample(len(moving))
-    ]
-    if not _is_worth(linear, [*rates, *shared], columns, written_out):
-        return None
-    apart = [{i: node for i, node in row.rates.items() if i not in solving} for row in rows]
-    kept = [dict(zip(own, substitute(own.values(), solved), strict=True)) for own in apart]
-    masks = _dependence(linear)
-    for j, values in zip(moving, apply_map(dag, linear, shared, columns), strict=True):
-        given = sum(1 << k for k, place in enumerate(touched) if place in forced[j])
-        kept[j] |= {
-            i: value for i, value, mask in zip(solving, values, masks, strict=True) if mask & given
-        }
-    return kept
-
-
-def _common_rates(rows: Sequence[Derivative], unknowns: Sequence[Node]) -> dict[int, Node]:
-    """Give the rates that all directions have in terms of unknowns; none where they differ."""
-    solving = dependent(reachable(node for row in rows for node in row.rates.values()), unknowns)
-    found: dict[int, Node] = {}
-    for row in rows:
-        for i, node in row.rates.items():
-            if node in solving and found.setdefault(i, node) is not node:
-                return {}
-    return found
-
-
-def _dependence(linear: LinearMap) -> list[int]:
-    """Tell which inputs each result depends on, as bits."""
-    bits: dict[Node, int] = {}
-    for node in linear.order:
-        own = 1 << node.data[1] if node.op == "symbol" and node.data[0] == "column" else 0
-        for arg in node.args:
-            own |= bits[arg]
-        bits[node] = own
-    return [bits[root] for root in linear.results]
-
-
-def _formed(
-    dag: Dag, results: Sequence[Node], inputs: Sequence[Node], columns: Sequence[Sequence[Node]]
-) -> tuple[LinearMap, tuple[Node, ...]] | None:
-    if len(columns) * (len(inputs) + len(results)) > _MOST_VALUES:
-        return None
-    return form_map(dag, results, inputs, len(columns))
-
-
-def _at_rest(equations: Equations, solved: Mapping[Node, Node]) -> list[dict[int, Node]]:
+def _at_rest(equations: Equations, solved: Mapping[Node, Node]) -> list[_Row]:
     """Give what each parameter changes by itself: places of the forcing, then of the rates."""
     dag, rows = equations.dag, equations.sensitivities
     moving = (dag.symbol("s", i) for i in range(len(equations.states) * len(rows)))
@@ -187,37 +316,12 @@ def _at_rest(equations: Equations, solved: Mapping[Node, Node]) -> list[dict[int
     return found
 
 
-def _solved_along(
-    row: Derivative, factors: Solver, solved: Mapping[Node, Node], unknowns: Sequence[Node]
-) -> list[Node]:
-    """Write the rates along one direction out."""
-    size = len(row.forcing)
-    known = substitute([*row.forcing, *row.rates.values()], solved)
-    tangents = dict(zip(unknowns, factors.solve(known[:size]), strict=True))
-    return substitute(known[size:], tangents)
+def _are_too_many(n_columns: int, n_values: int) -> bool:
+    """Tell whether columns of so many inputs and results are more than a kernel is to keep."""
+    return n_columns * n_values > _MOST_VALUES
 
 
 def _sample(n: int) -> list[int]:
     """Choose a few of n, evenly."""
     times = min(n, _SAMPLES)
     return [(2 * i + 1) * n // (2 * times) for i in range(times)]
-
-
-def _is_worth(
-    linear: LinearMap,
-    known: Sequence[Node],
-    columns: Sequence[Sequence[Node]],
-    written_out: Sequence[Sequence[Node]],
-) -> bool:
-    """Compare the cost of a map with that of statements for each direction."""
-    shared = set(reachable([*known, *(node for column in columns for node in column)]))
-    scalar = count_operations(shared).total
-    apart = sum(
-        count_operations(node for node in reachable(nodes) if node not in shared).total
-        for nodes in written_out
-    )
-    longhand = scalar + apart * len(columns) / len(written_out)
-    groups = -(-len(columns) // _LANES)
-    moved = _MOVE * (linear.n_inputs + len(linear.results))
-    cost = scalar + groups * (linear.counts.total() + moved)
-    return longhand > _FEW_OPERATIONS and cost < _WORTH * longhand

@@ -44,7 +44,7 @@ def count_operations(nodes: Iterable[Node]) -> OperationCount:
     """Count the operations among some nodes; reading a result of several is none.
 
     A linear system of n unknowns solved at run time counts (2/3) n^3 for each matrix and 2 n^2 for
-    each right-hand side. A map counts for each of its columns.
+    each right-hand side. A map counts for each of its columns, but for what vanishes there.
     """
     kinds: Counter[str] = Counter()
     factorised = set()
@@ -58,8 +58,7 @@ def count_operations(nodes: Iterable[Node]) -> OperationCount:
             kinds["sin"] += node.data
             kinds["cos"] += node.data
         elif node.op == "map":
-            for kind, times in node.data.counts.items():
-                kinds[kind] += times * node.data.n_columns
+            kinds.update(node.data.counts)
         elif node.args and node.op != "result":
             kinds[node.op] += 1
     return OperationCount(dict(sorted(kinds.items())), kinds.total())

@@ -10,7 +10,7 @@ from cotree.dag.traverse import substitute, symbols_in
 from cotree.equations import Quantity, spread
 from cotree.errors import ParameterError
 from cotree.formulation.elimination import solve_unknowns
-from cotree.program.columns import rates_along_sensitivities, rates_along_states
+from cotree.program.columns import map_rates
 from cotree.program.events import event_kernels, event_quantities
 from cotree.program.kernels import KERNELS
 from cotree.program.program import Kernel, Layout, Program
@@ -47,13 +47,18 @@ def lower(equations: Equations) -> Program:
     rates = substitute(equations.rates, solved)
     outputs = substitute(equations.output_values, solved)
     zero, n, m = equations.dag.zero, len(equations.states), len(equations.outputs)
-    mapped = rates_along_sensitivities(equations, factors, solved, rates)
-    columns = rates_along_states(equations, factors, solved, rates)
+    mapped = map_rates(equations, factors, solved, rates)
     along, written_out, observed, motion = _solve_derivatives(
-        equations, factors, solved, is_mapped=mapped is not None, with_columns=columns is None
+        equations,
+        factors,
+        solved,
+        is_mapped=bool(mapped.sensitivities),
+        with_columns=not mapped.columns,
     )
-    columns = columns or written_out
-    sensitivity_rates = mapped or [node for row in along for node in spread(row, n, zero)]
+    columns = mapped.columns or written_out
+    sensitivity_rates = mapped.sensitivities or [
+        node for row in along for node in spread(row, n, zero)
+    ]
     output_tangents = [node for row in observed for node in spread(row, m, zero)]
     starts, rows, values = _compress(columns)
     results: dict[str, list[Node]] = {

@@ -317,17 +317,17 @@ def form_equations(
             if scene.events or any(state.is_algebraic for state in first.states)
             else None
         ),
-        direction=_common_direction(first, sensitivities, support),
+        direction=(
+            _common_direction(first, support)
+            if len(sensitivities) > 1 or (with_columns and first.unknowns)
+            else None
+        ),
     )
     return _closed(equations, first.measured) if first.measured else equations
 
 
-def _common_direction(
-    first: FirstGraph, sensitivities: Sequence[str], support: Support
-) -> Derivative | None:
-    """Differentiate along a change of all states, where there are sensitivities to share it."""
-    if len(sensitivities) < 2:
-        return None
+def _common_direction(first: FirstGraph, support: Support) -> Derivative:
+    """Differentiate along a change of all states, which other directions may share."""
     dag = first.system.dag
     seed = {state.symbol: dag.symbol("s", i) for i, state in enumerate(first.states)}
     return differentiate(first, {"": seed}, support)[0]

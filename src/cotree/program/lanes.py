@@ -1,0 +1,78 @@
+"""Which columns of a map C takes together: those in which about the same values vanish."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import reduce
+from itertools import chain, product
+from operator import or_
+from typing import TYPE_CHECKING
+
+from cotree.dag.linear_map import BLOCK
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cotree.dag.linear_map import LinearMap
+
+#: What one value costs that goes into a vector, or comes out of it.
+_MOVE = 2
+#: Exchanges of two columns are tried so often, for all pairs; of many columns, none.
+_SWEEPS, _MOST_COLUMNS = 4, 400
+
+
+def cost_of_map(linear: LinearMap) -> int:
+    """Count what a map takes, in operations of one number."""
+    n_blocks = -(-linear.n_columns // BLOCK)
+    return linear.n_times + n_blocks * _MOVE * (linear.n_inputs + len(linear.results))
+
+
+def gather_columns(linear: LinearMap) -> tuple[LinearMap, list[int]]:
+    """Put columns with much in common into one block, and leave out those that give nothing.
+
+    Two columns of different blocks change places as long as fewer values are then computed.
+
+    Returns
+    -------
+    (LinearMap, list of int)
+        The map of the columns in their new order, and for each its place in the earlier one.
+    """
+    nonzero = [0] * linear.n_columns
+    for k, node in enumerate(linear.statements):
+        support = linear.supports[node]
+        while support:
+            lowest = support & -support
+            nonzero[lowest.bit_length() - 1] |= 1 << k
+            support ^= lowest
+    found = reduce(or_, (linear.supports[root] for root in linear.results), 0)
+    places = [j for j in range(linear.n_columns) if found >> j & 1]
+    blocks = [places[at : at + BLOCK] for at in range(0, len(places), BLOCK)]
+    for _ in range(_SWEEPS if len(places) <= _MOST_COLUMNS else 0):
+        pairs = ((a, b) for a in range(len(blocks)) for b in range(a))
+        # Every pair is tried, whether or not the one before it was exchanged.
+        if not any([_exchange(blocks[a], blocks[b], nonzero) for a, b in pairs]):
+            break
+    order = list(chain.from_iterable(blocks))
+    return replace(linear, given=tuple(linear.given[j] for j in order)), order
+
+
+def _exchange(first: list[int], second: list[int], nonzero: Sequence[int]) -> bool:
+    """Let columns of two blocks change places where both blocks together then compute less."""
+    least = _n_together(first, nonzero) + _n_together(second, nonzero)
+    has_changed = False
+    for i, k in product(range(len(first)), range(len(second))):
+        first[i], second[k] = second[k], first[i]
+        found = _n_together(first, nonzero) + _n_together(second, nonzero)
+        if found < least:
+            least, has_changed = found, True
+        else:
+            first[i], second[k] = second[k], first[i]
+    return has_changed
+
+
+def _n_together(block: Sequence[int], nonzero: Sequence[int]) -> int:
+    """Count the values that are other than zero in some column of a block."""
+    union = 0
+    for column in block:
+        union |= nonzero[column]
+    return union.bit_count()

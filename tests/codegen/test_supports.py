@@ -1,0 +1,123 @@
+"""What vanishes along a column of a map is left out, and everything else stays as it is."""
+
+from __future__ import annotations
+
+import ctypes
+import random
+from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from cotree.codegen import maps
+from cotree.codegen.maps import map_context
+from cotree.codegen.render import render
+from cotree.codegen.segments import cut_into_segments
+from cotree.dag.linear_map import BLOCK, apply_map, form_map
+from cotree.dag.nodes import Dag
+from cotree.program.lanes import gather_columns
+
+pytestmark = pytest.mark.compiler
+
+WIDTHS = (1, 2, 4, 8)
+
+
+def _random_map(seed):
+    """Make a map of random sums and products, whose inputs are zero in random blocks of columns."""
+    rng, dag = random.Random(seed), Dag()
+    inputs = [dag.symbol("a", i) for i in range(rng.randint(1, 8))]
+    factors = [dag.symbol("x", i) for i in range(rng.randint(1, 6))]
+    values = list(inputs)
+    for _ in range(rng.randint(5, 80)):
+        a, b = rng.choice(values), rng.choice(values)
+        values.append(rng.choice([a * rng.choice(factors), a + b, a - b, -a, a * 0.5]))
+    results = [rng.choice(values) for _ in range(rng.randint(1, 10))]
+    n_columns = rng.randint(1, 21)
+    blocks = range(-(-n_columns // BLOCK))
+    given_in = [{k for k in blocks if rng.random() < 0.4} for _ in inputs]
+    columns = [
+        [
+            dag.symbol("c", j * len(inputs) + i)
+            if j // BLOCK in given_in[i] and rng.random() < 0.8
+            else dag.zero
+            for i in range(len(inputs))
+        ]
+        for j in range(n_columns)
+    ]
+    formed = form_map(dag, results, inputs, columns)
+    return dag, *formed, columns
+
+
+def _library(run_compiler, linear, node):
+    """Compile a map for vectors of each width."""
+    heads = "\n".join(
+        f"void take_{n}(const double *shared, const double *own, double *results);" for n in WIDTHS
+    )
+    parts = ["#include <string.h>", "#define COTREE_RESTRICT restrict", "#define COTREE_APART"]
+    parts += [heads, "#define TARGET", "#define LEAVE (void)0"]
+    model = SimpleNamespace(
+        title="m", generator="", digest="", prefix="m", packs_sines=False,
+        maps=[map_context(node, "map")],
+    )  # fmt: skip
+    text = render("c/vectors.h.jinja", model=model)
+    for n in WIDTHS:
+        parts += [f"#undef LANES\n#define LANES {n}", "#undef NAMED"]
+        parts += [f"#define NAMED(name) name##_{n}", text]
+        head = f"void take_{n}(const double *shared, const double *own, double *results)"
+        parts.append(f"{head}\n{{\n    map_{n}(shared, own, own, results);\n}}\n")
+    # Vectors of eight are wider than this machine's may be, which gcc remarks on.
+    flags = ("-O1", "-shared", "-fPIC", "-ffp-contract=off", "-Wno-psabi")
+    path = run_compiler({"map.c": "\n".join(parts)}, *flags)
+    # A library that is loaded must not be written over.
+    return ctypes.CDLL(str(path.rename(path.with_name(f"{len(list(path.parent.iterdir()))}.so"))))
+
+
+def _applied(library, width, linear, shared, columns):
+    """Apply the compiled map to numbers, column by column."""
+    n_padded = -(-linear.n_columns // 8) * 8
+    own = np.zeros((max(1, linear.n_inputs), n_padded))
+    own[: linear.n_inputs, : linear.n_columns] = np.array(columns).T
+    results = np.full(max(1, linear.n_results), np.nan)
+    pointer = ctypes.POINTER(ctypes.c_double)
+    given_shared = np.array([*shared, 0.0])
+    arrays = (given_shared, own, results)
+    getattr(library, f"take_{width}")(*(array.ctypes.data_as(pointer) for array in arrays))
+    return results[: linear.n_results]
+
+
+@settings(
+    max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True
+)
+@given(seed=st.integers(0, 10**6), longest=st.sampled_from([4, 1000]))
+def test_segments_give_the_bits_of_all_statements(run_compiler, seed, longest):
+    dag, linear, shared, columns = _random_map(seed)
+    node = apply_map(dag, linear, shared, columns)[0][0].args[0]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(maps, "cut_into_segments", partial(cut_into_segments, longest=longest))
+        patch.setattr(maps, "_SKIPPED", -1.0)  # segments, however little they leave out
+        library = _library(run_compiler, linear, node)
+    rng = np.random.default_rng(seed)
+    factors = rng.normal(size=linear.n_shared)
+    numbers = [[0.0 if v.is_zero else rng.normal() for v in column] for column in columns]
+    # Every statement for every column: products with zeros and sums of these.
+    expected = linear.evaluate([*factors, *(value for column in numbers for value in column)])
+    found = [_applied(library, width, linear, factors, numbers) for width in WIDTHS]
+    for values in found:
+        np.testing.assert_array_equal(values, expected)
+        np.testing.assert_array_equal(np.signbit(values), np.signbit(found[0]))
+
+
+@given(seed=st.integers(0, 10**6))
+def test_columns_that_are_gathered_take_no_more(seed):
+    _, linear, _, columns = _random_map(seed)
+    gathered, order = gather_columns(linear)
+    in_order = replace(linear, given=tuple(linear.given[j] for j in sorted(order)))
+    assert gathered.n_times <= in_order.n_times
+    assert gathered.counts == linear.counts
+    assert [linear.given[j] for j in order] == list(gathered.given)
+    left_out = set(range(len(columns))) - set(order)
+    assert not any(linear.supports[root] >> j & 1 for root in linear.results for j in left_out)
