@@ -54,13 +54,13 @@ def body(draft: Drafter, edge: BoundEdge) -> None:
             edge.name, cluster, dot.placed(at, shapes.axes_along(draft.towards(cluster))), JOINT
         )
         return
-    found = None if mass <= 0.0 or tensor is None else body_box(mass, tensor)
+    found = None if tensor is None else body_box(mass, tensor)
     if found is None or (has_bars and edge.inertia is None):
         draft.solid(edge.name, cluster, shapes.sphere((1.3 if has_bars else 2.4) * w).placed(at))
         return
     lengths, axes = found
     if has_bars:
-        lengths = lengths * min(1.0, 0.6 * draft.stage.reach[cluster] / lengths.max())
+        lengths = lengths * min(1.0, 0.6 * draft.stage.reach[cluster] / max(lengths.max(), w))
     lengths = np.maximum(lengths, (1.0 if has_bars else 3.0) * w)
     if draft.stage.is_flat:
         towards = np.abs(place.turn.T @ draft.towards(cluster))
@@ -87,7 +87,7 @@ def body_box(mass: float, tensor: Array) -> tuple[Array, Array] | None:
     Parameters
     ----------
     mass : float
-        Positive, [kg].
+        Not negative, [kg].
     tensor : ndarray, shape (3, 3)
         [kg m^2].
 
@@ -100,13 +100,14 @@ def body_box(mass: float, tensor: Array) -> tuple[Array, Array] | None:
     None
         Where the inertia is zero, or none at all.
     """
-    if not np.all(np.isfinite(tensor)):
+    if not np.all(np.isfinite(tensor)) or mass < 0.0:
         return None
     is_diagonal = np.count_nonzero(tensor - np.diag(np.diag(tensor))) == 0
     moments, axes = (np.diag(tensor), np.eye(3)) if is_diagonal else np.linalg.eigh(tensor)
     if np.linalg.det(axes) < 0.0:
         axes = axes * np.array([1.0, 1.0, -1.0])
-    squares = 6.0 * (moments.sum() - 2.0 * moments) / mass
-    if squares.max() <= 0.0:
+    # What has no mass, but an inertia, is shown as small as is shown at all.
+    squares = 6.0 * (moments.sum() - 2.0 * moments) / (mass or np.inf)
+    if moments.max() <= 0.0:
         return None
     return np.sqrt(np.maximum(squares, 0.0)), axes

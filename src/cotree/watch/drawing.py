@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-#: What goes further than this many times its own size is followed, and has no floor.
-FAR = 6.0
+#: What goes further than this many times its own size is followed.
+FAR = 15.0
 
 
 def _spread(n: int) -> Array:
@@ -129,28 +129,31 @@ class Drawing:
     thickness: float
 
     def floor(self) -> Array:
-        """Give the lines of a grid below all that moves, shape (n_lines, 2, 3), [m].
+        """Give the lines of a grid that stands still, shape (n_lines, 2, 3), [m].
 
-        There is none in a plane, nor where things fly far.
+        In space it lies below all that moves, unless that goes far. In a plane it stands behind
+        what goes far, and is followed.
         """
-        axes = axes_along(self.up)
+        axes = axes_along(self.up, self.towards if self.is_flat else None)
         low, high = self.bounds(axes)
         own, low, high = float((high - low).max()), low.min(axis=0), high.max(axis=0)
-        size = float((high - low)[:2].max())
-        if self.is_flat or own <= 0.0 or float((high - low).max()) > FAR * own:
+        is_far = float((high - low).max()) > FAR * own
+        if own <= 0.0 or is_far != self.is_flat:
             return np.zeros((0, 2, 3))
-        size = max(size, 0.5 * own)
-        step = 10.0 ** np.floor(np.log10(size / 4.0))
-        step *= next(m for m in (1.0, 2.0, 5.0, 10.0) if m * step >= size / 9.0)
-        middle = np.round(0.5 * (low + high)[:2] / step) * step
-        n = int(np.ceil(0.6 * size / step))
+        # Across the grid's two directions: level in space, to the right and up in a plane.
+        one, two, still = (0, 2, 1) if self.is_flat else (0, 1, 2)
+        size = max(float(high[one] - low[one]), float(high[two] - low[two]), 0.5 * own)
+        step = _round_up(max(0.5 * own, size / 300.0) if is_far else size / 9.0)
         lines = []
-        for i in range(-n, n + 1):
-            for fixed in (0, 1):
+        for fixed, free in ((one, two), (two, one)):
+            middle = {k: round(0.5 * (low[k] + high[k]) / step) * step for k in (fixed, free)}
+            extent = {k: high[k] - low[k] if is_far else size for k in (fixed, free)}
+            n = {k: int(np.ceil(0.6 * extent[k] / step)) + (2 if is_far else 0) for k in extent}
+            for i in range(-n[fixed], n[fixed] + 1):
                 ends = np.empty((2, 3))
                 ends[:, fixed] = middle[fixed] + i * step
-                ends[:, 1 - fixed] = middle[1 - fixed] + np.array([-n, n]) * step
-                ends[:, 2] = low[2]
+                ends[:, free] = middle[free] + np.array([-n[free], n[free]]) * step
+                ends[:, still] = low[still] - (own if is_far else 0.0)
                 lines.append(ends @ axes.T)
         return np.array(lines)
 
@@ -181,6 +184,12 @@ class Drawing:
             placed = turned @ points.T + (self.poses.positions[track] @ axes)[:, :, None]
             low, high = np.minimum(low, placed.min(axis=2)), np.maximum(high, placed.max(axis=2))
         return low, high
+
+
+def _round_up(x: float) -> float:
+    """Round up to 1, 2 or 5 times a power of ten."""
+    power = 10.0 ** np.floor(np.log10(x))
+    return float(next(m for m in (1.0, 2.0, 5.0, 10.0) if m * power >= x) * power)
 
 
 def _outermost(points: Array) -> Array:

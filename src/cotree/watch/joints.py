@@ -99,6 +99,23 @@ def disc(draft: Drafter, edge: BoundEdge) -> None:
     axes = shapes.axes_along(draft.axis(edge, "axis", edge.second))
     wheel = shapes.wheel(radius, 0.12 * radius)
     draft.solid(edge.name, place.cluster, wheel.placed(place.local, axes), label=True)
+    if draft.stage.is_flat:
+        _road(draft, edge, radius)
+
+
+def _road(draft: Drafter, edge: BoundEdge, radius: float) -> None:
+    """Draw the line that a disc rolls on, as far as it comes."""
+    one = draft.places[edge.first]
+    normal = draft.values.vector(edge.vectors["normal"])
+    along = np.cross(one.turn.T @ draft.towards(one.cluster), normal)
+    reach = draft.reach(edge)
+    way = reach @ along
+    low, high = float(way.min()) - 1.5 * radius, float(way.max()) + 1.5 * radius
+    depth = 0.1 * radius
+    middle = 0.5 * (low + high) * along + (reach[0] @ normal - radius - 0.5 * depth) * normal
+    bar = shapes.box(depth, 0.2 * radius, high - low)
+    axes = one.turn @ shapes.axes_along(along, np.cross(normal, along))
+    draft.solid(edge.name, one.cluster, bar.placed(one.local + one.turn @ middle, axes))
 
 
 def blade(draft: Drafter, edge: BoundEdge) -> None:
