@@ -9,6 +9,7 @@ states and the model's right-hand side give (quintic Hermite interpolation: the 
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -124,41 +125,60 @@ def coordinates_at(
     ndarray, shape (n_coordinates, n_frames)
         Quaternions have norm one.
     """
-    if len(result.t) == 1:
-        return np.repeat(result.y[: len(system.coordinates)], len(times), axis=1)
-    way = 1.0 if result.t[-1] >= result.t[0] else -1.0
+    t, y, u = _with_events(result)
+    if len(t) == 1:
+        return np.repeat(y[: len(system.coordinates)], len(times), axis=1)
+    way = 1.0 if t[-1] >= t[0] else -1.0
     # Of several points at one time the last is what an event has made of the first.
-    left = np.searchsorted(way * result.t, way * times, side="right") - 1
-    left = np.clip(left, 0, len(result.t) - 2)
+    left = np.searchsorted(way * t, way * times, side="right") - 1
+    left = np.clip(left, 0, len(t) - 2)
     points = np.unique(np.concatenate([left, left + 1]))
-    motion = _motion_at(result, model, system, p, points)
+    motion = _motion_at(model, system, p, t[points], y[:, points], u[:, points])
     place = np.searchsorted(points, left)
     first, last = motion[:, :, place], motion[:, :, place + 1]
-    h = result.t[left + 1] - result.t[left]
-    part = np.where(h != 0.0, (times - result.t[left]) / np.where(h != 0.0, h, 1.0), 1.0)
+    h = t[left + 1] - t[left]
+    part = np.where(h != 0.0, (times - t[left]) / np.where(h != 0.0, h, 1.0), 1.0)
     found = _hermite(part, h, first, last)
     for rows in _quaternions(system):
         found[rows] /= np.linalg.norm(found[rows], axis=0)
     return found
 
 
-def _motion_at(
-    result: Result, model: CompiledModel, system: System, p: Array, points: npt.NDArray[np.int64]
-) -> Array:
-    """Give coordinates, their rates and accelerations at points of a result.
+def _with_events(result: Result) -> tuple[Array, Array, Array]:
+    """Give times, states and inputs with those right before and after each event among them."""
+    way = 1.0 if result.t[-1] >= result.t[0] else -1.0
+    found = [row for row in result.events.values() if len(row.t)]
+    when = np.concatenate([np.zeros(0), *(row.t for row in found)])
+    is_within = (way * when >= way * result.t[0]) & (way * when <= way * result.t[-1])
+    if not is_within.any():
+        return result.t, result.y, result.input_values
+    when = when[is_within]
+    sides = [
+        np.concatenate([getattr(row, side) for row in found], axis=1)[:, is_within]
+        for side in ("y_before", "y_after")
+    ]
+    is_own = ~np.isin(result.t, when)  # else it may be the one or the other
+    near = np.abs(result.t[:, None] - when).argmin(axis=0)
+    t = np.concatenate([result.t[is_own], when, when])
+    y = np.concatenate([result.y[:, is_own], *sides], axis=1)
+    own, of_events = result.input_values[:, is_own], result.input_values[:, near]
+    u = np.concatenate([own, of_events, of_events], axis=1)
+    order = np.argsort(way * t, kind="stable")
+    return t[order], y[:, order], u[:, order]
 
-    The shape is (3, n_coordinates, n_points).
-    """
+
+def _motion_at(
+    model: CompiledModel, system: System, p: Array, t: Array, y: Array, u: Array
+) -> Array:
+    """Give coordinates, their rates and accelerations, shape (3, n_coordinates, n_points)."""
     n, m = len(system.coordinates), len(system.speeds)
-    values, speeds = result.y[:n, points], result.y[n : n + m, points]
-    accelerations = np.empty((m, len(points)))
-    for k, i in enumerate(points):
-        try:
-            rates = model.rhs(result.t[i], result.y[:, i], p, result.input_values[:, i])
-        except Error:  # at a singular point; its neighbours say enough
-            rates = np.zeros(n + m)
-        accelerations[:, k] = rates[n : n + m]
-    motion = np.zeros((3, n, len(points)))
+    values, speeds = y[:n], y[n : n + m]
+    accelerations = np.zeros((m, len(t)))
+    for k, when in enumerate(t):
+        # At a singular point there is none; its neighbours say enough.
+        with suppress(Error):
+            accelerations[:, k] = model.rhs(when, y[:, k], p, u[:, k])[n : n + m]
+    motion = np.zeros((3, n, len(t)))
     motion[0] = values
     row = 0
     for steps in system.steps.values():
