@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import pickle
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -121,6 +123,18 @@ def test_circuits_are_told_to_have_nothing_to_watch(tmp_path, capsys):
         result.animate()
     assert main(["run", "battery-cell", "--animate", str(tmp_path / "a.gif")]) == 2
     assert "no bodies or joints" in capsys.readouterr().err
+
+
+def test_the_example_of_the_page_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = (Path(__file__).parents[2] / "docs" / "watching.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    exec(compile(block, "watching.md", "exec"), {})
+    assert {file.name for file in tmp_path.iterdir()} == {
+        "pendulum.html",
+        "pendulum.gif",
+        "end.png",
+    }
 
 
 def test_command_writes_both_kinds(tmp_path, capsys):

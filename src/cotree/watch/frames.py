@@ -3,7 +3,7 @@
 In: the points of a result. Out: coordinates at times that are evenly spaced. Between points each
 coordinate follows the polynomial that has its value, rate and acceleration at both ends, which the
 states and the model's right-hand side give (quintic Hermite interpolation: the error of a sine is
-(w h)^6/46080 of its amplitude, 2e-5 where points are a period's sixth apart).
+(w h)^6/46080 of its amplitude, 3e-5 where points are a sixth of its period apart).
 """
 
 from __future__ import annotations
