@@ -172,7 +172,12 @@ def test_what_flies_far_is_followed():
     way = painter.camera.centres[n - 1] - painter.camera.centres[0]
     np.testing.assert_allclose(way[:2], [300, -0.5 * 9.81 * 9], atol=0.1)
     assert painter.camera.half[0] < 1.0
-    assert 0 < len(animation.drawing.floor()) < 1000
+    assert 0 < len(animation.drawing.floor()) < 1000  # a grid behind it
+    space = scene.compile(optimize="-O0").simulate((0, 3)).animate(view=(20, 20)).drawing
+    dashes = space.floor()
+    assert 100 < len(dashes) <= 300
+    # Along its way, from where it began to where it got.
+    np.testing.assert_allclose(dashes[-1, 1] - dashes[0, 0], way, atol=0.2)
 
 
 def test_scene_whose_nodes_are_one_point_has_a_size():

@@ -13,7 +13,6 @@ from cotree.components import Acts, Role
 from cotree.watch import bodies, elements, joints, shapes
 from cotree.watch.colors import DAMPER
 from cotree.watch.draft import Drafter
-from cotree.watch.drawing import Solid
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -67,7 +66,8 @@ def draft_scene(
     draft = Drafter(first, values, stage, frozenset(visuals))
     for track, own in visuals.items():
         for name, mesh in own:
-            draft.solids.append(Solid(name, track, mesh, draft.color(track)))
+            draft.solid(name, track, mesh)
+        draft.label(own[0][0], track, own[0][1].points.mean(axis=0))
     for edge in first.system.edges.values():
         show = SHOWN.get(edge.component.name)
         if edge.component.role is Role.LAW and edge.component.acts is Acts.LINE:

@@ -116,7 +116,11 @@ class Drafter:
         """Add a shape in a body's axes, in the body's colour where none is given."""
         self.solids.append(Solid(name, cluster, mesh, color or self.color(cluster)))
         if label:
-            self.labels.append(Label(name, cluster, mesh.points.mean(axis=0)))
+            self.label(name, cluster, mesh.points.mean(axis=0))
+
+    def label(self, name: str, cluster: int, local: Array) -> None:
+        """Name a point of a body."""
+        self.labels.append(Label(name, cluster, local))
 
     def upright(self, cluster: int) -> Array:
         """Give axes in a body with z up and y towards who looks, at the start."""
@@ -142,7 +146,7 @@ class Drafter:
     def mark(self, edge: BoundEdge) -> None:
         """Name a joint, and show a foot where it stands on the ground."""
         one, two = self.places[edge.first], self.places[edge.second]
-        self.labels.append(Label(edge.name, one.cluster, one.local))
+        self.label(edge.name, one.cluster, one.local)
         for place in (one, two):
             if place.cluster == 0:
                 self.foot(edge.name, place)
@@ -198,7 +202,7 @@ class Drafter:
             side = axes[one.cluster, 0].T @ towards
             tracks = (one.cluster, two.cluster)
             self.struts.append(Strut(name, tracks, (ends[0], ends[1]), side, mesh, color))
-            self.labels.append(Label(name, one.cluster, ends[0]))
+            self.label(name, one.cluster, ends[0])
         width = (2.9 * len(own) + 0.6) * self.w
         is_turning = np.linalg.norm(np.cross(gaps, gap), axis=1).max() > 0.1 * float(gap @ gap)
         for place in (one, two):

@@ -129,17 +129,20 @@ class Drawing:
     thickness: float
 
     def floor(self) -> Array:
-        """Give the lines of a grid that stands still, shape (n_lines, 2, 3), [m].
+        """Give lines that stand still, so that motion is seen, shape (n_lines, 2, 3), [m].
 
-        In space it lies below all that moves, unless that goes far. In a plane it stands behind
-        what goes far, and is followed.
+        In space they are a grid below all that moves; where that goes far and is followed, dashes
+        along its way. In a plane they are a grid behind what is followed.
         """
         axes = axes_along(self.up, self.towards if self.is_flat else None)
         low, high = self.bounds(axes)
-        own, low, high = float((high - low).max()), low.min(axis=0), high.max(axis=0)
+        own, path = float((high - low).max()), 0.5 * (low + high) @ axes.T
+        low, high = low.min(axis=0), high.max(axis=0)
         is_far = float((high - low).max()) > FAR * own
-        if own <= 0.0 or is_far != self.is_flat:
+        if own <= 0.0 or (self.is_flat and not is_far):
             return np.zeros((0, 2, 3))
+        if is_far and not self.is_flat:
+            return _dashes(path, 0.4 * own)
         # Across the grid's two directions: level in space, to the right and up in a plane.
         one, two, still = (0, 2, 1) if self.is_flat else (0, 1, 2)
         size = max(float(high[one] - low[one]), float(high[two] - low[two]), 0.5 * own)
@@ -184,6 +187,15 @@ class Drawing:
             placed = turned @ points.T + (self.poses.positions[track] @ axes)[:, :, None]
             low, high = np.minimum(low, placed.min(axis=2)), np.maximum(high, placed.max(axis=2))
         return low, high
+
+
+def _dashes(path: Array, length: float) -> Array:
+    """Give dashes of about a length along a path, at most 300, shape (n_lines, 2, 3)."""
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    n = int(min(300.0, 0.5 * way[-1] / length))
+    at = np.linspace(0.0, way[-1], 2 * n)
+    points = np.stack([np.interp(at, way, column) for column in path.T], axis=1)
+    return points.reshape(n, 2, 3)
 
 
 def _round_up(x: float) -> float:
