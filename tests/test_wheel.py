@@ -50,7 +50,8 @@ def test_templates_and_scenes_are_in_the_wheel(wheel):
     }
     templates = {
         f"cotree/_templates/{path.relative_to(_ROOT / 'templates').as_posix()}"
-        for path in (_ROOT / "templates").rglob("*.jinja")
+        for path in (_ROOT / "templates").rglob("*")
+        if path.is_file()
     }
     assert len(templates) > 3
     assert sources | templates <= names
@@ -68,5 +69,7 @@ def test_the_command_runs_from_an_installed_wheel(wheel, tmp_path):
     text = _run(["-c", entry, "run", "slider-pendulum"], elsewhere, **environment)
     assert "j1.s" in text
     assert "0.52604505" in text  # the reference's end state
+    _run(["-c", entry, "run", "slider-pendulum", "--animate", "a.html"], elsewhere, **environment)
+    assert "</html>" in (elsewhere / "a.html").read_text(encoding="utf-8")
     version = _run(["-c", "import cotree; print(cotree.__version__)"], elsewhere, **environment)
     assert version.strip() in wheel.name

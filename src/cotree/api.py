@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from cotree.export.c_project import CProject
     from cotree.export.equations import SymbolicEquations
     from cotree.export.graph_report import GraphReport
+    from cotree.formulation.first_graph import FirstGraph
     from cotree.model.linearize import Linearization, Linearizer
     from cotree.pipeline import Compiled
     from cotree.scene.graphs import TreeChoice
@@ -191,6 +192,11 @@ class Model(OperatingModel):
         """Seconds spent in each stage: formulate, generate, compile."""
         return self._compiled.times
 
+    @property
+    def first_graph(self) -> FirstGraph:
+        """What the equations were made from."""
+        return self._compiled.first
+
     def summary(self) -> str:
         """Describe the kernels, the formulations tried and what each pass did."""
         lines = [self._program.summary(), "formulations tried, the fewest estimated cycles first:"]
@@ -323,8 +329,8 @@ class Model(OperatingModel):
             project=project,
         )
         result = simulate(self, settings, self.layout.units)
-        compiling = self.times.get("compile", 0.0) + result.times["compile"]
-        return replace(result, times={**self.times, **result.times, "compile": compiling})
+        built = self.times.get("compile", 0.0) + result.times["compile"]
+        return replace(result, times={**self.times, **result.times, "compile": built}, model=self)
 
     @cached_property
     def _linearizer(self) -> Linearizer:

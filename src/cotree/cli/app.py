@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cotree.cli.arguments import (
+    check_animated,
     check_folder,
     check_picture,
     read_numbers,
@@ -175,6 +176,9 @@ def run_scene(
     plot: Annotated[
         Path | None, typer.Option(help="Draw to this file: .svg, .png or .pdf.")
     ] = None,
+    animate: Annotated[
+        Path | None, typer.Option(help="Show it moving, in this file: .html or .gif.")
+    ] = None,
     points: Annotated[
         int | None,
         typer.Option(min=2, help="Number of evenly spaced times; the solver's steps if absent."),
@@ -194,6 +198,7 @@ def run_scene(
         "inputs": read_pairs("--input", inputs),
     }
     described = read_scene(scene)
+    check_animated(animate, described)
     model = described.compile(sensitivity, read_tree(tree))
     end = described.defaults.t_end if t_end is None else t_end
     times = None if points is None else np.linspace(0.0, end, points)
@@ -207,6 +212,9 @@ def run_scene(
 
         draw_run(model, result, plot, settings)
         typer.echo(f"wrote {plot}")
+    if animate is not None:
+        result.animate().save(animate)
+        typer.echo(f"wrote {animate}")
     if not result.success:
         raise typer.Exit(1)
 

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from cotree.api import Scene
     from cotree.scene.graphs import TreeChoice
 
 
@@ -138,3 +139,20 @@ def check_picture(path: Path | None) -> None:
     check_folder(path)
     if path is not None:
         check_suffix(path)
+
+
+def check_animated(path: Path | None, scene: Scene) -> None:
+    """Refuse an animation that cannot be made, before any work is done for it.
+
+    Raises
+    ------
+    SceneError
+        If its folder does not exist, its suffix is unknown, or nothing in the scene moves in space.
+    """
+    if path is None:
+        return
+    from cotree.watch import check_animation, check_moving
+
+    check_folder(path)
+    check_animation(path)
+    check_moving(scene)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cotree.dag import vector
 
@@ -109,8 +109,11 @@ def of_quaternion(q: Sequence[Node]) -> Matrix:
     )
 
 
-def quaternion_rates(q: Sequence[Node], w: Sequence[Node]) -> tuple[Node, ...]:
-    """Form the rates of a quaternion from the angular velocity in the turned frame's axes."""
+def quaternion_rates(q: Sequence[Any], w: Sequence[Any]) -> tuple[Any, ...]:
+    """Form the rates of a quaternion from the angular velocity in the turned frame's axes.
+
+    Of nodes, or of numbers.
+    """
     q0, q1, q2, q3 = (0.5 * entry for entry in q)
     w1, w2, w3 = w
     return (

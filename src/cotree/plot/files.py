@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 from cotree.errors import SceneError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from matplotlib.figure import Figure
 
 _FORMATS = ("svg", "png", "pdf")
@@ -38,16 +40,40 @@ def save_figure(fig: Figure, path: str | os.PathLike[str]) -> None:
     metadata: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(
         suffix, {}
     )
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    with matplotlib.rc_context({"svg.hashsalt": "cotree"}):
+        write_whole(
+            path,
+            lambda draft: fig.savefig(draft, format=suffix, dpi=150, metadata=metadata),
+            "picture",
+        )
+
+
+def write_whole(path: Path, write: Callable[[Path], object], what: str) -> None:
+    """Write a file beside its place and move it there, so that it is whole or as it was.
+
+    Parameters
+    ----------
+    path : Path
+        Where to write.
+    write : callable
+        Writes to the path that it is given.
+    what : str
+        What is written, for messages.
+
+    Raises
+    ------
+    SceneError
+        If the file cannot be written.
+    """
+    draft = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        with matplotlib.rc_context({"svg.hashsalt": "cotree"}):
-            fig.savefig(temporary, format=suffix, dpi=150, metadata=metadata)
-        os.replace(temporary, path)
+        write(draft)
+        os.replace(draft, path)
     except OSError as error:
-        raise SceneError(f"cannot write the picture '{path}': {error.strerror}") from None
+        raise SceneError(f"cannot write the {what} '{path}': {error.strerror}") from None
     finally:
         with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
+            draft.unlink(missing_ok=True)
 
 
 def check_suffix(path: Path) -> str:

@@ -23,7 +23,7 @@ class Visual:
         Lengths along x, y, z of a box; radius, radius, length of a cylinder or capsule; the radius
         of a sphere three times, [m]; factors of a mesh.
     file : str
-        Name of a mesh's file as written. It is never opened.
+        Name of a mesh's file as written. Only animations open it.
     xyz, rpy : tuple of three float
         Where it is in the node's axes, [m], and its roll, pitch and yaw, [rad].
     """

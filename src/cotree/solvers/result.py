@@ -92,6 +92,10 @@ class Result:
         How many constraints follow from the others, at the most.
     events : mapping of str to EventTimes
         What happened of each event of the scene.
+    parameter_values : mapping of str to float
+        The tunable parameters of the run.
+    model : Model or None
+        What ran; it is left behind where a result is copied or pickled.
     """
 
     t: FloatArray
@@ -112,6 +116,12 @@ class Result:
     drift: Drift | None = None
     redundant: int = 0
     events: Mapping[str, EventTimes] = field(default_factory=dict)
+    parameter_values: Mapping[str, float] = field(default_factory=dict)
+    model: Any = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave the model behind, which is a library in memory."""
+        return {**self.__dict__, "model": None}
 
     def __repr__(self) -> str:
         return f"<Result of {len(self.states)} states at {len(self.t)} times: {self.message}>"
@@ -277,6 +287,46 @@ class Result:
         """Draw states, outputs or sensitivities over time; see ``cotree.plot.plot_result``."""
         # Drawing lies above this room, so it is looked up by name when someone asks for it.
         return importlib.import_module("cotree.plot").plot_result(self, names)
+
+    def animate(
+        self,
+        *,
+        fps: float = 25.0,
+        speed: float | None = None,
+        view: tuple[float, float] | None = None,
+        model: Any = None,
+    ) -> Any:
+        """Draw the mechanism as it moves, in its plane or in space.
+
+        Positions between the points of the result follow from values, rates and accelerations at
+        both ends; where a body turns by more than about half a turn between two points, ask for
+        more with ``simulate(t_eval=...)``. A run that failed is shown up to where it got.
+
+        Parameters
+        ----------
+        fps : float
+            Frames for each second of watching. Of more than 2000 frames 2000 are made.
+        speed : float, optional
+            Seconds of the run for each second of watching. Runs of 2 to 30 s are shown as they
+            happened where absent, others slower or faster.
+        view : (float, float), optional
+            Azimuth and elevation of who looks, [deg]; a plane is seen along its normal where
+            absent.
+        model : Model, optional
+            What ran, where the result does not know it: after copying or pickling.
+
+        Returns
+        -------
+        cotree.watch.Animation
+            With ``save("name.gif")`` and ``save("name.html")``; a notebook shows it.
+
+        Raises
+        ------
+        SceneError
+            If nothing in the scene moves in space, or a setting makes no sense.
+        """
+        watch = importlib.import_module("cotree.watch")
+        return watch.animate(self, model or self.model, fps=fps, speed=speed, view=view)
 
     def summary(self) -> str:
         """Return the last point with 10 digits, the solver's message and where time went."""

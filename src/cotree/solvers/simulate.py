@@ -164,6 +164,7 @@ def simulate(
         drift=trajectory.drift,
         redundant=redundant,
         events=_event_times(model, trajectory.events),
+        parameter_values=values,
     )
 
 

@@ -1,0 +1,11 @@
+"""Mechanisms that move before one's eyes.
+
+In: a result and the first graph of its model. Out: an :class:`Animation`, to a GIF or to one HTML
+file. Drawing needs no compiler: positions are evaluated from the graph.
+"""
+
+from __future__ import annotations
+
+from cotree.watch.animation import Animation, animate, check_animation, check_moving
+
+__all__ = ["Animation", "animate", "check_animation", "check_moving"]

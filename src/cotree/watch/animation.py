@@ -1,0 +1,193 @@
+"""From a result to an animation, and that to a file."""
+
+from __future__ import annotations
+
+import html
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cotree.errors import SceneError
+from cotree.plot.files import write_whole
+from cotree.scene.description import check_number
+from cotree.watch.catalogue import draft_scene
+from cotree.watch.frames import choose_frames, coordinates_at
+from cotree.watch.page import page
+from cotree.watch.picture import Painter, gif
+from cotree.watch.poses import Evaluator
+from cotree.watch.stage import set_stage
+from cotree.watch.visuals import visual_meshes
+
+if TYPE_CHECKING:
+    import os
+
+    from cotree.api import Model
+    from cotree.scene.description import SceneDescription
+    from cotree.solvers import Result
+    from cotree.watch.drawing import Drawing
+
+_SUFFIXES = (".gif", ".html")
+_NOTEBOOK_HEIGHT = 520  # pixels
+_LARGEST_PICTURE = 4000
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Animation:
+    """A mechanism that moves; a notebook shows it by itself.
+
+    Attributes
+    ----------
+    drawing : Drawing
+        Shapes, and where they are in each frame.
+    """
+
+    drawing: Drawing
+
+    def __repr__(self) -> str:
+        frames = self.drawing.frames
+        return (
+            f"<Animation of {self.drawing.title}: {len(frames.times)} frames, "
+            f"{frames.speed:.3g} s of the run a second>"
+        )
+
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        width: int = 640,
+        height: int | None = None,
+        max_frames: int = 400,
+    ) -> None:
+        """Write a GIF or an HTML file, whole or not at all.
+
+        Parameters
+        ----------
+        path : path
+            Where to; its suffix says what: ``.gif``, or ``.html`` with a time slider, which needs
+            nothing but a browser.
+        width, height : int and int or None
+            Of a GIF in pixels; None takes the height that suits what is drawn.
+        max_frames : int
+            Of a GIF, the most; of more every other, third and so on is taken.
+
+        Raises
+        ------
+        SceneError
+            If the suffix is unknown, a number makes no sense or the file cannot be written.
+        """
+        target = Path(path)
+        if check_animation(target) == ".html":
+            text = self.html.encode("utf-8")
+        else:
+            _check_size(width, "width", 32, _LARGEST_PICTURE)
+            if height is not None:
+                _check_size(height, "height", 32, _LARGEST_PICTURE)
+            _check_size(max_frames, "max_frames", 1, 100_000)
+            text = gif(self.drawing, width, height, max_frames)
+        write_whole(target, lambda draft: draft.write_bytes(text), "animation")
+
+    def frame(self, number: int, *, width: int = 640, height: int | None = None) -> Any:
+        """Give one frame as a Pillow image; negative numbers count from the end."""
+        n = len(self.drawing.frames.times)
+        if not -n <= number < n:
+            raise SceneError(f"there is no frame {number}: the animation has {n}")
+        return Painter(self.drawing, width, height).paint(number % n)
+
+    @cached_property
+    def html(self) -> str:
+        """The animation as a page of its own."""
+        return page(self.drawing)
+
+    def _repr_html_(self) -> str:
+        """Show the page in a notebook, shut off from the rest of it."""
+        return (
+            f'<iframe sandbox="allow-scripts" srcdoc="{html.escape(self.html)}" width="100%" '
+            f'height="{_NOTEBOOK_HEIGHT}" style="border:0"></iframe>'
+        )
+
+
+def _check_size(value: int, what: str, least: int, most: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+        raise SceneError(f"{what} is {str(value)[:20]}: give a whole number from {least} to {most}")
+
+
+def check_animation(path: Path) -> str:
+    """Give the suffix of an animation's file.
+
+    Raises
+    ------
+    SceneError
+        If it is unknown.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in _SUFFIXES:
+        raise SceneError(
+            f"cannot animate into '{path}': unknown suffix '{path.suffix}'; the known ones are "
+            f"{' and '.join(_SUFFIXES)}"
+        )
+    return suffix
+
+
+def check_moving(scene: SceneDescription) -> None:
+    """Refuse a scene without a multibody part.
+
+    Raises
+    ------
+    SceneError
+        If there is none.
+    """
+    if not scene.mechanics.edges:
+        raise SceneError(
+            f"scene '{scene.name}' has no bodies or joints in space to be watched: only multibody "
+            "systems can be animated; plots show the others"
+        )
+
+
+def animate(
+    result: Result,
+    model: Model | None,
+    *,
+    fps: float = 25.0,
+    speed: float | None = None,
+    view: tuple[float, float] | None = None,
+) -> Animation:
+    """Draw a mechanism over a run; see :meth:`cotree.solvers.Result.animate`."""
+    if model is None:
+        raise SceneError(
+            "this result was copied or read from a file and does not know its model: "
+            "give it as result.animate(model=...)"
+        )
+    if model.states != result.states:
+        raise SceneError("this model has other states than the result: give the one that made it")
+    first = model.first_graph
+    check_moving(first.scene)
+    if view is not None:
+        try:
+            azimuth, elevation = view
+        except (TypeError, ValueError):
+            raise SceneError("view must be a pair: azimuth and elevation in degrees") from None
+        view = check_number(azimuth, "azimuth"), check_number(elevation, "elevation")
+    shown = _finite_part(result, len(first.system.coordinates))
+    n_bodies = len(first.motion.geometry)
+    frames = choose_frames(float(shown.t[0]), float(shown.t[-1]), fps, speed, n_bodies)
+    p = model.parameter_array(result.parameter_values)
+    coordinates = coordinates_at(shown, model, first.system, p, frames.times)
+    values = Evaluator(first.motion, p, frames.times, coordinates)
+    stage = set_stage(first, values, view)
+    draft = draft_scene(first, values, stage, visual_meshes(first.scene.origin, stage.places))
+    note = "" if result.success else f"stopped early at t = {shown.t[-1]:.6g} s"
+    return Animation(draft.drawing(first.scene.name, note, frames))
+
+
+def _finite_part(result: Result, n: int) -> Result:
+    """Leave out what comes after coordinates that are no numbers."""
+    is_bad = ~np.isfinite(result.y[:n]).all(axis=0)
+    end = int(np.argmax(is_bad)) if is_bad.any() else len(result.t)
+    if end == 0:
+        raise SceneError("the run has no point that could be drawn: see result.message")
+    return replace(
+        result, t=result.t[:end], y=result.y[:, :end], input_values=result.input_values[:, :end]
+    )

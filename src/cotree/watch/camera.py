@@ -1,0 +1,107 @@
+"""From places in space to places in a picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.watch.drawing import FAR
+from cotree.watch.shapes import axes_along
+
+if TYPE_CHECKING:
+    from cotree.watch.drawing import Drawing
+
+Array = npt.NDArray[np.float64]
+
+Reach = tuple[float, float, float]
+
+_HALF_ANGLE = np.deg2rad(13.0)  # of what a picture shows of a spatial scene, across its height
+#: Of the picture against what is in it: room for a line of text at the top.
+MARGIN = 1.14
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A view of what is drawn.
+
+    Attributes
+    ----------
+    axes : ndarray, shape (3, 3)
+        To the right, up, and to who looks: columns.
+    centres : ndarray, shape (n_frames, 3)
+        What is in the middle of each frame, [m].
+    half : (float, float)
+        What is seen to each side of it and above and below it, [m].
+    distance : float
+        From who looks to the middle, [m]; infinite in a plane, where nothing grows smaller.
+    """
+
+    axes: Array
+    centres: Array
+    half: tuple[float, float]
+    distance: float
+
+    def project(self, points: Array, frame: int) -> tuple[Array, Array]:
+        """Give places and nearness.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3), [m]
+            In ground axes.
+        frame : int
+            Number of the frame.
+
+        Returns
+        -------
+        places : ndarray, shape (n, 2)
+            -1 to 1 from left to right and from bottom to top.
+        nearness : ndarray, shape (n,)
+            Larger in front; it changes evenly over the picture of a plane.
+        """
+        own = (points - self.centres[frame]) @ self.axes
+        if np.isinf(self.distance):
+            return own[:, :2] / self.half, own[:, 2]
+        away = np.maximum(self.distance - own[:, 2], 0.01 * self.distance)
+        return own[:, :2] / self.half * (self.distance / away)[:, None], 1.0 / away
+
+
+def place_camera(drawing: Drawing, aspect: float | None) -> tuple[Camera, Reach]:
+    """Show all that is drawn, in every frame at the same size.
+
+    Parameters
+    ----------
+    drawing : Drawing
+        What to show.
+    aspect : float or None
+        Width by height of the picture; None takes what suits a plane, between 0.6 and 2, or 4:3.
+
+    Returns
+    -------
+    camera : Camera
+        The view.
+    reach : tuple of three float
+        How far what is seen reaches from the middle, to the right, up and to who looks, [m].
+    """
+    axes = axes_along(drawing.towards, drawing.up)
+    low, high = drawing.bounds(axes)
+    own = float((high - low).max())
+    if float((high.max(axis=0) - low.min(axis=0)).max()) <= FAR * own:
+        low, high = (
+            np.repeat(a[None], len(low), axis=0) for a in (low.min(axis=0), high.max(axis=0))
+        )
+    centres = 0.5 * (low + high) @ axes.T
+    right, above, ahead = (float(v) for v in 0.5 * (high - low).max(axis=0))
+    if aspect is None:
+        shape = right / above if above > 0.0 else 2.0
+        aspect = min(max(shape, 0.6), 2.0) if drawing.is_flat else 4.0 / 3.0
+    half = MARGIN * (max(above, right / aspect) or 1.0)
+    if drawing.is_flat:
+        return Camera(axes, centres, (half * aspect, half), np.inf), (right, above, ahead)
+    # What is nearer looks larger: go back until the nearest side is seen whole.
+    slope = float(np.tan(_HALF_ANGLE))
+    distance = half / slope + ahead
+    camera = Camera(axes, centres, (slope * distance * aspect, slope * distance), distance)
+    return camera, (right, above, ahead)

@@ -1,0 +1,215 @@
+"""A drawing in the making: solids in bodies and struts between them, placed and coloured.
+
+In a plane bars are plates in layers, so that one sees which passes in front; what reaches between
+bodies lies behind them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.watch import shapes
+from cotree.watch.colors import BODIES, GROUND, JOINT
+from cotree.watch.drawing import Drawing, Label, Solid, Strut
+from cotree.watch.layers import layers_of
+
+if TYPE_CHECKING:
+    from cotree.formulation.fields import BoundEdge
+    from cotree.formulation.first_graph import FirstGraph
+    from cotree.watch.colors import Color
+    from cotree.watch.frames import Frames
+    from cotree.watch.poses import Evaluator, Place
+    from cotree.watch.shapes import Mesh
+    from cotree.watch.stage import Stage
+
+Array = npt.NDArray[np.float64]
+
+
+class Drafter:
+    """Adds what shows each edge, in the clusters' axes.
+
+    Parameters
+    ----------
+    first : FirstGraph
+        The graph.
+    values : Evaluator
+        Gives positions and fields.
+    stage : Stage
+        Directions and sizes.
+    clothed : frozenset of int
+        Clusters that shapes of a robot's file show.
+    """
+
+    def __init__(
+        self,
+        first: FirstGraph,
+        values: Evaluator,
+        stage: Stage,
+        clothed: frozenset[int] = frozenset(),
+    ) -> None:
+        self.first, self.values, self.stage = first, values, stage
+        self.poses, self.places = stage.poses, stage.places
+        self.w = stage.thickness
+        self.solids: list[Solid] = []
+        self.struts: list[Strut] = []
+        self.labels: list[Label] = []
+        self.layer = layers_of(first.system.edges.values(), self.places, len(self.poses.positions))
+        self.pitch = 1.1 * self.w if stage.is_flat else 0.0
+        self.clothed = clothed
+        self._feet: set[tuple[float, ...]] = set()
+        self._between: dict[tuple[str, str], list[tuple[str, Mesh, Color]]] = {}
+
+    def drawing(self, title: str, note: str, frames: Frames) -> Drawing:
+        """Give what was added."""
+        stage = self.stage
+        for (first, second), own in self._between.items():
+            self._add_struts(first, second, own)
+        if not self.solids and not self.struts:  # nothing but points: show them
+            for name, place in self.places.items():
+                self.solid(name, place.cluster, shapes.sphere(self.w).placed(place.local))
+        return Drawing(
+            title,
+            note,
+            frames,
+            self.poses,
+            tuple(self.solids),
+            tuple(self.struts),
+            tuple(self.labels),
+            stage.up,
+            stage.towards,
+            stage.is_flat,
+            self.w,
+        )
+
+    def color(self, cluster: int) -> Color:
+        """Give the colour of a body."""
+        return GROUND if cluster == 0 else BODIES[self.stage.body[cluster] % len(BODIES)]
+
+    def raised(self, cluster: int) -> Array:
+        """Give how far a body's plates are raised towards who looks, in its axes."""
+        return self.layer[cluster] * self.pitch * self.towards(cluster)
+
+    def towards(self, cluster: int) -> Array:
+        """Give the plane's normal in a body's axes, where it stays."""
+        found: Array = self.poses.axes[cluster][0].T @ self.stage.towards
+        return found
+
+    def axis(self, edge: BoundEdge, name: str, end: str) -> Array:
+        """Give an axis in the axes of the cluster of a node."""
+        found: Array = self.places[end].turn @ self.values.vector(edge.vectors[name])
+        return found
+
+    def reach(self, edge: BoundEdge) -> Array:
+        """Give the way from the first node to the second in the first's axes, over time."""
+        one, two = self.places[edge.first], self.places[edge.second]
+        gap = self.poses.of(two.cluster, two.local) - self.poses.of(one.cluster, one.local)
+        axes = self.poses.axes[one.cluster] @ one.turn
+        found: Array = np.einsum("tji,tj->ti", axes, gap)
+        return found
+
+    def solid(
+        self, name: str, cluster: int, mesh: Mesh, color: Color | None = None, label: bool = False
+    ) -> None:
+        """Add a shape in a body's axes, in the body's colour where none is given."""
+        self.solids.append(Solid(name, cluster, mesh, color or self.color(cluster)))
+        if label:
+            self.label(name, cluster, mesh.points.mean(axis=0))
+
+    def label(self, name: str, cluster: int, local: Array) -> None:
+        """Name a point of a body."""
+        self.labels.append(Label(name, cluster, local))
+
+    def upright(self, cluster: int) -> Array:
+        """Give axes in a body with z up and y towards who looks, at the start."""
+        found: Array = self.poses.axes[cluster][0].T @ shapes.axes_along(
+            self.stage.up, self.stage.towards
+        )
+        return found
+
+    def is_hidden(self, edge: BoundEdge) -> bool:
+        """Whether visuals show both bodies of a joint."""
+        return {self.places[n].cluster for n in (edge.first, edge.second)} <= self.clothed
+
+    def pin(self, edge: BoundEdge, end: str, axis: Array, radius: float, length: float) -> None:
+        """Draw a cylinder on an axis of a node."""
+        place = self.places[end]
+        at = place.local
+        if self.stage.is_flat:  # through all layers
+            height = 0.5 * max(self.layer) * self.pitch
+            at, length = at + height * self.towards(place.cluster), 2.0 * height + 1.3 * self.w
+        mesh = shapes.cylinder(radius, length).placed(at, shapes.axes_along(axis))
+        self.solid(edge.name, place.cluster, mesh, JOINT)
+
+    def mark(self, edge: BoundEdge) -> None:
+        """Name a joint, and show a foot where it stands on the ground."""
+        one, two = self.places[edge.first], self.places[edge.second]
+        self.label(edge.name, one.cluster, one.local)
+        for place in (one, two):
+            if place.cluster == 0:
+                self.foot(edge.name, place)
+
+    def foot(self, name: str, place: Place) -> None:
+        """Show that the ground holds a point, once."""
+        if not self.stage.is_flat and np.linalg.norm(place.local) > self.w:
+            place = self.places["ground"]  # what reaches from there is drawn as bars
+        if (at := tuple(place.local)) in self._feet:
+            return
+        self._feet.add(at)
+        w, size = self.w, 3.6 * self.w
+        axes = self.upright(0)
+        if self.stage.is_flat:
+            triangle = np.array([[0.0, 0.0], [-0.62 * size, -size], [0.62 * size, -size]])
+            legs = shapes.extruded(triangle, 0.5 * w)
+            base = shapes.box(2.0 * size, 0.6 * w, 0.22 * size)
+            behind = 1.2 * self.pitch * self.stage.towards
+        else:
+            legs = shapes.turned([(0.0, -size), (0.6 * size, -size), (0.2 * size, 0.0), (0.0, 0.0)])
+            base = shapes.cylinder(0.8 * size, 0.2 * size)
+            behind = np.zeros(3)
+        base = base.placed(np.array([0.0, 0.0, -1.1 * size]))
+        foot = shapes.joined([legs, base]).placed(place.local - behind, axes)
+        self.solid(name, 0, foot, GROUND)
+
+    def length(self, first: str, second: str) -> float:
+        """Give the mean distance of two nodes."""
+        one, two = (self.places[name] for name in (first, second))
+        gap = self.poses.of(two.cluster, two.local) - self.poses.of(one.cluster, one.local)
+        return float(np.linalg.norm(gap, axis=1).mean())
+
+    def strut(self, name: str, first: str, second: str, mesh: Mesh, color: Color) -> None:
+        """Draw between two nodes; several between the same nodes stand side by side."""
+        one, two = self.places[first], self.places[second]
+        if one.cluster != two.cluster and self.length(first, second) > 1e-9 * self.stage.size:
+            self._between.setdefault((first, second), []).append((name, mesh, color))
+
+    def _add_struts(self, first: str, second: str, own: list[tuple[str, Mesh, Color]]) -> None:
+        """Add all struts between two nodes, with a foot or a wall where the ground holds them."""
+        one, two = self.places[first], self.places[second]
+        stage, axes = self.stage, self.poses.axes
+        gaps = self.poses.of(two.cluster, two.local) - self.poses.of(one.cluster, one.local)
+        gap = gaps[int(np.argmax(np.linalg.norm(gaps, axis=1)))]
+        towards = stage.towards if stage.is_flat else shapes.axes_along(gap, stage.up)[:, 0]
+        along = shapes.axes_along(gap, towards)
+        apart, behind = 2.9 * self.w * along[:, 0], np.zeros(3)
+        if stage.is_flat:  # behind the bars
+            behind = 1.6 * self.pitch * stage.towards
+        for i, (name, mesh, color) in enumerate(own):
+            shift = (i - 0.5 * (len(own) - 1)) * apart - behind
+            ends = [p.local + axes[p.cluster, 0].T @ shift for p in (one, two)]
+            side = axes[one.cluster, 0].T @ towards
+            tracks = (one.cluster, two.cluster)
+            self.struts.append(Strut(name, tracks, (ends[0], ends[1]), side, mesh, color))
+            self.label(name, one.cluster, ends[0])
+        width = (2.9 * len(own) + 0.6) * self.w
+        is_turning = np.linalg.norm(np.cross(gaps, gap), axis=1).max() > 0.1 * float(gap @ gap)
+        for place in (one, two):
+            if place.cluster == 0 and is_turning:
+                self.foot(own[0][0], place)
+            elif place.cluster == 0 or len(own) > 1:
+                wall = shapes.box(width, width if place.cluster == 0 else self.w, 0.5 * self.w)
+                at = place.local - axes[place.cluster, 0].T @ behind
+                turn = axes[place.cluster, 0].T @ along
+                self.solid(own[0][0], place.cluster, wall.placed(at, turn))

@@ -1,0 +1,212 @@
+"""A drawing that moves: solids fixed in tracks, struts between them, and when they are where.
+
+This is all that the pictures and the page know; :mod:`cotree.watch.draft` makes it from a graph.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.watch.shapes import axes_along
+
+if TYPE_CHECKING:
+    from cotree.watch.colors import Color
+    from cotree.watch.frames import Frames
+    from cotree.watch.poses import Poses
+    from cotree.watch.shapes import Mesh
+
+Array = npt.NDArray[np.float64]
+
+#: What goes further than this many times its own size is followed.
+FAR = 15.0
+
+
+def _spread(n: int) -> Array:
+    """Spread directions evenly over the sphere, on a spiral by the golden angle."""
+    z = (2.0 * np.arange(n) + 1.0) / n - 1.0
+    angle = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(n)
+    r = np.sqrt(1.0 - z**2)
+    return np.column_stack([r * np.cos(angle), r * np.sin(angle), z])
+
+
+# So many that what lies between two of them is missed by a hundredth of a shape's size.
+_DIRECTIONS = _spread(200)
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A shape that moves with a track.
+
+    Attributes
+    ----------
+    name : str
+        The edge or node that it shows.
+    track : int
+        What it moves with.
+    mesh : Mesh
+        Its shape, in the track's axes.
+    color : Color
+        Its colour.
+    """
+
+    name: str
+    track: int
+    mesh: Mesh
+    color: Color
+
+
+@dataclass(frozen=True, eq=False)
+class Strut:
+    """A shape that reaches from one point to another, stretched along its z from zero to one.
+
+    Attributes
+    ----------
+    name, mesh, color
+        As of a :class:`Solid`.
+    tracks : tuple of two int
+        What its ends move with.
+    ends : tuple of two ndarray, shape (3,), [m]
+        Where they are in the axes of those.
+    side : ndarray, shape (3,)
+        A direction in the first track's axes that its y stays near to.
+    """
+
+    name: str
+    tracks: tuple[int, int]
+    ends: tuple[Array, Array]
+    side: Array
+    mesh: Mesh
+    color: Color
+
+
+@dataclass(frozen=True, eq=False)
+class Label:
+    """A name beside a point of a track."""
+
+    text: str
+    track: int
+    local: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """All that is shown.
+
+    Attributes
+    ----------
+    title, note : str
+        The scene's name, and what is to be known of the run; untrusted text.
+    frames : Frames
+        When.
+    poses : Poses
+        Of the tracks, which are the clusters, in each frame.
+    solids, struts, labels : tuple
+        What there is to see.
+    up : ndarray, shape (3,)
+        The axis that points up in the picture.
+    towards : ndarray, shape (3,)
+        From what is drawn to who looks: the normal of a plane, or a direction of choice.
+    is_flat : bool
+        Whether all moves in a plane.
+    thickness : float
+        Of bars, [m].
+    """
+
+    title: str
+    note: str
+    frames: Frames
+    poses: Poses
+    solids: tuple[Solid, ...]
+    struts: tuple[Strut, ...]
+    labels: tuple[Label, ...]
+    up: Array
+    towards: Array
+    is_flat: bool
+    thickness: float
+
+    def floor(self) -> Array:
+        """Give lines that stand still, so that motion is seen, shape (n_lines, 2, 3), [m].
+
+        In space they are a grid below all that moves; where that goes far and is followed, dashes
+        along its way. In a plane they are a grid behind what is followed.
+        """
+        axes = axes_along(self.up, self.towards if self.is_flat else None)
+        low, high = self.bounds(axes)
+        own, path = float((high - low).max()), 0.5 * (low + high) @ axes.T
+        low, high = low.min(axis=0), high.max(axis=0)
+        is_far = float((high - low).max()) > FAR * own
+        if own <= 0.0 or (self.is_flat and not is_far):
+            return np.zeros((0, 2, 3))
+        if is_far and not self.is_flat:
+            return _dashes(path, 0.4 * own)
+        # Across the grid's two directions: level in space, to the right and up in a plane.
+        one, two, still = (0, 2, 1) if self.is_flat else (0, 1, 2)
+        size = max(float(high[one] - low[one]), float(high[two] - low[two]), 0.5 * own)
+        step = _round_up(max(0.5 * own, size / 300.0) if is_far else size / 9.0)
+        lines = []
+        for fixed, free in ((one, two), (two, one)):
+            middle = {k: round(0.5 * (low[k] + high[k]) / step) * step for k in (fixed, free)}
+            extent = {k: high[k] - low[k] if is_far else size for k in (fixed, free)}
+            n = {k: int(np.ceil(0.6 * extent[k] / step)) + (2 if is_far else 0) for k in extent}
+            for i in range(-n[fixed], n[fixed] + 1):
+                ends = np.empty((2, 3))
+                ends[:, fixed] = middle[fixed] + i * step
+                ends[:, free] = middle[free] + np.array([-n[free], n[free]]) * step
+                ends[:, still] = low[still] - (own if is_far else 0.0)
+                lines.append(ends @ axes.T)
+        return np.array(lines)
+
+    def bounds(self, axes: Array) -> tuple[Array, Array]:
+        """Give how far all shapes reach in every frame.
+
+        Parameters
+        ----------
+        axes : ndarray, shape (3, 3)
+            Directions along which to look, as columns.
+
+        Returns
+        -------
+        low, high : ndarray, shape (n_frames, 3), [m]
+            Along each of them.
+        """
+        n = len(self.frames.times)
+        low, high = np.full((n, 3), np.inf), np.full((n, 3), -np.inf)
+        corners: dict[int, list[Array]] = {}
+        for solid in self.solids:
+            corners.setdefault(solid.track, []).append(_outermost(solid.mesh.points))
+        for strut in self.struts:
+            for track, end in zip(strut.tracks, strut.ends, strict=True):
+                corners.setdefault(track, []).append(end[None])
+        for track, parts in corners.items():
+            points = np.concatenate(parts)
+            turned = axes.T @ self.poses.axes[track]
+            placed = turned @ points.T + (self.poses.positions[track] @ axes)[:, :, None]
+            low, high = np.minimum(low, placed.min(axis=2)), np.maximum(high, placed.max(axis=2))
+        return low, high
+
+
+def _dashes(path: Array, length: float) -> Array:
+    """Give dashes of about a length along a path, at most 300, shape (n_lines, 2, 3)."""
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    n = int(min(300.0, 0.5 * way[-1] / length))
+    at = np.linspace(0.0, way[-1], 2 * n)
+    points = np.stack([np.interp(at, way, column) for column in path.T], axis=1)
+    return points.reshape(n, 2, 3)
+
+
+def _round_up(x: float) -> float:
+    """Round up to 1, 2 or 5 times a power of ten."""
+    power = 10.0 ** np.floor(np.log10(x))
+    return float(next(m for m in (1.0, 2.0, 5.0, 10.0) if m * power >= x) * power)
+
+
+def _outermost(points: Array) -> Array:
+    """Give the points that reach furthest in many directions: what a box around needs to know."""
+    if len(points) <= len(_DIRECTIONS):
+        return points
+    found: Array = points[np.unique(np.argmax(points @ _DIRECTIONS.T, axis=0))]
+    return found

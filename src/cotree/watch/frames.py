@@ -1,0 +1,219 @@
+"""When frames are shown, and where a run is then.
+
+In: the points of a result. Out: coordinates at times that are evenly spaced. Between points each
+coordinate follows the polynomial that has its value, rate and acceleration at both ends, which the
+states and the model's right-hand side give (quintic Hermite interpolation: the error of a sine is
+(w h)^6/46080 of its amplitude, 3e-5 where points are a sixth of its period apart).
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.components import FreeRotation
+from cotree.dag.rotation import quaternion_rates
+from cotree.errors import Error, SceneError
+from cotree.scene.description import check_number
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from cotree.formulation.system import System
+    from cotree.model.model import CompiledModel
+    from cotree.solvers import Result
+
+Array = npt.NDArray[np.float64]
+
+#: The most frames of an animation, and of frames times bodies; more are spread more widely.
+MOST_FRAMES, MOST_POSES = 2000, 300_000
+_FEWEST = 100  # of however many bodies
+
+# A run that plays within these seconds is shown as fast as it happened; others in about those.
+_SHORTEST, _LONGEST = 2.0, 30.0
+_COMFORTABLE = 8.0
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Moments of a run, evenly spaced.
+
+    Attributes
+    ----------
+    times : ndarray, shape (n_frames,)
+        Of the run, [s].
+    pause : float
+        From one frame to the next as it is watched, [s].
+    """
+
+    times: Array
+    pause: float
+
+    @property
+    def speed(self) -> float:
+        """Seconds of the run for each second of watching."""
+        if len(self.times) < 2:
+            return 1.0
+        return abs(float(self.times[1] - self.times[0])) / self.pause
+
+
+def choose_frames(
+    start: float, end: float, fps: float, speed: float | None, n_bodies: int = 1
+) -> Frames:
+    """Space frames evenly from the start of a run to its end.
+
+    Parameters
+    ----------
+    start, end : float
+        Of the run, [s].
+    fps : float
+        Frames for each second of watching, 1 to 100.
+    speed : float or None
+        Seconds of the run for each second of watching. None shows a run of 2 to 30 s as it
+        happened, and others slower or faster by 1, 2 or 5 times a power of ten.
+    n_bodies : int
+        How many bodies each frame has.
+
+    Raises
+    ------
+    SceneError
+        If a number makes no sense.
+    """
+    if not 1.0 <= check_number(fps, "fps") <= 100.0:
+        raise SceneError(f"fps is {fps:g}: give 1 to 100 frames a second")
+    span = abs(end - start)
+    if speed is None:
+        is_comfortable = span == 0.0 or _SHORTEST <= span <= _LONGEST
+        speed = 1.0 if is_comfortable else _round(span / _COMFORTABLE)
+    elif check_number(speed, "speed") <= 0.0:
+        raise SceneError(f"speed is {speed:g}: give a positive number")
+    lasting = span / speed
+    most = min(MOST_FRAMES, max(_FEWEST, MOST_POSES // max(n_bodies, 1)))
+    n = max(round(min(lasting * fps, most - 1.0)) + 1, 2) if span else 1
+    return Frames(np.linspace(start, end, n), lasting / (n - 1) if n > 1 else 1.0 / fps)
+
+
+def _round(x: float) -> float:
+    """Round to 1, 2 or 5 times a power of ten."""
+    power = 10.0 ** math.floor(math.log10(x))
+    return min((1.0, 2.0, 5.0, 10.0), key=lambda m: abs(math.log(x / (m * power)))) * power
+
+
+def coordinates_at(
+    result: Result, model: CompiledModel, system: System, p: Array, times: Array
+) -> Array:
+    """Interpolate the coordinates of a run.
+
+    Parameters
+    ----------
+    result : Result
+        With finite states, at one time or more.
+    model, system : CompiledModel, System
+        What ran.
+    p : ndarray, shape (n_parameters,)
+        Its parameters.
+    times : ndarray, shape (n_frames,)
+        Within the run, [s].
+
+    Returns
+    -------
+    ndarray, shape (n_coordinates, n_frames)
+        Quaternions have norm one.
+    """
+    t, y, u = _with_events(result)
+    if len(t) == 1:
+        return np.repeat(y[: len(system.coordinates)], len(times), axis=1)
+    way = 1.0 if t[-1] >= t[0] else -1.0
+    # Of several points at one time the last is what an event has made of the first.
+    left = np.searchsorted(way * t, way * times, side="right") - 1
+    left = np.clip(left, 0, len(t) - 2)
+    points = np.unique(np.concatenate([left, left + 1]))
+    motion = _motion_at(model, system, p, t[points], y[:, points], u[:, points])
+    place = np.searchsorted(points, left)
+    first, last = motion[:, :, place], motion[:, :, place + 1]
+    h = t[left + 1] - t[left]
+    part = np.where(h != 0.0, (times - t[left]) / np.where(h != 0.0, h, 1.0), 1.0)
+    found = _hermite(part, h, first, last)
+    for rows in _quaternions(system):
+        found[rows] /= np.linalg.norm(found[rows], axis=0)
+    return found
+
+
+def _with_events(result: Result) -> tuple[Array, Array, Array]:
+    """Give times, states and inputs with those right before and after each event among them."""
+    way = 1.0 if result.t[-1] >= result.t[0] else -1.0
+    found = [row for row in result.events.values() if len(row.t)]
+    when = np.concatenate([np.zeros(0), *(row.t for row in found)])
+    is_within = (way * when >= way * result.t[0]) & (way * when <= way * result.t[-1])
+    if not is_within.any():
+        return result.t, result.y, result.input_values
+    when = when[is_within]
+    sides = [
+        np.concatenate([getattr(row, side) for row in found], axis=1)[:, is_within]
+        for side in ("y_before", "y_after")
+    ]
+    is_own = ~np.isin(result.t, when)  # else it may be the one or the other
+    near = np.abs(result.t[:, None] - when).argmin(axis=0)
+    t = np.concatenate([result.t[is_own], when, when])
+    y = np.concatenate([result.y[:, is_own], *sides], axis=1)
+    own, of_events = result.input_values[:, is_own], result.input_values[:, near]
+    u = np.concatenate([own, of_events, of_events], axis=1)
+    order = np.argsort(way * t, kind="stable")
+    return t[order], y[:, order], u[:, order]
+
+
+def _motion_at(
+    model: CompiledModel, system: System, p: Array, t: Array, y: Array, u: Array
+) -> Array:
+    """Give coordinates, their rates and accelerations, shape (3, n_coordinates, n_points)."""
+    n, m = len(system.coordinates), len(system.speeds)
+    values, speeds = y[:n], y[n : n + m]
+    accelerations = np.zeros((m, len(t)))
+    for k, when in enumerate(t):
+        # At a singular point there is none; its neighbours say enough.
+        with suppress(Error):
+            accelerations[:, k] = model.rhs(when, y[:, k], p, u[:, k])[n : n + m]
+    motion = np.zeros((3, n, len(t)))
+    motion[0] = values
+    row = 0
+    for steps in system.steps.values():
+        for step in steps:
+            own = [speed.index for speed in step.speeds]
+            rows = slice(row, row := row + len(step.coordinates))
+            if isinstance(step.kind, FreeRotation):
+                q, w, a = list(values[rows]), list(speeds[own]), list(accelerations[own])
+                motion[1, rows] = quaternion_rates(q, w)
+                motion[2, rows] = quaternion_rates(list(motion[1, rows]), w)
+                motion[2, rows] += quaternion_rates(q, a)
+            else:
+                motion[1, rows], motion[2, rows] = speeds[own], accelerations[own]
+    return motion
+
+
+def _quaternions(system: System) -> Iterator[slice]:
+    """Give the rows of each quaternion among the coordinates."""
+    row = 0
+    for steps in system.steps.values():
+        for step in steps:
+            if isinstance(step.kind, FreeRotation):
+                yield slice(row, row + 4)
+            row += len(step.coordinates)
+
+
+def _hermite(x: Array, h: Array, first: Array, last: Array) -> Array:
+    """Interpolate with values, rates and accelerations at both ends, at parts x of steps h."""
+    (q0, v0, a0), (q1, v1, a1) = first, last
+    rest = q1 - (q0 + h * v0 + 0.5 * h**2 * a0)
+    slope = h * (v1 - v0 - h * a0)
+    bend = h**2 * (a1 - a0)
+    cubic = 10.0 * rest - 4.0 * slope + 0.5 * bend
+    quartic = -15.0 * rest + 7.0 * slope - bend
+    quintic = 6.0 * rest - 3.0 * slope + 0.5 * bend
+    taylor = q0 + x * h * (v0 + 0.5 * x * h * a0)
+    found: Array = taylor + x**3 * (cubic + x * (quartic + x * quintic))
+    return found

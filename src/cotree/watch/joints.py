@@ -1,0 +1,126 @@
+"""What shows joints, and constraints of points: pins, balls, rails with blocks, wheels, blades."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.watch import shapes
+from cotree.watch.colors import JOINT, RAIL
+from cotree.watch.elements import spring
+
+if TYPE_CHECKING:
+    from cotree.formulation.fields import BoundEdge
+    from cotree.watch.draft import Drafter
+
+Array = npt.NDArray[np.float64]
+
+
+def revolute(draft: Drafter, edge: BoundEdge) -> None:
+    """Show a pin on the axis."""
+    if draft.is_hidden(edge):
+        return
+    radius = (1.1 if draft.stage.is_flat else 1.4) * draft.w
+    draft.pin(edge, edge.first, draft.axis(edge, "axis", edge.first), radius, 3.2 * draft.w)
+    draft.mark(edge)
+
+
+def universal(draft: Drafter, edge: BoundEdge) -> None:
+    """Show a cross of two pins."""
+    if draft.is_hidden(edge):
+        return
+    # The second axis is carried by the second body, whose own turn it is.
+    for name, end in (("axis", edge.first), ("axis2", edge.second)):
+        draft.pin(edge, end, draft.axis(edge, name, end), 0.75 * draft.w, 4.2 * draft.w)
+    draft.mark(edge)
+
+
+def spherical(draft: Drafter, edge: BoundEdge) -> None:
+    """Show a ball."""
+    if draft.is_hidden(edge):
+        return
+    place = draft.places[edge.first]
+    ball = shapes.sphere(1.6 * draft.w).placed(place.local)
+    draft.solid(edge.name, place.cluster, ball, JOINT)
+    draft.mark(edge)
+
+
+def sliding(draft: Drafter, edge: BoundEdge) -> None:
+    """Draw a rail on the first body and a block or a sleeve on the second."""
+    if draft.is_hidden(edge):
+        return
+    w, two = draft.w, draft.places[edge.second]
+    axis = draft.axis(edge, "axis", edge.second)
+    if edge.component.name == "prismatic":
+        block = shapes.box(3.4 * w, (0.75 if draft.stage.is_flat else 3.4) * w, 5.4 * w)
+    else:
+        block = shapes.ring(1.8 * w, 0.9 * w, 5.0 * w)
+    y = draft.towards(two.cluster) if draft.stage.is_flat else None
+    at = two.local + draft.raised(two.cluster)
+    draft.solid(edge.name, two.cluster, block.placed(at, shapes.axes_along(axis, y)), label=True)
+    _rail(draft, edge)
+    stiffness = edge.scalars.get("stiffness")
+    if stiffness is not None and not stiffness.is_zero:
+        spring(draft, edge)
+
+
+def _rail(draft: Drafter, edge: BoundEdge) -> None:
+    """Draw how far the second node slides along the axis of the first."""
+    w, one = draft.w, draft.places[edge.first]
+    along = draft.values.vector(edge.vectors["axis"])
+    way = draft.reach(edge) @ along
+    low, high = float(way.min()) - 4.0 * w, float(way.max()) + 4.0 * w
+    axis = one.turn @ along
+    at = one.local + 0.5 * (low + high) * axis
+    if draft.stage.is_flat:
+        at = at - 0.9 * draft.pitch * draft.towards(one.cluster)
+    bar = shapes.cylinder(0.5 * w, high - low).placed(at, shapes.axes_along(axis))
+    draft.solid(edge.name, one.cluster, bar, RAIL if one.cluster == 0 else None)
+
+
+def slot(draft: Drafter, edge: BoundEdge) -> None:
+    """Show a pin, and a rail where the line is fixed in the first body."""
+    two = draft.places[edge.second]
+    at = two.local + draft.raised(two.cluster)
+    draft.solid(edge.name, two.cluster, shapes.sphere(1.2 * draft.w).placed(at), JOINT)
+    moving = draft.values.over_time(edge.vectors["axis"])
+    if np.ptp(moving, axis=0).max() == 0.0:
+        _rail(draft, edge)
+
+
+def disc(draft: Drafter, edge: BoundEdge) -> None:
+    """Show a wheel of the disc's radius."""
+    place = draft.places[edge.second]
+    if place.cluster in draft.clothed:
+        return
+    radius = float(draft.values.numbers([edge.scalars["radius"]])[0])
+    axes = shapes.axes_along(draft.axis(edge, "axis", edge.second))
+    wheel = shapes.wheel(radius, 0.12 * radius)
+    draft.solid(edge.name, place.cluster, wheel.placed(place.local, axes), label=True)
+    if draft.stage.is_flat:
+        _road(draft, edge, radius)
+
+
+def _road(draft: Drafter, edge: BoundEdge, radius: float) -> None:
+    """Draw the line that a disc rolls on, as far as it comes."""
+    one = draft.places[edge.first]
+    normal = draft.values.vector(edge.vectors["normal"])
+    along = np.cross(one.turn.T @ draft.towards(one.cluster), normal)
+    reach = draft.reach(edge)
+    way = reach @ along
+    low, high = float(way.min()) - 1.5 * radius, float(way.max()) + 1.5 * radius
+    depth = 0.1 * radius
+    middle = 0.5 * (low + high) * along + (reach[0] @ normal - radius - 0.5 * depth) * normal
+    bar = shapes.box(depth, 0.2 * radius, high - low)
+    axes = one.turn @ shapes.axes_along(along, np.cross(normal, along))
+    draft.solid(edge.name, one.cluster, bar.placed(one.local + one.turn @ middle, axes))
+
+
+def blade(draft: Drafter, edge: BoundEdge) -> None:
+    """Show a thin blade across which nothing slides."""
+    place = draft.places[edge.second]
+    axes = shapes.axes_along(draft.axis(edge, "axis", edge.second), draft.upright(0)[:, 1])
+    blade = shapes.box(5.0 * draft.w, 1.8 * draft.w, 0.5 * draft.w)
+    draft.solid(edge.name, place.cluster, blade.placed(place.local, axes), JOINT)

@@ -1,0 +1,189 @@
+"""Meshes of robots from files: found beside the robot's own file, read with limits, made coarser.
+
+STL (binary and text) and OBJ are read here; Collada and others by trimesh, where it is installed.
+Files are data of strangers: their sizes are bounded and every number is checked.
+"""
+
+from __future__ import annotations
+
+import os
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlparse
+
+import numpy as np
+
+from cotree.watch.shapes import Mesh
+
+#: Bytes of a mesh's file.
+LARGEST_FILE = 80_000_000
+
+_LARGEST_LENGTH = 1e6  # metres
+_MOST_FACES = 2_000_000
+_STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+
+
+class MeshError(Exception):
+    """A mesh that cannot be had; its text says why."""
+
+
+def find_mesh(name: str, beside: Path) -> Path:
+    """Find the file of a mesh.
+
+    Parameters
+    ----------
+    name : str
+        As written: a path, ``file://`` or ``package://PACKAGE/...``. Packages are looked for in
+        the folder of the robot's file and the folders above it, then along ROS_PACKAGE_PATH.
+    beside : Path
+        The robot's file.
+
+    Raises
+    ------
+    MeshError
+        If there is no such file.
+    """
+    scheme, _, rest = name.rpartition("://")
+    if scheme not in ("", "file", "package", "model"):
+        raise MeshError(f"'{name[:80]}' is no file")
+    if "\0" in name:
+        raise MeshError("its name is none")
+    if scheme in ("", "file"):
+        path = unquote(urlparse(name).path) if scheme else rest
+        folders = [Path(), beside.parent]
+        places = [folder / path for folder in folders]
+    else:
+        package, _, inner = rest.partition("/")
+        above = [beside.resolve().parent, *beside.resolve().parents[1:]]
+        listed = [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
+        places = [
+            place
+            for folder in (*above, *listed)
+            # The folder may be the package itself, or hold it.
+            for place in (
+                folder / package / inner,
+                *([folder / inner] if folder.name == package else []),
+            )
+        ]
+    try:
+        for place in places:
+            if place.is_file():
+                return place
+    except OSError:
+        pass  # a name that is too long for a path
+    raise MeshError(f"'{name[:80]}' is not found")
+
+
+def read_mesh(path: Path) -> Mesh:
+    """Read a mesh.
+
+    Raises
+    ------
+    MeshError
+        If it cannot be read, or is too large.
+    """
+    try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise MeshError(f"'{path.name}' has more than {LARGEST_FILE // 1_000_000} MB")
+        data = path.read_bytes()
+    except OSError as error:
+        raise MeshError(f"'{path.name}' cannot be read: {error.strerror}") from None
+    suffix = path.suffix.lower()
+    try:
+        if suffix == ".stl":
+            mesh = _read_stl(data)
+        elif suffix == ".obj":
+            mesh = _read_obj(data.decode("utf-8", errors="replace"))
+        else:
+            mesh = _read_other(data, suffix)
+    except (ValueError, IndexError, OverflowError) as error:
+        raise MeshError(f"'{path.name}' is no mesh: {str(error)[:80]}") from None
+    return _checked(mesh, path.name)
+
+
+def _checked(mesh: Mesh, name: str) -> Mesh:
+    points, faces = mesh.points, mesh.faces
+    if not len(faces):
+        raise MeshError(f"'{name}' has no triangles")
+    if len(faces) > _MOST_FACES:
+        raise MeshError(f"'{name}' has more than {_MOST_FACES} triangles")
+    if faces.min() < 0 or faces.max() >= len(points):
+        raise MeshError(f"'{name}' names corners that it does not have")
+    if not np.isfinite(points).all() or np.abs(points).max() > _LARGEST_LENGTH:
+        raise MeshError(f"'{name}' has corners that are no places")
+    corners, place = np.unique(points, axis=0, return_inverse=True)
+    return Mesh(corners, place.reshape(-1)[faces])
+
+
+def _read_stl(data: bytes) -> Mesh:
+    """Read STL, binary where the number of triangles fits the length, else as text."""
+    n = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
+    if n >= 0 and len(data) >= 84 + n * _STL.itemsize and (n > 0 or data[:5] != b"solid"):
+        rows = np.frombuffer(data, dtype=_STL, count=n, offset=84)
+        corners = rows["corners"].astype(float).reshape(-1, 3)
+    else:
+        lines = data.decode("ascii", errors="replace").split("\n")
+        words = [line.split() for line in lines if line.lstrip()[:6].lower() == "vertex"]
+        corners = np.array([[float(x) for x in row[1:4]] for row in words]).reshape(-1, 3)
+    if len(corners) % 3:
+        raise ValueError("a triangle is cut off")
+    return Mesh(corners, np.arange(len(corners)).reshape(-1, 3))
+
+
+def _read_obj(text: str) -> Mesh:
+    """Read corners and faces of OBJ; faces with more corners become fans."""
+    points: list[list[float]] = []
+    faces: list[tuple[int, int, int]] = []
+    for line in text.splitlines():
+        words = line.split()
+        if not words:
+            continue
+        if words[0] == "v":
+            points.append([float(x) for x in words[1:4]])
+        elif words[0] == "f":
+            numbers = [int(word.partition("/")[0]) for word in words[1:]]
+            corners = [i - 1 if i > 0 else len(points) + i for i in numbers]
+            faces += [(corners[0], b, c) for b, c in pairwise(corners[1:])]
+    return Mesh(np.array(points).reshape(-1, 3), np.array(faces, dtype=np.int64).reshape(-1, 3))
+
+
+def _read_other(data: bytes, suffix: str) -> Mesh:
+    """Read another format by trimesh, from memory only."""
+    try:
+        import trimesh
+    except ImportError:
+        raise MeshError(
+            f"reading {suffix or 'such'} files needs trimesh: pip install cotree[meshes]"
+        ) from None
+    from io import BytesIO
+
+    try:
+        found: Any = trimesh.load(BytesIO(data), file_type=suffix.lstrip("."), force="mesh")
+        return Mesh(np.array(found.vertices, dtype=float), np.array(found.faces, dtype=np.int64))
+    except Exception as error:  # of whatever kind: the reader is not ours, nor is the file
+        raise ValueError(str(error) or type(error).__name__) from None
+
+
+def coarser(mesh: Mesh, most: int) -> Mesh:
+    """Bring a mesh below a number of triangles, by corners that share a cell of a grid.
+
+    Cells grow until few enough triangles have three different corners; each takes the mean of its
+    corners' places (J. Rossignac and P. Borrel, Multi-resolution 3D approximations, 1993).
+    """
+    low = mesh.points.min(axis=0)
+    extent = float(np.ptp(mesh.points, axis=0).max()) or 1.0
+    cells, n = 1000.0, len(mesh.faces)
+    while n > most and cells > 2.0:
+        keys = np.floor((mesh.points - low) / extent * cells).astype(np.int64)
+        _, place = np.unique(keys @ [1, 2000, 4_000_000], return_inverse=True)
+        faces = place[mesh.faces]
+        is_kept = (np.diff(np.sort(faces, axis=1), axis=1) > 0).all(axis=1)
+        n = int(np.count_nonzero(is_kept))
+        # Triangles of a surface grow fewer with the square of the cells.
+        cells *= min(0.9, float(np.sqrt(most / max(n, 1))))
+    if n == len(mesh.faces):
+        return mesh
+    counts = np.bincount(place)
+    points = np.stack([np.bincount(place, w) / counts for w in mesh.points.T], axis=1)
+    return Mesh(points, faces[is_kept])

@@ -1,0 +1,241 @@
+"""An animation as one HTML file: data, viewer and style in it, nothing fetched, nothing else run.
+
+Names are untrusted: they reach the page as text that the template escapes, and as JSON in which no
+mark of HTML is left. A content security policy names the viewer and the style by their hashes, so
+that nothing else in the file could run, and nothing can be fetched.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.codegen.render import template_folder
+from cotree.version import VERSION
+from cotree.watch.camera import MARGIN, place_camera
+from cotree.watch.picture import decimals
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import jinja2
+    from markupsafe import Markup
+
+    from cotree.watch.drawing import Drawing
+    from cotree.watch.shapes import Mesh
+
+Array = npt.NDArray[np.float64]
+
+_GRAINS = 50_000  # that positions are rounded to, of the largest
+_TURN = 2e-5  # that entries of quaternions are rounded to
+_SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4", "10")
+
+
+@dataclass(frozen=True)
+class PageContext:
+    """What the page's template gets.
+
+    Attributes
+    ----------
+    title, note : str
+        Untrusted text.
+    policy, generator : str
+        Content security policy, and what wrote the file.
+    last : int
+        Number of the last frame.
+    speeds : tuple of (str, str)
+        Labels and factors.
+    style, script, data : Markup
+        Ready to stand in the page.
+    """
+
+    title: str
+    note: str
+    policy: str
+    generator: str
+    last: int
+    speeds: tuple[tuple[str, str], ...]
+    style: Markup
+    script: Markup
+    data: Markup
+
+
+def page(drawing: Drawing) -> str:
+    """Write the page; the same drawing gives the same text."""
+    from markupsafe import Markup
+
+    style, script = (_text(f"viewer.{suffix}") for suffix in ("css", "js"))
+    policy = f"default-src 'none'; script-src {_hash(script)}; style-src {_hash(style)}"
+    context = PageContext(
+        title=drawing.title,
+        note=drawing.note,
+        policy=policy,
+        generator=f"cotree {VERSION}",
+        last=len(drawing.frames.times) - 1,
+        speeds=tuple((f"{factor}×", factor) for factor in _SPEEDS),
+        style=Markup(style),
+        script=Markup(script),
+        data=Markup(embedded(page_data(drawing))),
+    )
+    return _environment().get_template("html/page.html.jinja").render(page=context)
+
+
+def embedded(value: Any) -> str:
+    """Write JSON that is safe within a script element."""
+    text = json.dumps(value, separators=(",", ":"), allow_nan=False)
+    # ASCII by default, so that no separator of lines can hide in it either.
+    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+
+
+def page_data(drawing: Drawing) -> dict[str, Any]:
+    """Give all that the viewer reads, as plain lists and numbers.
+
+    Positions are whole numbers of ``unit``, quaternions of ``turn``, and each row of both is the
+    difference to the one before; what never moves has one row.
+    """
+    poses, frames = drawing.poses, drawing.frames
+    camera, reach = place_camera(drawing, None)
+    used = sorted(
+        {solid.track for solid in drawing.solids}
+        | {track for strut in drawing.struts for track in strut.tracks}
+        | {label.track for label in drawing.labels}
+    )
+    number = {track: i for i, track in enumerate(used)}
+    extent = float(np.abs(poses.positions[used]).max())
+    extent = max(extent, float(np.abs(camera.centres).max()), float(max(reach)))
+    unit = float(f"{extent / _GRAINS:.3g}") or 1.0
+    times = frames.times
+    return {
+        "frames": len(times),
+        "start": float(times[0]),
+        "step": float(times[1] - times[0]) if len(times) > 1 else 0.0,
+        "pause": frames.pause,
+        "digits": decimals(times),
+        "flat": drawing.is_flat,
+        "up": drawing.up.tolist(),
+        "towards": _short(drawing.towards),
+        "reach": _short(reach),
+        "margin": MARGIN,
+        "extent": _short([extent])[0],
+        "unit": unit,
+        "turn": _TURN,
+        "centres": _differences(camera.centres / unit),
+        "tracks": [
+            {
+                "p": _differences(poses.positions[track] / unit),
+                "q": _differences(_quaternions(poses.axes[track]) / _TURN),
+            }
+            for track in used
+        ],
+        "solids": [
+            {
+                "name": solid.name,
+                "track": number[solid.track],
+                "color": list(solid.color),
+                "mesh": _packed(solid.mesh),
+            }
+            for solid in drawing.solids
+        ],
+        "struts": [
+            {
+                "name": strut.name,
+                "tracks": [number[track] for track in strut.tracks],
+                "ends": [_short(end) for end in strut.ends],
+                "side": _short(strut.side),
+                "color": list(strut.color),
+                "mesh": _packed(strut.mesh),
+            }
+            for strut in drawing.struts
+        ],
+        "labels": [
+            {"text": label.text, "track": number[label.track], "at": _short(label.local)}
+            for label in drawing.labels
+        ],
+        "floor": _short(drawing.floor().ravel()),
+    }
+
+
+def _short(values: Sequence[float] | Array) -> list[float]:
+    """Round to six digits."""
+    return [float(f"{float(v):.6g}") + 0.0 for v in values]
+
+
+def _differences(rows: Array) -> list[int]:
+    """Round rows to whole numbers, and give the first and the steps from each to the next."""
+    whole = np.rint(rows).astype(np.int64)
+    steps = np.diff(whole, axis=0)
+    if not steps.any():
+        return [int(v) for v in whole[0]]
+    return [int(v) for v in np.concatenate([whole[:1], steps]).ravel()]
+
+
+def _quaternions(axes: Array) -> Array:
+    """Give unit quaternions, scalar first, of matrices; neighbours have no opposite signs."""
+    r = axes
+    # Four times the squares of the entries; the largest is the divisor (S. Shepperd, 1978).
+    trace = np.trace(r, axis1=1, axis2=2)
+    squares = np.stack([1.0 + trace, *(1.0 - trace + 2.0 * r[:, i, i] for i in range(3))], axis=1)
+    products = np.empty((len(r), 4, 4))
+    for i in range(4):
+        products[:, i, i] = squares[:, i]
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        own = r[:, k, j] - r[:, j, k]
+        products[:, 0, i + 1] = products[:, i + 1, 0] = own
+        shared = r[:, i, j] + r[:, j, i]
+        products[:, i + 1, j + 1] = products[:, j + 1, i + 1] = shared
+    largest = np.argmax(squares, axis=1)
+    found: Array = products[np.arange(len(r)), largest]
+    found /= np.linalg.norm(found, axis=1, keepdims=True)
+    turns = np.sign(np.einsum("ti,ti->t", found[1:], found[:-1]))
+    turns = np.cumprod(np.where(turns < 0.0, -1.0, 1.0))
+    found[1:] *= turns[:, None]
+    return found
+
+
+def _packed(mesh: Mesh) -> dict[str, Any]:
+    """Give corners as fractions of their box in two bytes, and faces, both little-endian base64."""
+    low = mesh.points.min(axis=0)
+    span = np.ptp(mesh.points, axis=0)
+    parts = (mesh.points - low) / np.where(span > 0.0, span, 1.0)
+    is_wide = len(mesh.points) > 65535
+    return {
+        "low": _short(low),
+        "span": _short(span),
+        "points": _base64(np.rint(65535.0 * parts).astype("<u2")),
+        "faces": _base64(mesh.faces.astype("<u4" if is_wide else "<u2")),
+        "wide": is_wide,
+    }
+
+
+def _base64(values: npt.NDArray[Any]) -> str:
+    return base64.b64encode(values.tobytes()).decode("ascii")
+
+
+def _hash(text: str) -> str:
+    digest = hashlib.sha256(text.encode("utf-8")).digest()
+    return f"'sha256-{base64.b64encode(digest).decode('ascii')}'"
+
+
+def _text(name: str) -> str:
+    return (template_folder() / "html" / name).read_text(encoding="utf-8")
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    import jinja2
+
+    return jinja2.Environment(
+        loader=jinja2.FileSystemLoader(template_folder()),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=True,
+    )

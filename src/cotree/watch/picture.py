@@ -1,0 +1,218 @@
+"""Frames as pictures: triangles with a depth for each pixel, by numpy; then a GIF by Pillow."""
+
+from __future__ import annotations
+
+import io
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.watch.camera import Camera, place_camera
+from cotree.watch.shapes import axes_along, joined
+
+if TYPE_CHECKING:
+    from cotree.watch.drawing import Drawing, Strut
+    from cotree.watch.poses import Poses
+
+Array = npt.NDArray[np.float64]
+
+_PAPER, _INK, _LINE = (250, 250, 248), (70, 76, 84), (222, 223, 221)
+_FINER = 2  # pixels that make one, along each side
+_LIGHT = np.array([-0.35, 0.55, 0.76])  # from right, up and to who looks
+_COLORS = 96  # of a GIF: more are not told apart, and cost bytes
+
+
+class Painter:
+    """Paints the frames of a drawing.
+
+    Parameters
+    ----------
+    drawing : Drawing
+        What to paint.
+    width : int
+        Of the pictures, in pixels.
+    height : int or None
+        None takes what suits the drawing.
+    """
+
+    def __init__(self, drawing: Drawing, width: int, height: int | None) -> None:
+        self.drawing = drawing
+        aspect = None if height is None else width / height
+        self.camera: Camera = place_camera(drawing, aspect)[0]
+        half = self.camera.half
+        self.size = (width, height or 2 * round(0.5 * width * half[1] / half[0]))
+        self._floor = drawing.floor()
+        shown = [(solid.mesh, solid.color) for solid in drawing.solids]
+        shown += [(strut.mesh, strut.color) for strut in drawing.struts]
+        self._faces = joined(mesh for mesh, _ in shown).faces
+        self._colors = np.concatenate([np.tile(color, (len(m.faces), 1)) for m, color in shown])
+
+    def paint(self, frame: int) -> Any:
+        """Paint one frame as a Pillow image."""
+        from PIL import Image, ImageDraw
+
+        width, height = (_FINER * n for n in self.size)
+        paper = Image.new("RGB", (width, height), _PAPER)
+        pen = ImageDraw.Draw(paper)
+        for ends in self._floor:
+            corners, _ = self.camera.project(ends, frame)
+            pen.line([tuple(xy) for xy in self._pixels(corners)], fill=_LINE, width=_FINER)
+        canvas = np.array(paper).reshape(-1, 3)
+        points = np.concatenate(list(self._points(frame)))
+        places, nearness = self.camera.project(points, frame)
+        pixels = self._pixels(places)
+        shades = self._shades(points)
+        covered, shown = _visible(pixels, nearness, self._faces, width, height)
+        canvas[covered] = (self._colors * shades)[shown].astype(np.uint8)
+        image = Image.fromarray(canvas.reshape(height, width, 3)).reduce(_FINER)
+        self._write(ImageDraw.Draw(image), frame)
+        return image
+
+    def _pixels(self, places: Array) -> Array:
+        found: Array = (places * [1.0, -1.0] + 1.0) * (0.5 * _FINER * np.array(self.size))
+        return found
+
+    def _points(self, frame: int) -> Any:
+        poses = self.drawing.poses
+        for solid in self.drawing.solids:
+            yield (
+                solid.mesh.points @ poses.axes[solid.track, frame].T
+                + (poses.positions[solid.track, frame])
+            )
+        for strut in self.drawing.struts:
+            yield strut_points(strut, poses, frame)
+
+    def _shades(self, points: Array) -> Array:
+        """Give how light each face is, shape (n_faces, 1); both sides are seen."""
+        a, b, c = (points[self._faces[:, i]] for i in range(3))
+        normals = np.cross(b - a, c - a)
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+        own = normals @ self.camera.axes
+        own *= np.where(own[:, 2:] < 0.0, -1.0, 1.0)
+        lit = np.clip(own @ (_LIGHT / np.linalg.norm(_LIGHT)), 0.0, 1.0)
+        found: Array = (0.62 + 0.38 * lit)[:, None]
+        return found
+
+    def _write(self, draw: Any, frame: int) -> None:
+        """Write the time and the note."""
+        from PIL import ImageFont
+
+        font = ImageFont.load_default(13)
+        times = self.drawing.frames.times
+        text = f"t = {times[frame]:.{decimals(times)}f} s"
+        draw.text((10, 8), text, fill=_INK, font=font)
+        draw.text(
+            (self.size[0] - 10, 8), self.drawing.title[:60], fill=_INK, font=font, anchor="ra"
+        )
+        if self.drawing.note:
+            draw.text(
+                (10, self.size[1] - 24), self.drawing.note[:90], fill=(190, 60, 60), font=font
+            )
+
+
+def decimals(times: Array) -> int:
+    """Give how many decimals tell the times of frames apart, at least two."""
+    step = abs(float(times[1] - times[0])) if len(times) > 1 else 1.0
+    return max(2, min(12, int(np.ceil(-np.log10(max(step, 1e-12))))))
+
+
+def strut_points(strut: Strut, poses: Poses, frame: int) -> Array:
+    """Stretch a strut between its ends, in ground axes."""
+    ends = [
+        poses.positions[track, frame] + poses.axes[track, frame] @ local
+        for track, local in zip(strut.tracks, strut.ends, strict=True)
+    ]
+    gap = ends[1] - ends[0]
+    length = float(np.linalg.norm(gap))
+    if length == 0.0:
+        return np.repeat(ends[0][None], len(strut.mesh.points), axis=0)
+    axes = axes_along(gap, poses.axes[strut.tracks[0], frame] @ strut.side)
+    found: Array = (strut.mesh.points * [1.0, 1.0, length]) @ axes.T + ends[0]
+    return found
+
+
+def _visible(
+    pixels: Array, nearness: Array, faces: npt.NDArray[np.int64], width: int, height: int
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Find the pixels that faces cover, and the nearest face of each.
+
+    Every row of pixels that a face crosses is cut with its edges; what lies between is filled.
+    """
+    corners = pixels[faces]
+    x, y = corners[:, :, 0], corners[:, :, 1]
+    area = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])
+    top = np.clip(np.ceil(y.min(axis=1) - 0.5), 0, height).astype(np.int64)
+    bottom = np.clip(np.ceil(y.max(axis=1) - 0.5), 0, height).astype(np.int64)
+    is_seen = (np.abs(area) > 1e-9) & np.isfinite(area)
+    n_rows = np.where(is_seen, np.maximum(bottom - top, 0), 0)
+    face = np.repeat(np.arange(len(faces)), n_rows)
+    row = np.arange(len(face)) - np.repeat(np.cumsum(n_rows) - n_rows, n_rows) + top[face]
+    low = np.zeros(len(face))
+    high = np.full(len(face), float(width))
+    for i in range(3):
+        j = (i + 1) % 3
+        rise = (y[:, j] - y[:, i])[face]
+        with np.errstate(all="ignore"):
+            cut = x[face, i] + (row + 0.5 - y[face, i]) / rise * (x[:, j] - x[:, i])[face]
+        # With a positive area the inside is to the left of falling edges, in rows counted down.
+        is_left = (rise < 0.0) == (area[face] > 0.0)
+        low = np.where((rise != 0.0) & is_left, np.maximum(low, cut), low)
+        high = np.where((rise != 0.0) & ~is_left, np.minimum(high, cut), high)
+    first = np.ceil(low - 0.5).astype(np.int64)
+    n = np.maximum(np.ceil(high - 0.5).astype(np.int64) - first, 0)
+    span = np.repeat(np.arange(len(face)), n)
+    column = np.arange(len(span)) - np.repeat(np.cumsum(n) - n, n) + first[span]
+    face, row = face[span], row[span]
+    # Nearness is linear over the picture: value and slopes from the corners.
+    z = nearness[faces]
+    safe = np.where(is_seen, area, 1.0)
+    along = (z[:, 1] - z[:, 0]) * (y[:, 2] - y[:, 0]) - (z[:, 2] - z[:, 0]) * (y[:, 1] - y[:, 0])
+    down = (x[:, 1] - x[:, 0]) * (z[:, 2] - z[:, 0]) - (x[:, 2] - x[:, 0]) * (z[:, 1] - z[:, 0])
+    depth = z[face, 0] + (along / safe)[face] * (column + 0.5 - x[face, 0])
+    depth += (down / safe)[face] * (row + 0.5 - y[face, 0])
+    pixel = row * width + column
+    nearest = np.full(width * height, -np.inf)
+    np.maximum.at(nearest, pixel, depth)
+    is_front = depth >= nearest[pixel]
+    return pixel[is_front], face[is_front]
+
+
+def gif(drawing: Drawing, width: int, height: int | None, most: int) -> bytes:
+    """Paint a GIF that repeats for ever.
+
+    Parameters
+    ----------
+    drawing : Drawing
+        What to paint.
+    width, height : int and int or None
+        Of the pictures, in pixels.
+    most : int
+        Frames at the most; of more every other, third and so on is taken.
+    """
+    from PIL import Image
+
+    painter = Painter(drawing, width, height)
+    n = len(drawing.frames.times)
+    every = -(-n // most)
+    shown = list(range(0, n, every))
+    # Colours are chosen once, so that nothing flickers.
+    few = [painter.paint(k) for k in shown[:: max(1, len(shown) // 6)]]
+    sheet = Image.new("RGB", (few[0].width, few[0].height * len(few)))
+    for i, image in enumerate(few):
+        sheet.paste(image, (0, i * image.height))
+    palette = sheet.quantize(_COLORS, dither=Image.Dither.NONE)
+    images = [painter.paint(k).quantize(palette=palette, dither=Image.Dither.NONE) for k in shown]
+    pause = max(20, 10 * round(100.0 * drawing.frames.pause * every))
+    buffer = io.BytesIO()
+    images[0].save(
+        buffer,
+        "GIF",
+        save_all=True,
+        append_images=images[1:],
+        duration=pause,
+        loop=0,
+        optimize=False,
+        disposal=1,
+    )
+    return buffer.getvalue()

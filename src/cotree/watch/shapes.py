@@ -1,0 +1,196 @@
+"""Shapes as triangles: boxes, cylinders, capsules, spheres, discs, rings, coils, gratings.
+
+Lengths are in metres. Shapes with an axis have it along z and their middle at the origin, but
+those that reach between two points, which go from zero to one along z.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+_ROUND = 28  # sides of what is round
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles, counter-clockwise from outside.
+
+    Attributes
+    ----------
+    points : ndarray, shape (n_points, 3), [m]
+        Corners.
+    faces : ndarray of int, shape (n_faces, 3)
+        Numbers of corners.
+    """
+
+    points: Array
+    faces: Indices
+
+    def placed(self, position: Array, axes: Array | None = None) -> Mesh:
+        """Turn by a matrix, then move."""
+        turned = self.points if axes is None else self.points @ axes.T
+        return Mesh(turned + position, self.faces)
+
+    def scaled(self, factors: Sequence[float] | Array) -> Mesh:
+        """Scale along the axes; a mirrored mesh keeps its outside outside."""
+        factors = np.asarray(factors, dtype=float)
+        faces = self.faces[:, ::-1] if np.prod(np.sign(factors)) < 0 else self.faces
+        return Mesh(self.points * factors, faces)
+
+
+def joined(meshes: Iterable[Mesh]) -> Mesh:
+    """Make one mesh of several."""
+    points, faces, n = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)], 0
+    for mesh in meshes:
+        points.append(mesh.points)
+        faces.append(mesh.faces + n)
+        n += len(mesh.points)
+    return Mesh(np.concatenate(points), np.concatenate(faces))
+
+
+def box(a: float, b: float, c: float) -> Mesh:
+    """Make a box with these lengths along x, y and z."""
+    corners = [[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [t for i, j, k, m in sides for t in ((i, j, k), (i, k, m))]
+    return Mesh(np.array(corners) * [a, b, c], np.array(faces))
+
+
+def turned(profile: Sequence[tuple[float, float]], sides: int = _ROUND) -> Mesh:
+    """Turn a profile of (radius, height) about z; upwards on the outside."""
+    angles = 2 * np.pi * np.arange(sides) / sides
+    rows = [
+        np.column_stack([r * np.cos(angles), r * np.sin(angles), np.full(sides, z)])
+        for r, z in profile
+    ]
+    here, after = np.arange(sides), (np.arange(sides) + 1) % sides
+    faces = []
+    for i in range(len(profile) - 1):
+        a, b = i * sides, (i + 1) * sides
+        if profile[i][0] > 0.0:
+            faces.append(np.column_stack([a + here, a + after, b + after]))
+        if profile[i + 1][0] > 0.0:
+            faces.append(np.column_stack([a + here, b + after, b + here]))
+    return Mesh(np.concatenate(rows), np.concatenate(faces))
+
+
+def cylinder(radius: float, length: float) -> Mesh:
+    """Make a cylinder."""
+    h = 0.5 * length
+    return turned([(0.0, -h), (radius, -h), (radius, h), (0.0, h)])
+
+
+def sphere(radius: float) -> Mesh:
+    """Make a sphere."""
+    angles = np.linspace(-0.5 * np.pi, 0.5 * np.pi, _ROUND // 2 + 1)
+    profile = [(radius * float(np.cos(a)), radius * float(np.sin(a))) for a in angles]
+    profile[0], profile[-1] = (0.0, -radius), (0.0, radius)
+    return turned(profile)
+
+
+def capsule(radius: float, length: float, sides: int = _ROUND) -> Mesh:
+    """Make a cylinder between half spheres; the length is the cylinder's."""
+    angles = np.linspace(-0.5 * np.pi, 0.0, sides // 4 + 1)
+    low = [(radius * float(np.cos(a)), radius * float(np.sin(a)) - 0.5 * length) for a in angles]
+    low[0] = (0.0, low[0][1])
+    return turned([*low, *((r, -z) for r, z in reversed(low))], sides)
+
+
+def plate(radius: float, length: float, thickness: float) -> Mesh:
+    """Make a flat bar with round ends: along z, flat towards y, the length between its centres."""
+    half = np.pi * np.arange(_ROUND // 2 + 1) / (_ROUND // 2)
+    x, z = radius * np.cos(half), radius * np.sin(half)
+    outline = np.column_stack(
+        [np.concatenate([x, -x]), np.concatenate([z + 0.5 * length, -z - 0.5 * length])]
+    )
+    return extruded(outline, thickness)
+
+
+def extruded(outline: Array, thickness: float) -> Mesh:
+    """Raise a convex outline of (x, z), counter-clockwise in that plane, to a plate along y."""
+    n, h = len(outline), 0.5 * thickness
+    side = [np.column_stack([outline[:, 0], np.full(n, y), outline[:, 1]]) for y in (h, -h)]
+    here, after = np.arange(n), (np.arange(n) + 1) % n
+    fan = np.column_stack([np.zeros(n - 2, dtype=np.int64), here[1:-1], after[1:-1]])
+    walls = [
+        np.column_stack([here, n + after, n + here]),
+        np.column_stack([here, after, n + after]),
+    ]
+    # Seen from +y, x to z is clockwise.
+    return Mesh(np.concatenate(side), np.concatenate([fan[:, ::-1], n + fan, *walls]))
+
+
+def ring(radius: float, inner: float, length: float, sides: int = 2 * _ROUND) -> Mesh:
+    """Make a cylinder with a hole."""
+    h = 0.5 * length
+    return turned([(inner, h), (inner, -h), (radius, -h), (radius, h), (inner, h)], sides)
+
+
+def wheel(radius: float, thickness: float) -> Mesh:
+    """Make a rim with spokes, so that one sees it turn."""
+    rim = ring(radius, 0.86 * radius, thickness)
+    spoke = box(1.76 * radius, 0.1 * radius, 0.5 * thickness)
+    angles = np.pi * np.arange(3) / 3
+    return joined([rim, *(spoke.placed(np.zeros(3), about_z(float(a))) for a in angles)])
+
+
+def rod(radius: float) -> Mesh:
+    """Make a cylinder from zero to one along z."""
+    return cylinder(radius, 1.0).placed(np.array([0.0, 0.0, 0.5]))
+
+
+def coil(radius: float, wire: float, length: float, turns: int = 9) -> Mesh:
+    """Make a spring from zero to one along z, whose wire is round where it has this length."""
+    n, around = 16 * turns, 6
+    u = np.linspace(0.0, 1.0, n + 1)
+    # Half a turn leads from the axis outwards, and back.
+    away = radius * np.clip(2.0 * turns * np.minimum(u, 1.0 - u), 0.0, 1.0)
+    angles = 2 * np.pi * turns * u
+    path = np.column_stack([away * np.cos(angles), away * np.sin(angles), 0.1 + 0.8 * u])
+    tangent = np.gradient(path[:, :2], axis=0)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    across = np.column_stack([tangent[:, 1], -tangent[:, 0], np.zeros(n + 1)])
+    turn = 2 * np.pi * np.arange(around) / around
+    up = np.array([0.0, 0.0, wire / length])
+    rings = path[:, None] + wire * np.cos(turn)[:, None] * across[:, None]
+    rings = rings + np.sin(turn)[:, None] * up
+    a = (np.arange(n)[:, None] * around + np.arange(around)).ravel()
+    b = (np.arange(n)[:, None] * around + (np.arange(around) + 1) % around).ravel()
+    faces = np.concatenate(
+        [np.column_stack([a, a + around, b]), np.column_stack([b, a + around, b + around])]
+    )
+    ends = [rod(wire).scaled([1, 1, 0.1]).placed(np.array([0, 0, z])) for z in (0.0, 0.9)]
+    return joined([Mesh(rings.reshape(-1, 3), faces), *ends])
+
+
+def piston(radius: float) -> Mesh:
+    """Make a damper or a cylinder from zero to one along z: a barrel and its rod."""
+    barrel = cylinder(radius, 0.5).placed(np.array([0.0, 0.0, 0.37]))
+    return joined([rod(0.35 * radius), barrel])
+
+
+def about_z(angle: float) -> Array:
+    """Give the matrix of a turn about z."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def axes_along(z: Array, y: Array | None = None) -> Array:
+    """Give right-handed axes with z along a vector, and y as near to another as may be."""
+    z = z / np.linalg.norm(z)
+    near = np.eye(3)[int(np.argmin(np.abs(z)))] if y is None else y
+    x = np.cross(near, z)
+    if np.linalg.norm(x) < 1e-9:
+        return axes_along(z)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])

@@ -1,0 +1,199 @@
+"""What a drawing is set up by: directions, sizes, and what each body is made of."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.components import Role
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from cotree.formulation.first_graph import FirstGraph
+    from cotree.watch.poses import Evaluator, Place, Poses
+
+Array = npt.NDArray[np.float64]
+
+#: Azimuth and elevation of the view of a spatial scene, [deg].
+VIEW = (-55.0, 22.0)
+
+_SHOWING = ("prismatic", "cylindrical", "screw", "rolling_disc")
+# Width of bars against what moves, and against the length of bars.
+_OF_SIZE, _OF_ARM, _LEAST = 0.021, 0.14, 0.002
+# Arms to a centre of mass are thin beside one that is longer by this factor.
+_SPUR = 0.75
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """What shapes are made by.
+
+    Attributes
+    ----------
+    poses : Poses
+        Of the clusters.
+    places : mapping of str to Place
+        The nodes.
+    up, towards : ndarray, shape (3,)
+        The axis that points up, and the direction to who looks.
+    is_flat : bool
+        Whether all moves in a plane.
+    size, thickness : float
+        Of the mechanism, and half the width of its bars, [m].
+    body : tuple of int
+        Numbers of the clusters that something is fixed in, in order.
+    shown : frozenset of int
+        Clusters that a joint or a constraint shows: as a block, or a disc.
+    reach : mapping of int to float
+        The longest arm of each cluster that has any, [m].
+    spurs : frozenset of str
+        Arms that only lead to a centre of mass.
+    """
+
+    poses: Poses
+    places: Mapping[str, Place]
+    up: Array
+    towards: Array
+    is_flat: bool
+    size: float
+    thickness: float
+    body: tuple[int, ...]
+    shown: frozenset[int]
+    reach: Mapping[int, float]
+    spurs: frozenset[str]
+
+
+def set_stage(first: FirstGraph, values: Evaluator, view: tuple[float, float] | None) -> Stage:
+    """Find directions and sizes.
+
+    Parameters
+    ----------
+    first : FirstGraph
+        The graph.
+    values : Evaluator
+        Gives positions and fields.
+    view : (float, float) or None
+        Azimuth and elevation of who looks, [deg]; along the normal of a plane where absent.
+    """
+    system = first.system
+    poses = values.poses()
+    points = first.motion.clusters.points
+    used = _nodes_with_shape(first)
+    places = {name: values.place(point) for name, point in points.items() if name in used}
+    is_flat = bool(system.plane) and view is None
+    up = _up(values.numbers(system.gravity), system.plane)
+    towards = _plane_side(system.plane, up) if is_flat else _direction(up, view or VIEW)
+    arms = _arms(first, places)
+    size = _size(poses, places)
+    lengths = [length for length in arms.values() if length > 1e-9 * size]
+    thickness = _OF_SIZE * size
+    if lengths:
+        thickness = max(min(thickness, _OF_ARM * float(np.median(lengths))), _LEAST * size)
+    edges = system.edges
+    held = {edge.name: places[edge.second].cluster for edge in edges.values()}
+    reach: dict[int, float] = {}
+    for name, length in arms.items():
+        if length > 1e-9 * size:
+            reach[held[name]] = max(reach.get(held[name], 0.0), length)
+    shown = sorted({place.cluster for place in places.values()} - {0})
+    body = [0] * len(poses.positions)
+    for i, cluster in enumerate(shown):
+        body[cluster] = i
+    return Stage(
+        poses,
+        places,
+        up,
+        towards,
+        is_flat,
+        size,
+        thickness,
+        tuple(body),
+        frozenset(held[e.name] for e in edges.values() if e.component.name in _SHOWING),
+        reach,
+        _spurs(first, places, arms, reach),
+    )
+
+
+def _nodes_with_shape(first: FirstGraph) -> set[str]:
+    """List the nodes that edges lead to, and the ground where one begins there."""
+    names = {"ground"}
+    for edge in first.system.edges.values():
+        names |= {edge.first, edge.second}
+    return names
+
+
+def _up(gravity: Array, plane: str) -> Array:
+    """Give the coordinate axis that points up: against gravity, else z, or y in its plane."""
+    allowed = [i for i in range(3) if "xyz"[i] != plane]
+    i = max(allowed, key=lambda i: abs(float(gravity[i])))
+    if gravity[i] == 0.0:
+        i = 1 if plane == "z" else 2
+    found: Array = np.eye(3)[i] * (-1.0 if gravity[i] > 0.0 else 1.0)
+    return found
+
+
+def _plane_side(plane: str, up: Array) -> Array:
+    """Look at a plane so that its other axis points to the right."""
+    normal: Array = np.eye(3)["xyz".index(plane)]
+    right = np.cross(up, normal)
+    return normal if right.sum() > 0.0 else -normal
+
+
+def _direction(up: Array, view: tuple[float, float]) -> Array:
+    """Give a direction by azimuth and elevation about the axis that points up."""
+    azimuth, elevation = np.deg2rad(view)
+    i = int(np.argmax(np.abs(up)))
+    ahead, left = np.eye(3)[(i + 1) % 3], np.cross(up, np.eye(3)[(i + 1) % 3])
+    level = np.cos(azimuth) * ahead + np.sin(azimuth) * left
+    found: Array = np.cos(elevation) * level + np.sin(elevation) * up
+    return found
+
+
+def _arms(first: FirstGraph, places: Mapping[str, Place]) -> dict[str, float]:
+    """Give the length of each arm within a cluster."""
+    return {
+        edge.name: float(np.linalg.norm(places[edge.second].local - places[edge.first].local))
+        for edge in first.system.edges.values()
+        if edge.component.role is Role.ARM
+        and places[edge.first].cluster == places[edge.second].cluster
+    }
+
+
+def _size(poses: Poses, places: Mapping[str, Place]) -> float:
+    """Give the extent of the nodes at one time, the largest; of their way if they are one point."""
+    paths = np.stack([poses.of(place.cluster, place.local) for place in places.values()])
+    moving = np.array([place.cluster != 0 for place in places.values()])
+    own = float(np.linalg.norm(np.ptp(paths, axis=0), axis=1).max())
+    if moving.any():
+        alone = float(np.linalg.norm(np.ptp(paths[moving], axis=0), axis=1).max())
+        # What flies far from the ground is as large as it is itself.
+        own = alone if own > 8.0 * alone > 0.0 else own
+    return own or 1.0
+
+
+def _spurs(
+    first: FirstGraph,
+    places: Mapping[str, Place],
+    arms: Mapping[str, float],
+    reach: Mapping[int, float],
+) -> frozenset[str]:
+    """Find arms to nodes that only a body has, in clusters with a longer one."""
+    edges = first.system.edges
+    uses = Counter(
+        name
+        for edge in edges.values()
+        if edge.component.role not in (Role.BODY, Role.FORCE, Role.TORQUE)
+        for name in (edge.first, edge.second)
+    )
+    uses.update(n for edge in first.scene.edges.values() for e in edge.ports for n in e.acts_on)
+    return frozenset(
+        name
+        for name, length in arms.items()
+        if uses[edges[name].second] == 1
+        and length < _SPUR * reach.get(places[edges[name].second].cluster, 0.0)
+    )
