@@ -140,7 +140,7 @@ int slider_pendulum_jacobian(double t, const double *COTREE_RESTRICT x,
     return 0;
 }
 
-/* Rates of the states, then of the sensitivities.
+/* Rates of the states, then of the sensitivities that do not vanish, which alone s holds.
  * Values: 8. Operations: 52. Temporaries: 15. */
 int slider_pendulum_augmented_rhs(double t, const double *COTREE_RESTRICT x,
                                   const double *COTREE_RESTRICT s, const double *COTREE_RESTRICT u,
@@ -183,7 +183,7 @@ int slider_pendulum_augmented_rhs(double t, const double *COTREE_RESTRICT x,
     return 0;
 }
 
-/* Rates of the sensitivities.
+/* Rates of the sensitivities that do not vanish, which alone s holds.
  * Values: 4. Operations: 52. Temporaries: 1. */
 int slider_pendulum_sensitivity_rhs(double t, const double *COTREE_RESTRICT x,
                                     const double *COTREE_RESTRICT s,
@@ -267,6 +267,12 @@ static const int column_starts[5] = {
 static const int row_indices[8] = {
     2, 3, 2, 3, 0, 1, 2, 3,
 };
+static const int sensitivity_starts[2] = {
+    0, 4,
+};
+static const int sensitivity_rows[4] = {
+    0, 1, 2, 3,
+};
 
 static const cotree_model model = {
     COTREE_ABI_VERSION,
@@ -290,6 +296,8 @@ static const cotree_model model = {
     parameter_values,
     column_starts,
     row_indices,
+    sensitivity_starts,
+    sensitivity_rows,
     slider_pendulum_prepare,
     slider_pendulum_initial,
     slider_pendulum_initial_sensitivity,

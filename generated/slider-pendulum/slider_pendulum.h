@@ -32,6 +32,7 @@
 #define SLIDER_PENDULUM_N_INPUTS 0
 #define SLIDER_PENDULUM_N_OUTPUTS 1
 #define SLIDER_PENDULUM_N_SENSITIVITIES 1
+#define SLIDER_PENDULUM_N_REACHED 4 /* sensitivities that do not vanish */
 #define SLIDER_PENDULUM_N_PREPARED 7
 #define SLIDER_PENDULUM_N_NONZEROS 8
 
@@ -71,7 +72,7 @@ COTREE_EXPORT int slider_pendulum_jacobian(double t, const double *COTREE_RESTRI
                                            const double *COTREE_RESTRICT k,
                                            double *COTREE_RESTRICT values);
 
-/* Rates of the states, then of the sensitivities. Values: 8. */
+/* Rates of the states, then of the sensitivities that do not vanish, which alone s holds. Values: 8. */
 COTREE_EXPORT int slider_pendulum_augmented_rhs(double t, const double *COTREE_RESTRICT x,
                                                 const double *COTREE_RESTRICT s,
                                                 const double *COTREE_RESTRICT u,
@@ -79,7 +80,7 @@ COTREE_EXPORT int slider_pendulum_augmented_rhs(double t, const double *COTREE_R
                                                 const double *COTREE_RESTRICT k,
                                                 double *COTREE_RESTRICT dz);
 
-/* Rates of the sensitivities. Values: 4. */
+/* Rates of the sensitivities that do not vanish, which alone s holds. Values: 4. */
 COTREE_EXPORT int slider_pendulum_sensitivity_rhs(double t, const double *COTREE_RESTRICT x,
                                                   const double *COTREE_RESTRICT s,
                                                   const double *COTREE_RESTRICT u,

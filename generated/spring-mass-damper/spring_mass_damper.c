@@ -85,7 +85,7 @@ int spring_mass_damper_jacobian(double t, const double *COTREE_RESTRICT x,
     return 0;
 }
 
-/* Rates of the states, then of the sensitivities.
+/* Rates of the states, then of the sensitivities that do not vanish, which alone s holds.
  * Values: 4. Operations: 16. Temporaries: 0. */
 int spring_mass_damper_augmented_rhs(double t, const double *COTREE_RESTRICT x,
                                      const double *COTREE_RESTRICT s,
@@ -101,7 +101,7 @@ int spring_mass_damper_augmented_rhs(double t, const double *COTREE_RESTRICT x,
     return 0;
 }
 
-/* Rates of the sensitivities.
+/* Rates of the sensitivities that do not vanish, which alone s holds.
  * Values: 2. Operations: 16. Temporaries: 1. */
 int spring_mass_damper_sensitivity_rhs(double t, const double *COTREE_RESTRICT x,
                                        const double *COTREE_RESTRICT s,
@@ -182,6 +182,12 @@ static const int column_starts[3] = {
 static const int row_indices[3] = {
     1, 0, 1,
 };
+static const int sensitivity_starts[2] = {
+    0, 2,
+};
+static const int sensitivity_rows[2] = {
+    0, 1,
+};
 
 static const cotree_model model = {
     COTREE_ABI_VERSION,
@@ -205,6 +211,8 @@ static const cotree_model model = {
     parameter_values,
     column_starts,
     row_indices,
+    sensitivity_starts,
+    sensitivity_rows,
     spring_mass_damper_prepare,
     spring_mass_damper_initial,
     spring_mass_damper_initial_sensitivity,

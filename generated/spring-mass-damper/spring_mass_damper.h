@@ -30,6 +30,7 @@
 #define SPRING_MASS_DAMPER_N_INPUTS 0
 #define SPRING_MASS_DAMPER_N_OUTPUTS 1
 #define SPRING_MASS_DAMPER_N_SENSITIVITIES 1
+#define SPRING_MASS_DAMPER_N_REACHED 2 /* sensitivities that do not vanish */
 #define SPRING_MASS_DAMPER_N_PREPARED 3
 #define SPRING_MASS_DAMPER_N_NONZEROS 3
 
@@ -70,7 +71,7 @@ COTREE_EXPORT int spring_mass_damper_jacobian(double t, const double *COTREE_RES
                                               const double *COTREE_RESTRICT k,
                                               double *COTREE_RESTRICT values);
 
-/* Rates of the states, then of the sensitivities. Values: 4. */
+/* Rates of the states, then of the sensitivities that do not vanish, which alone s holds. Values: 4. */
 COTREE_EXPORT int spring_mass_damper_augmented_rhs(double t, const double *COTREE_RESTRICT x,
                                                    const double *COTREE_RESTRICT s,
                                                    const double *COTREE_RESTRICT u,
@@ -78,7 +79,7 @@ COTREE_EXPORT int spring_mass_damper_augmented_rhs(double t, const double *COTRE
                                                    const double *COTREE_RESTRICT k,
                                                    double *COTREE_RESTRICT dz);
 
-/* Rates of the sensitivities. Values: 2. */
+/* Rates of the sensitivities that do not vanish, which alone s holds. Values: 2. */
 COTREE_EXPORT int spring_mass_damper_sensitivity_rhs(double t, const double *COTREE_RESTRICT x,
                                                      const double *COTREE_RESTRICT s,
                                                      const double *COTREE_RESTRICT u,

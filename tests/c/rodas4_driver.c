@@ -55,8 +55,8 @@ static double distance(double t, const double *z)
 
 int main(int argc, char **argv)
 {
-    static double workspace[COTREE_RODAS4_WORKSPACE(2, 2)], shift;
-    const cotree_implicit_equation equation = {2,         2,         0,     1,     rate, NULL,
+    static double workspace[COTREE_RODAS4_WORKSPACE(4)], shift;
+    const cotree_implicit_equation equation = {4,         0,         NULL,  1,     rate, NULL,
                                                linearise, factorise, solve, &shift};
     static const double start[4] = {1.0, 0.0, 0.0, 0.0};
     const double rtol = argc > 1 ? atof(argv[1]) : 1e-6;

@@ -89,10 +89,13 @@ def test_a_rate_of_a_sensitivity_reads_one_parameter_only(program_of):
 
 
 def test_summary_names_each_kernel_that_c_has(program_of, scene_name):
-    lines = program_of(scene_name, ["k"]).summary().splitlines()
+    program = program_of(scene_name, ["k"])
+    lines = program.summary().splitlines()
     assert lines[0] == f"{scene_name}: 10 kernels"
     always = [name for name, spec in KERNELS.items() if not spec.is_optional]
-    assert [line.split()[0] for line in lines[1:]] == always
+    assert [line.split()[0] for line in lines[1:-1]] == always
+    n = len(program.layout.states)
+    assert lines[-1] == f"sensitivities: {n} of {n} are integrated, the others are zero"
 
 
 def test_summary_names_optional_kernels_that_have_results(made_up):

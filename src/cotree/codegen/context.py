@@ -138,9 +138,12 @@ class ModelContext:
     parameter_values: list[str]
     column_starts: list[str]
     row_indices: list[str]
+    sensitivity_starts: list[str]
+    sensitivity_rows: list[str]
     n_prepared: int
     n_guards: int
     n_nonzeros: int
+    n_reached: int
     n_constraints: int
     n_algebraic: int
     hybrid: HybridContext
@@ -206,6 +209,9 @@ def model_context(program: Program) -> ModelContext:
         parameter_values=wrapped(map(literal, layout.parameter_values)),
         column_starts=wrapped(map(str, layout.column_starts)),
         row_indices=wrapped(map(str, layout.row_indices)),
+        sensitivity_starts=wrapped(map(str, layout.sensitivity_starts)),
+        sensitivity_rows=wrapped(map(str, layout.sensitivity_rows)),
+        n_reached=len(layout.sensitivity_rows),
         n_prepared=program.n_prepared,
         n_guards=len(program.guards),
         n_nonzeros=len(layout.row_indices),

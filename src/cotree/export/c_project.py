@@ -98,6 +98,8 @@ class MainContext:
         How many constraints there are, with their rates and the norms of quaternions.
     n_algebraic : int
         How many of the states are algebraic unknowns.
+    n_reached : int
+        How many sensitivities of the other states do not vanish.
     n_nonzeros : int
         How many entries the Jacobian has.
     n_events : int
@@ -129,6 +131,7 @@ class MainContext:
     start: list[str]
     n_constraints: int
     n_algebraic: int
+    n_reached: int
     n_nonzeros: int
     n_events: int
     is_strict: bool
@@ -254,6 +257,7 @@ def _main_context(
     step: float | None,
     is_strict: bool,
 ) -> MainContext:
+    n_rated = len(program.layout.states) - program.layout.n_algebraic
     return MainContext(
         title=model.title,
         name_literal=model.name_literal,
@@ -274,6 +278,7 @@ def _main_context(
         start=_start_lines(program),
         n_constraints=model.n_constraints,
         n_algebraic=model.n_algebraic,
+        n_reached=sum(i < n_rated for i in program.layout.sensitivity_rows),
         n_nonzeros=model.n_nonzeros,
         n_events=len(program.layout.events),
         is_strict=is_strict,

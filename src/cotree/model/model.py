@@ -13,8 +13,9 @@ from cotree.errors import ParameterError, nearest
 from cotree.model.algebraic import solve_start
 from cotree.model.arrays import as_array
 from cotree.model.junctions import Junctions
+from cotree.model.packing import whole_kernel
 from cotree.model.start import Start, consistent_start, start_by_differences
-from cotree.model.structure import JacobianStructure
+from cotree.model.structure import Structure
 from cotree.scene.description import check_number
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ Array = npt.NDArray[np.float64]
 _NONE: Array = np.zeros(0)
 
 
-class CompiledModel(JacobianStructure):
+class CompiledModel(Structure):
     """Kernels of a scene with their names, called with numpy arrays.
 
     Every method takes parameters ``p`` and inputs ``u`` as arrays in the order of
@@ -308,6 +309,7 @@ class CompiledModel(JacobianStructure):
         valid while no other parameters are prepared; the function prepares its own when needed.
         """
         kernels = self._kernels
+        kernel = whole_kernel(kernels, self.layout, name)
 
         def call(t: float, x: Array, s: Array, u: Array | None) -> Array:
             if self._prepared is not p:
@@ -315,7 +317,7 @@ class CompiledModel(JacobianStructure):
                 self._prepared = p
             if u is None:
                 u = kernels("inputs", t, _NONE, _NONE, _NONE) if self.layout.inputs else _NONE
-            return kernels(name, t, x, s, u)
+            return kernel(t, x, s, u)
 
         return call
 
@@ -364,7 +366,7 @@ class CompiledModel(JacobianStructure):
         return self._call(name, check_number(t, "t"), states, along, inputs)
 
     def _call(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
-        return self._kernels(name, t, x, s, u).copy()
+        return whole_kernel(self._kernels, self.layout, name)(t, x, s, u).copy()
 
     def _prepare(self, p: Any) -> None:
         """Prepare for parameters, unless they are those of the last call."""

@@ -130,7 +130,7 @@ def start_by_differences(
                 moved[model.parameters.index(name)] += place * step
             total += weight * model.start(t, moved, given, _is_probe=True).y
         s[:, j] = total / (12.0 * step)
-    return s
+    return np.where(model.sensitivity_pattern, s, 0.0)  # of what does not depend, rounding is left
 
 
 class _Finder:

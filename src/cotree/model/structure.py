@@ -1,6 +1,6 @@
-"""Where the Jacobian has entries, and which of its columns share no row.
+"""Where the Jacobian has entries, which of its columns share no row; what depends on parameters.
 
-In: the pattern that a program's layout holds. Out: the same for users and for their solvers.
+In: the patterns that a program's layout holds. Out: the same for users and for their solvers.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from cotree.program import Layout
 
 
-class JacobianStructure:
-    """What a model knows of its Jacobian before it is evaluated."""
+class Structure:
+    """What a model knows of its derivatives before they are evaluated."""
 
     @property
     def layout(self) -> Layout:
@@ -76,6 +76,28 @@ class JacobianStructure:
             graph.add_edges_from(itertools.combinations(columns, 2))
         colours = networkx.greedy_color(graph, "smallest_last")
         return np.array([colours[column] for column in range(n)], dtype=np.intp)
+
+    @property
+    def sensitivity_pattern(self) -> npt.NDArray[np.bool_]:
+        """Which states depend on which parameters, shape (n_states, n_sensitivities).
+
+        What is False is zero at all times: no path leads from the parameter to the state. It is
+        neither computed nor integrated. Parameters and states that sensitivities are taken to are
+        in the order of ``sensitivities``.
+
+        Examples
+        --------
+        >>> from cotree import load
+        >>> model = load("battery-cell").compile(["R0", "R1", "Q"])
+        >>> model.states
+        ('cell.pair1.v', 'cell.pair2.v', 'cell.soc')
+        >>> model.sensitivity_pattern.tolist()
+        [[False, True, False], [False, False, False], [False, False, True]]
+        """
+        n, m = len(self.layout.states), len(self.layout.sensitivities)
+        pattern = np.zeros(m * n, dtype=np.bool_)
+        pattern[list(self.layout.sensitivity_places)] = True
+        return pattern.reshape(m, n).T.copy()
 
     @cached_property
     def _rows(self) -> npt.NDArray[np.intp]:

@@ -35,6 +35,8 @@ class KernelSpec:
         those, since computing them alone would save next to nothing.
     is_optional : bool
         Whether it is left out of C where it has no results.
+    is_packed : bool
+        Whether its ``s``, and the sensitivities among its results, leave out those that vanish.
     """
 
     name: str
@@ -43,6 +45,7 @@ class KernelSpec:
     doc: str
     tail_of: str = ""
     is_optional: bool = False
+    is_packed: bool = False
 
 
 _STATE = ("t", "x", "u", "p", "k")
@@ -58,14 +61,19 @@ _ROWS = (
         "jacobian", _STATE, "values", "derivatives of rhs by the states: nonzeros, by columns"
     ),
     KernelSpec(
-        "augmented_rhs", _SENSITIVITY, "dz", "rates of the states, then of the sensitivities"
+        "augmented_rhs",
+        _SENSITIVITY,
+        "dz",
+        "rates of the states, then of the sensitivities that do not vanish, which alone s holds",
+        is_packed=True,
     ),
     KernelSpec(
         "sensitivity_rhs",
         _SENSITIVITY,
         "ds",
-        "rates of the sensitivities",
+        "rates of the sensitivities that do not vanish, which alone s holds",
         tail_of="augmented_rhs",
+        is_packed=True,
     ),
     KernelSpec("outputs", _STATE, "y", "outputs"),
     KernelSpec("output_sensitivity", _SENSITIVITY, "dy", "sensitivities of the outputs"),
@@ -152,6 +160,7 @@ _ROWS = (
         "rates of states and algebraic unknowns, then of the states' sensitivities, which alone s "
         "holds",
         is_optional=True,
+        is_packed=True,
     ),
     KernelSpec(
         "algebraic_sensitivity",
@@ -159,6 +168,7 @@ _ROWS = (
         "ds",
         "sensitivities of the algebraic unknowns, where s holds those of states alone",
         is_optional=True,
+        is_packed=True,
     ),
 )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import accumulate, chain
 from typing import TYPE_CHECKING, TypeVar
 
 from cotree.dag.stops import acts_in_part, find_longest_steps, find_stops
@@ -16,6 +17,7 @@ from cotree.program.kernels import KERNELS
 from cotree.program.program import Kernel, Layout, Program
 from cotree.program.projection import constraint_quantities, projection_kernels
 from cotree.program.reduced import reduced_kernels
+from cotree.program.sensitivity_pattern import pack_rates, reached_states, without_vanishing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -44,6 +46,8 @@ def lower(equations: Equations) -> Program:
     """
     _check_sensitivities(equations)
     factors, solved = solve_unknowns(equations)
+    reached = reached_states(equations, factors)
+    equations = without_vanishing(equations, reached)
     rates = substitute(equations.rates, solved)
     outputs = substitute(equations.output_values, solved)
     zero, n, m = equations.dag.zero, len(equations.states), len(equations.outputs)
@@ -61,6 +65,7 @@ def lower(equations: Equations) -> Program:
     ]
     output_tangents = [node for row in observed for node in spread(row, m, zero)]
     starts, rows, values = _compress(columns)
+    packed = pack_rates(equations.dag, reached, n, sensitivity_rates)
     results: dict[str, list[Node]] = {
         "prepare": [],
         "initial": [state.initial for state in equations.states],
@@ -70,16 +75,18 @@ def lower(equations: Equations) -> Program:
         "inputs": list(equations.input_values),
         "rhs": rates,
         "jacobian": values,
-        "augmented_rhs": [*rates, *sensitivity_rates] if sensitivity_rates else [],
-        "sensitivity_rhs": sensitivity_rates,
+        "augmented_rhs": [*rates, *packed] if equations.sensitivities else [],
+        "sensitivity_rhs": packed,
         "outputs": outputs[:m],
         "output_sensitivity": output_tangents,
         **projection_kernels(equations, factors),
         **event_kernels(equations, factors, outputs, observed, motion),
-        **reduced_kernels(equations, rates, columns, along, motion[0]),
+        **reduced_kernels(equations, rates, columns, along, motion[0], reached),
     }
     layout = replace(
         _layout(equations, starts, rows),
+        sensitivity_starts=tuple(accumulate(map(len, reached), initial=0)),
+        sensitivity_rows=tuple(chain.from_iterable(reached)),
         event_inputs=_inputs_in(equations, [*results["events"], *results["jumps"]]),
     )
     return Program(

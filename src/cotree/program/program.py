@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from cotree.dag.stops import longest_step, stop_times
@@ -70,6 +71,9 @@ class Layout:
         The scene's values.
     column_starts, row_indices : tuple of int
         The Jacobian's pattern, compressed by columns.
+    sensitivity_starts, sensitivity_rows : tuple of int
+        The states that depend on each of them, one after another: the pattern of sensitivities,
+        compressed by columns. The others have none at any time.
     input_sensitivities : tuple of tuples of str
         For each input, which of ``sensitivities`` it has in the scene.
     uncertain : tuple of str
@@ -123,6 +127,16 @@ class Layout:
     uses_multipliers: tuple[bool, ...]
     events: tuple[EventRow, ...] = ()
     event_inputs: tuple[str, ...] = ()
+    sensitivity_starts: tuple[int, ...] = (0,)
+    sensitivity_rows: tuple[int, ...] = ()
+
+    @property
+    def sensitivity_places(self) -> tuple[int, ...]:
+        """Where what does not vanish stands among all sensitivities, parameter by parameter."""
+        n, starts = len(self.states), self.sensitivity_starts
+        counts = [end - start for start, end in pairwise(starts)]
+        firsts = [j * n for j, count in enumerate(counts) for _ in range(count)]
+        return tuple(first + i for first, i in zip(firsts, self.sensitivity_rows, strict=True))
 
     @property
     def units(self) -> dict[str, str]:
@@ -242,4 +256,8 @@ class Program:
                 f"  {name:{width}} {len(kernel.results):6} results {count.total:8} "
                 f"operations ({count.kernel} in the kernel, {count.prepare} prepared)"
             )
+        n_all = len(self.layout.states) * len(self.layout.sensitivities)
+        if n_all:
+            n_left = len(self.layout.sensitivity_rows)
+            lines.append(f"sensitivities: {n_left} of {n_all} are integrated, the others are zero")
         return "\n".join(lines)

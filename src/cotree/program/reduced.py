@@ -50,6 +50,7 @@ def reduced_kernels(
     columns: Sequence[Mapping[int, Node]],
     along: Sequence[Mapping[int, Node]],
     motion: Mapping[int, Node],
+    reached: Sequence[Sequence[int]],
 ) -> dict[str, list[Node]]:
     """Form the results of the kernels; empty where there is nothing to eliminate, or too much.
 
@@ -65,6 +66,8 @@ def reduced_kernels(
         The same along each parameter, in terms of the states' sensitivities.
     motion : mapping of int to Node
         The same along the motion, in terms of the states' rates.
+    reached : sequence of sequences of int
+        For each parameter the states whose sensitivities do not vanish.
     """
     found: dict[str, list[Node]] = {
         "algebraic_step": [],
@@ -86,7 +89,9 @@ def reduced_kernels(
         is_held = equations.constraints.rows or equations.constraints.quaternions
         if cut > 0 and equations.motion is not None and not is_held:
             extended = [*rates[:cut], *_unknown_rates(equations, factors, rates, motion)]
-            along_rates, along_unknowns = _sensitivities(equations, factors, columns[cut:], along)
+            along_rates, along_unknowns = _sensitivities(
+                equations, factors, columns[cut:], along, reached
+            )
             name = "extended_augmented_rhs" if along else "extended_rhs"
             found[name] = [*extended, *along_rates]
             found["algebraic_sensitivity"] = along_unknowns
@@ -217,21 +222,26 @@ def _sensitivities(
     factors: StaticFactors,
     columns: Sequence[Mapping[int, Node]],
     along: Sequence[Mapping[int, Node]],
+    reached: Sequence[Sequence[int]],
 ) -> tuple[list[Node], list[Node]]:
     """Form the rates of sensitivities and the sensitivities of the unknowns.
 
-    The residuals where S_z is zero are the right-hand side. The argument s leaves S_z out.
+    The residuals where S_z is zero are the right-hand side. The argument s leaves S_z out, and what
+    vanishes.
     """
     dag, n = factors.dag, len(equations.states)
     cut = n - len(columns)
-    rates, unknowns = [], []
-    for j, row in enumerate(along):
-        known = {
-            dag.symbol("s", j * n + i): dag.symbol("s", j * cut + i) if i < cut else dag.zero
-            for i in range(n)
+    rates: list[Node] = []
+    unknowns: list[Node] = []
+    for j, (row, own) in enumerate(zip(along, reached, strict=True)):
+        left = [i for i in own if i < cut]
+        known = {dag.symbol("s", j * n + i): dag.zero for i in range(n)}
+        known |= {
+            dag.symbol("s", j * n + i): dag.symbol("s", len(rates) + k) for k, i in enumerate(left)
         }
         at_rest = substitute([row.get(i, dag.zero) for i in range(n)], known)
         solved = factors.solve([-node for node in at_rest[cut:]])
-        rates += _moved(at_rest[:cut], columns, solved)
+        moved = _moved(at_rest[:cut], columns, solved)
+        rates += [moved[i] for i in left]
         unknowns += solved
     return rates, unknowns

@@ -49,6 +49,8 @@ def reduce_problem(problem: Problem) -> Problem:
     """
     reduction = _Reduction(problem)
     cut, project, singular = reduction.cut, problem.project, problem.singular
+    is_left = np.zeros(problem.size)
+    is_left[problem.integrated] = 1.0
     return replace(
         problem,
         rhs=reduction.rhs,
@@ -67,6 +69,7 @@ def reduce_problem(problem: Problem) -> Problem:
         residual=reduction.residual,
         constraints=reduction.residual_names,
         events=_ReducedEvents(problem.events, reduction) if problem.events else None,
+        places=None if problem.places is None else np.flatnonzero(reduction.without(is_left)),
     )
 
 

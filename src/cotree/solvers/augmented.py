@@ -129,7 +129,7 @@ def difference_columns(
 
 
 def augmented_tolerances(problem: Problem) -> tuple[float, FloatArray]:
-    """Return the relative tolerance and the absolute tolerance of each entry of z.
+    """Return the relative tolerance and the absolute tolerance of each number that is integrated.
 
     Absolute tolerances of sensitivities are those of the states over the sizes of the parameters,
     as in CVODES (Hindmarsh et al. 2005): capacitances of 1e-12 F have sensitivities of 1e7 V/F, of
@@ -137,24 +137,27 @@ def augmented_tolerances(problem: Problem) -> tuple[float, FloatArray]:
 
     No solver here has a switch that takes entries out of the error test, so untested
     sensitivities get an absolute tolerance that no error reaches. The solvers average the squares
-    over all entries, so the states' tolerances are divided by sqrt(1 + n_sensitivities): the
-    states are then tested as without sensitivities. LSODA takes the maximum and becomes stricter
-    by that factor.
+    over all entries, so the states' tolerances are divided by the square root of how many more
+    there are than states: these are then tested as without sensitivities. LSODA takes the maximum
+    and becomes stricter by that factor.
 
     Returns
     -------
     rtol : float
         At least ``RTOL_FLOOR``.
-    atol : ndarray, shape (problem.size,)
+    atol : ndarray, shape (len(problem.integrated),)
     """
-    count = 1 + problem.n_sensitivities
+    places = problem.integrated
     state_atol = np.broadcast_to(np.asarray(problem.atol, dtype=np.float64), (problem.n_states,))
     if problem.error_test_sensitivities:
-        scales = np.ones(count) if problem.scales is None else np.append(1.0, problem.scales)
+        blocks, states = np.divmod(places, problem.n_states)
+        scales = np.ones(1 + problem.n_sensitivities)
+        if problem.scales is not None:
+            scales[1:] = problem.scales
         return max(problem.rtol, RTOL_FLOOR), np.minimum(
-            (state_atol / scales[:, None]).ravel(), UNTESTED
+            state_atol[states] / scales[blocks], UNTESTED
         )
-    share = float(np.sqrt(count))
-    atol = np.full(problem.size, UNTESTED)
+    share = float(np.sqrt(len(places) / problem.n_states))
+    atol = np.full(len(places), UNTESTED)
     atol[: problem.n_states] = state_atol / share
     return max(problem.rtol / share, RTOL_FLOOR), atol

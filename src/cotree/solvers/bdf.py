@@ -235,15 +235,9 @@ class SundialsJob(Job):
             of, by = describe_entry(problem, c.row), describe_entry(problem, c.column)
             reasons.append(f"the derivative of {of} differentiated by {by} is not finite ahead")
         if self.job.entry >= 0:
-            entry = describe_entry(problem, self._entry(problem))
+            entry = describe_entry(problem, int(self._places[self.job.entry]))
             reasons.append(f"the derivative of {entry} is not finite ahead")
         return "; ".join(reasons)
-
-    def _entry(self, problem: Problem) -> int:
-        """Give the place in z of what was not finite; blocks may lack the algebraic unknowns."""
-        entry, n = int(self.job.entry), problem.n_states
-        block = n if self.keeps_algebraic else n - problem.n_algebraic
-        return entry // block * n + entry % block
 
     def end(self) -> None:
         """Free what SUNDIALS holds."""

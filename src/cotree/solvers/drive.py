@@ -26,6 +26,7 @@ from cotree.solvers.base import Drift, Statistics, Trajectory
 from cotree.solvers.evaluate import BUDGET_SPENT, FAILED, Evaluator, IntegrationStopError
 from cotree.solvers.events import Watch
 from cotree.solvers.messages import summary
+from cotree.solvers.packed import packed
 from cotree.solvers.passage import Passage
 from cotree.solvers.progress import Progress
 from cotree.solvers.stepper import Idle
@@ -51,7 +52,6 @@ _STEPS_UNHELD = 100
 # looser one rounding, enlarged by the inverse of the distance, no longer decides.
 _LOOSENED, _LOOSEST = 1e3, 1e-9
 
-
 # How much shorter steps become where something is not a number ahead, and the shortest that are
 # tried, as a share of the span.
 _RETREAT, _LEAST_REACH = 0.1, 1e-9
@@ -75,7 +75,7 @@ def drive(problem: Problem, method: str, start: StartStepper) -> Trajectory:
         With status 0, or with the last good point as its last column.
     """
     begin = time.perf_counter()
-    run = _Run(problem, start if problem.size else Idle, Progress(method, problem.t_span))
+    run = _Run(problem, packed(start) if problem.size else Idle, Progress(method, problem.t_span))
     status, reason = 0, ""
     # What is not finite is watched and reported here; SciPy's own warnings say it once more.
     with np.errstate(all="ignore"), warnings.catch_warnings():
@@ -348,7 +348,8 @@ class _Run:
     def _is_coarse(self, z: FloatArray, projected: FloatArray) -> bool:
         """Tell whether a correction is larger than the tolerance."""
         rtol, atol = augmented_tolerances(self.problem)
-        return bool(np.any(np.abs(projected - z) > rtol * np.abs(z) + atol))
+        change, size = np.abs([projected - z, z])[:, self.problem.integrated]
+        return bool(np.any(change > rtol * size + atol))
 
     def _derivative(self, t: float, z: FloatArray, otherwise: str) -> FloatArray:
         """Return the derivative where a method starts or goes on; stop where it is not finite."""

@@ -121,9 +121,13 @@ class Job:
         native, n_full = problem.native, problem.size
         keeps = self.keeps_algebraic or newton is not None
         cut = problem.n_states - (0 if keeps else problem.n_algebraic)
+        lead = problem.n_states if is_extended else cut
         rtol, atols = self._tolerances(problem)
-        lead, blocks = problem.n_states if is_extended else cut, atols.reshape(-1, problem.n_states)
-        atols = np.concatenate([blocks[0, :lead], blocks[1:, :cut].ravel()])
+        places = problem.integrated
+        states = places % problem.n_states
+        is_left = states < np.where(places < problem.n_states, lead, cut)
+        # Where what C integrates stands in z.
+        self._places, atols = places[is_left], atols[is_left]
         n = len(atols)
         job = self._ffi.new("cotree_job *")
         job.model = self._ffi.cast("cotree_model *", native.model.address)
@@ -207,7 +211,8 @@ class Job:
         if status in BY_STATUS:
             return self._verdict(problem, BY_STATUS[status])
         if entry >= 0:
-            return f"the derivative of {describe_entry(problem, entry)} is not finite ahead"
+            name = describe_entry(problem, int(self._places[entry]))
+            return f"the derivative of {name} is not finite ahead"
         return _REASONS.get(status, f"the integrator gives status {status}")
 
     @property

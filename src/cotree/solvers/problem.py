@@ -121,6 +121,9 @@ class Problem:
         it the right-hand side is evaluated at projected points; see :mod:`cotree.solvers.passage`.
     events : Events or None
         What happens where values pass through zero; time must then increase.
+    places : ndarray of int or None
+        The places in z of what does not vanish at all times, states first, in order: methods
+        integrate nothing else. None where nothing is known to vanish.
     """
 
     rhs: Callable[[float, FloatArray], FloatArray]
@@ -153,11 +156,17 @@ class Problem:
     native: Native | None = None
     not_native: str = ""
     events: Events | None = None
+    places: npt.NDArray[np.intp] | None = None
 
     @property
     def size(self) -> int:
         """Return the length of z."""
         return self.n_states * (1 + self.n_sensitivities)
+
+    @property
+    def integrated(self) -> npt.NDArray[np.intp]:
+        """Return the places in z of what is integrated."""
+        return np.arange(self.size) if self.places is None else self.places
 
     @property
     def is_sparse(self) -> bool:

@@ -27,6 +27,7 @@ from cotree.solvers.sweep import sweep
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    import numpy.typing as npt
     from scipy.sparse import csc_matrix
 
     from cotree.model.model import CompiledModel
@@ -127,6 +128,7 @@ def simulate(
         sparse_jacobian=_sparse_jacobian(model, p, u),
         **_native(model, p, signals),
         events=ModelEvents(model, p, u, is_held) if model.layout.events else None,
+        places=_places(model),
     )
     method = settings.method
     if method == "auto" and signals.has_function:
@@ -166,6 +168,13 @@ def simulate(
         events=_event_times(model, trajectory.events),
         parameter_values=values,
     )
+
+
+def _places(model: CompiledModel) -> npt.NDArray[np.intp] | None:
+    """Tell where states and sensitivities stand that do not vanish; None where all do not."""
+    n, m = len(model.states), len(model.sensitivities)
+    places = np.array(model.layout.sensitivity_places, dtype=np.intp)
+    return None if len(places) == n * m else np.concatenate([np.arange(n), n + places])
 
 
 def _event_times(model: CompiledModel, happened: Sequence[Occurrence]) -> dict[str, EventTimes]:

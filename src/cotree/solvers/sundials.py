@@ -242,7 +242,7 @@ def _options(problem: Problem) -> dict[str, Any]:
     # Without the blocks below the first the matrix is banded, and is factored block by block as
     # such. The iterations that this costs are only made where the sensitivities are tested.
     is_large = problem.n_sensitivities > 0 and problem.size > DENSE_LIMIT
-    if is_large and problem.error_test_sensitivities:
+    if is_large and problem.places is None and problem.error_test_sensitivities:
         width = problem.n_states - 1
         options |= {"linsolver": "band", "lband": width, "uband": width}
     return options

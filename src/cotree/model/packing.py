@@ -1,0 +1,57 @@
+"""Kernels that leave vanishing sensitivities out, with all of them for those who call.
+
+In: the pattern of sensitivities. Out: a kernel of full arrays, with zeros in their places.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cotree.program.kernels import KERNELS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy.typing as npt
+
+    from cotree.model.kernels import Kernels
+    from cotree.program import Layout
+
+    Array = npt.NDArray[np.float64]
+
+
+def whole_kernel(
+    kernels: Kernels, layout: Layout, name: str
+) -> Callable[[float, Array, Array, Array], Array]:
+    """Give a kernel as a function of time, states, all sensitivities and inputs.
+
+    Parameters
+    ----------
+    kernels : Kernels
+        The model's.
+    layout : Layout
+        Its patterns.
+    name : str
+        A name in ``KERNELS``.
+
+    Returns
+    -------
+    callable
+        Its result is a buffer: copy it to keep it.
+    """
+    places = np.array(layout.sensitivity_places, dtype=np.intp)
+    n_all = len(layout.states) * len(layout.sensitivities)
+    if not KERNELS[name].is_packed or len(places) == n_all:
+        return lambda t, x, s, u: kernels(name, t, x, s, u)
+
+    def call(t: float, x: Array, s: Array, u: Array) -> Array:
+        packed = kernels(name, t, x, s[places], u)
+        n_lead = len(packed) - len(places)
+        whole = np.zeros(n_lead + n_all)
+        whole[:n_lead] = packed[:n_lead]
+        whole[n_lead + places] = packed[n_lead:]
+        return whole
+
+    return call

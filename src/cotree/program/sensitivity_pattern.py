@@ -1,0 +1,285 @@
+"""Which sensitivities can differ from zero: those that a path connects to their parameter.
+
+In: equations and their factorised matrix. Out: for each parameter the states that depend on it,
+and the equations without the sensitivities that vanish. Beginning with the states whose initial
+value or rate has the parameter in it, a state is reached where its rate depends on one that is.
+Algebraic unknowns are reached together where equations connect them, and what a constraint or an
+event moves where that depends on the parameter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from cotree.dag.traverse import reachable, substitute
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    from cotree.dag.nodes import Dag, Node
+    from cotree.equations import Derivative, Equations
+    from cotree.formulation.elimination import Solver
+
+#: What a value depends on, as bits, and whether it may be nonzero where all of that is zero.
+_Part = tuple[int, bool]
+
+_CONSTANT: _Part = (0, True)
+_ZERO: _Part = (0, False)
+
+
+def reached_states(equations: Equations, factors: Solver) -> tuple[tuple[int, ...], ...]:
+    """Tell which states depend on each parameter of sensitivity.
+
+    Parameters
+    ----------
+    equations : Equations
+        The equations.
+    factors : Solver
+        Their factorised matrix.
+
+    Returns
+    -------
+    tuple of tuples of int
+        For each sensitivity the states, in order; those left out have none at any time.
+    """
+    rows, n = equations.sensitivities, len(equations.states)
+    if not rows:
+        return ()
+    bits = {
+        equations.dag.symbol("s", j * n + i): 1 << i for j in range(len(rows)) for i in range(n)
+    }
+    bits |= {symbol: 1 << (n + i) for i, symbol in enumerate(equations.unknown_tangents)}
+    motion = () if equations.motion is None else (equations.motion,)
+    parts = _Parts([node for row in (*rows, *motion) for node in _nodes_of(row)], bits)
+    solving = _solving(equations, factors)
+    directions = [_Direction(row, parts, solving, n) for row in rows]
+    groups = _connected([part for along in directions for part in along.rates.items()], equations)
+    found = []
+    for along in directions:
+        along.connect(groups)
+        reached = along.reached(())
+        while not reached.issuperset(moved := _moved(equations, parts, along, reached)):
+            reached = along.reached(reached | moved)
+        found.append(tuple(sorted(reached)))
+    return tuple(found)
+
+
+class _Parts:
+    """What values depend on."""
+
+    def __init__(self, nodes: Sequence[Node], bits: Mapping[Node, int]) -> None:
+        self._known: dict[Node, _Part] = {node: (bit, False) for node, bit in bits.items()}
+        for node in reachable(nodes):
+            if node in self._known or not any(arg in self._known for arg in node.args):
+                continue
+            parts = [self[arg] for arg in node.args]
+            mask = 0
+            for own, _ in parts:
+                mask |= own
+            remains = [rest for _, rest in parts]
+            if node.op in ("mul", "div"):
+                is_left = all(remains)
+            else:
+                is_left = any(remains[1:] if node.op == "select" else remains)
+            self._known[node] = (mask, is_left)
+
+    def __getitem__(self, node: Node) -> _Part:
+        return self._known.get(node) or (_ZERO if node.is_zero else _CONSTANT)
+
+
+class _Direction:
+    """One parameter: what the rates along it depend on."""
+
+    def __init__(self, row: Derivative, parts: _Parts, solving: Sequence[int], n: int) -> None:
+        self.row, self._parts, self._n = row, parts, n
+        forcing = [parts[node] for node in row.forcing]
+        self._tangents = [_either(forcing[k] for k in _places(mask)) for mask in solving]
+        self.rates = {i: self.part(node) for i, node in row.rates.items()}
+
+    def part(self, node: Node) -> _Part:
+        """Tell which states' sensitivities a value depends on, tangents of unknowns solved for."""
+        mask, rest = self._parts[node]
+        own = mask & ((1 << self._n) - 1)
+        solved = _either(self._tangents[k] for k in _places(mask >> self._n))
+        return own | solved[0], rest or solved[1]
+
+    def depends(self, node: Node, reached: set[int]) -> bool:
+        """Tell whether a value depends on the parameter."""
+        mask, rest = self.part(node)
+        return rest or not reached.isdisjoint(_places(mask))
+
+    def users(self, states: Iterable[int]) -> set[int]:
+        """Give the states whose rates depend on some others."""
+        wanted = sum(1 << i for i in states)
+        return {i for i, (mask, _) in self.rates.items() if mask & wanted}
+
+    def connect(self, groups: Sequence[Sequence[int]]) -> None:
+        """Let algebraic unknowns depend on all that those do which equations connect them with."""
+        for group in groups:
+            whole = _either(self.rates.get(i, _ZERO) for i in group)
+            self.rates |= dict.fromkeys(group, whole)
+
+    def reached(self, known: Iterable[int]) -> set[int]:
+        """Follow the rates from states that depend on the parameter themselves, or are known to."""
+        users: dict[int, list[int]] = {}
+        for i, (mask, _) in self.rates.items():
+            for k in _places(mask):
+                users.setdefault(k, []).append(i)
+        reached = {i for i, node in self.row.initial.items() if not node.is_zero}
+        reached |= {i for i, (_, rest) in self.rates.items() if rest}.union(known)
+        stack = list(reached)
+        while stack:
+            new = [i for i in users.get(stack.pop(), ()) if i not in reached]
+            reached.update(new)
+            stack += new
+        return reached
+
+
+def _places(mask: int) -> Iterator[int]:
+    """List the bits of a number."""
+    while mask:
+        low = mask & -mask
+        yield low.bit_length() - 1
+        mask ^= low
+
+
+def _either(parts: Iterable[_Part]) -> _Part:
+    """Give what a sum of values depends on."""
+    mask, rest = _ZERO
+    for own, remains in parts:
+        mask, rest = mask | own, rest or remains
+    return mask, rest
+
+
+def _solving(equations: Equations, factors: Solver) -> list[int]:
+    """Tell which places of the forcing each unknown depends on, as bits."""
+    own = [equations.dag.symbol("own", k) for k in range(len(equations.unknowns))]
+    unknowns = factors.solve(own) if own else []
+    parts = _Parts(unknowns, {symbol: 1 << k for k, symbol in enumerate(own)})
+    return [parts[node][0] for node in unknowns]
+
+
+def _connected(rates: Iterable[tuple[int, _Part]], equations: Equations) -> list[list[int]]:
+    """Group the algebraic unknowns that equations connect."""
+    cut = len(equations.states) - equations.n_algebraic
+    masks = [1 << i for i in range(cut, len(equations.states))]
+    for i, (mask, _) in rates:
+        if i < cut:
+            continue
+        own = 1 << i | (mask >> cut << cut)
+        together = [group for group in masks if group & own]
+        masks = [group for group in masks if not group & own]
+        masks.append(_either((group, False) for group in together)[0])
+    return [list(_places(mask)) for mask in masks]
+
+
+def _moved(equations: Equations, parts: _Parts, along: _Direction, reached: set[int]) -> set[int]:
+    """Give the states that constraints and events move in a way that depends on the parameter."""
+    row, constraints = along.row, equations.constraints
+    n_coordinates, n_speeds = equations.n_coordinates, equations.n_speeds
+    moved: set[int] = set()
+    turned = {entry for _, q in constraints.quaternions for entry in q}
+    norms = {i for i, state in enumerate(equations.states) if state.symbol in turned}
+    held = [*row.held, *row.held_rates, *row.start]
+    if any(along.depends(node, reached) for node in held) or not norms.isdisjoint(reached):
+        moved.update(range(n_coordinates + n_speeds))
+    # Outputs are followed by what events look at, then by what each sets, and its restitution.
+    place = len(equations.outputs) + len(equations.events)
+    depending = {k for k, node in row.outputs.items() if along.depends(node, reached)}
+    # One event may make others happen at its own time.
+    is_timed = any(k in depending for k in range(len(equations.outputs), place))
+    for event in equations.events:
+        end = place + len(event.targets) + event.is_impact
+        targets = dict(zip(event.targets, range(place, end), strict=False))
+        if event.is_impact:
+            targets |= dict.fromkeys(range(n_coordinates, n_coordinates + n_speeds), end - 1)
+        moved |= {target for target, k in targets.items() if k in depending or target in reached}
+        if is_timed:
+            # What it sets moves on from then, and so does what has another rate after it.
+            moved |= {
+                target for target, k in targets.items() if _moves(equations, parts, target, k)
+            }
+            moved |= along.users(targets)
+        place = end
+    return moved
+
+
+def _moves(equations: Equations, parts: _Parts, target: int, place: int) -> bool:
+    """Tell whether a state, or what an event sets it to, changes with time: modes do not."""
+    assert equations.motion is not None  # it comes with the events
+    rates, slope = equations.rates, equations.motion.outputs.get(place, equations.dag.zero)
+    mask, rest = parts[slope]
+    is_driven = any(i >= len(rates) or not rates[i].is_zero for i in _places(mask))
+    return rest or is_driven or not rates[target].is_zero
+
+
+def without_vanishing(equations: Equations, reached: Sequence[Sequence[int]]) -> Equations:
+    """Put zero in the place of sensitivities that vanish; all derivatives then fold."""
+    dag, n = equations.dag, len(equations.states)
+    gone = {
+        dag.symbol("s", j * n + i): dag.zero
+        for j, own in enumerate(reached)
+        for i in sorted(set(range(n)).difference(own))
+    }
+    if not gone:
+        return equations
+    # One substitution for all: what they share is visited once.
+    known = iter(
+        substitute([node for row in equations.sensitivities for node in _nodes_of(row)], gone)
+    )
+
+    def again(row: Mapping[int, Node]) -> dict[int, Node]:
+        made = {i: next(known) for i in row}
+        return {i: node for i, node in made.items() if not node.is_zero}
+
+    sensitivities = []
+    for row in equations.sensitivities:
+        sensitivities.append(
+            replace(
+                row,
+                seed={key: node for key, node in row.seed.items() if node not in gone},
+                forcing=tuple(next(known) for _ in row.forcing),
+                rates=again(row.rates),
+                outputs=again(row.outputs),
+                held=tuple(next(known) for _ in row.held),
+                held_rates=tuple(next(known) for _ in row.held_rates),
+                start=tuple(next(known) for _ in row.start),
+            )
+        )
+    return replace(equations, sensitivities=tuple(sensitivities))
+
+
+def pack_rates(
+    dag: Dag, reached: Sequence[Sequence[int]], n: int, rates: Sequence[Node]
+) -> list[Node]:
+    """Leave out sensitivities that vanish: their rates, and their numbers among the symbols ``s``.
+
+    Parameters
+    ----------
+    dag : Dag
+        The arena.
+    reached : sequence of sequences of int
+        From :func:`reached_states`.
+    n : int
+        Number of states.
+    rates : sequence of Node
+        ``n`` for each parameter, in terms of as many symbols.
+
+    Returns
+    -------
+    list of Node
+        Those of the states that each parameter reaches, in terms of as many symbols.
+    """
+    left = [j * n + i for j, own in enumerate(reached) for i in own]
+    if len(left) == len(rates):
+        return list(rates)
+    known = {dag.symbol("s", place): dag.zero for place in range(len(rates))}
+    known |= {dag.symbol("s", place): dag.symbol("s", k) for k, place in enumerate(left)}
+    return substitute([rates[place] for place in left], known)
+
+
+def _nodes_of(row: Derivative) -> list[Node]:
+    """List all that a direction is made of, but for what it begins with."""
+    rates, outputs = row.rates.values(), row.outputs.values()
+    return [*row.forcing, *rates, *outputs, *row.held, *row.held_rates, *row.start]
