@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from cotree.export.c_project import CProject
     from cotree.export.equations import SymbolicEquations
     from cotree.export.graph_report import GraphReport
-    from cotree.formulation.first_graph import FirstGraph
     from cotree.model.linearize import Linearization, Linearizer
     from cotree.pipeline import Compiled
     from cotree.scene.graphs import TreeChoice
@@ -174,7 +173,7 @@ class Model(OperatingModel):
     """A compiled scene."""
 
     def __init__(self, compiled: Compiled, scene: SceneDescription) -> None:
-        super().__init__(compiled.program, compiled.kernels, scene)
+        super().__init__(compiled.program, compiled.kernels, scene, compiled.first)
         self._compiled = compiled
 
     @property
@@ -191,11 +190,6 @@ class Model(OperatingModel):
     def times(self) -> Mapping[str, float]:
         """Seconds spent in each stage: formulate, generate, compile."""
         return self._compiled.times
-
-    @property
-    def first_graph(self) -> FirstGraph:
-        """What the equations were made from."""
-        return self._compiled.first
 
     def summary(self) -> str:
         """Describe the kernels, the formulations tried and what each pass did."""
@@ -336,7 +330,7 @@ class Model(OperatingModel):
     def _linearizer(self) -> Linearizer:
         from cotree.model.linearize import Linearizer
 
-        return Linearizer.of(self._compiled.first)
+        return Linearizer.of(self.first_graph)
 
     def linearize(
         self, t: float = 0.0, y: Any = None, p: Any = None, u: Any = None

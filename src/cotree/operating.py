@@ -22,6 +22,7 @@ from cotree.scene.simulation import OPERATING_POINT
 from cotree.scene.standstill import standing_scene
 
 if TYPE_CHECKING:
+    from cotree.formulation.first_graph import FirstGraph
     from cotree.model.kernels import Kernels
     from cotree.program import Program
     from cotree.scene.description import SceneDescription
@@ -30,11 +31,19 @@ Array = npt.NDArray[np.float64]
 
 
 class OperatingModel(CompiledModel):
-    """A compiled model that knows its scene, and begins where that says."""
+    """A compiled model that knows its scene, and begins where that says.
 
-    def __init__(self, program: Program, kernels: Kernels, scene: SceneDescription) -> None:
+    Attributes
+    ----------
+    first_graph : FirstGraph
+        What its equations were made from.
+    """
+
+    def __init__(
+        self, program: Program, kernels: Kernels, scene: SceneDescription, first: FirstGraph
+    ) -> None:
         super().__init__(program, kernels)
-        self._scene = scene
+        self._scene, self.first_graph = scene, first
 
     @property
     def begins_at_rest(self) -> bool:

@@ -143,7 +143,7 @@ def test_command_writes_both_kinds(tmp_path, capsys):
     assert f"wrote {page}" in capsys.readouterr().out
     assert page.read_text().startswith("<!doctype html>")
     picture = tmp_path / "b.gif"
-    assert main(["run", "slider-pendulum", "--t-end", "0.2", "--animate", str(picture)]) == 0
+    assert main(["run", "slider-pendulum", "--t-end", "2", "--animate", str(picture)]) == 0
     assert picture.read_bytes().startswith(b"GIF89a")
 
 

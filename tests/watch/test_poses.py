@@ -166,6 +166,7 @@ def test_frames_are_even_and_bounded():
         ({"fps": 1e9}, "fps"),
         ({"fps": "x"}, "fps"),
         ({"speed": 0}, "speed"),
+        ({"speed": 1e-300}, "larger"),
         ({"speed": float("nan")}, "speed"),
         ({"view": 3}, "view"),
         ({"view": (1, "x")}, "elevation"),
@@ -191,6 +192,8 @@ def test_states_that_are_no_numbers_are_left_out():
     result = model.simulate((0, 1), np.linspace(0, 1, 11))
     result.y[0, 6:] = np.nan
     assert result.animate().drawing.frames.times[-1] == result.t[5]
+    result.y[0, 3] = 1e200  # nor what runs away
+    assert result.animate().drawing.frames.times[-1] == result.t[2]
     result.y[0, 0] = np.inf
     with pytest.raises(SceneError, match="no point"):
         result.animate()
@@ -235,3 +238,17 @@ def test_shapes_are_closed_and_face_outwards(mesh, volume):
     found = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6
     # 28 sides in place of a circle take a hundredth, half as many rows of a sphere two.
     assert found == pytest.approx(volume, rel=0.03)
+
+
+def test_rail_of_a_slot_is_as_long_as_the_way():
+    """The axis of a slot need not have length one, and may be written with a factor of time."""
+    scene = Scene("slot")
+    scene.parameter("b", 0.0)
+    scene.edge("f", "planar", "ground", "A", normal=Z, initial={"x_dot": 2.0})
+    scene.edge("m", "rigid_body", "ground", "A", mass=1.0, inertia=1.0)
+    scene.edge("line", "slot", "ground", "A", axis=[5.0, "b*t", 0])
+    drawing = scene.compile(optimize="-O0").simulate((0, 2)).animate().drawing
+    rail = next(row for row in drawing.solids if row.name == "line" and row.track == 0)
+    # Four widths more at each end.
+    length = 4.0 + 8.0 * drawing.thickness
+    assert np.ptp(rail.mesh.points[:, 0]) == pytest.approx(length, rel=1e-6)

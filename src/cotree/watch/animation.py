@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 _SUFFIXES = (".gif", ".html")
 _NOTEBOOK_HEIGHT = 520  # pixels
 _LARGEST_PICTURE = 4000
+_FURTHEST = 1e12  # m or rad; what runs away to there is not followed
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -183,8 +184,9 @@ def animate(
 
 
 def _finite_part(result: Result, n: int) -> Result:
-    """Leave out what comes after coordinates that are no numbers."""
-    is_bad = ~np.isfinite(result.y[:n]).all(axis=0)
+    """Leave out what comes after coordinates that are no numbers, or beyond all bounds."""
+    with np.errstate(invalid="ignore"):
+        is_bad = ~(np.abs(result.y[:n]) < _FURTHEST).all(axis=0)
     end = int(np.argmax(is_bad)) if is_bad.any() else len(result.t)
     if end == 0:
         raise SceneError("the run has no point that could be drawn: see result.message")

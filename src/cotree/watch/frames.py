@@ -37,6 +37,7 @@ _FEWEST = 100  # of however many bodies
 # A run that plays within these seconds is shown as fast as it happened; others in about those.
 _SHORTEST, _LONGEST = 2.0, 30.0
 _COMFORTABLE = 8.0
+_PATIENCE = 86_400.0  # s that anyone may watch
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +94,8 @@ def choose_frames(
     elif check_number(speed, "speed") <= 0.0:
         raise SceneError(f"speed is {speed:g}: give a positive number")
     lasting = span / speed
+    if lasting > _PATIENCE:
+        raise SceneError(f"at speed {speed:g} the run lasts {lasting:.3g} s: give a larger one")
     most = min(MOST_FRAMES, max(_FEWEST, MOST_POSES // max(n_bodies, 1)))
     n = max(round(min(lasting * fps, most - 1.0)) + 1, 2) if span else 1
     return Frames(np.linspace(start, end, n), lasting / (n - 1) if n > 1 else 1.0 / fps)

@@ -60,16 +60,16 @@ def sliding(draft: Drafter, edge: BoundEdge) -> None:
     y = draft.towards(two.cluster) if draft.stage.is_flat else None
     at = two.local + draft.raised(two.cluster)
     draft.solid(edge.name, two.cluster, block.placed(at, shapes.axes_along(axis, y)), label=True)
-    _rail(draft, edge)
+    _rail(draft, edge, draft.values.vector(edge.vectors["axis"]))
     stiffness = edge.scalars.get("stiffness")
     if stiffness is not None and not stiffness.is_zero:
         spring(draft, edge)
 
 
-def _rail(draft: Drafter, edge: BoundEdge) -> None:
-    """Draw how far the second node slides along the axis of the first."""
+def _rail(draft: Drafter, edge: BoundEdge, along: Array) -> None:
+    """Draw how far the second node slides along an axis, in the first's axes."""
     w, one = draft.w, draft.places[edge.first]
-    along = draft.values.vector(edge.vectors["axis"])
+    along = along / np.linalg.norm(along)
     way = draft.reach(edge) @ along
     low, high = float(way.min()) - 4.0 * w, float(way.max()) + 4.0 * w
     axis = one.turn @ along
@@ -87,7 +87,7 @@ def slot(draft: Drafter, edge: BoundEdge) -> None:
     draft.solid(edge.name, two.cluster, shapes.sphere(1.2 * draft.w).placed(at), JOINT)
     moving = draft.values.over_time(edge.vectors["axis"])
     if np.ptp(moving, axis=0).max() == 0.0:
-        _rail(draft, edge)
+        _rail(draft, edge, moving[0])
 
 
 def disc(draft: Drafter, edge: BoundEdge) -> None:

@@ -83,8 +83,7 @@ def set_stage(first: FirstGraph, values: Evaluator, view: tuple[float, float] | 
     system = first.system
     poses = values.poses()
     points = first.motion.clusters.points
-    used = _nodes_with_shape(first)
-    places = {name: values.place(point) for name, point in points.items() if name in used}
+    places = {name: values.place(point) for name, point in points.items()}
     is_flat = bool(system.plane) and view is None
     up = _up(values.numbers(system.gravity), system.plane)
     towards = _plane_side(system.plane, up) if is_flat else _direction(up, view or VIEW)
@@ -117,14 +116,6 @@ def set_stage(first: FirstGraph, values: Evaluator, view: tuple[float, float] | 
         reach,
         _spurs(first, places, arms, reach),
     )
-
-
-def _nodes_with_shape(first: FirstGraph) -> set[str]:
-    """List the nodes that edges lead to, and the ground where one begins there."""
-    names = {"ground"}
-    for edge in first.system.edges.values():
-        names |= {edge.first, edge.second}
-    return names
 
 
 def _up(gravity: Array, plane: str) -> Array:
