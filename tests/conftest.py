@@ -183,6 +183,7 @@ def made_up() -> Callable[..., Program]:
             "outputs": rows("y", len(results.get("outputs", ()))),
             "parameter_values": (1.0,) * n_parameters,
             "column_starts": (0,) * (n_states + 1),
+            "sensitivity_starts": (0,),
         }
         layout = Layout(**{**nothing, **given})
         kernels = {

@@ -46,6 +46,19 @@ def _pendulum(scene, k):
     scene.edge(f"b{k}", "rigid_body", "ground", f"B{k}", mass=1.0, inertia=0.02)
 
 
+def ladders(n=25):
+    """Two ladders of capacitors, side by side: a wide system with a narrow band."""
+    scene = Scene("ladders")
+    for k in "12":
+        scene.parameter(f"R{k}", 1.0)
+        scene.edge(f"V{k}", "voltage_source", f"n{k}_0", "ground", voltage=1.0)
+        for i in range(n):
+            here, there = f"n{k}_{i}", f"n{k}_{i + 1}"
+            scene.edge(f"r{k}_{i}", "resistor", here, there, resistance=f"R{k}")
+            scene.edge(f"c{k}_{i}", "capacitor", there, "ground", capacitance=0.1)
+    return scene
+
+
 def rectifier_with_heater():
     """A diode charges a capacitor through a resistor; its loss heats a body. One way only."""
     scene = Scene("rectifier-with-heater")

@@ -9,6 +9,7 @@ from cascades import (
     HEATER,
     ball_beside_pendulum,
     heater,
+    ladders,
     pendulums,
     rectifier_with_heater,
     whole_pattern,
@@ -71,6 +72,22 @@ def test_every_method_agrees_with_the_whole_integration(name, method, both):
     assert np.max(np.abs(found - expected) / scale) < agree
     size = 1.0 + np.abs(runs[1].y).max(axis=1, keepdims=True)
     assert np.max(np.abs(runs[0].y - runs[1].y) / size) < agree
+
+
+@pytest.mark.parametrize("method", ["cvode", "ida", "rodas5", "Radau"])
+def test_where_matrices_are_sparse(method, monkeypatch):
+    """States stand in another order within the band, and half a column is solved for."""
+    packed = ladders().compile(["R1", "R2"])
+    assert packed.sensitivity_pattern.sum() == 50
+    monkeypatch.setattr(lowering, "reached_states", whole_pattern)
+    whole = ladders().compile(["R1", "R2"])
+    runs = [m.simulate((0.0, 2.0), [1.0, 2.0], method, RTOL, ATOL) for m in (packed, whole)]
+    assert all("stood in" not in r.message and not r.statistics.through for r in runs)
+    assert not runs[0].s[~packed.sensitivity_pattern].any()
+    agree = AGREE[METHODS[method].multistep]
+    np.testing.assert_allclose(runs[0].s, runs[1].s, atol=agree)
+    # The ladders are alike: so are the sensitivities of each to its own resistance.
+    np.testing.assert_allclose(runs[0].s[:25, 0], runs[0].s[25:, 1], atol=agree)
 
 
 @pytest.mark.parametrize("method", [m for m in METHODS if not m.startswith(("cvodes", "idas"))])

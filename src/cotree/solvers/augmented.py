@@ -157,7 +157,7 @@ def augmented_tolerances(problem: Problem) -> tuple[float, FloatArray]:
         return max(problem.rtol, RTOL_FLOOR), np.minimum(
             state_atol[states] / scales[blocks], UNTESTED
         )
-    share = float(np.sqrt(len(places) / problem.n_states))
+    share = float(np.sqrt(max(1, len(places)) / max(1, problem.n_states)))
     atol = np.full(len(places), UNTESTED)
     atol[: problem.n_states] = state_atol / share
     return max(problem.rtol / share, RTOL_FLOOR), atol
