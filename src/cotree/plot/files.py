@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cotree.errors import SceneError
+from cotree.files import written_whole
 
 if TYPE_CHECKING:
+    import os
+
     from matplotlib.figure import Figure
 
 _FORMATS = ("svg", "png", "pdf")
@@ -38,16 +39,11 @@ def save_figure(fig: Figure, path: str | os.PathLike[str]) -> None:
     metadata: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(
         suffix, {}
     )
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with matplotlib.rc_context({"svg.hashsalt": "cotree"}):
-            fig.savefig(temporary, format=suffix, dpi=150, metadata=metadata)
-        os.replace(temporary, path)
-    except OSError as error:
-        raise SceneError(f"cannot write the picture '{path}': {error.strerror}") from None
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
+    with (
+        written_whole(path, "the picture") as draft,
+        matplotlib.rc_context({"svg.hashsalt": "cotree"}),
+    ):
+        fig.savefig(draft, format=suffix, dpi=150, metadata=metadata)
 
 
 def check_suffix(path: Path) -> str:
