@@ -46,7 +46,7 @@ app = typer.Typer(
 )
 
 SceneName = Annotated[
-    str, typer.Argument(metavar="SCENE", help="A shipped scene, or a TOML or URDF file.")
+    str, typer.Argument(metavar="SCENE", help="A shipped scene, or a TOML, URDF or SPICE file.")
 ]
 Sensitivity = Annotated[
     list[str],
@@ -372,6 +372,16 @@ def bench_scene(
 def _progress(text: str) -> None:
     """Say what runs, for those who wait at a terminal."""
     typer.echo(f"cotree: {text}", err=True)
+
+
+@app.command("save")
+def save_scene(
+    scene: SceneName,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="A .toml file.")],
+) -> None:
+    """Write a scene as TOML, whatever it was read from."""
+    read_scene(scene).save(output)
+    typer.echo(f"wrote {output}")
 
 
 @app.command("scenes")
