@@ -265,8 +265,12 @@ class Result:
             for row in zip(*table.values(), strict=True):
                 writer.writerow([f"{value:.17g}" for value in row])
 
-    def plot(self, names: Sequence[str] | None = None) -> Any:
-        """Draw states, outputs or sensitivities over time; see ``cotree.plot.plot_result``."""
+    def plot(self, names: str | Sequence[str | tuple[str, str]] | None = None) -> Any:
+        """Draw curves over time by the titles of ``columns()``; see ``cotree.plot.plot_result``.
+
+        Sensitivities are "d(j1.s)/d(L)" or ("j1.s", "L"); where none is named, all those of the
+        states and outputs that are stand beside them.
+        """
         # Drawing lies above this room, so it is looked up by name when someone asks for it.
         return importlib.import_module("cotree.plot").plot_result(self, names)
 
