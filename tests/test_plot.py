@@ -125,6 +125,7 @@ class FakeResult:
         self.units = units
         self.states = tuple(name for name in units if "." in name)
         self.outputs = ("rod_x",)
+        self.inputs = ("push",)
         self.parameters_of_sensitivity = parameters
 
     def __getitem__(self, name: str) -> np.ndarray:
@@ -196,6 +197,53 @@ def test_many_parameters_take_several_rows():
 def test_rates_are_plotted_where_there_is_nothing_else_or_on_request(pendulum: FakeResult):
     assert len(plot_result(FakeResult({"a.s_dot": "m/s"})).axes[0].lines) == 1
     assert plot_result(pendulum, ["j1.s_dot"]).axes[0].get_ylabel() == "j1.s_dot [m/s]"
+
+
+def test_named_sensitivities_are_drawn_and_no_others(pendulum: FakeResult):
+    figure = plot_result(pendulum, ["j1.s", "push", "d(h2.theta)/d(L)", ("rod_x", "zeta")])
+    assert [ax.get_ylabel() for ax in figure.axes] == [
+        "j1.s [m]",
+        "push",
+        "∂ rod_x / ∂ zeta",
+        "∂ h2.theta / ∂ L [rad/m]",
+    ]
+    assert figure.axes[0].get_gridspec().get_geometry() == (3, 2)
+
+
+def test_sensitivities_alone_leave_no_column_for_values(pendulum: FakeResult):
+    for names in ("d(j1.s)/d(L)", [("j1.s", "L")], [["j1.s", "L"]]):
+        (ax,) = plot_result(pendulum, names).axes
+        assert ax.get_ylabel() == "∂ j1.s / ∂ L [m/m]"
+        assert ax.get_gridspec().get_geometry() == (1, 1)
+
+
+def test_inputs_have_no_sensitivities(pendulum: FakeResult):
+    (ax,) = plot_result(pendulum, "push").axes
+    np.testing.assert_array_equal(ax.lines[0].get_ydata(), pendulum["push"])
+
+
+def test_a_name_has_one_colour_in_all_panels():
+    result = FakeResult({"a.s": "m", "b.s": "m"}, ("L",))
+    left, right = plot_result(result, ["a.s", "b.s", ("b.s", "L")]).axes
+    assert right.lines[0].get_color() == left.lines[1].get_color()
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (["j1.x"], r"cannot plot 'j1\.x', no state, output or input; did you mean 'j1\.s'"),
+        (["d(j1.q)/d(L)"], r"cannot plot a sensitivity of 'j1\.q', no state or output.*'j1\.s'"),
+        ([("push", "L")], r"cannot plot a sensitivity of 'push', no state or output"),
+        ([("j1.s", "Lr")], r"sensitivities to 'Lr', which were not asked for; did you mean 'L'"),
+        ([("j1.s", 3)], r"sensitivities to '3', which were not asked for"),
+        ([("j1.s", "L", "L")], r"cannot plot '\('j1\.s', 'L', 'L'\)', no state"),
+        ([None], "cannot plot 'None', no state"),
+        ([], "nothing is named that could be plotted"),
+    ],
+)
+def test_what_is_not_there_is_named(pendulum: FakeResult, names, message: str):
+    with pytest.raises(SceneError, match=message):
+        plot_result(pendulum, names)
 
 
 def test_wrong_names_are_named(pendulum: FakeResult):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from dataclasses import replace
 from functools import cached_property
@@ -10,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cotree.build import BuildOptions
-from cotree.errors import ParameterError, SingularSystemError
+from cotree.errors import ParameterError
 from cotree.model.algebraic import solve_states
 from cotree.model.arrays import as_array
 from cotree.operating import OperatingModel
@@ -147,6 +146,27 @@ class Scene(SceneDescription):
         names = listed_names(sensitivities, "sensitivities")
         return symbolic_equations(formulate(self, names, tree)[1])
 
+    def save(self, path: str | Path) -> None:
+        """Write the scene to a TOML file, whole or not at all.
+
+        It loads to the same scene, whatever this one was read from. Types of
+        :func:`cotree.register_component` are named in it, and must be registered where it is read.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file; its name ends in .toml.
+
+        Raises
+        ------
+        SceneError
+            If the file cannot be written, or parts of the scene were changed by other means than
+            its methods.
+        """
+        from cotree.scene.toml_text import save_scene
+
+        save_scene(self, Path(path))
+
 
 def load(source: str | Path) -> Scene:
     """Read a scene.
@@ -203,30 +223,6 @@ class Model(OperatingModel):
             rows = [f"  {name:20} {n} -> {m}" for name, n, m in counts if n != m]
             lines += rows or ["  none changed"]
         return "\n".join(lines)
-
-    def check_start(self) -> None:
-        """Evaluate the model once at its initial state.
-
-        Raises
-        ------
-        ParameterError
-            If the scene's parameter values are refused.
-        SingularSystemError
-            If the mass matrix is singular there.
-        """
-        try:
-            start = self.initial_state
-        except ParameterError:
-            if self.is_rheonomic:
-                return  # it may start at another time
-            raise
-        rates = self.rhs(0.0, start)
-        for name, rate in zip(self.states, rates, strict=True):
-            if not math.isfinite(rate):
-                raise SingularSystemError(
-                    f"the rate of '{name}' is not finite at the initial state: check its initial "
-                    "value, and the inertia and the laws that act on it"
-                )
 
     def simulate(
         self,

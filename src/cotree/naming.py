@@ -17,6 +17,9 @@ _SCENE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}\Z")
 #: Names with a meaning of their own in expressions.
 RESERVED = frozenset({"t", "pi"})
 
+#: Entries of an edge in a scene that are no fields of its component.
+_OF_EDGES = frozenset({"name", "type", "nodes", "initial"})
+
 _C_KEYWORDS = frozenset(
     [
         "auto",
@@ -85,6 +88,8 @@ def check_name(kind: str, name: object) -> str:
         raise SceneError(f"{kind} name '{name}' is a reserved word: try '{name}_'")
     if kind in ("parameter", "input", "output", "mode") and name in RESERVED:
         raise SceneError(f"{kind} name '{name}' already means something in expressions: rename it")
+    if kind in ("field", "port") and name in _OF_EDGES:
+        raise SceneError(f"{kind} name '{name}' already means something of edges: rename it")
     return name
 
 
@@ -114,6 +119,8 @@ def check_text(value: object, what: str) -> str:
     """
     if not isinstance(value, str) or len(value) > 1000:
         raise SceneError(f"{what} must be a text of at most 1000 characters")
+    if any("\ud800" <= char <= "\udfff" for char in value):
+        raise SceneError(f"{what} holds half a character, which no file can hold")
     return value
 
 

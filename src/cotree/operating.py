@@ -1,4 +1,4 @@
-"""Models that begin at the operating point of their network.
+"""Where models begin: what a scene gives, or the operating point of its network.
 
 The operating point is the solution of another scene, whose storages are at rest
 (:mod:`cotree.scene.standstill`). It has no states: all that it needs is the search for algebraic
@@ -8,13 +8,14 @@ graphs give the sensitivities of the start.
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from cotree.errors import Error
+from cotree.errors import Error, ParameterError, SingularSystemError
 from cotree.model.arrays import as_array
 from cotree.model.kernels import PythonKernels
 from cotree.model.model import CompiledModel
@@ -86,3 +87,27 @@ class OperatingModel(CompiledModel):
             found = rest.output_sensitivity(t, start.y, start.s, own, inputs)
             s[:, [self.sensitivities.index(name) for name in rest.sensitivities]] = found
         return y, s
+
+    def check_start(self) -> None:
+        """Evaluate the model once at its initial state.
+
+        Raises
+        ------
+        ParameterError
+            If the scene's parameter values are refused.
+        SingularSystemError
+            If the mass matrix is singular there.
+        """
+        try:
+            start = self.initial_state
+        except ParameterError:
+            if self.is_rheonomic:
+                return  # it may start at another time
+            raise
+        rates = self.rhs(0.0, start)
+        for name, rate in zip(self.states, rates, strict=True):
+            if not math.isfinite(rate):
+                raise SingularSystemError(
+                    f"the rate of '{name}' is not finite at the initial state: check its initial "
+                    "value, and the inertia and the laws that act on it"
+                )

@@ -192,6 +192,31 @@ def test_run_draws_finite_differences_over_sensitivities(
         assert len(times) == 40
 
 
+def test_run_draws_what_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import cotree.cli.picture as picture
+
+    drawn: list[Any] = []
+    monkeypatch.setattr(
+        picture, "save_figure", lambda figure, _: drawn.extend(figure.axes) or figure
+    )
+    path = tmp_path / "run.svg"
+    run = ["run", "slider-pendulum", "-s", "L", "--t-end", "1", "--plot", str(path)]
+    assert main([*run, "--show", "h2.theta", "--show", "d(rod_x)/d(L)"]) == 0
+    assert [ax.get_ylabel() for ax in drawn] == ["h2.theta [rad]", "∂ rod_x / ∂ L [m/m]"]
+    assert len(drawn[1].lines) == 3  # the curve, circles, and those of the legend
+    capsys.readouterr()
+    assert main([*run, "--show", "h2.thata"]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""  # refused before it ran
+    assert "cannot plot 'h2.thata', no state, output or input; did you mean 'h2.theta'" in (
+        printed.err
+    )
+    assert main([*run[:-2], "--show", "h2.theta"]) == 2
+    assert "give --plot FILE, too" in capsys.readouterr().err
+
+
 def test_picture_leaves_out_what_cannot_be_differenced(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -67,3 +67,16 @@ def test_wrong_robots_and_options_are_one_sentence(robot, tmp_path, capsys):
     assert main(["graph", str(path)]) == 2
     said = capsys.readouterr().err
     assert re.fullmatch(r"cotree: .*wrong\.urdf:7: value of <mass> of link .* not a number\n", said)
+
+
+def test_a_saved_robot_runs_and_says_the_same(robot, tmp_path, capsys):
+    saved = str(tmp_path / "whole.toml")
+    assert main(["--base", "free", "save", robot, "-o", saved]) == 0
+    printed = capsys.readouterr()
+    assert printed.out == f"wrote {saved}\n"
+    assert main(["graph", saved]) == 0
+    again = capsys.readouterr()
+    assert again.err == printed.err
+    assert re.search(r"base +ground -> base_link", again.out)
+    assert main(["save", robot, "-o", str(tmp_path / "x.urdf")]) == 2
+    assert "name a file that ends in .toml" in capsys.readouterr().err

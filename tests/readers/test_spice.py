@@ -11,6 +11,7 @@ import pytest
 import cotree
 from cotree.api import Scene
 from cotree.cli import main
+from cotree.dag.nodes import Dag
 from cotree.readers.spice import read_spice_text
 from cotree.readers.spice_values import Scope, read_number
 
@@ -141,6 +142,9 @@ def test_subcircuits_nest_and_take_parameters():
     np.testing.assert_allclose(model.output_values(0.0, []), [2.0, 1.5], rtol=1e-13)
 
 
+SEVEN = " ".join(f"L{i}" for i in range(7))
+
+
 @pytest.mark.parametrize(
     ("text", "line", "message"),
     [
@@ -170,7 +174,18 @@ def test_subcircuits_nest_and_take_parameters():
         ("V1 a 0 NOISE(1 2)", 2, "no waveform"),
         ("V1 a 0 PWL(0 1 2)", 2, "pairs of a time and a value"),
         ("V1 a 0 PULSE(0 1)", 2, "there is no .tran"),
-        ("L1 a 0 1\nL2 b 0 1\nL3 c 0 1\nK1 L1 L2 1\nK2 L1 L3 1", 6, "coupled twice"),
+        ("L1 a 0 1\nL2 b 0 1\nK1 L1 L2 .5\nK2 L2 L1 .5", 5, "'l2' is coupled twice to 'l1'"),
+        ("L1 a 0 1\nL2 b 0 1\nK1 L1 L1 .5", 4, "'l1' is coupled twice to 'l1'"),
+        ("L1 a 0 1\nK1 L1 .5", 3, "needs two inductors or more"),
+        ("\n".join([*(f"L{i} {i} 0 1" for i in range(7)), f"K1 {SEVEN} .1"]), 9, "more than 6"),
+        ("M1 a b 0 0 m m=0\n.model m NMOS", 2, "m must be positive"),
+        ("R1 a 0 1 m={-2}", 2, "m must be positive"),
+        ("E1 a 0 POLY(x) b 0 1 2", 2, "POLY needs how many it is of"),
+        ("E1 a 0 POLY(99) b 0 1 2", 2, "POLY needs how many it is of"),
+        ("E1 a 0 POLY(2) b 0 c 0", 2, "has 0 coefficients behind its POLY"),
+        ("E1 a 0 POLY(1) b 0 3", 2, "give both"),
+        ("E1 a 0 POLY", 2, "POLY needs how many it is of"),
+        ("F1 a 0 POLY(1) R1 0 3\nR1 a 0 1", 2, "takes the current of 'R1', which is no voltage"),
         ("R1 a 0 1\n.temp 50", 3, "must be 27"),
         ("R1 a 0 1\n.tran 1", 3, "needs a step and an end time"),
         ("R1 a 0 1\n.ic v(q)=1", 3, "no node"),
@@ -184,6 +199,96 @@ def test_what_is_not_known_is_refused_with_its_line(text, line, message):
     assert told.startswith(f"a.cir:{line}: ")
     assert message in told
     assert "\n" not in told
+
+
+def test_polynomials_have_the_order_of_spice():
+    """Of voltages 2 V and 3 V and currents -2 mA and -3 mA, each coefficient in turn."""
+    sources = "Va a 0 2\nRa a 0 1k\nVb b 0 3\nRb b 0 1k\n"
+    rows = {"E1 e 0 POLY(2) a 0 b 0": 1.0, "H1 e 0 POLY(2) Va Vb": -1e-3}
+    rows |= {"G1 0 e POLY(2) (a,0) (b,0)": 1.0, "F1 0 e POLY(2) Va Vb": -1e-3}
+    powers = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3)]
+    for row, unit in rows.items():
+        braced = " ".join(f"{{p{i}}}" for i in range(10))
+        zeros = " ".join(f"p{i}=0" for i in range(10))
+        scene = read(f"title\n{sources}{row} {braced}\nRe e 0 1\n.param {zeros}")
+        scene.output("e", "e.v")
+        model = scene.compile([f"p{i}" for i in range(10)])
+        start = model.start()
+        for i, (m, n) in enumerate(powers):
+            p = model.parameter_array({f"p{i}": 7.0})
+            expected = (2 * unit) ** m * (3 * unit) ** n
+            found = model.output_values(0.0, model.start(0.0, p).y, p)
+            assert found == pytest.approx([7.0 * expected], rel=1e-12), (row, i)
+            slopes = model.output_sensitivity(0.0, start.y, start.s)
+            assert slopes[0, i] == pytest.approx(expected, rel=1e-12)
+
+
+def test_coefficients_are_parameters():
+    scene = read("title\nVa a 0 2\nE1 e 0 POLY(1) a 0 0 3 0 4\nR1 e 0 1\n")
+    assert {n: p.value for n, p in scene.parameters.items()} == {
+        **{"Va": 2.0, "E1_p1": 3.0, "E1_p3": 4.0, "R1": 1.0}
+    }
+
+
+SIDE_BY_SIDE = {
+    "R1 a 0 1k m=2": "R1 a 0 500",
+    "C1 a 0 1u m=2": "C1 a 0 2u",
+    "L1 a 0 1m m=2": "L1 a 0 500u",
+    "D1 a 0 d area=3 m=2": "D1 a 0 d area=6",
+    "D1 a 0 d 3 m={n}": "D1 a 0 d {3*n}",
+    "Q1 a b 0 q m={n}": "Q1 a b 0 q {n}",
+    "M1 a b 0 0 n w=2u l=1u m=2": "M1 a b 0 0 n2 w=4u l=1u",
+}
+
+
+def values_of(scene):
+    """Give type, nodes and numbers of each edge, with the values of the parameters."""
+    dag = Dag()
+
+    def number(expression):
+        named = expression.lower(dag, lambda name: dag.constant(scene.parameters[name].value))
+        return named.value
+
+    return {
+        edge.name: (edge.component.name, edge.nodes, {k: number(v) for k, v in edge.fields.items()})
+        for edge in scene.edges.values()
+    }
+
+
+@pytest.mark.parametrize("row", SIDE_BY_SIDE)
+def test_elements_side_by_side_are_one_of_the_whole_size(row):
+    """Two transistors have twice the charge, and half the resistance."""
+    text = (
+        "title\n.param n=3\n.model d D(RS=5 CJO=1p TT=1n)\n.model q NPN(RB=10 CJE=1p TF=1n)\n"
+        ".model n NMOS(KP=1m RD=9 RS=5 CBD=1p CBS=1p CGSO=1n CGDO=1n CGBO=2n IS=1f)\n"
+        ".model n2 NMOS(KP=1m RD=4.5 RS=2.5 CBD=2p CBS=2p CGSO=1n CGDO=1n CGBO=4n IS=2f)\n"
+    )
+    several, whole = (values_of(read(f"{text}{line}\n")) for line in (row, SIDE_BY_SIDE[row]))
+    assert several.keys() == whole.keys()
+    for name, (type, nodes, numbers) in several.items():
+        assert (type, nodes) == whole[name][:2]
+        assert numbers == pytest.approx(whole[name][2], rel=1e-14, abs=0)
+
+
+def test_several_couplings_make_one_edge():
+    """K of three inductors couples each pair; those that share none stay apart."""
+    rows = "".join(f"L{i} {i} 0 {i}m\nR{i} {i} 0 1\n" for i in range(1, 6))
+    scene = read(f"title\n{rows}K1 L1 L2 L3 0.4\nKx L4 L5 0.5\n.tran 1u 1m uic\n")
+    assert {"L1", "L2", "L3", "L4", "L5"}.isdisjoint(scene.edges)
+    fields = scene.edges["K1"].fields
+    assert [fields[name].text for name in ("coupling", "coupling13", "coupling23")] == ["K1"] * 3
+    assert scene.edges["Kx"].ports[1].head == scene.nodes[5]
+    chain = read(f"title\n{rows}K1 L1 L2 0.4\nK2 L2 L3 0.5\nK3 L4 L5 0.5\nK4 L5 L1 0.1\n")
+    (edge,) = (e for e in chain.edges.values() if e.component.name == "coupled_inductors")
+    given = {name: value.text for name, value in edge.fields.items() if "coupling" in name}
+    assert sorted(value for value in given.values() if value != "0.0") == ["K1", "K2", "K3", "K4"]
+
+
+def test_temperatures_of_27_degrees_say_nothing():
+    scene = read(
+        "title\nR1 a 0 1\nD1 a 0 d\n.model d D(TNOM=27)\n.temp 27.0\n.options temp=27 tnom=27\n"
+    )
+    assert scene.origin.notes == ()
 
 
 def test_the_operating_point_and_its_sensitivities():

@@ -25,6 +25,7 @@ NASTY = (
     *("\n.include /etc/passwd\n", "\n.lib x\n", "\n.subckt a b\n", "\n.ends\n", "\nX1 a b a\n"),
     *("\n.param p={p}\n", "\n.param p=1\n", "\n.model m D(\n", "\n.tran 1 1\n", " uic", " ic=1"),
     *("\n.subckt s a b\nX1 a b s\nX2 a b s\n.ends\nX9 1 2 s\n", "\nK9 L1 L1 1\n", "\nB1 a 0 v=1\n"),
+    *("\nK8 L1 L2 0.1\n", " m=2", " POLY(2) a 0 b 0 1 2 3\n", "POLY"),
 )
 _LONGEST_TIME = 3.0  # seconds; a netlist of this size takes a few milliseconds
 

@@ -20,6 +20,7 @@ OFF = {
     **{"divider": 1e-7, "transformer": 2e-6, "junction": 1e-9, "amplifier": 2e-6, "pnp": 5e-6},
     **{"waveforms": 1e-5, "inverter": 1e-7, "nand": 5e-6, "multivibrator": 1e-5, "mirror": 2e-6},
     **{"converter": 1e-4, "rectifier": 1e-5},
+    **{"polynomials": 2e-5, "windings": 4e-5, "parallel": 8e-6},
 }
 
 #: Of operating points, [V]: conductances beside junctions are not at the same places everywhere,

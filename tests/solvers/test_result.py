@@ -107,7 +107,7 @@ def test_csv_that_fails_leaves_the_old_file(result, tmp_path, monkeypatch):
 
 
 def test_csv_into_no_folder(result, tmp_path):
-    with pytest.raises(Error, match=r"nowhere.*cannot be written: No such file"):
+    with pytest.raises(Error, match=r"cannot write.*nowhere.*: No such file"):
         result.to_csv(tmp_path / "nowhere" / "result.csv")
 
 

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+import scipy
 
 import cotree
 from cotree import Scene
@@ -194,6 +195,40 @@ def test_a_complete_coupling_is_refused_before_a_run_too():
     model = scene.compile()
     with pytest.raises(ParameterError, match=r"'K' couples its windings completely"):
         model.simulate((0, 1), parameters={"k": -1.0})
+
+
+def test_three_windings_are_a_matrix_exponential():
+    """Each on a resistor: M di/dt = -R i, with the derivatives of the matrices by parameters."""
+    values = {"L1": 1.0, "L2": 2.0, "L3": 0.5, "k12": 0.8, "k13": -0.3, "k23": 0.2}
+    scene = Scene("windings")
+    for name, value in values.items():
+        scene.parameter(name, value)
+    fields = {f"inductance{i}": f"L{i}" for i in (1, 2, 3)}
+    fields |= {"coupling": "k12", "coupling13": "k13", "coupling23": "k23"}
+    start = {"primary": {"i": 1.0}, "winding3": {"i": -2.0}}
+    scene.edge("T", "coupled_inductors", "a", "b", "c", initial=start, **fields)
+    resistances = (1.0, 2.0, 0.3)
+    for node, resistance in zip("abc", resistances, strict=True):
+        scene.edge(f"R{node}", "resistor", node, "ground", resistance=resistance)
+    model = scene.compile(["k23", "L3"])
+    result = model.simulate((0, 1), rtol=1e-11, atol=1e-13)
+
+    def end(**changed):
+        v = values | changed
+        own = np.sqrt([v["L1"], v["L2"], v["L3"]])
+        k = [[1, v["k12"], v["k13"]], [v["k12"], 1, v["k23"]], [v["k13"], v["k23"], 1]]
+        rates = -np.linalg.solve(np.outer(own, own) * k, np.diag(resistances))
+        return scipy.linalg.expm(rates) @ [1.0, 0.0, -2.0]
+
+    # Some hundred steps of rtol 1e-11.
+    np.testing.assert_allclose(result.y[:, -1], end(), atol=1e-9)
+    for j, name in enumerate(("k23", "L3")):
+        h = 1e-5  # rounding 1e-16/h, truncation h^2
+        ends = [end(**{name: values[name] + sign * h}) for sign in (1, -1)]
+        np.testing.assert_allclose(result.s[:, j, -1], (ends[0] - ends[1]) / (2 * h), atol=1e-8)
+    # |k12|, |k13|, |k23| < 1 is not enough.
+    with pytest.raises(ParameterError, match="'T' couples its windings by more than the flux"):
+        model.simulate((0, 1), parameters={"k23": 0.99})
 
 
 def _mirror(kind, **fields):

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import io
 import sys
-import warnings
-from contextlib import contextmanager
 from pathlib import Path  # noqa: TC003 - typer reads the annotations
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -24,13 +22,14 @@ from cotree.cli.arguments import (
     read_tolerances,
     read_tree,
 )
+from cotree.cli.messages import complain, warnings_in_one_line
 from cotree.cli.report import run_report
 from cotree.cli.source import read_robots_with, read_scene
 from cotree.errors import Error
 from cotree.version import VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from cotree.api import Scene
     from cotree.scene.graphs import TreeChoice
@@ -47,7 +46,7 @@ app = typer.Typer(
 )
 
 SceneName = Annotated[
-    str, typer.Argument(metavar="SCENE", help="A shipped scene, or a TOML or URDF file.")
+    str, typer.Argument(metavar="SCENE", help="A shipped scene, or a TOML, URDF or SPICE file.")
 ]
 Sensitivity = Annotated[
     list[str],
@@ -93,34 +92,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     try:
-        with _warnings_in_one_line():
+        with warnings_in_one_line():
             app(args=None if arguments is None else list(arguments), prog_name="cotree")
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else 1 if stop.code else 0
     except Error as error:
-        _complain(str(error))
+        complain(str(error))
         return 2
     except KeyboardInterrupt:
         return _INTERRUPTED
     return 0
-
-
-def _complain(sentence: str) -> None:
-    # On one line, whatever a name or the compiler has put into the sentence.
-    typer.echo(f"cotree: {' '.join(sentence.split())}", err=True)
-
-
-@contextmanager
-def _warnings_in_one_line() -> Iterator[None]:
-    """Show warnings as sentences, without file names and source lines."""
-
-    def show(message: Warning | str, *_: Any, **__: Any) -> None:
-        _complain(f"warning: {message}")
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("always", RuntimeWarning)
-        warnings.showwarning = show
-        yield
 
 
 def _version(wanted: bool) -> None:
@@ -176,6 +157,14 @@ def run_scene(
     plot: Annotated[
         Path | None, typer.Option(help="Draw to this file: .svg, .png or .pdf.")
     ] = None,
+    show: Annotated[
+        list[str],
+        typer.Option(
+            metavar="NAME",
+            help="What --plot draws: a state, output, input or d(STATE)/d(PARAMETER); may be "
+            "repeated. All coordinates if absent.",
+        ),
+    ] = [],  # noqa: B006
     animate: Annotated[
         Path | None, typer.Option(help="Show it moving, in this file: .html or .gif.")
     ] = None,
@@ -189,6 +178,8 @@ def run_scene(
 
     check_folder(csv)
     check_picture(plot)
+    if show and plot is None:
+        raise typer.BadParameter("--show says what --plot draws: give --plot FILE, too")
     settings: dict[str, Any] = {
         "method": method,
         "rtol": rtol,
@@ -200,6 +191,10 @@ def run_scene(
     described = read_scene(scene)
     check_animated(animate, described)
     model = described.compile(sensitivity, read_tree(tree))
+    if plot is not None:
+        from cotree.cli.picture import check_names, draw_run
+
+        check_names(model, show)
     end = described.defaults.t_end if t_end is None else t_end
     times = None if points is None else np.linspace(0.0, end, points)
     result = model.simulate((0.0, end), times, **settings)
@@ -208,9 +203,7 @@ def run_scene(
         result.to_csv(csv)
         typer.echo(f"wrote {csv}")
     if plot is not None:
-        from cotree.cli.picture import draw_run
-
-        draw_run(model, result, plot, settings)
+        draw_run(model, result, plot, settings, show)
         typer.echo(f"wrote {plot}")
     if animate is not None:
         result.animate().save(animate)
@@ -380,6 +373,16 @@ def bench_scene(
 def _progress(text: str) -> None:
     """Say what runs, for those who wait at a terminal."""
     typer.echo(f"cotree: {text}", err=True)
+
+
+@app.command("save")
+def save_scene(
+    scene: SceneName,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="A .toml file.")],
+) -> None:
+    """Write a scene as TOML, whatever it was read from."""
+    read_scene(scene).save(output)
+    typer.echo(f"wrote {output}")
 
 
 @app.command("scenes")

@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.errors import Error
-from cotree.plot import plot_result, save_figure
+from cotree.plot import choose_curves, plot_result, save_figure
 from cotree.studies.differences import Experiment
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from cotree.api import Model
+    from cotree.plot import Curves
     from cotree.solvers import Result
     from cotree.studies.differences import Array
 
@@ -31,6 +32,7 @@ def draw_run(
     result: Result,
     path: Path,
     settings: Mapping[str, Any],
+    names: Sequence[str] = (),
 ) -> None:
     """Draw a run into a file.
 
@@ -42,14 +44,15 @@ def draw_run(
         The file.
     settings : mapping of str to object
         Arguments of :meth:`cotree.Model.simulate` that made the result.
+    names : sequence of str
+        What is drawn; see :func:`check_names`.
 
     Raises
     ------
     SceneError
         If the file cannot be written.
     """
-    coordinates = [name for name in result.states if not name.endswith("_dot")]
-    names = coordinates or [*result.states, *result.outputs]
+    chosen = check_names(model, names)
     overlay: dict[tuple[str, str], tuple[Array, Array]] = {}
     curves = result
     if result.success:
@@ -57,14 +60,26 @@ def draw_run(
         if len(result.t) < _SMOOTH:
             # A second run, so that the one that is reported does not depend on the picture.
             curves = model.simulate(span, np.linspace(*span, _SMOOTH), **settings)
-        overlay = _finite_differences(model, result, names, settings)
-    save_figure(plot_result(curves, names, overlay), path)
+        overlay = _finite_differences(model, result, chosen.sensitivities, settings)
+    save_figure(plot_result(curves, [*chosen.values, *chosen.sensitivities], overlay), path)
+
+
+def check_names(model: Model, names: Sequence[str]) -> Curves:
+    """Find what is drawn of a run: what is named, or all coordinates; before the run.
+
+    Raises
+    ------
+    SceneError
+        If there is nothing of a name.
+    """
+    known = (model.states, model.outputs, model.inputs, model.sensitivities)
+    return choose_curves(names or None, *known)
 
 
 def _finite_differences(
     model: Model,
     result: Result,
-    names: list[str],
+    pairs: Sequence[tuple[str, str]],
     settings: Mapping[str, Any],
 ) -> dict[tuple[str, str], tuple[Array, Array]]:
     """Difference two runs for each parameter; one that cannot be differenced is left out."""
@@ -72,7 +87,7 @@ def _finite_differences(
     tight = {"method": result.statistics.method, "rtol": _RTOL, "atol": _ATOL}
     experiment = Experiment(model, times, {**settings, **tight})
     overlay: dict[tuple[str, str], tuple[Array, Array]] = {}
-    for parameter in result.parameters_of_sensitivity:
+    for parameter in dict.fromkeys(parameter for _, parameter in pairs):
         try:
             values = experiment.central_difference(
                 parameter, _STEP * experiment.size(parameter, result)
@@ -85,5 +100,5 @@ def _finite_differences(
             )
             continue
         rows = dict(zip(experiment.quantities, values, strict=True))
-        overlay |= {(name, parameter): (times, rows[name]) for name in names}
+        overlay |= {(name, to): (times, rows[name]) for name, to in pairs if to == parameter}
     return overlay

@@ -28,13 +28,10 @@ def read_scene(source: str) -> Scene:
         If there is no such scene, or it is wrong.
     """
     from cotree.api import load
-    from cotree.readers import is_spice, is_urdf
+    from cotree.readers import is_urdf
     from cotree.reading import read_urdf
 
-    if not (is_urdf(source) or is_spice(source)):
-        return load(source)
     scene = read_urdf(source, *_ROBOT.get()) if is_urdf(source) else load(source)
-    assert scene.origin is not None
-    for note in scene.origin.notes:
+    for note in scene.origin.notes if scene.origin is not None else ():
         typer.echo(f"cotree: note: {' '.join(note.split())}", err=True)
     return scene

@@ -20,6 +20,7 @@ from cotree.components import (
     semiconductors,
     thermal,
     transducers,
+    windings,
 )
 from cotree.components.component import (
     Acts,
@@ -45,7 +46,8 @@ COMPONENTS: dict[str, Component] = {
     row.name: row
     for family in (
         *(rigid_body, joints, constraints, forces),
-        *(electrical, electrical_sources, electrical_couplings, semiconductors, battery),
+        *(electrical, electrical_sources, electrical_couplings, windings),
+        *(semiconductors, battery),
         *(hydraulic, thermal, mechanical, chemical, electrochemical, transducers),
     )
     for row in family.COMPONENTS

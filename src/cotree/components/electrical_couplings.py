@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from cotree.components.component import Component, Demand, Role
+from cotree.components.component import Component, Role
 from cotree.components.law import Law
 from cotree.components.ports import ideal_coupling, ideal_gyration, value
 from cotree.components.terminal import Kind, Terminal
@@ -19,53 +19,6 @@ TRANSFORMER = ideal_coupling(
     (_DOMAIN, "secondary"),
 )
 
-
-def _mutual(other: str) -> Law:
-    """Give the voltage that the current of another winding induces."""
-
-    def law(inductance1: Any, inductance2: Any, coupling: Any, rate: Any) -> Any:
-        import sympy
-
-        return coupling * sympy.sqrt(inductance1 * inductance2) * rate
-
-    arguments = ("inductance1", "inductance2", "coupling", f"through_rate_{other}")
-    return Law.taking(arguments, law)
-
-
-COUPLED_INDUCTORS = Component(
-    "coupled_inductors",
-    Role.NETWORK,
-    "two windings that share a part of their flux",
-    fields=(
-        value("inductance1", "H", "of the primary alone"),
-        value("inductance2", "H", "of the secondary alone"),
-        value("coupling", "1", "mutual inductance, by the root of the product of the two", ""),
-    ),
-    domains=(_DOMAIN,),
-    ports=(
-        Terminal(
-            _DOMAIN,
-            Kind.THROUGH_STORAGE,
-            "primary",
-            storage=Law(lambda inductance1: inductance1),
-            across=_mutual("secondary"),
-        ),
-        Terminal(
-            _DOMAIN,
-            Kind.THROUGH_STORAGE,
-            "secondary",
-            storage=Law(lambda inductance2: inductance2),
-            across=_mutual("primary"),
-        ),
-    ),
-    demands=(
-        Demand(
-            Law(lambda coupling: 1 - coupling**2),
-            "couples its windings completely: give a coupling between -1 and 1, or an ideal "
-            "transformer with an inductor",
-        ),
-    ),
-)
 
 GYRATOR = ideal_gyration(
     "gyrator",
@@ -143,7 +96,6 @@ NULLOR = _nullor("nullor", "ideal amplifier whose output may float")
 
 COMPONENTS = (
     TRANSFORMER,
-    COUPLED_INDUCTORS,
     GYRATOR,
     VCVS,
     VCCS,

@@ -7,14 +7,18 @@ positions on paper.
 from __future__ import annotations
 
 from cotree.plot.bench import PlottableBench, plot_bench
+from cotree.plot.curves import Curves, Name, choose_curves
 from cotree.plot.files import check_suffix, save_figure
 from cotree.plot.graph import draw_graph, draw_graphs
 from cotree.plot.result import PlottableResult, plot_result
 
 __all__ = [
+    "Curves",
+    "Name",
     "PlottableBench",
     "PlottableResult",
     "check_suffix",
+    "choose_curves",
     "draw_graph",
     "draw_graphs",
     "plot_bench",

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cotree.errors import SceneError
+from cotree.files import written_whole
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    import os
 
     from matplotlib.figure import Figure
 
@@ -40,40 +39,11 @@ def save_figure(fig: Figure, path: str | os.PathLike[str]) -> None:
     metadata: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(
         suffix, {}
     )
-    with matplotlib.rc_context({"svg.hashsalt": "cotree"}):
-        write_whole(
-            path,
-            lambda draft: fig.savefig(draft, format=suffix, dpi=150, metadata=metadata),
-            "picture",
-        )
-
-
-def write_whole(path: Path, write: Callable[[Path], object], what: str) -> None:
-    """Write a file beside its place and move it there, so that it is whole or as it was.
-
-    Parameters
-    ----------
-    path : Path
-        Where to write.
-    write : callable
-        Writes to the path that it is given.
-    what : str
-        What is written, for messages.
-
-    Raises
-    ------
-    SceneError
-        If the file cannot be written.
-    """
-    draft = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        write(draft)
-        os.replace(draft, path)
-    except OSError as error:
-        raise SceneError(f"cannot write the {what} '{path}': {error.strerror}") from None
-    finally:
-        with contextlib.suppress(OSError):
-            draft.unlink(missing_ok=True)
+    with (
+        written_whole(path, "the picture") as draft,
+        matplotlib.rc_context({"svg.hashsalt": "cotree"}),
+    ):
+        fig.savefig(draft, format=suffix, dpi=150, metadata=metadata)
 
 
 def check_suffix(path: Path) -> str:

@@ -5,12 +5,14 @@ In: a result. Out: a matplotlib `Figure`.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from cotree.errors import SceneError, nearest
+from cotree.errors import SceneError
+from cotree.plot.curves import Name, choose_curves
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -19,11 +21,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = npt.NDArray[np.float64]
+Color = tuple[float, ...]
 
 # Panels of sensitivities in a row, circles of an overlay, curves with a legend above them.
 _COLUMNS = 3
 _OPEN_CIRCLES = 40
 _FEW = 4
+# Letters of a legend: what fits above a panel, and what a line before a label takes.
+_PANEL, _LINE = 66, 7
 _CIRCLES = "finite differences"
 
 
@@ -37,25 +42,50 @@ class PlottableResult(Protocol):
     @property
     def outputs(self) -> tuple[str, ...]: ...  # noqa: D102
     @property
+    def inputs(self) -> tuple[str, ...]: ...  # noqa: D102
+    @property
     def parameters_of_sensitivity(self) -> tuple[str, ...]: ...  # noqa: D102
     def __getitem__(self, name: str) -> Array: ...
     def sensitivity(self, state: str, parameter: str) -> Array: ...  # noqa: D102
     def unit(self, name: str) -> str: ...  # noqa: D102
 
 
+@dataclass
+class _Row:
+    """The panels of quantities of one unit: themselves, and their sensitivities by parameter."""
+
+    unit: str
+    values: list[str] = field(default_factory=list)
+    by_parameter: dict[str, list[str]] = field(default_factory=dict)
+
+    @property
+    def height(self) -> int:
+        """Rows of panels that the sensitivities fill."""
+        return max(1, -(-len(self.by_parameter) // _COLUMNS))
+
+    @property
+    def colors(self) -> dict[str, Color]:
+        """A colour for each name, the same in all panels."""
+        groups = (self.values, *self.by_parameter.values())
+        names = dict.fromkeys(name for group in groups for name in group)
+        return dict(zip(names, curve_colors(len(names)), strict=True))
+
+
 def plot_result(
     result: PlottableResult,
-    names: Sequence[str] | None = None,
+    names: str | Sequence[Name] | None = None,
     overlay: Mapping[tuple[str, str], tuple[Array, Array]] | None = None,
 ) -> Figure:
-    """Plot states and outputs over time, and their sensitivities beside them.
+    """Plot states, outputs and inputs over time, and sensitivities beside them.
 
     Parameters
     ----------
     result : PlottableResult
         The result of a simulation.
-    names : sequence of str or None
-        States and outputs to plot; None plots the coordinates, the states that are no rates.
+    names : str, sequence of str or of (str, str), or None
+        States, outputs, inputs, and sensitivities as ``d(name)/d(parameter)`` or
+        ``(name, parameter)``. Where no sensitivity is named, all those of the states and outputs
+        that are come with them. None plots the coordinates, the states that are no rates.
     overlay : mapping of (name, parameter) to (t, values), or None
         Sensitivities found in another way, by finite differences for example, of shape (n,) each;
         drawn as open circles.
@@ -68,72 +98,67 @@ def plot_result(
     Raises
     ------
     SceneError
-        If a name is no state or output of the result, or an overlay belongs to no curve.
+        If there is nothing of a name in the result, or an overlay belongs to no curve.
     """
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    names = _plotted_names(result, names)
     parameters = result.parameters_of_sensitivity
+    curves = choose_curves(names, result.states, result.outputs, result.inputs, parameters)
     overlay = overlay or {}
-    _check_overlay(overlay, names, parameters)
-    by_unit: dict[str, list[str]] = {}
-    for name in names:
-        by_unit.setdefault(result.unit(name), []).append(name)
+    _check_overlay(overlay, curves.sensitivities)
+    rows: dict[str, _Row] = {}
+    for name in curves.values:
+        rows.setdefault(result.unit(name), _Row(result.unit(name))).values.append(name)
+    for name, parameter in curves.sensitivities:
+        row = rows.setdefault(result.unit(name), _Row(result.unit(name)))
+        row.by_parameter.setdefault(parameter, []).append(name)
 
-    n_columns = min(len(parameters), _COLUMNS)
-    # Rows of panels for each unit; a unit has its parameters in as many rows as they fill.
-    n_rows = max(1, -(-len(parameters) // _COLUMNS))
+    first = 1 if curves.values else 0  # column of the sensitivities
+    n_columns = max((min(len(row.by_parameter), _COLUMNS) for row in rows.values()), default=0)
+    n_rows = sum(row.height for row in rows.values())
     figure = Figure(
-        figsize=(5.4 + 4.4 * n_columns, max(2.7 * n_rows * len(by_unit), 3.4)),
+        figsize=((5.4 if first else 1.0) + 4.4 * n_columns, max(2.7 * n_rows, 3.4)),
         layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.08),
     )
-    grid = figure.add_gridspec(n_rows * len(by_unit), 1 + n_columns)
-    for i, (unit, group) in enumerate(by_unit.items()):
-        ax = figure.add_subplot(grid[i * n_rows, 0])
-        _draw_curves(ax, result.t, {name: result[name] for name in group})
-        _finish(ax, group[0] if len(group) == 1 else "", unit)
-        for j, parameter in enumerate(parameters):
-            row, column = divmod(j, _COLUMNS)
-            ax = figure.add_subplot(grid[i * n_rows + row, 1 + column])
+    grid = figure.add_gridspec(n_rows, first + n_columns)
+    top = 0
+    for row in rows.values():
+        colors = row.colors
+        if row.values:
+            ax = figure.add_subplot(grid[top, 0])
+            for name in row.values:
+                _draw_curve(ax, result.t, result[name], name, colors[name])
+            _finish(ax, row.values[0] if len(row.values) == 1 else "", row.unit)
+        for j, (parameter, group) in enumerate(row.by_parameter.items()):
+            down, right = divmod(j, _COLUMNS)
+            ax = figure.add_subplot(grid[top + down, first + right])
             # The colours of many curves are explained once, on the left: matplotlib leaves labels
             # with an underscore out of legends.
-            start = "" if len(group) <= _FEW else "_"
-            curves = {
-                f"{start}∂ {name} / ∂ {parameter}": result.sensitivity(name, parameter)
-                for name in group
-            }
-            _draw_curves(ax, result.t, curves)
-            _draw_circles(ax, [overlay.get((name, parameter)) for name in group])
+            is_explained = len(group) > _FEW and set(group) <= set(row.values)
+            for name in group:
+                label = f"{'_' if is_explained else ''}∂ {name} / ∂ {parameter}"
+                values = result.sensitivity(name, parameter)
+                _draw_curve(ax, result.t, values, label, colors[name])
+            _draw_circles(ax, {colors[name]: overlay.get((name, parameter)) for name in group})
             subject = f"∂ {group[0]} / ∂ {parameter}" if len(group) == 1 else f"∂ / ∂ {parameter}"
-            _finish(ax, subject, _quotient(unit, result.unit(parameter)))
+            _finish(ax, subject, _quotient(row.unit, result.unit(parameter)))
+        top += row.height
     return figure
 
 
-def _plotted_names(result: PlottableResult, names: Sequence[str] | None) -> tuple[str, ...]:
-    known = (*result.states, *result.outputs)
-    if not known:
-        raise SceneError("the result has neither states nor outputs to plot")
-    if names is None:
-        return tuple(name for name in result.states if not name.endswith("_dot")) or known
-    for name in names:
-        if name not in known:
-            raise SceneError(f"cannot plot '{name}', no state or output{nearest(name, known)}")
-    return tuple(names)
-
-
 def _check_overlay(
-    overlay: Iterable[tuple[str, str]], names: Sequence[str], parameters: Sequence[str]
+    overlay: Iterable[tuple[str, str]], sensitivities: Sequence[tuple[str, str]]
 ) -> None:
     for name, parameter in overlay:
-        if name not in names or parameter not in parameters:
+        if (name, parameter) not in sensitivities:
             raise SceneError(
                 f"the overlay of '{name}' by '{parameter}' belongs to no curve of the plot; "
                 "plot this name, and ask for its sensitivity"
             )
 
 
-def curve_colors(n: int) -> list[tuple[float, ...]]:
+def curve_colors(n: int) -> list[Color]:
     """Give ten colours that are told apart, or as many as needed that at least come in order."""
     import matplotlib
 
@@ -142,20 +167,19 @@ def curve_colors(n: int) -> list[tuple[float, ...]]:
     return [matplotlib.colormaps["viridis"](x) for x in np.linspace(0, 0.92, n)]
 
 
-def _draw_curves(ax: Axes, t: Array, curves: Mapping[str, Array]) -> None:
-    for (name, values), color in zip(curves.items(), curve_colors(len(curves)), strict=True):
-        ax.plot(t, values, color=color, lw=1.6, label=name)
+def _draw_curve(ax: Axes, t: Array, values: Array, label: str, color: Color) -> None:
+    ax.plot(t, values, color=color, lw=1.6, label=label)
 
 
-def _draw_circles(ax: Axes, overlays: Sequence[tuple[Array, Array] | None]) -> None:
+def _draw_circles(ax: Axes, by_color: Mapping[Color, tuple[Array, Array] | None]) -> None:
     """Lay open circles over those curves that have an overlay, few enough to be told apart."""
     style: dict[str, Any] = {"ls": "none", "marker": "o", "ms": 5.5, "mfc": "none"}
-    for overlay, color in zip(overlays, curve_colors(len(overlays)), strict=True):
-        if overlay is not None:
-            every = max(1, -(-len(overlay[0]) // _OPEN_CIRCLES))
-            times, values = (np.asarray(column)[::every] for column in overlay)
-            ax.plot(times, values, color=color, **style)
-    if any(overlay is not None for overlay in overlays):
+    overlays = {color: overlay for color, overlay in by_color.items() if overlay is not None}
+    for color, overlay in overlays.items():
+        every = max(1, -(-len(overlay[0]) // _OPEN_CIRCLES))
+        times, values = (np.asarray(column)[::every] for column in overlay)
+        ax.plot(times, values, color=color, **style)
+    if overlays:
         ax.plot([], [], color="0.3", label=_CIRCLES, **style)
 
 
@@ -170,14 +194,25 @@ def _finish(ax: Axes, subject: str, unit: str) -> None:
     ax.grid(color="0.9", lw=0.8)
     ax.spines[["top", "right"]].set_visible(False)
     labels = ax.get_legend_handles_labels()[1]
+    if len(labels) < 2 and _CIRCLES not in labels:
+        return
     # Outside, where it hides no curve: above a few, beside many.
-    if len(labels) > _FEW + 1:
+    columns = _legend_columns(labels)
+    if len(labels) > _FEW + 1 or len(labels) > 2 * columns:
         columns = 1 + len(labels) // 15
         ax.legend(
             loc="center left", bbox_to_anchor=(1, 0.5), ncols=columns, frameon=False, fontsize=8
         )
-    elif len(labels) > 1 or _CIRCLES in labels:
-        ax.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3, frameon=False, fontsize=9)
+    else:
+        ax.legend(
+            loc="lower right", bbox_to_anchor=(1, 1), ncols=columns, frameon=False, fontsize=9
+        )
+
+
+def _legend_columns(labels: Sequence[str]) -> int:
+    """Say how many labels fit side by side above a panel, each with its line before it."""
+    widths = [len(label) + _LINE for label in labels]
+    return len(labels) if sum(widths) <= _PANEL else max(1, _PANEL // max(widths))
 
 
 def _quotient(unit: str, divisor: str) -> str:

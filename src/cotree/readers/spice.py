@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from cotree.errors import ModelError, SceneError
 from cotree.readers.names import Namer
-from cotree.readers.spice_devices import DEVICES, find_couplings
+from cotree.readers.spice_couplings import find_couplings
+from cotree.readers.spice_devices import DEVICES
 from cotree.readers.spice_lines import Line, settings, shown, split_settings
 from cotree.readers.spice_netlist import Circuit, Netlist, parse_netlist
 from cotree.readers.spice_place import Place

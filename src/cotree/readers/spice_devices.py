@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from cotree.errors import nearest
+from cotree.components.windings import WINDINGS
+from cotree.readers.spice_couplings import coupled_fields
 from cotree.readers.spice_lines import settings, shown, split_settings
 from cotree.readers.spice_models import bulk_fields, channel_fields, device_fields
+from cotree.readers.spice_polynomials import add_polynomial, current_of, has_polynomial
 from cotree.readers.spice_sources import Source, edge_of, read_source
 from cotree.readers.spice_values import checked_names, is_zero, scaled, text_of
 
@@ -23,7 +25,7 @@ _UNUSED_OF_CHANNELS = {"ad", "as", "pd", "ps", "nrd", "nrs"}
 _DEFAULT_SIZE = 1e-4  # m, as ngspice has it
 
 
-def _parts(
+def parts(
     place: Place, line: Line, known: set[str], counts: range
 ) -> tuple[tuple[str, ...], dict[str, str]]:
     """Split a line into words and settings."""
@@ -40,17 +42,26 @@ def _parts(
 
 def _one_port(place: Place, line: Line, type: str, field: str, unit: str, key: str) -> None:
     """Add a resistor, capacitor or inductor."""
-    known = {key, "ic"} if key != "r" else {key}
-    words, given = _parts(place, line, known, range(2, 4))
+    known = {key, "m", "ic"} if key != "r" else {key, "m"}
+    words, given = parts(place, line, known, range(2, 4))
     if (len(words) == 3) == (key in given):
         raise place.sheet.error(line.number, f"'{shown(line.words[0])}' needs one value")
     value = place.principal(line, words[2] if len(words) == 3 else given[key], unit)
     nodes = [place.node(word) for word in words[:2]]
-    initial = _initial(place, line, words, given, key)
-    place.add(line.words[0], type, nodes, {field: value}, initial)
+    initial = initial_value(place, line, words, given, key)
+    whole = scaled(value, _count(place, line, given), "*" if key == "c" else "/")
+    place.add(line.words[0], type, nodes, {field: whole}, initial)
 
 
-def _initial(
+def _count(place: Place, line: Line, given: dict[str, str]) -> Value:
+    """Read how many of an element stand side by side."""
+    count = place.scope.value(given["m"], place.at(line)) if "m" in given else 1.0
+    if isinstance(count, float) and not count > 0.0:
+        raise place.sheet.error(line.number, "m must be positive: it counts elements side by side")
+    return count
+
+
+def initial_value(
     place: Place, line: Line, words: tuple[str, ...], given: dict[str, str], key: str
 ) -> dict[str, Any]:
     """Give the initial value of a storage, where the run begins with such."""
@@ -93,52 +104,25 @@ def _inductor(place: Place, line: Line) -> None:
 
 
 def _coupling(place: Place, line: Line) -> None:
-    """Add two coupled inductors as one edge, named as the coupling."""
-    words, _ = _parts(place, line, set(), range(3, 4))
-    fields: dict[str, Any] = {"coupling": place.principal(line, words[2], "1")}
+    """Add coupled inductors as one edge, named as the first of their couplings."""
+    coupled = place.coupled[line.words[1].lower()]
+    if line.key != coupled.first:
+        return
+    windings: dict[str, tuple[list[str], Value]] = {}
     initial: dict[str, Any] = {}
-    for number, (port, name) in enumerate(zip(("primary", "secondary"), words[:2], strict=True)):
-        inductor = place.coupled[name.lower()]
-        own, given = _parts(place, inductor, {"l", "ic"}, range(2, 4))
-        if (len(own) == 3) == ("l" in given):
+    for port, (name, inductor) in zip(WINDINGS, coupled.inductors.items(), strict=False):
+        words, given = parts(place, inductor, {"l", "ic"}, range(2, 4))
+        if (len(words) == 3) == ("l" in given):
             raise place.sheet.error(
                 inductor.number, f"'{shown(inductor.words[0])}' needs one value"
             )
-        word = own[2] if len(own) == 3 else given["l"]
-        fields[f"inductance{number + 1}"] = place.principal(inductor, word, "H")
-        fields[port] = [place.node(node) for node in own[:2]]
-        start = _initial(place, inductor, own, given, "l")
+        value = place.principal(inductor, words[2] if len(words) == 3 else given["l"], "H")
+        windings[name] = [place.node(node) for node in words[:2]], value
+        start = initial_value(place, inductor, words, given, "l")
         if start:
             initial[port] = start
+    fields = coupled_fields(place, coupled, windings)
     place.add(line.words[0], "coupled_inductors", (), fields, initial)
-
-
-def find_couplings(place: Place, lines: list[Line]) -> None:
-    """Find the inductors that are coupled, before they are written.
-
-    Raises
-    ------
-    SceneError
-        If one is not there, or is coupled twice.
-    """
-    inductors = {line.key: line for line in lines if line.key[0] == "l"}
-    for line in lines:
-        if line.key[0] != "k":
-            continue
-        pair = [word.lower() for word in line.words[1:3]]
-        for name in pair:
-            if name not in inductors:
-                raise place.sheet.error(
-                    line.number,
-                    f"'{shown(line.words[0])}' couples '{shown(name)}', which is no inductor here"
-                    f"{nearest(name, inductors)}",
-                )
-            if name in place.coupled or pair.count(name) > 1:
-                raise place.sheet.error(
-                    line.number,
-                    f"'{shown(name)}' is coupled twice: windings are coupled in pairs only",
-                )
-        place.coupled.update((name, inductors[name]) for name in pair)
 
 
 def _independent(place: Place, line: Line) -> None:
@@ -157,8 +141,11 @@ def _independent(place: Place, line: Line) -> None:
 
 
 def _by_voltage(place: Place, line: Line) -> None:
-    """Add a source that a voltage controls."""
-    words, _ = _parts(place, line, set(), range(5, 6))
+    """Add a source that a voltage controls, or a polynomial of several."""
+    if has_polynomial(line):
+        add_polynomial(place, line)
+        return
+    words, _ = parts(place, line, set(), range(5, 6))
     type, field, unit = (
         ("vcvs", "gain", "1") if line.key[0] == "e" else ("vccs", "transconductance", "S")
     )
@@ -169,20 +156,17 @@ def _by_voltage(place: Place, line: Line) -> None:
 
 
 def _by_current(place: Place, line: Line) -> None:
-    """Add a source that the current of a voltage source controls."""
-    words, _ = _parts(place, line, set(), range(4, 5))
-    source = place.edges.get(words[2].lower())
-    if source is None or words[2][0].lower() != "v":
-        raise place.sheet.error(
-            line.number,
-            f"'{shown(line.words[0])}' takes the current of '{shown(words[2])}', which is no "
-            "voltage source here",
-        )
+    """Add a source that the current of a voltage source controls, or a polynomial of several."""
+    if has_polynomial(line):
+        add_polynomial(place, line)
+        return
+    words, _ = parts(place, line, set(), range(4, 5))
+    current = current_of(place, line, words[2])
     nodes = [place.node(word) for word in words[:2]]
     is_voltage = line.key[0] == "h"
     factor = place.principal(line, words[3], "ohm" if is_voltage else "1")
     kind = "voltage" if is_voltage else "current"
-    law = f"{text_of(factor)}*{source}.i"
+    law = f"{text_of(factor)}*{current}"
     place.add(line.words[0], f"{kind}_source", nodes, {kind: law})
 
 
@@ -191,13 +175,14 @@ def _area(place: Place, line: Line, words: tuple[str, ...], given: dict[str, str
     rest = [word for word in words if word.lower() != "off"]
     if len(rest) > 1 or (rest and "area" in given):
         raise place.sheet.error(line.number, f"'{shown(rest[-1])}' is one word too many")
+    area: Value = 1.0
     if rest or "area" in given:
-        return place.scope.value(rest[0] if rest else given["area"], place.at(line))
-    return 1.0
+        area = place.scope.value(rest[0] if rest else given["area"], place.at(line))
+    return scaled(area, _count(place, line, given))
 
 
 def _diode(place: Place, line: Line) -> None:
-    words, given = _parts(place, line, {"area", "ic"}, range(3, 6))
+    words, given = parts(place, line, {"area", "m", "ic"}, range(3, 6))
     model = place.model(words[2], "d", line)
     fields = device_fields(model, _area(place, line, words[3:], given), place.sheet.gmin)
     nodes = [place.node(word) for word in words[:2]]
@@ -212,7 +197,7 @@ def _diode(place: Place, line: Line) -> None:
 
 
 def _bipolar(place: Place, line: Line) -> None:
-    words, given = _parts(place, line, {"area"}, range(4, 8))
+    words, given = parts(place, line, {"area", "m"}, range(4, 8))
     at = 3 if place.has_model(words[3]) or len(words) == 4 else 4
     model = place.model(words[at], "q", line)
     fields = device_fields(model, _area(place, line, words[at + 1 :], given), place.sheet.gmin)
@@ -224,7 +209,7 @@ def _bipolar(place: Place, line: Line) -> None:
 def _field_effect(place: Place, line: Line) -> None:
     """Add a transistor with its overlaps, the diodes of its bulk and its resistances."""
     known = {"w", "l", "m"} | _UNUSED_OF_CHANNELS
-    words, given = _parts(place, line, known, range(5, 7))
+    words, given = parts(place, line, known, range(5, 7))
     model = place.model(words[4], "m", line)
     if len(words) == 6 and words[5].lower() != "off":
         raise place.sheet.error(line.number, f"'{shown(words[5])}' is one word too many")
@@ -232,13 +217,11 @@ def _field_effect(place: Place, line: Line) -> None:
         place.scope.value(given[key], place.at(line)) if key in given else _DEFAULT_SIZE
         for key in ("w", "l")
     )
-    count = place.scope.value(given["m"], place.at(line)) if "m" in given else 1.0
-    if count != 1.0:
-        raise place.sheet.error(line.number, "m must be 1: write several transistors")
+    count = _count(place, line, given)
     drain, gate, source, bulk = map(place.node, words[:4])
-    drain = _inner(place, line, model, "rd", drain)
-    source = _inner(place, line, model, "rs", source)
-    fields = channel_fields(model, width, length)
+    drain = _inner(place, line, model, "rd", drain, count)
+    source = _inner(place, line, model, "rs", source, count)
+    fields = channel_fields(model, scaled(width, count), length)
     ends = (drain, gate, source) if "body_effect" not in fields else (drain, gate, source, bulk)
     if drain == source:
         raise place.sheet.error(line.number, "drain and source are one node")
@@ -246,23 +229,23 @@ def _field_effect(place: Place, line: Line) -> None:
     for side, end in (("cbd", drain), ("cbs", source)):
         if bulk != end:
             pair = (bulk, end) if model.component == "mosfet_n" else (end, bulk)
-            own = bulk_fields(model, side, place.sheet.gmin)
+            own = bulk_fields(model, side, place.sheet.gmin, count)
             place.add(f"{line.words[0]}_{side}", "diode", pair, own)
     overlaps = (("cgdo", drain, width), ("cgso", source, width), ("cgbo", bulk, length))
     for side, end, size in overlaps:
         per_length = model.values[side]
         if not is_zero(per_length) and end != gate:
             name = f"{line.words[0]}_{side}"
-            capacitance = scaled(per_length, size)
+            capacitance = scaled(scaled(per_length, size), count)
             place.add(name, "capacitor", (gate, end), {"capacitance": capacitance})
 
 
-def _inner(place: Place, line: Line, model: DeviceModel, name: str, node: str) -> str:
+def _inner(place: Place, line: Line, model: DeviceModel, name: str, node: str, count: Value) -> str:
     """Put a resistance between a terminal and the channel, where the model has one."""
     if is_zero(model.values[name]):
         return node
     inner = place.inner_node(line, name)
-    value = {"resistance": model.values[name]}
+    value = {"resistance": scaled(model.values[name], count, "/")}
     place.add(f"{line.words[0]}_{name}", "resistor", (node, inner), value)
     return inner
 

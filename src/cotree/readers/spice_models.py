@@ -215,17 +215,17 @@ def device_fields(model: DeviceModel, area: Value, gmin: float) -> dict[str, Val
     return fields
 
 
-def bulk_fields(model: DeviceModel, side: str, gmin: float) -> dict[str, Value]:
+def bulk_fields(model: DeviceModel, side: str, gmin: float, count: Value = 1.0) -> dict[str, Value]:
     """Give the fields of the diode between bulk and drain (``cbd``) or source (``cbs``)."""
     v = model.values
     fields: dict[str, Value] = {
-        "saturation_current": v["is"],
+        "saturation_current": scaled(v["is"], count),
         "thermal_voltage": THERMAL_VOLTAGE,
     }
     if gmin:
         fields["leakage"] = gmin
     if not is_zero(v[side]):
-        fields["junction_capacitance"] = v[side]
+        fields["junction_capacitance"] = scaled(v[side], count)
         fields["junction_potential"], fields["junction_grading"] = v["pb"], v["mj"]
         fields["forward_share"] = v["fc"]
     return fields

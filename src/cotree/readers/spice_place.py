@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cotree.readers.names import Namer
+    from cotree.readers.spice_couplings import Coupled
     from cotree.readers.spice_lines import Line
     from cotree.readers.spice_netlist import Circuit
     from cotree.readers.spice_sources import Times
@@ -68,8 +69,8 @@ class Place:
         Where names are looked up that are not here.
     edges : dict of str to str
         Edges by names of elements in small letters.
-    coupled : dict of str to (str, int)
-        Of inductors that a K couples: its name, and whether it is the first or the second.
+    coupled : dict of str to Coupled
+        Of inductors that share flux, by name in small letters: all that do.
     """
 
     sheet: Sheet
@@ -78,7 +79,7 @@ class Place:
     path: str = ""
     defined_in: Place | None = None
     edges: dict[str, str] = field(default_factory=dict)
-    coupled: dict[str, Line] = field(default_factory=dict)
+    coupled: dict[str, Coupled] = field(default_factory=dict)
     taken: set[str] = field(default_factory=set)
     _models: dict[str, DeviceModel] = field(default_factory=dict)
 

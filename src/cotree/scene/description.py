@@ -14,6 +14,7 @@ from cotree.scene.expressions import Expression, parse
 from cotree.scene.fields import check_fields, check_initial, check_vector
 from cotree.scene.ports import check_heat, check_ports
 from cotree.scene.simulation import Simulation, with_settings
+from cotree.scene.statements import edge_statement, plain
 from cotree.scene.tables import parse_signal
 
 if TYPE_CHECKING:
@@ -66,14 +67,18 @@ class Edge:
         Values of its fields, and initial values, by name.
     ports : tuple of Ends
         Of a scalar component: where each port's edge runs.
+    statement : mapping
+        What was said of it, as the table of a scene file: the component's type, the nodes as they
+        were listed, the fields as they were given. The rest of an edge follows from this.
     """
 
     name: str
-    component: Component
+    component: Component = field(compare=False)  # some are made anew for each edge
     nodes: tuple[str, ...]
     fields: Mapping[str, FieldValue]
     initial: Mapping[str, FieldValue]
     ports: tuple[Ends, ...] = ()
+    statement: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(repr=False)
@@ -98,7 +103,7 @@ class SceneDescription:
 
     def __init__(self, name: str, gravity: Sequence[float | str] = (0.0, 0.0, 0.0)) -> None:
         self.name = check_scene_name(name)
-        self.gravity = check_vector(gravity, "gravity")
+        self.gravity = check_vector(plain(gravity), "gravity")
         self.parameters, self.inputs, self.edges, self.outputs = {}, {}, {}, {}
         self.modes, self.events = {}, {}
         self.defaults = Simulation()
@@ -263,7 +268,10 @@ class SceneDescription:
             hint = nearest(str(type)[:80], COMPONENTS)
             raise SceneError(f"edge '{name}' has the unknown type '{str(type)[:80]}'{hint}")
         listed: Sequence[object] = nodes
-        given: Mapping[str, Any] = fields
+        # Lists are copied: what becomes of them later is no matter of the scene.
+        given: Mapping[str, Any] = plain(fields)
+        first: Any = {} if initial is None else plain(initial)
+        statement = edge_statement(type, nodes, given, first)
         if component.adapt is not None:
             component, listed, given = component.adapt(name, nodes, given)
         component = check_heat(name, component, given)
@@ -273,8 +281,9 @@ class SceneDescription:
             component,
             names,
             check_fields(name, component, rest),
-            check_initial(name, component, initial or {}),
+            check_initial(name, component, first),
             ports,
+            statement,
         )
 
     def output(self, name: str, value: str | float) -> None:

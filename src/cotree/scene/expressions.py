@@ -11,7 +11,7 @@ import ast
 import math
 import numbers
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -59,8 +59,14 @@ class Expression:
 
     text: str
     where: str
-    tree: ast.expr
+    tree: ast.expr = field(compare=False)  # the text says the same
     names: frozenset[str]
+
+    @property
+    def told(self) -> str | float:
+        """What makes the same expression: a number that was given as one, else the text."""
+        value = self.tree.value if isinstance(self.tree, ast.Constant) else None
+        return value if isinstance(value, float) and repr(value) == self.text else self.text
 
     @property
     def number(self) -> float | None:

@@ -146,7 +146,6 @@ def check_vector(value: object, where: str) -> tuple[Expression, ...]:
     SceneError, ExpressionError
         If it is none.
     """
-    value = _plain(value)
     if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != 3:
         raise SceneError(f"{where} must be a list of three numbers or expressions")
     return tuple(parse(item, f"component {'xyz'[i]} of {where}") for i, item in enumerate(value))
@@ -165,7 +164,6 @@ def _check_field(row: Field, value: Any, where: str) -> FieldValue:
 
 
 def _inertia(value: object, where: str) -> FieldValue:
-    value = _plain(value)
     if isinstance(value, Sequence) and not isinstance(value, str):
         if len(value) == 3 and all(
             isinstance(row, Sequence) and not isinstance(row, str) for row in value
@@ -183,7 +181,6 @@ def _inertia(value: object, where: str) -> FieldValue:
 
 def _rotation(value: object, where: str) -> FieldValue:
     """Accept roll, pitch and yaw, or three rows; numbers must be a rotation."""
-    value = _plain(value)
     if isinstance(value, Sequence) and not isinstance(value, str) and len(value) == 3:
         if all(isinstance(row, Sequence) and not isinstance(row, str) for row in value):
             rows = tuple(
@@ -203,8 +200,3 @@ def _rotation(value: object, where: str) -> FieldValue:
             return rows
         return check_vector(value, where)
     raise SceneError(f"{where} must be three angles (roll, pitch, yaw) or three rows of three")
-
-
-def _plain(value: object) -> object:
-    """Turn numpy arrays into lists; leave everything else."""
-    return value.tolist() if hasattr(value, "tolist") else value

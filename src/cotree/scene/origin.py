@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from cotree.errors import SceneError, nearest
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Mapping
+
+#: What shapes a visual may have.
+SHAPES = ("box", "cylinder", "capsule", "sphere", "mesh")
+
+_VECTORS = ("size", "xyz", "rpy")
+_LARGEST = 1e300  # of numbers, which drawings multiply
+_ZERO = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -32,8 +41,8 @@ class Visual:
     shape: str
     size: tuple[float, float, float]
     file: str = ""
-    xyz: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    xyz: tuple[float, float, float] = _ZERO
+    rpy: tuple[float, float, float] = _ZERO
 
 
 @dataclass(frozen=True)
@@ -56,3 +65,96 @@ class Origin:
     notes: tuple[str, ...] = ()
     names: Mapping[tuple[str, str], str] = field(default_factory=dict)
     visuals: tuple[Visual, ...] = ()
+
+
+def origin_table(origin: Origin) -> dict[str, Any]:
+    """Make the table of an origin in a scene file: ``file``, ``notes``, ``names``, ``visuals``."""
+    names: dict[str, dict[str, str]] = {}
+    for (kind, old), new in origin.names.items():
+        names.setdefault(kind, {})[old] = new
+    table: dict[str, Any] = {"file": origin.file, "notes": list(origin.notes), "names": names}
+    visuals = [
+        {key: value for key, value in vars(visual).items() if value not in ("", _ZERO)}
+        for visual in origin.visuals
+    ]
+    return {key: value for key, value in table.items() if value} | {"visuals": visuals}
+
+
+def read_origin(table: object, nodes: Collection[str]) -> Origin:
+    """Check the table of an origin in a scene file.
+
+    Parameters
+    ----------
+    table : object
+        What stands there.
+    nodes : collection of str
+        The nodes of the scene.
+
+    Raises
+    ------
+    SceneError
+        If an entry is unknown, or is not what it should be.
+    """
+    rows = _entries(table, Origin, "the origin")
+    notes, names, visuals = rows.get("notes", []), rows.get("names", {}), rows.get("visuals", [])
+    if not _is_list_of_texts(notes):
+        raise SceneError("notes of the origin must be a list of texts")
+    if not isinstance(names, dict) or not all(
+        isinstance(row, dict) and _is_list_of_texts(list(row.values())) for row in names.values()
+    ):
+        raise SceneError("names of the origin must be a table for each kind: old name = 'new name'")
+    if not isinstance(visuals, list):
+        raise SceneError("visuals of the origin must be tables: [[origin.visuals]]")
+    return Origin(
+        _text(rows, "file", "the origin"),
+        tuple(notes),
+        {(kind, old): new for kind, row in names.items() for old, new in row.items()},
+        tuple(_visual(row, i, nodes) for i, row in enumerate(visuals, 1)),
+    )
+
+
+def _visual(table: object, number: int, nodes: Collection[str]) -> Visual:
+    where = f"visual {number} of the origin"
+    rows = _entries(table, Visual, where)
+    node, shape, file = (_text(rows, key, where) for key in ("node", "shape", "file"))
+    if node not in nodes:
+        raise SceneError(
+            f"{where} is at node '{node[:80]}', which is none{nearest(node[:80], nodes)}"
+        )
+    if shape not in SHAPES:
+        raise SceneError(f"{where} has the shape '{shape[:80]}'{nearest(shape[:80], SHAPES)}")
+    size, xyz, rpy = (_three(rows.get(key, _ZERO), f"{key} of {where}") for key in _VECTORS)
+    return Visual(node, shape, size, file, xyz, rpy)
+
+
+def _entries(table: object, row: type, where: str) -> dict[str, Any]:
+    if not isinstance(table, dict):
+        raise SceneError(f"{where} must be a table")
+    known = row.__dataclass_fields__  # type: ignore[attr-defined]
+    for key in table:
+        if key not in known:
+            raise SceneError(f"{where} has no entry '{key[:80]}'{nearest(key[:80], known)}")
+    return table
+
+
+def _text(rows: Mapping[str, Any], key: str, where: str) -> str:
+    value = rows.get(key, "")
+    if not isinstance(value, str):
+        raise SceneError(f"{key} of {where} must be a text")
+    return value
+
+
+def _three(value: object, where: str) -> tuple[float, float, float]:
+    if not isinstance(value, (list, tuple)) or len(value) != 3 or not all(map(_is_number, value)):
+        raise SceneError(f"{where} must be a list of three numbers")
+    x, y, z = map(float, value)
+    return x, y, z
+
+
+def _is_number(value: object) -> bool:
+    is_real = isinstance(value, (int, float)) and not isinstance(value, bool)
+    return is_real and abs(value) <= _LARGEST  # type: ignore[arg-type]
+
+
+def _is_list_of_texts(value: object) -> bool:
+    return isinstance(value, list) and all(isinstance(item, str) for item in value)

@@ -53,8 +53,10 @@ def with_settings(old: Simulation, settings: Mapping[str, Any], check_number: An
         if key not in known:
             raise SceneError(f"simulation has no setting '{key}'{nearest(key, known)}")
         what = f"{key} of the simulation"
-        if key in _POSITIVE and check_number(value, what) <= 0.0:
-            raise SceneError(f"{what} is {value}: it must be positive")
+        if key in _POSITIVE:
+            value = check_number(value, what)
+            if value <= 0.0:
+                raise SceneError(f"{what} is {value}: it must be positive")
         if key in ("method", "start"):
             value = check_text(value, what)
         if key == "start" and value not in (INITIAL, OPERATING_POINT):

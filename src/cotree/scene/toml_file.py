@@ -11,16 +11,20 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from cotree.errors import ModelError, SceneError, nearest
 from cotree.scene.description import SceneDescription
 from cotree.scene.events import check_event_table
+from cotree.scene.origin import read_origin
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
 _Scene = TypeVar("_Scene", bound=SceneDescription)
 
-_LARGEST_FILE = 50_000_000  # bytes
+
+#: The longest scene file, in bytes.
+LARGEST_FILE = 50_000_000
+
 _SECTIONS = (
     *("name", "gravity", "parameters", "inputs", "modes", "edges", "outputs", "events"),
-    "simulation",
+    *("simulation", "origin"),
 )
 
 
@@ -57,8 +61,8 @@ def load_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
             f"'{source}' is neither a file nor a shipped scene{nearest(str(source), shipped)}"
         )
     try:
-        if path.stat().st_size > _LARGEST_FILE:
-            raise SceneError(f"{path} is larger than {_LARGEST_FILE} bytes")
+        if path.stat().st_size > LARGEST_FILE:
+            raise SceneError(f"{path} is larger than {LARGEST_FILE} bytes")
         # Some editors begin a file with a byte order mark.
         text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
@@ -101,6 +105,8 @@ def _fill(data: Mapping[str, Any], stem: str, scene_type: type[_Scene]) -> _Scen
     for name, event in _table(data, "events").items():
         scene.event(name, **check_event_table(name, event))
     scene.simulation(**_table(data, "simulation"))
+    if "origin" in data:
+        scene.origin = read_origin(data["origin"], set(scene.nodes))
     return scene
 
 

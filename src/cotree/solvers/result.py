@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import csv
 import importlib
-import os
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cotree.errors import Error, ModelError, nearest
+from cotree.files import written_whole
 
 if TYPE_CHECKING:
+    import os
     from collections.abc import Iterable, Mapping, Sequence
 
     from cotree.solvers.base import Drift, Statistics
@@ -262,29 +262,25 @@ class Result:
 
         Raises
         ------
-        Error
+        SceneError
             If the file cannot be written.
         """
-        target = Path(path)
-        draft = target.with_name(f".{target.name}.{os.getpid()}.tmp")
         table = self.columns()
-        try:
-            try:
-                with draft.open("w", newline="", encoding="utf-8") as file:
-                    writer = csv.writer(file, lineterminator="\n")
-                    writer.writerow(table)
-                    for row in zip(*table.values(), strict=True):
-                        writer.writerow([f"{value:.17g}" for value in row])
-                draft.replace(target)
-            finally:
-                draft.unlink(missing_ok=True)
-        except OSError as error:
-            raise Error(
-                f"The file '{target}' cannot be written: {error.strerror or error}."
-            ) from error
+        with (
+            written_whole(path) as draft,
+            draft.open("w", newline="", encoding="utf-8") as file,
+        ):
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(table)
+            for row in zip(*table.values(), strict=True):
+                writer.writerow([f"{value:.17g}" for value in row])
 
-    def plot(self, names: Sequence[str] | None = None) -> Any:
-        """Draw states, outputs or sensitivities over time; see ``cotree.plot.plot_result``."""
+    def plot(self, names: str | Sequence[str | tuple[str, str]] | None = None) -> Any:
+        """Draw curves over time by the titles of ``columns()``; see ``cotree.plot.plot_result``.
+
+        Sensitivities are "d(j1.s)/d(L)" or ("j1.s", "L"); where none is named, all those of the
+        states and outputs that are stand beside them.
+        """
         # Drawing lies above this room, so it is looked up by name when someone asks for it.
         return importlib.import_module("cotree.plot").plot_result(self, names)
 

@@ -5,15 +5,14 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import os
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cotree.errors import SceneError
+from cotree.files import written_whole
 from cotree.studies.accuracy import ERROR, worse
 
 if TYPE_CHECKING:
+    import os
     from collections.abc import Mapping
 
     from cotree.solvers.base import Statistics
@@ -162,16 +161,8 @@ class BenchReport:
         SceneError
             If the file cannot be written.
         """
-        target = Path(path)
-        draft = target.with_name(f".{target.name}.{os.getpid()}.tmp")
-        try:
-            try:
-                draft.write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")
-                draft.replace(target)
-            finally:
-                draft.unlink(missing_ok=True)
-        except OSError as error:
-            raise SceneError(f"cannot write '{target}': {error.strerror or error}") from error
+        with written_whole(path) as draft:
+            draft.write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")
 
     def plot(self) -> Any:
         """Draw time over error; see :func:`cotree.plot.plot_bench`."""

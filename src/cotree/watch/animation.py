@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.errors import SceneError
-from cotree.plot.files import write_whole
+from cotree.files import written_whole
 from cotree.scene.description import check_number
 from cotree.watch.catalogue import draft_scene
 from cotree.watch.frames import choose_frames, coordinates_at
@@ -88,7 +88,8 @@ class Animation:
                 _check_size(height, "height", 32, _LARGEST_PICTURE)
             _check_size(max_frames, "max_frames", 1, 100_000)
             text = gif(self.drawing, width, height, max_frames)
-        write_whole(target, lambda draft: draft.write_bytes(text), "animation")
+        with written_whole(target, "the animation") as draft:
+            draft.write_bytes(text)
 
     def frame(self, number: int, *, width: int = 640, height: int | None = None) -> Any:
         """Give one frame as a Pillow image; negative numbers count from the end."""

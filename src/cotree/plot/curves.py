@@ -1,0 +1,102 @@
+"""Which curves a picture of a result shows, by the names that results have."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.errors import SceneError, nearest
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+_TITLE = re.compile(r"d\((.*)\)/d\((.*)\)\Z")
+
+#: What a user names: a state, output, input or title of a column, or (name, parameter).
+Name = str | tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Curves:
+    """What is drawn.
+
+    Attributes
+    ----------
+    values : tuple of str
+        States, outputs and inputs.
+    sensitivities : tuple of (str, str)
+        States and outputs with the parameters that their sensitivities are to.
+    """
+
+    values: tuple[str, ...]
+    sensitivities: tuple[tuple[str, str], ...]
+
+
+def choose_curves(
+    names: str | Sequence[Name] | None,
+    states: Sequence[str],
+    outputs: Sequence[str],
+    inputs: Sequence[str],
+    parameters: Sequence[str],
+) -> Curves:
+    """Find the curves of some names.
+
+    Parameters
+    ----------
+    names : str, sequence of str or of (str, str), or None
+        States, outputs, inputs, and sensitivities as ``d(name)/d(parameter)`` or
+        ``(name, parameter)``. Where no sensitivity is named, all those of the states and outputs
+        that are come with them. None means the coordinates, the states that are no rates.
+    states, outputs, inputs, parameters : sequence of str
+        What there is; parameters are those that there are sensitivities to.
+
+    Raises
+    ------
+    SceneError
+        If there is nothing of a name.
+    """
+    known = (*states, *outputs)
+    if names is None:
+        names = [name for name in states if not name.endswith("_dot")] or known
+        if not names:
+            raise SceneError("the result has neither states nor outputs to plot")
+    values: dict[str, None] = {}
+    pairs: dict[tuple[str, str], None] = {}
+    for name in [names] if isinstance(names, str) else names:
+        pair = _pair(name)
+        if pair is not None:
+            _check_pair(pair, known, parameters)
+            pairs[pair] = None
+        elif name in known or name in inputs:
+            values[str(name)] = None
+        else:
+            hint = nearest(str(name)[:80], (*known, *inputs))
+            raise SceneError(f"cannot plot '{str(name)[:80]}', no state, output or input{hint}")
+    if not values and not pairs:
+        raise SceneError("nothing is named that could be plotted")
+    if not pairs:
+        pairs = {(name, to): None for name in values if name in known for to in parameters}
+    return Curves(tuple(values), tuple(pairs))
+
+
+def _pair(name: object) -> tuple[str, str] | None:
+    """Give name and parameter of a sensitivity; None for what names none."""
+    if isinstance(name, str):
+        found = _TITLE.match(name)
+        return (found[1], found[2]) if found else None
+    if isinstance(name, (tuple, list)) and len(name) == 2:
+        return str(name[0]), str(name[1])
+    return None
+
+
+def _check_pair(pair: tuple[str, str], known: Sequence[str], parameters: Sequence[str]) -> None:
+    name, parameter = (text[:80] for text in pair)
+    if pair[0] not in known:
+        hint = nearest(name, known)
+        raise SceneError(f"cannot plot a sensitivity of '{name}', no state or output{hint}")
+    if pair[1] not in parameters:
+        hint = nearest(parameter, parameters)
+        raise SceneError(
+            f"cannot plot sensitivities to '{parameter}', which were not asked for{hint}"
+        )

@@ -1,0 +1,108 @@
+"""Inductors that K couples: those that share flux become one edge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import combinations
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from cotree.components.windings import WINDINGS, coupling_field
+from cotree.errors import nearest
+from cotree.readers.spice_lines import shown
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from cotree.readers.spice_lines import Line
+    from cotree.readers.spice_place import Place
+
+_Key = TypeVar("_Key")
+
+
+@dataclass
+class Coupled:
+    """Inductors that share flux.
+
+    Attributes
+    ----------
+    inductors : dict of str to Line
+        Their statements, by name in small letters, in the order of the netlist.
+    couplings : dict of frozenset to Line
+        The statement K of each pair, in the order of the netlist.
+    """
+
+    inductors: dict[str, Line] = field(default_factory=dict)
+    couplings: dict[frozenset[str], Line] = field(default_factory=dict)
+
+    @property
+    def first(self) -> str:
+        """Name of the first K, in small letters."""
+        return next(iter(self.couplings.values())).key
+
+
+def find_couplings(place: Place, lines: list[Line]) -> None:
+    """Find the inductors that are coupled, before they are written.
+
+    Raises
+    ------
+    SceneError
+        If one is not there, two are coupled twice, or too many share flux.
+    """
+    inductors = {line.key: line for line in lines if line.key[0] == "l"}
+    for line in lines:
+        if line.key[0] == "k":
+            _couple(place, line, inductors)
+
+
+def _couple(place: Place, line: Line, inductors: Mapping[str, Line]) -> None:
+    """Join what a K couples: two inductors, or each of several with each other."""
+    names = [word.lower() for word in line.words[1:-1]]
+    if len(names) < 2 or "=" in line.words:
+        raise place.sheet.error(
+            line.number, f"'{shown(line.words[0])}' needs two inductors or more, and a number"
+        )
+    for name in names:
+        if name not in inductors:
+            raise place.sheet.error(
+                line.number,
+                f"'{shown(line.words[0])}' couples '{shown(name)}', which is no inductor here"
+                f"{nearest(name, inductors)}",
+            )
+    whole = Coupled()
+    for name in names:
+        old = place.coupled.get(name, Coupled({name: inductors[name]}))
+        whole.inductors |= old.inductors
+        whole.couplings |= old.couplings
+    for pair in combinations(names, 2):
+        if pair[0] == pair[1] or frozenset(pair) in whole.couplings:
+            raise place.sheet.error(
+                line.number, f"'{shown(pair[0])}' is coupled twice to '{shown(pair[1])}'"
+            )
+        whole.couplings[frozenset(pair)] = line
+    whole.inductors = _in_order(whole.inductors)
+    whole.couplings = _in_order(whole.couplings)
+    if len(whole.inductors) > len(WINDINGS):
+        raise place.sheet.error(line.number, f"more than {len(WINDINGS)} inductors share flux")
+    place.coupled.update(dict.fromkeys(whole.inductors, whole))
+
+
+def _in_order(lines: dict[_Key, Line]) -> dict[_Key, Line]:
+    return dict(sorted(lines.items(), key=lambda item: item[1].number))
+
+
+def coupled_fields(
+    place: Place, coupled: Coupled, windings: Mapping[str, tuple[list[str], Any]]
+) -> dict[str, Any]:
+    """Give the fields of coupled inductors, of the nodes and the inductance of each."""
+    fields: dict[str, Any] = {}
+    number = {name: i for i, name in enumerate(coupled.inductors, 1)}
+    for name, (nodes, inductance) in windings.items():
+        i = number[name]
+        fields[WINDINGS[i - 1]], fields[f"inductance{i}"] = nodes, inductance
+    values: dict[str, Any] = {}
+    for pair, line in coupled.couplings.items():
+        if line.key not in values:
+            values[line.key] = place.principal(line, line.words[-1], "1")
+        i, j = (number[name] for name in pair)
+        fields[coupling_field(i, j)] = values[line.key]
+    return fields

@@ -1,0 +1,53 @@
+"""What was said of an edge, kept as a scene file would say it.
+
+Components are adapted to what a scene says of them, heat goes to further nodes, and transistors
+have nodes within: what was said cannot be told from the edge that it became.
+"""
+
+from __future__ import annotations
+
+import numbers
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+# Integers beyond are no doubles of their own.
+_LARGEST_INTEGER = 2**53
+_DEEPEST = 4  # more levels than any field has; a list may hold itself
+
+
+def plain(value: Any, depth: int = 0) -> Any:
+    """Copy a value, its lists and tables, with numbers as Python's own.
+
+    What is none of these stays as it is, for others to refuse.
+    """
+    if isinstance(value, (str, bytes, bool)) or depth > _DEEPEST:
+        return value
+    if isinstance(value, numbers.Integral) and abs(int(value)) <= _LARGEST_INTEGER:
+        return int(value)
+    if isinstance(value, numbers.Real):
+        try:
+            return float(value)
+        except (OverflowError, ValueError):
+            return value
+    if hasattr(value, "tolist"):  # arrays
+        return plain(value.tolist(), depth + 1)
+    if isinstance(value, Mapping):
+        return {key: plain(item, depth + 1) for key, item in value.items()}
+    if isinstance(value, Iterable):
+        return [plain(item, depth + 1) for item in value]
+    return value
+
+
+def edge_statement(
+    type: str, nodes: Sequence[object], fields: Mapping[str, Any], initial: Any
+) -> dict[str, Any]:
+    """Make the table of an edge in a scene file, of values that are plain.
+
+    Fields that are None are left out, as are nodes and initial values where there are none.
+    """
+    rows = {"type": type, "nodes": list(nodes), **fields, "initial": initial}
+    return {
+        key: value
+        for key, value in rows.items()
+        if value is not None and not (key in ("nodes", "initial") and not value)
+    }

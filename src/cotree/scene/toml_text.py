@@ -1,0 +1,198 @@
+"""Scenes to TOML that loads to the same scene.
+
+The text is written here, since what writes TOML elsewhere gives each number of a list a line of its
+own (tomli-w) or takes milliseconds for each edge (tomlkit).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any
+
+from cotree.dag.several import Table
+from cotree.errors import ModelError, SceneError
+from cotree.files import written_whole
+from cotree.scene.description import SceneDescription
+from cotree.scene.origin import origin_table
+from cotree.scene.simulation import Simulation
+from cotree.scene.toml_file import LARGEST_FILE, read_scene
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from cotree.scene.events import Event
+    from cotree.scene.expressions import Expression
+
+_WIDEST = 99  # columns
+_BARE = re.compile(r"[A-Za-z0-9_-]+\Z")
+_ESCAPES = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
+
+
+def save_scene(scene: SceneDescription, path: Path) -> None:
+    """Write a scene to a file, whole or not at all; see :func:`scene_text`.
+
+    Raises
+    ------
+    SceneError
+        If the file's name does not end in .toml, it cannot be written, or the scene cannot be told
+        in TOML.
+    """
+    if path.suffix.lower() != ".toml":
+        raise SceneError(f"cannot save a scene as '{path}': name a file that ends in .toml")
+    text = scene_text(scene)
+    with written_whole(path, "the scene") as draft:
+        draft.write_text(text, encoding="utf-8", newline="\n")
+
+
+def scene_text(scene: SceneDescription) -> str:
+    """Write a scene as TOML.
+
+    The text is read back before it is given: scenes may be changed by more than their methods, and
+    what a file says must be what runs.
+
+    Raises
+    ------
+    SceneError
+        If it would not load, or not to the same scene.
+    """
+    text = "\n".join(_lines(scene)) + "\n"
+    if len(text.encode()) > LARGEST_FILE:
+        raise SceneError(f"scene '{scene.name}' takes more than the {LARGEST_FILE} bytes of a file")
+    try:
+        read = read_scene(text, f"scene '{scene.name}' as a file", SceneDescription)
+    except ModelError as error:
+        raise SceneError(str(error)) from None
+    for row in fields(SceneDescription):
+        if getattr(read, row.name) != getattr(scene, row.name):
+            raise SceneError(
+                f"scene '{scene.name}' cannot be saved: its {row.name} were changed by other means "
+                "than the methods of a scene"
+            )
+    return text
+
+
+def _lines(scene: SceneDescription) -> Iterator[str]:
+    yield f"name = {_text(scene.name)}"
+    if any(item.text != "0.0" for item in scene.gravity):
+        yield f"gravity = {_value([item.told for item in scene.gravity])}"
+    yield from _rows("parameters", {n: _named(p, p.value) for n, p in scene.parameters.items()})
+    yield from _rows("inputs", {n: _named(i, _signal(i.value)) for n, i in scene.inputs.items()})
+    yield from _rows("modes", {n: _named(m, m.initial.told) for n, m in scene.modes.items()})
+    for edge in scene.edges.values():
+        yield from _table(f"edges.{edge.name}", edge.statement)
+    yield from _rows("outputs", {name: item.told for name, item in scene.outputs.items()})
+    for event in scene.events.values():
+        yield from _table(f"events.{event.name}", _event(event))
+    settings = _settings(scene.defaults)
+    if settings:
+        yield from _table("simulation", settings)
+    if scene.origin is not None:
+        table = origin_table(scene.origin)
+        visuals = table.pop("visuals")
+        yield from _table("origin", table)
+        for visual in visuals:
+            yield from _table("origin.visuals", visual, "[[{}]]")
+
+
+def _signal(value: Expression | Table) -> object:
+    return [list(value.x), list(value.y)] if isinstance(value, Table) else value.told
+
+
+def _named(row: Any, value: object) -> object:
+    """Give the value of a parameter, input or mode, in a table where there is more to say."""
+    more = {key: getattr(row, key, "") for key in ("unit", "doc")}
+    more = {key: text for key, text in more.items() if text}
+    if not getattr(row, "tunable", True):
+        more["tunable"] = False
+    return {"value": value, **more} if more else value
+
+
+def _event(event: Event) -> dict[str, object]:
+    table: dict[str, object] = {"when": event.when.told}
+    if event.direction:
+        table["direction"] = event.direction
+    if event.set:
+        table["set"] = {name: value.told for name, value in event.set.items()}
+    if event.is_stop:
+        table["stop"] = True
+    if event.restitution is not None:
+        table["impact"] = {"restitution": event.restitution.told}
+    return table
+
+
+def _settings(given: Simulation) -> dict[str, object]:
+    """List the settings that are not those of every scene."""
+    usual = vars(Simulation())
+    table = {key: value for key, value in vars(given).items() if value != usual[key]}
+    if given.held:
+        table["held"] = {node: value.told for node, value in given.held}
+    return table
+
+
+def _rows(name: str, rows: Mapping[str, object]) -> Iterator[str]:
+    """Write a section whose rows stay in their order, each on a line however long."""
+    if rows:
+        yield from ("", f"[{name}]", *(f"{key} = {_value(value)}" for key, value in rows.items()))
+
+
+def _table(name: str, rows: Mapping[str, Any], heading: str = "[{}]") -> Iterator[str]:
+    """Write a section; tables too long for a line follow as sections of their own."""
+    yield from ("", heading.format(name))
+    long = {}
+    for key, value in rows.items():
+        line = f"{_key(key)} = {_value(value)}"
+        if isinstance(value, Mapping) and (len(line) > _WIDEST or "\n" in line):
+            long[key] = value
+        else:
+            yield line
+    for key, value in long.items():
+        yield from _table(f"{name}.{_key(key)}", value)
+
+
+def _key(key: str) -> str:
+    return key if _BARE.match(key) else _text(key)
+
+
+def _value(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, (int, float)):
+        return repr(value)  # the shortest digits that read back as the same number
+    if isinstance(value, str):
+        return _text(value)
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items()) + " }"
+    if isinstance(value, Sequence):
+        return _list([_value(item) for item in value])
+    raise SceneError(f"a scene file cannot hold {type(value).__name__}")
+
+
+def _list(items: list[str]) -> str:
+    """Write a list, on several lines where it is long; a row of a matrix has its own."""
+    line = f"[{', '.join(items)}]"
+    # Room for a short key before it.
+    if len(line) <= _WIDEST - 20 and "\n" not in line:
+        return line
+    lines = [""]
+    for item in items:
+        if item.startswith("[") or len(lines[-1]) + len(item) > _WIDEST - 2:
+            lines.append("")
+        lines[-1] += f"{item}, "
+    return "\n".join(["[", *(f"  {row.rstrip()}" for row in lines if row), "]"])
+
+
+def _text(text: str) -> str:
+    """Quote a text; what cannot be seen is escaped, and half characters become question marks."""
+    whole = text.encode("utf-8", "replace").decode()
+    return '"' + "".join(_escaped(char) for char in whole) + '"'
+
+
+def _escaped(char: str) -> str:
+    if char in _ESCAPES:
+        return _ESCAPES[char]
+    if char.isprintable():
+        return char
+    return f"\\u{ord(char):04x}" if ord(char) < 0x10000 else f"\\U{ord(char):08x}"
