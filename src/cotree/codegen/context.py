@@ -282,7 +282,8 @@ def kernel_context(
     else:
         roots = [*kernel.results, *(guard.value for guard in guards)]
         order = None if guards else kernel.order
-        printed = print_nodes(roots, kernel.prepared, names, order, _places_of_maps(kernel))
+        places, has_groups = _places_of_maps(kernel), not kernel.is_by_need
+        printed = print_nodes(roots, kernel.prepared, names, order, places, has_groups=has_groups)
         unused, operations = _unused(kernel, roots), kernel.operations.total
     n_results = len(kernel.results)
     results, checks = printed.values[:n_results], printed.values[n_results:]

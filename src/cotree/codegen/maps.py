@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from cotree.codegen.loops import roll
 from cotree.codegen.printer_c import padded, print_nodes
+from cotree.program.machine import by_need
 
 if TYPE_CHECKING:
     from cotree.dag.linear_map import LinearMap
@@ -41,7 +42,7 @@ def map_context(node: Node, name: str) -> MapContext:
     """
     linear: LinearMap = node.data
     n = linear.n_sensitive(node.args)
-    printed = print_nodes(linear.results, {}, {}, linear.order)
+    printed = print_nodes(linear.results, {}, {}, by_need(linear.order), has_groups=False)
     lines = printed.lines + [
         f"result[{i}] = {'ZERO' if root.is_zero else value};"
         for i, (root, value) in enumerate(zip(linear.results, printed.values, strict=True))

@@ -79,6 +79,8 @@ def print_nodes(
     names: Mapping[Any, str],
     order: Sequence[Node] | None = None,
     places: Mapping[Node, Place] = MappingProxyType({}),
+    *,
+    has_groups: bool = True,
 ) -> Printed:
     """Print the statements that some values need.
 
@@ -94,9 +96,11 @@ def print_nodes(
         What the values depend on, in order of evaluation, where it is known already.
     places : mapping of Node to Place
         Where the results of a map are to be written, if not to an array of its own.
+    has_groups : bool
+        Whether values of a group stand together, so that comments name it.
     """
     order = reachable(roots, stop=prepared) if order is None else order
-    printer = _Printer(prepared, names, places)
+    printer = _Printer(prepared, names, places, has_groups)
     printer.count_uses(roots, order)
     for node in order:
         printer.visit(node)
@@ -114,6 +118,7 @@ class _Printer:
     prepared: Mapping[Node, int]
     names: Mapping[Any, str]
     places: Mapping[Node, Place]
+    has_groups: bool
     lines: list[str] = field(default_factory=list)
     uses_status: bool = False
 
@@ -166,7 +171,7 @@ class _Printer:
 
     def _declare(self, node: Node) -> str:
         """Give a statement its name, after a comment where a group begins."""
-        if node.section and node.section != self._section:
+        if self.has_groups and node.section and node.section != self._section:
             self.lines.append(f"/* {c_comment(node.section)} */")
         self._section = node.section
         self._number[node] = len(self._number)
