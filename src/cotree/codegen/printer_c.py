@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from cotree.dag.operations import OPERATIONS
-from cotree.dag.several import SEVERAL, is_symmetric
+from cotree.dag.several import SEVERAL, is_symmetric, sizes_of
 from cotree.dag.traverse import reachable
 from cotree.naming import c_comment
 
@@ -110,7 +110,12 @@ def print_nodes(
 
 def is_written_out(node: Node) -> bool:
     """Tell whether a linear system, if it is definite, is solved by statements without loops."""
-    return node.op == "solve" and node.data.size <= _LARGEST_SYSTEM and is_symmetric(node)
+    return (
+        node.op == "solve"
+        and node.data.size <= _LARGEST_SYSTEM
+        and bool(sizes_of(node))
+        and is_symmetric(node)
+    )
 
 
 @dataclass
@@ -208,25 +213,36 @@ class _Printer:
     def _solve(self, node: Node) -> None:
         """Print a solution; a matrix that several solutions share is factorised once."""
         n, name = node.data.size, self._declare(node)
-        matrix, rhs, reference = node.args[: n * n], node.args[n * n : -1], node.args[-1]
-        key, own = (matrix, reference, node.data), f"_{n}" if is_written_out(node) else ""
+        matrix, rhs = node.args[: n * n], node.args[n * n : n * n + n]
+        sizes, reference, is_apart = sizes_of(node), node.args[-1], is_written_out(node)
+        key, own = (matrix, sizes, reference, node.data), f"_{n}" if is_apart else ""
         if key not in self._factors:
             self._factors[key] = number = name[1:]
+            self.lines.append(self._array(f"a{number}", matrix))
+            if sizes:
+                self.lines.append(self._array(f"s{number}", sizes))
+                if not is_apart:
+                    self.lines.append(f"cotree_scale({n}, s{number}, a{number});")
+            given = f"s{number}, " if is_apart else ""
             self.lines += [
-                self._array(f"a{number}", matrix),
                 f"int r{number}[{n}], c{number}[{n}];",
                 f"const int rank{number} = cotree_factorise{own}({n}, "
                 f"{self.operand(reference, 0)}, {literal(node.data.tolerance)}, "
-                f"a{number}, r{number}, c{number});",
+                f"a{number}, {given}r{number}, c{number});",
                 f"const int accepted{number} = cotree_complete({n}, {node.data.n_determined}, "
                 f"rank{number}, a{number}, c{number});",
             ]
         number = self._factors[key]
         values = [self.operand(arg, 0) for arg in rhs]
         values += [f"(double)rank{number}", f"(double)accepted{number}"]
+        given = f"s{number}, " if is_apart else ""
+        scaling = [f"cotree_multiply({n}, s{number}, {name});"] if sizes and not is_apart else []
         self.lines += [
             f"double {name}[{n + 2}] = {{{', '.join(values)}}};",
-            f"cotree_substitute{own}({n}, rank{number}, a{number}, r{number}, c{number}, {name});",
+            *scaling,
+            f"cotree_substitute{own}({n}, rank{number}, a{number}, {given}r{number}, c{number}, "
+            f"{name});",
+            *scaling,
             f"if (!accepted{number}) status = COTREE_SINGULAR;",
         ]
         self.uses_status = True

@@ -74,10 +74,10 @@ class ArticulatedFactors:
         The rows of the multipliers, over the accelerations.
     responses : tuple of rows of Node
         Accelerations for a unit of each multiplier's column.
-    scales : tuple of Node
-        One over the square root of the core's diagonal.
+    sizes : tuple of Node
+        Of the core's diagonal.
     core : tuple of rows of Node
-        What is left for the multipliers, scaled from both sides.
+        What is left for the multipliers.
     """
 
     dag: Dag
@@ -86,7 +86,7 @@ class ArticulatedFactors:
     n_speeds: int
     border: tuple[tuple[Node, ...], ...]
     responses: tuple[tuple[Node, ...], ...]
-    scales: tuple[Node, ...]
+    sizes: tuple[Node, ...]
     core: tuple[tuple[Node, ...], ...]
 
     def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
@@ -101,10 +101,9 @@ class ArticulatedFactors:
             ]
             if all(value.is_zero for value in rest):
                 return [*free, *rest]
-            scaled = [value * scale for value, scale in zip(rest, self.scales, strict=True)]
-            shape = SolveShape(len(scaled), 0, tolerance)
-            found = solve(self.dag, self.core, scaled, self.dag.one, shape)
-            multipliers = [s * v for s, v in zip(self.scales, found, strict=False)]
+            shape = SolveShape(len(rest), 0, tolerance)
+            found = solve(self.dag, self.core, rest, self.dag.one, shape, self.sizes)
+            multipliers = found[: len(rest)]
             for i in range(self.n_speeds):
                 for response, multiplier in zip(self.responses, multipliers, strict=True):
                     free[i] = free[i] - response[i] * multiplier
@@ -201,21 +200,24 @@ def factorise_tree(
             for speed, gate in zip(_outwards(link), opened, strict=True):
                 inverses[link.speeds[speed]] = gate.inverse
         natural = [_dot(row, inverses) for row in sizes]
-        scales = _scales(dag, [core[i][i] for i in range(n)], natural)
-        scaled = tuple(
-            tuple(entry * (a * b) for entry, b in zip(row, scales, strict=True))
-            for row, a in zip(core, scales, strict=True)
-        )
+        diagonal = _sizes(dag, [core[i][i] for i in range(n)], natural)
     rows = tuple(tuple(row) for row in border)
     return ArticulatedFactors(
-        dag, tuple(links), tuple(gates), n_speeds, rows, responses, scales, scaled
+        dag,
+        tuple(links),
+        tuple(gates),
+        n_speeds,
+        rows,
+        responses,
+        diagonal,
+        tuple(tuple(row) for row in core),
     )
 
 
-def _scales(dag: Dag, diagonal: Sequence[Node], natural: Sequence[Node]) -> tuple[Node, ...]:
+def _sizes(dag: Dag, diagonal: Sequence[Node], natural: Sequence[Node]) -> tuple[Node, ...]:
     """Give what makes the diagonal one; a row of rounding stays small."""
     return tuple(
-        1.0 / dag.function("sqrt", dag.function("abs", entry) + SMALLEST_SHARE * size)
+        dag.function("abs", entry) + SMALLEST_SHARE * size
         for entry, size in zip(diagonal, natural, strict=True)
     )
 
