@@ -78,6 +78,12 @@ def test_differences_of_arguments_stay(chain):
     assert found is total
 
 
+def test_residuals_keep_their_sums(program_of):
+    program = program_of("bridge-rectifier")
+    assert any(program.layout.algebraic)
+    assert balance_sums(program) is program
+
+
 def test_balanced_chains_keep_their_values_on_a_shorter_path(chain):
     before, after = chain, balance_sums(chain)
     for name in ("rhs", "jacobian"):

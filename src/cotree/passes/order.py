@@ -2,7 +2,8 @@
 
 Assumes nothing. Guarantees the same operations with the same values. Values that were formed first
 stand first otherwise, and all that the path could have been overlapped with is done before it
-begins, farther away than a processor looks ahead.
+begins, farther away than a processor looks ahead. Where the order of needs keeps more values alive,
+which then pass through memory, that costs more than it gains.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 #: Operations that a processor looks ahead, whatever their order is.
 _FEW = 250
 #: Where all operations together take longer than so many times the longest path, something is there
-#: to overlap it with in any order, and values that are formed long before they are read cost more.
+#: to overlap it with in any order.
 _MOST = 3.0
 
 
@@ -29,9 +30,19 @@ def order_by_need(program: Program) -> Program:
 
 
 def _ordered(kernel: Kernel) -> Kernel:
-    order = kernel.order
+    order, prepared = kernel.order, kernel.prepared
     # A map begins when all that any of its columns needs is there.
-    if len(order) - len(kernel.prepared) < _FEW or any(node.op == "map" for node in order):
+    if len(order) - len(prepared) < _FEW or any(node.op == "map" for node in order):
         return kernel
-    started, longest = bounds(order, kernel.prepared)
-    return replace(kernel, is_by_need=True) if started < _MOST * longest else kernel
+    started, longest = bounds(order, prepared)
+    ordered = replace(kernel, is_by_need=True)
+    if started >= _MOST * longest or _lifetimes(ordered) > _lifetimes(kernel):
+        return kernel
+    return ordered
+
+
+def _lifetimes(kernel: Kernel) -> int:
+    """Sum up how many values are formed while each waits to be read: the registers it takes."""
+    formed = [node for node in kernel.order if node.args and node not in kernel.prepared]
+    last = {arg: i for i, node in enumerate(formed) for arg in node.args}
+    return sum(last.get(node, i) - i for i, node in enumerate(formed))
