@@ -82,7 +82,8 @@ def test_symmetric_systems_are_written_out_where_they_are_definite(made_up, load
     lower = {(i, j): dag.symbol("p", next(places)) for i in range(4) for j in range(i + 1)}
     rows = [[lower[max(i, j), min(i, j)] for j in range(4)] for i in range(4)]
     rhs = [dag.symbol("p", 10 + i) for i in range(4)]
-    results = solve(dag, rows, rhs, shape=SolveShape(4, 0))
+    sizes = [dag.function("abs", rows[i][i]) for i in range(4)]
+    results = solve(dag, rows, rhs, dag.one, SolveShape(4, 0), sizes)
     values = [*(matrix[i, j] for i, j in lower), *b]
     context = model_context(made_up(dag, n_parameters=14, outputs=results))
     assert context.definite_sizes == [4]

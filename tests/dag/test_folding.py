@@ -255,3 +255,22 @@ def test_signs_and_neutral_elements_at_random(tree, values):
     negative = -node
     value, back, twice = evaluate([node, -negative, node + node], known)
     assert (back, twice) == (value, 2.0 * value)
+
+
+def test_what_is_added_and_taken_away_again_vanishes():
+    dag = Dag()
+    x, y = dag.symbol("x", 0), dag.symbol("x", 1)
+    for a, b in ((x, y), (y, x)):
+        assert a + (b - a) is b
+        assert (b - a) + a is b
+        assert (a + b) - a is b
+        assert (b - a) - b is -a
+        assert a - (a - b) is b
+        assert a - (a + b) is -b
+
+
+def test_a_product_with_the_reciprocal_is_one():
+    dag = Dag()
+    x = dag.symbol("x", 0)
+    assert x * (1.0 / x) is dag.one
+    assert (1.0 / x) * -x is dag.constant(-1.0)

@@ -14,7 +14,7 @@ from cotree.codegen.loops import roll
 from cotree.codegen.maps import MapContext, map_context
 from cotree.codegen.printer_c import SINES, Printed, is_written_out, literal, print_nodes
 from cotree.dag.operations import OPERATIONS
-from cotree.dag.several import Function, Table
+from cotree.dag.several import Function, Table, sizes_of
 from cotree.dag.several import results as results_of
 from cotree.dag.traverse import reachable
 from cotree.naming import c_comment, c_identifier, c_string
@@ -120,6 +120,7 @@ class ModelContext:
     digest: str
     uses_math: bool
     uses_solve: bool
+    scales_solve: bool
     definite_sizes: list[int]  # of symmetric systems that are written out
     tables: list[TableContext]
     functions: list[str]
@@ -189,6 +190,7 @@ def model_context(program: Program) -> ModelContext:
         digest=hashlib.sha256(lines.encode()).hexdigest()[:16],
         uses_math=any(node.op == "solve" or is_call(node) for node in nodes),
         uses_solve=any(node.op == "solve" for node in nodes),
+        scales_solve=any(node.op == "solve" and sizes_of(node) for node in nodes),
         definite_sizes=sorted({node.data.size for node in nodes if is_written_out(node)}),
         tables=[table_context(table, name) for table, name in tables.items()],
         functions=functions,
@@ -288,7 +290,8 @@ def kernel_context(
     else:
         roots = [*kernel.results, *(guard.value for guard in guards)]
         order = None if guards else kernel.order
-        printed = print_nodes(roots, kernel.prepared, names, order, _places_of_maps(kernel))
+        places, has_groups = _places_of_maps(kernel), not kernel.is_by_need
+        printed = print_nodes(roots, kernel.prepared, names, order, places, has_groups=has_groups)
         unused, operations = _unused(kernel, roots), kernel.operations.total
     n_results = len(kernel.results)
     results, checks = printed.values[:n_results], printed.values[n_results:]

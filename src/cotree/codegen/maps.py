@@ -13,6 +13,7 @@ from cotree.codegen.loops import roll
 from cotree.codegen.printer_c import padded, print_nodes
 from cotree.codegen.segments import Segments, cut_into_segments
 from cotree.dag.linear_map import BLOCK
+from cotree.program.machine import by_need
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -103,7 +104,7 @@ def _written(linear: LinearMap) -> Segments:
     n_blocks = -(-linear.n_columns // BLOCK)
     if linear.n_times < (1.0 - _SKIPPED) * n_blocks * len(linear.statements):
         return cut_into_segments(linear)
-    printed = print_nodes(linear.results, {}, {}, linear.order)
+    printed = print_nodes(linear.results, {}, {}, by_need(linear.order), has_groups=False)
     lines = printed.lines + [
         f"result[{i}] = {'ZERO' if root.is_zero else value};"
         for i, (root, value) in enumerate(zip(linear.results, printed.values, strict=True))

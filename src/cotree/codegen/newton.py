@@ -22,7 +22,7 @@ from cotree.codegen.context import (
 )
 from cotree.codegen.printer_c import is_written_out
 from cotree.codegen.render import render
-from cotree.dag.several import Function
+from cotree.dag.several import Function, sizes_of
 from cotree.dag.traverse import symbols_in
 from cotree.naming import c_identifier
 from cotree.passes.curvature import form_curvature
@@ -82,6 +82,7 @@ class NewtonContext:
     digest: str
     uses_math: bool
     uses_solve: bool
+    scales_solve: bool
     definite_sizes: list[int]
     tables: list[TableContext]
     functions: list[str]
@@ -160,6 +161,7 @@ def newton_context(program: Program) -> NewtonContext:
         digest=hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16],
         uses_math=uses_solve or any(is_call(node) for node in nodes),
         uses_solve=uses_solve,
+        scales_solve=any(node.op == "solve" and sizes_of(node) for node in nodes),
         definite_sizes=sorted({node.data.size for node in nodes if is_written_out(node)}),
         tables=[table_context(table, name) for table, name in tables.items()],
         functions=sorted({node.data.name for node in nodes if isinstance(node.data, Function)}),

@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from cotree.dag.operations import OPERATIONS
-from cotree.dag.several import SEVERAL, is_symmetric
+from cotree.dag.several import SEVERAL, is_symmetric, sizes_of
 from cotree.dag.traverse import reachable
 from cotree.naming import c_comment
 
@@ -79,6 +79,8 @@ def print_nodes(
     names: Mapping[Any, str],
     order: Sequence[Node] | None = None,
     places: Mapping[Node, Place] = MappingProxyType({}),
+    *,
+    has_groups: bool = True,
 ) -> Printed:
     """Print the statements that some values need.
 
@@ -94,9 +96,11 @@ def print_nodes(
         What the values depend on, in order of evaluation, where it is known already.
     places : mapping of Node to Place
         Where the results of a map are to be written, if not to an array of its own.
+    has_groups : bool
+        Whether values of a group stand together, so that comments name it.
     """
     order = reachable(roots, stop=prepared) if order is None else order
-    printer = _Printer(prepared, names, places)
+    printer = _Printer(prepared, names, places, has_groups)
     printer.count_uses(roots, order)
     for node in order:
         printer.visit(node)
@@ -144,7 +148,12 @@ def print_parts(
 
 def is_written_out(node: Node) -> bool:
     """Tell whether a linear system, if it is definite, is solved by statements without loops."""
-    return node.op == "solve" and node.data.size <= _LARGEST_SYSTEM and is_symmetric(node)
+    return (
+        node.op == "solve"
+        and node.data.size <= _LARGEST_SYSTEM
+        and bool(sizes_of(node))
+        and is_symmetric(node)
+    )
 
 
 @dataclass
@@ -152,6 +161,7 @@ class _Printer:
     prepared: Mapping[Node, int]
     names: Mapping[Any, str]
     places: Mapping[Node, Place]
+    has_groups: bool
     lines: list[str] = field(default_factory=list)
     uses_status: bool = False
     filled: list[str] = field(default_factory=list)
@@ -205,7 +215,7 @@ class _Printer:
 
     def _declare(self, node: Node) -> str:
         """Give a statement its name, after a comment where a group begins."""
-        if node.section and node.section != self._section:
+        if self.has_groups and node.section and node.section != self._section:
             self.lines.append(f"/* {c_comment(node.section)} */")
         self._section = node.section
         self._number[node] = len(self._number)
@@ -242,25 +252,36 @@ class _Printer:
     def _solve(self, node: Node) -> None:
         """Print a solution; a matrix that several solutions share is factorised once."""
         n, name = node.data.size, self._declare(node)
-        matrix, rhs, reference = node.args[: n * n], node.args[n * n : -1], node.args[-1]
-        key, own = (matrix, reference, node.data), f"_{n}" if is_written_out(node) else ""
+        matrix, rhs = node.args[: n * n], node.args[n * n : n * n + n]
+        sizes, reference, is_apart = sizes_of(node), node.args[-1], is_written_out(node)
+        key, own = (matrix, sizes, reference, node.data), f"_{n}" if is_apart else ""
         if key not in self._factors:
             self._factors[key] = number = name[1:]
+            self.lines.append(self._array(f"a{number}", matrix))
+            if sizes:
+                self.lines.append(self._array(f"s{number}", sizes))
+                if not is_apart:
+                    self.lines.append(f"cotree_scale({n}, s{number}, a{number});")
+            given = f"s{number}, " if is_apart else ""
             self.lines += [
-                self._array(f"a{number}", matrix),
                 f"int r{number}[{n}], c{number}[{n}];",
                 f"const int rank{number} = cotree_factorise{own}({n}, "
                 f"{self.operand(reference, 0)}, {literal(node.data.tolerance)}, "
-                f"a{number}, r{number}, c{number});",
+                f"a{number}, {given}r{number}, c{number});",
                 f"const int accepted{number} = cotree_complete({n}, {node.data.n_determined}, "
                 f"rank{number}, a{number}, c{number});",
             ]
         number = self._factors[key]
         values = [self.operand(arg, 0) for arg in rhs]
         values += [f"(double)rank{number}", f"(double)accepted{number}"]
+        given = f"s{number}, " if is_apart else ""
+        scaling = [f"cotree_multiply({n}, s{number}, {name});"] if sizes and not is_apart else []
         self.lines += [
             f"double {name}[{n + 2}] = {{{', '.join(values)}}};",
-            f"cotree_substitute{own}({n}, rank{number}, a{number}, r{number}, c{number}, {name});",
+            *scaling,
+            f"cotree_substitute{own}({n}, rank{number}, a{number}, {given}r{number}, c{number}, "
+            f"{name});",
+            *scaling,
             f"if (!accepted{number}) status = COTREE_SINGULAR;",
         ]
         self.uses_status = True

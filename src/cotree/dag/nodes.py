@@ -2,9 +2,9 @@
 
 A :class:`Dag` is an arena. A node is made by an operator on nodes (``a * b + c``) or by a method
 of the arena (``dag.function("sin", a)``); asking twice for the same value gives the same node, so
-common subexpressions never exist twice. Constants fold, ``x*0`` and ``x+0`` vanish, negations
-sink towards the result. An argument always has a smaller index than the node that uses it, so
-ascending index is a valid order of evaluation.
+common subexpressions never exist twice. Constants fold, ``x*0`` and ``x+0`` vanish, ``x*(1/x)`` is
+one, ``x+(y-x)`` is ``y``, negations sink towards the result. An argument always has a smaller index
+than the node that uses it, so ascending index is a valid order of evaluation.
 """
 
 from __future__ import annotations
@@ -190,6 +190,8 @@ class Dag:
             return self.mul(self.constant(2.0), a)
         if a.index > b.index:
             a, b = b, a
+        if b.op == "sub" and b.args[1] is a:
+            return b.args[0]
         key = ("add", a.index, b.index)
         node = self._interned.get(key)
         if node is None:
@@ -213,11 +215,27 @@ class Dag:
             return self.add(a, b.args[0])
         if a.op == "neg":
             return self.neg(self.add(a.args[0], b))
+        if a in b.args or b in a.args:
+            rest = self._rest(a, b)
+            if rest is not None:
+                return rest
         key = ("sub", a.index, b.index)
         node = self._interned.get(key)
         if node is None:
             node = self._interned[key] = Node(self, "sub", (a, b), None, None)
         return node
+
+    def _rest(self, a: Node, b: Node) -> Node | None:
+        """Form a - b where one of them is the other plus or less a rest."""
+        if a.op == "add" and b in a.args:
+            return a.args[0] if a.args[1] is b else a.args[1]
+        if a.op == "sub" and a.args[0] is b:
+            return self.neg(a.args[1])
+        if b.op == "sub" and b.args[0] is a:
+            return b.args[1]
+        if b.op == "add" and a in b.args:
+            return self.neg(b.args[0] if b.args[1] is a else b.args[1])
+        return None
 
     def mul(self, a: Node, b: Node) -> Node:
         """Form a * b."""
@@ -238,6 +256,8 @@ class Dag:
             return self._scale(a.value, a, b)
         if a.index > b.index:
             a, b = b, a
+        if b.op == "div" and b.args[1] is a and b.args[0] is self.one:
+            return b.args[0]
         key = ("mul", a.index, b.index)
         node = self._interned.get(key)
         if node is None:

@@ -150,9 +150,12 @@ def _evaluate_solve(data: SolveShape, values: Sequence[Any]) -> Sequence[Any]:
     n = data.size
     matrix = np.array(values[: n * n]).reshape(n, n)
     reference = complex(values[-1]).real
-    rhs = np.array(values[n * n : -1])
-    solution, rank, is_determined = solve_pivoted(matrix, rhs, reference, data)
-    return [*solution.tolist(), float(rank), float(is_determined)]
+    rhs = np.array(values[n * n : n * n + n])
+    sizes = np.real(np.array(values[n * n + n : -1]))
+    scales = 1.0 / np.sqrt(sizes) if sizes.size else np.ones(n)
+    scaled = scales[:, None] * matrix * scales
+    solution, rank, is_determined = solve_pivoted(scaled, scales * rhs, reference, data)
+    return [*(scales * solution).tolist(), float(rank), float(is_determined)]
 
 
 def _evaluate_table(table: Table, values: Sequence[Any]) -> Sequence[Any]:
@@ -186,6 +189,7 @@ def solve(
     rhs: Sequence[Node],
     reference: Node | None = None,
     shape: SolveShape | None = None,
+    sizes: Sequence[Node] = (),
 ) -> tuple[Node, ...]:
     """Form the solution of a small dense linear system, and its rank.
 
@@ -202,6 +206,9 @@ def solve(
     shape : SolveShape, optional
         How many leading unknowns must have one solution only, or the solution is refused; the
         others may be redundant. All of them, where absent.
+    sizes : sequence of Node
+        What the diagonal of each row is compared with, if rows and columns are to be divided by
+        the roots of these before anything is decided by the size of an entry.
 
     Returns
     -------
@@ -209,9 +216,15 @@ def solve(
         The n unknowns, then the rank found at run time, and one where the solution is accepted.
     """
     n = len(rhs)
-    args = [*(entry for row in matrix for entry in row), *rhs, reference or dag.zero]
+    args = [*(entry for row in matrix for entry in row), *rhs, *sizes, reference or dag.zero]
     shape = shape or SolveShape(n, n)
     return dag.several("solve", args, shape, n + 2)
+
+
+def sizes_of(node: Node) -> tuple[Node, ...]:
+    """Give what the diagonal of a linear system is compared with; nothing where it is not."""
+    n = node.data.size
+    return node.args[n * n + n : -1]
 
 
 def is_symmetric(node: Node) -> bool:
@@ -236,11 +249,11 @@ def _tangent_solve(node: Node, tangents: Sequence[Node]) -> tuple[Node, ...]:
     dag, n = node.dag, node.data.size
     matrix = [node.args[n * i : n * (i + 1)] for i in range(n)]
     x = results(node, n)
-    right = list(tangents[n * n : -1])
+    right = list(tangents[n * n : n * n + n])
     for i in range(n):
         for j in range(n):
             right[i] = right[i] - tangents[n * i + j] * x[j]
-    solved = solve(dag, matrix, right, node.args[-1], node.data)
+    solved = solve(dag, matrix, right, node.args[-1], node.data, sizes_of(node))
     return (*solved[:n], dag.zero, dag.zero)
 
 
@@ -248,10 +261,10 @@ def _reverse_solve(node: Node, adjoints: Sequence[Node]) -> tuple[Node, ...]:
     """Transposed solve: b_bar = A^-T x_bar, A_bar = -b_bar x^T."""
     dag, n = node.dag, node.data.size
     transposed = [[node.args[n * j + i] for j in range(n)] for i in range(n)]
-    b_bar = solve(dag, transposed, adjoints[:n], node.args[-1], node.data)[:n]
+    b_bar = solve(dag, transposed, adjoints[:n], node.args[-1], node.data, sizes_of(node))[:n]
     x = results(node, n)
     a_bar = [-(b_bar[i] * x[j]) for i in range(n) for j in range(n)]
-    return (*a_bar, *b_bar, dag.zero)
+    return (*a_bar, *b_bar, *(dag.zero for _ in sizes_of(node)), dag.zero)
 
 
 def _tangent_table(node: Node, tangents: Sequence[Node]) -> tuple[Node, ...]:

@@ -161,6 +161,9 @@ class Link:
         From the link's basis to the parent's; None where they are the same.
     mass, moment, tensor : Node, Vector and Matrix, or None
         Inertia about the link's origin, in its own basis.
+    is_deferred : bool
+        Whether what its speeds take is subtracted behind its offset only; see
+        :mod:`cotree.formulation.articulated`.
     """
 
     parent: int
@@ -172,6 +175,7 @@ class Link:
     mass: Node | None
     moment: Vector | None
     tensor: Matrix | None
+    is_deferred: bool = False
 
 
 @dataclass(frozen=True)

@@ -3,11 +3,16 @@
 The same unknowns as :mod:`cotree.formulation.elimination` gives from the mass matrix, without
 forming it: the inertia that a branch feels, less what its own motion gives way, is carried to the
 parent. Long chains cost less this way, short ones more; both are counted.
+
+What a speed takes is w w^T / d, with the wrench w of a unit of it. It is subtracted at once, or
+*deferred*: w is carried past the next arm, and what the next wrench and pivot lack of it is
+subtracted there. That is more to compute, but a pivot then waits for the reciprocal of the one
+before, a product and a difference, in place of twice as many.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from cotree.dag import vector
@@ -25,23 +30,29 @@ if TYPE_CHECKING:
 #: were that large: those of rounding, 1e-31 or so, then fall below the rank tolerance.
 SMALLEST_SHARE = 1e-17
 
-
-@dataclass(frozen=True)
-class _Spatial:
-    """Force F a + E alpha and torque E^T a + J alpha of a linear and an angular acceleration."""
-
-    force: Matrix
-    coupling: Matrix
-    torque: Matrix
+_NO_AXIS = -1  # among force and torque
 
 
 @dataclass(frozen=True)
 class _Gate:
-    """What one speed takes: its wrench for a unit of it, and the reciprocal of its pivot."""
+    """A wrench of one speed, and the reciprocal of its pivot."""
 
     force: Vector
     torque: Vector
     inverse: Node
+
+
+@dataclass(frozen=True)
+class _Spatial:
+    """Force F a + E alpha and torque E^T a + J alpha of a linear and an angular acceleration.
+
+    Less what speeds took, as far as it is deferred: w w^T / d of each wrench.
+    """
+
+    force: Matrix
+    coupling: Matrix
+    torque: Matrix
+    taken: tuple[_Gate, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -55,17 +66,18 @@ class ArticulatedFactors:
     links : tuple of Link
         The moving branches, parents first.
     gates : tuple of tuple of _Gate
-        Of each branch, in the order of their elimination: the last speed first.
+        Of each branch, in the order of their elimination: the last speed first. Wrenches are those
+        of a unit of each speed over its pivot, so that they are 1 along an axis of their own.
     n_speeds : int
         Number of accelerations.
     border : tuple of rows of Node
         The rows of the multipliers, over the accelerations.
     responses : tuple of rows of Node
         Accelerations for a unit of each multiplier's column.
-    scales : tuple of Node
-        One over the square root of the core's diagonal.
+    sizes : tuple of Node
+        Of the core's diagonal.
     core : tuple of rows of Node
-        What is left for the multipliers, scaled from both sides.
+        What is left for the multipliers.
     """
 
     dag: Dag
@@ -74,7 +86,7 @@ class ArticulatedFactors:
     n_speeds: int
     border: tuple[tuple[Node, ...], ...]
     responses: tuple[tuple[Node, ...], ...]
-    scales: tuple[Node, ...]
+    sizes: tuple[Node, ...]
     core: tuple[tuple[Node, ...], ...]
 
     def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
@@ -89,10 +101,9 @@ class ArticulatedFactors:
             ]
             if all(value.is_zero for value in rest):
                 return [*free, *rest]
-            scaled = [value * scale for value, scale in zip(rest, self.scales, strict=True)]
-            shape = SolveShape(len(scaled), 0, tolerance)
-            found = solve(self.dag, self.core, scaled, self.dag.one, shape)
-            multipliers = [s * v for s, v in zip(self.scales, found, strict=False)]
+            shape = SolveShape(len(rest), 0, tolerance)
+            found = solve(self.dag, self.core, rest, self.dag.one, shape, self.sizes)
+            multipliers = found[: len(rest)]
             for i in range(self.n_speeds):
                 for response, multiplier in zip(self.responses, multipliers, strict=True):
                     free[i] = free[i] - response[i] * multiplier
@@ -110,16 +121,14 @@ class ArticulatedFactors:
                 for speed, gate in zip(_outwards(link), gates, strict=True):
                     at = link.speeds[speed]
                     rest[at] = rest[at] - _power(link, speed, force, torque)
-                    given = gate.inverse * rest[at]
-                    force = vector.add(force, vector.scale(given, gate.force))
-                    torque = vector.add(torque, vector.scale(given, gate.torque))
+                    force = vector.add(force, vector.scale(rest[at], gate.force))
+                    torque = vector.add(torque, vector.scale(rest[at], gate.torque))
                 if link.parent:
                     known = loads[link.parent]
+                    # What waits for the force comes last.
+                    torque = vector.add(known[1], torque)
                     torque = vector.add(torque, vector.cross(link.offset, force))
-                    loads[link.parent] = (
-                        vector.add(known[0], force),
-                        vector.add(known[1], torque),
-                    )
+                    loads[link.parent] = (vector.add(known[0], force), torque)
             found = [dag.zero] * len(rest)
             moved: list[tuple[Vector, Vector]] = [(zero, zero)]
             for link, gates in zip(self.links, self.gates, strict=True):
@@ -127,8 +136,10 @@ class ArticulatedFactors:
                 linear = vector.add(linear, vector.cross(angular, link.offset))
                 for speed, gate in zip(reversed(_outwards(link)), reversed(gates), strict=True):
                     at = link.speeds[speed]
-                    taken = vector.dot(gate.force, linear) + vector.dot(gate.torque, angular)
-                    found[at] = gate.inverse * (rest[at] - taken)
+                    given = gate.inverse * rest[at] - vector.dot(gate.force, linear)
+                    # Last: where the speed turns about this very axis, this is all that is added
+                    # to it below, and vanishes.
+                    found[at] = given - vector.dot(gate.torque, angular)
                     linear = vector.add(linear, vector.scale(found[at], link.shifting[speed]))
                     angular = vector.add(angular, vector.scale(found[at], link.turning[speed]))
                 moved.append((_down(link, linear), _down(link, angular)))
@@ -167,7 +178,9 @@ def factorise_tree(
             own = _resolved(link, own)
             found = []
             for speed in _outwards(link):
-                gate, own = _opened(own, link.turning[speed], link.shifting[speed])
+                gate, own = _opened(
+                    own, link.turning[speed], link.shifting[speed], link.is_deferred
+                )
                 found.append(gate)
             gates[i] = tuple(found)
             if link.parent:
@@ -187,21 +200,24 @@ def factorise_tree(
             for speed, gate in zip(_outwards(link), opened, strict=True):
                 inverses[link.speeds[speed]] = gate.inverse
         natural = [_dot(row, inverses) for row in sizes]
-        scales = _scales(dag, [core[i][i] for i in range(n)], natural)
-        scaled = tuple(
-            tuple(entry * (a * b) for entry, b in zip(row, scales, strict=True))
-            for row, a in zip(core, scales, strict=True)
-        )
+        diagonal = _sizes(dag, [core[i][i] for i in range(n)], natural)
     rows = tuple(tuple(row) for row in border)
     return ArticulatedFactors(
-        dag, tuple(links), tuple(gates), n_speeds, rows, responses, scales, scaled
+        dag,
+        tuple(links),
+        tuple(gates),
+        n_speeds,
+        rows,
+        responses,
+        diagonal,
+        tuple(tuple(row) for row in core),
     )
 
 
-def _scales(dag: Dag, diagonal: Sequence[Node], natural: Sequence[Node]) -> tuple[Node, ...]:
+def _sizes(dag: Dag, diagonal: Sequence[Node], natural: Sequence[Node]) -> tuple[Node, ...]:
     """Give what makes the diagonal one; a row of rounding stays small."""
     return tuple(
-        1.0 / dag.function("sqrt", dag.function("abs", entry) + SMALLEST_SHARE * size)
+        dag.function("abs", entry) + SMALLEST_SHARE * size
         for entry, size in zip(diagonal, natural, strict=True)
     )
 
@@ -257,6 +273,7 @@ def _sum(a: _Spatial | None, b: _Spatial | None) -> _Spatial | None:
         vector.matadd(a.force, b.force),
         vector.matadd(a.coupling, b.coupling),
         vector.matadd(a.torque, b.torque),
+        (*a.taken, *b.taken),
     )
 
 
@@ -268,35 +285,82 @@ def _resolved(link: Link, a: _Spatial) -> _Spatial:
         vector.congruence(link.step, a.force),
         vector.matmul(vector.matmul(link.step, a.coupling), vector.transpose(link.step)),
         vector.congruence(link.step, a.torque),
+        tuple(_Gate(_up(link, w.force), _up(link, w.torque), w.inverse) for w in a.taken),
     )
 
 
-def _opened(a: _Spatial, turning: Vector, shifting: Vector) -> tuple[_Gate, _Spatial]:
-    """Let one speed give way: less u u^T / d."""
+def _opened(
+    a: _Spatial, turning: Vector, shifting: Vector, is_deferred: bool
+) -> tuple[_Gate, _Spatial]:
+    """Let one speed give way: less w w^T / d."""
     force = vector.add(vector.times(a.force, shifting), vector.times(a.coupling, turning))
     torque = vector.add(
         vector.transposed_times(a.coupling, shifting), vector.times(a.torque, turning)
     )
     pivot = vector.dot(shifting, force) + vector.dot(turning, torque)
+    for w in a.taken:
+        along = vector.dot(shifting, w.force) + vector.dot(turning, w.torque)
+        pivot = pivot - w.inverse * (along * along)
+        force = _less_scaled(force, w.inverse, along, w.force)
+        torque = _less_scaled(torque, w.inverse, along, w.torque)
+        a = _less_product(a, w, w, w.inverse)
     inverse = 1.0 / pivot
-    left_force, left_torque = vector.scale(inverse, force), vector.scale(inverse, torque)
-    rest = _Spatial(
-        _less(a.force, force, left_force, is_symmetric=True),
-        _less(a.coupling, force, left_torque, is_symmetric=False),
-        _less(a.torque, torque, left_torque, is_symmetric=True),
+    wrench = _Gate(force, torque, inverse)
+    gate = _Gate(vector.scale(inverse, force), vector.scale(inverse, torque), inverse)
+    if is_deferred:
+        return gate, _struck(a, wrench, turning, shifting)
+    return gate, _less_product(a, wrench, gate, inverse.dag.one)
+
+
+def _less_scaled(a: Vector, inverse: Node, along: Node, b: Vector) -> Vector:
+    """Form a - inverse along b, with the reciprocal as the last factor."""
+    return vector.sub(a, vector.scale(inverse, vector.scale(along, b)))
+
+
+def _less_product(a: _Spatial, u: _Gate, v: _Gate, scale: Node) -> _Spatial:
+    """Form a - scale u v^T, where v is a multiple of u."""
+    return _Spatial(
+        _less(a.force, u.force, v.force, scale, is_symmetric=True),
+        _less(a.coupling, u.force, v.torque, scale, is_symmetric=False),
+        _less(a.torque, u.torque, v.torque, scale, is_symmetric=True),
     )
-    return _Gate(force, torque, inverse), rest
 
 
-def _less(m: Matrix, a: Vector, b: Vector, is_symmetric: bool) -> Matrix:
-    """Form m - a b^T, one half of it where it is symmetric."""
+def _less(m: Matrix, a: Vector, b: Vector, scale: Node, is_symmetric: bool) -> Matrix:
+    """Form m - scale a b^T, one half of it where it is symmetric."""
     rows = [[m[i][j] for j in range(3)] for i in range(3)]
     for i in range(3):
         for j in range(3):
             if is_symmetric and j < i:
                 rows[i][j] = rows[j][i]
             else:
-                rows[i][j] = m[i][j] - a[i] * b[j]
+                rows[i][j] = m[i][j] - scale * (a[i] * b[j])
+    return _matrix(rows)
+
+
+def _struck(a: _Spatial, wrench: _Gate, turning: Vector, shifting: Vector) -> _Spatial:
+    """Defer what a speed takes; where it goes along an axis, its row and column vanish at once."""
+    zero, parts = wrench.inverse.dag.zero, (*shifting, *turning)
+    axis, *others = (i for i, part in enumerate(parts) if not part.is_zero)
+    if others or parts[axis].value not in (1.0, -1.0):
+        axis = _NO_AXIS
+
+    def struck(m: Matrix, rows: int, columns: int) -> Matrix:
+        return _matrix(
+            [
+                [zero if axis in (rows + i, columns + j) else m[i][j] for j in range(3)]
+                for i in range(3)
+            ]
+        )
+
+    left = [zero if i == axis else x for i, x in enumerate((*wrench.force, *wrench.torque))]
+    taken = _Gate((left[0], left[1], left[2]), (left[3], left[4], left[5]), wrench.inverse)
+    return _Spatial(
+        struck(a.force, 0, 0), struck(a.coupling, 0, 3), struck(a.torque, 3, 3), (taken,)
+    )
+
+
+def _matrix(rows: Sequence[Sequence[Node]]) -> Matrix:
     x, y, z = ((row[0], row[1], row[2]) for row in rows)
     return (x, y, z)
 
@@ -313,7 +377,10 @@ def _shifted(a: _Spatial, arm: Vector) -> _Spatial:
     torque = vector.matadd(_minus(a.torque, across), vector.matmul(skew, coupling))
     x, y, z = torque
     symmetric = (x, (x[1], y[1], y[2]), (x[2], y[2], z[2]))
-    return _Spatial(a.force, coupling, symmetric)
+    taken = tuple(
+        replace(w, torque=vector.add(w.torque, vector.cross(arm, w.force))) for w in a.taken
+    )
+    return _Spatial(a.force, coupling, symmetric, taken)
 
 
 def _minus(a: Matrix, b: Matrix) -> Matrix:

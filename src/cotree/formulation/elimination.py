@@ -33,12 +33,12 @@ class Factors:
         The reciprocals of their pivots: every right-hand side multiplies by them.
     core : tuple of int
         The unknowns left to a solution at run time.
-    core_scales : tuple of Node
-        One over the square root of their diagonal entries: before elimination, but of those that
-        begin at zero (multipliers) after it.
+    core_sizes : tuple of Node
+        Their diagonal entries: before elimination, but of those that begin at zero (multipliers)
+        after it. Divided by the roots of these, entries near 1 have lost nothing to cancellation,
+        which makes the rank decision free of units.
     core_matrix : tuple of rows of Node
-        Their Schur complement, scaled from both sides: entries near 1 have lost nothing to
-        cancellation, which makes the rank decision free of units.
+        Their Schur complement.
     n_determined : int
         How many unknowns of the core, which come first, must have one solution only.
     """
@@ -48,7 +48,7 @@ class Factors:
     columns: tuple[dict[int, Node], ...]
     inverses: tuple[Node, ...]
     core: tuple[int, ...]
-    core_scales: tuple[Node, ...]
+    core_sizes: tuple[Node, ...]
     core_matrix: tuple[tuple[Node, ...], ...]
     n_determined: int
 
@@ -102,29 +102,26 @@ def factorise(
         inverses.append(inverse)
     core = tuple(sorted(rows))
     with dag.labelled("elimination"):
-        scales = _core_scales(dag, matrix, rows, sizes)
+        core_sizes = _core_sizes(dag, matrix, rows, sizes)
     return Factors(
         dag,
         tuple(order),
         tuple(columns),
         tuple(inverses),
         core,
-        scales,
-        tuple(
-            tuple(rows[i].get(j, dag.zero) * (a * b) for j, b in zip(core, scales, strict=True))
-            for i, a in zip(core, scales, strict=True)
-        ),
+        core_sizes,
+        tuple(tuple(rows[i].get(j, dag.zero) for j in core) for i in core),
         sum(i < n - len(sizes) for i in core),
     )
 
 
-def _core_scales(
+def _core_sizes(
     dag: Dag,
     matrix: Sequence[Sequence[Node]],
     rows: dict[int, dict[int, Node]],
     natural: Sequence[Sequence[Node]],
 ) -> tuple[Node, ...]:
-    """Give what makes the core's diagonal one where it can be.
+    """Give what makes the core's diagonal one where it can be, from both sides.
 
     Multipliers begin with a zero there: elimination has left minus a sum of squares, to which what
     couples them to the rest of the core is added. The sum may vanish where a constraint loses its
@@ -146,10 +143,8 @@ def _core_scales(
             for j, size in enumerate(natural[i - n]):
                 if not size.is_zero and not matrix[j][j].is_zero:
                     sizes[i] = sizes[i] + SMALLEST_SHARE * (size / matrix[j][j])
-    roots = {i: sizes.get(i, matrix[i][i]) for i in core}
-    return tuple(
-        dag.one if roots[i].is_zero else 1.0 / dag.function("sqrt", roots[i]) for i in core
-    )
+    found = [sizes.get(i, matrix[i][i]) for i in core]
+    return tuple(dag.one if size.is_zero else size for size in found)
 
 
 class Solver(Protocol):
@@ -214,12 +209,11 @@ def substitute_back(
             for i, multiplier in column.items():
                 right[i] = right[i] - multiplier * right[k]
         if factors.core and any(not right[i].is_zero for i in factors.core):
-            scales = factors.core_scales
-            scaled = [right[i] * scale for i, scale in zip(factors.core, scales, strict=True)]
-            shape = SolveShape(len(scaled), factors.n_determined, tolerance)
-            solution = solve(dag, factors.core_matrix, scaled, dag.one, shape)
-            for i, scale, value in zip(factors.core, scales, solution, strict=False):
-                unknowns[i] = scale * value
+            rest = [right[i] for i in factors.core]
+            shape = SolveShape(len(rest), factors.n_determined, tolerance)
+            solution = solve(dag, factors.core_matrix, rest, dag.one, shape, factors.core_sizes)
+            for i, value in zip(factors.core, solution, strict=False):
+                unknowns[i] = value
         for k, column, inverse in zip(
             reversed(factors.order),
             reversed(factors.columns),

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from cotree.passes.balance import balance_sums
+from cotree.passes.order import order_by_need
 from cotree.passes.reciprocals import share_reciprocals
 from cotree.passes.sines import pack_sines
 from cotree.passes.stage import stage_parameters
@@ -18,7 +20,9 @@ if TYPE_CHECKING:
 RECIPE: tuple[tuple[str, Callable[[Program], Program]], ...] = (
     ("reciprocals", share_reciprocals),
     ("sines", pack_sines),
+    ("balance", balance_sums),
     ("stage", stage_parameters),
+    ("order", order_by_need),
 )
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Iterable
+    from collections.abc import Container, Iterable, Sequence
 
     from cotree.dag.nodes import Node
 
@@ -40,6 +40,12 @@ def cycles(nodes: Iterable[Node], known: Container[Node] = ()) -> float:
     known : container of Node
         Those of them that take none.
     """
+    started, longest = bounds(nodes, known)
+    return max(started, longest) + _UNFILLED * min(started, longest)
+
+
+def bounds(nodes: Iterable[Node], known: Container[Node] = ()) -> tuple[float, float]:
+    """Give the cycles until all values are started, and those of the longest path."""
     started = 0.0
     path: dict[Node, float] = {}
     for node in nodes:
@@ -48,13 +54,49 @@ def cycles(nodes: Iterable[Node], known: Container[Node] = ()) -> float:
         start, wait = _cost(node)
         started += start
         path[node] = wait + max((path.get(arg, 0.0) for arg in node.args), default=0.0)
-    longest = max(path.values(), default=0.0)
-    return max(started, longest) + _UNFILLED * min(started, longest)
+    return started, max(path.values(), default=0.0)
+
+
+def waits(node: Node) -> float:
+    """Give the cycles until a value is there, once its arguments are."""
+    return _cost(node)[1] if node.args else 0.0
+
+
+def needs(order: Sequence[Node], known: Container[Node] = ()) -> dict[Node, float]:
+    """Give the longest path from each value to a result, the cycles of the value counted in.
+
+    Parameters
+    ----------
+    order : sequence of Node
+        In order of evaluation.
+    known : container of Node
+        Those of them that take no cycles.
+    """
+    need = dict.fromkeys(order, 0.0)
+    for node in reversed(order):
+        if node not in known:
+            need[node] += waits(node)
+            for arg in node.args:
+                need[arg] = max(need[arg], need[node])
+    return need
+
+
+def by_need(order: Sequence[Node], known: Container[Node] = ()) -> list[Node]:
+    """Order values by the longest path from each to a result.
+
+    A processor looks a few hundred operations ahead. In this order the next ones of the longest
+    path stand among those, and what it does not wait for stands between them.
+    """
+    need = needs(order, known)
+    # Reading a result of several takes none: it stays behind what it reads.
+    return sorted(order, key=lambda node: (-need[node], node.index))
 
 
 def _cost(node: Node) -> tuple[float, float]:
     if node.op == "result":
         return 0.0, 0.0
+    if node.op == "sines":
+        return 9.0 * node.data, 50.0
     if node.op == "solve":
         n = node.data.size
         return n**3 / 3.0 + 2.0 * n * n, 20.0 * n

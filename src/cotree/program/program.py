@@ -11,6 +11,7 @@ from cotree.dag.stops import longest_step, stop_times
 from cotree.dag.traverse import reachable
 from cotree.errors import SolveError
 from cotree.program.counts import OperationCount, count_operations
+from cotree.program.machine import by_need
 
 if TYPE_CHECKING:
     from collections.abc import Container, Mapping, Sequence
@@ -33,11 +34,15 @@ class Kernel:
         What it writes.
     prepared : mapping of Node to int
         Values that it reads from ``k`` in place of computing them, with their place there.
+    is_by_need : bool
+        Whether it is written in the order in which its longest path needs values, in place of that
+        in which they were formed.
     """
 
     spec: KernelSpec
     results: tuple[Node, ...]
     prepared: Mapping[Node, int]
+    is_by_need: bool = False
 
     @property
     def is_present(self) -> bool:
@@ -47,7 +52,8 @@ class Kernel:
     @cached_property
     def order(self) -> list[Node]:
         """Every value that the results need, in order of evaluation; prepared ones included."""
-        return reachable(self.results, stop=self.prepared)
+        order = reachable(self.results, stop=self.prepared)
+        return by_need(order, self.prepared) if self.is_by_need else order
 
     @cached_property
     def operations(self) -> OperationCount:

@@ -44,6 +44,8 @@ class Alternative:
         The clusters resolved in their own axes.
     is_along_tree : bool
         Whether unknowns are eliminated along the tree.
+    is_deferred : bool
+        Whether that defers what they take; see :mod:`cotree.formulation.articulated`.
     n_states, n_multipliers : int
         Size of the equations.
     n_operations : int
@@ -55,6 +57,7 @@ class Alternative:
     trees: Trees
     own_axes: tuple[int, ...]
     is_along_tree: bool
+    is_deferred: bool
     n_states: int
     n_multipliers: int
     n_operations: int
@@ -63,6 +66,7 @@ class Alternative:
     def summary(self) -> str:
         """Describe it in one line."""
         way = "along the tree" if self.is_along_tree else "by the matrix"
+        way += ", deferred" if self.is_deferred else ""
         return (
             f"{self.n_operations:8} operations, {self.n_cycles:8.0f} cycles, "
             f"{self.n_states:3} states, {self.n_multipliers:3} multipliers, {way},"
@@ -124,6 +128,7 @@ def _tried(
                 trees,
                 own_axes,
                 bool(links),
+                any(link.is_deferred for link in links),
                 len(first.states),
                 len(first.constraints.rows),
                 *_estimate(first, sensitivities),
@@ -139,7 +144,8 @@ def _eliminations(first: FirstGraph) -> list[tuple[Link, ...]]:
     links = tree_links(first)
     if not links:
         return [()]
-    return [links] if is_deep(first.motion) else [(), links]
+    deferred = tuple(replace(link, is_deferred=True) for link in links)
+    return [links, deferred] if is_deep(first.motion) else [(), links, deferred]
 
 
 def _choices(scene: SceneDescription, trees: Trees) -> Iterator[tuple[int, ...]]:

@@ -1,0 +1,139 @@
+"""Pass: balance. Long sums on the longest path become trees: what arrives first is added first.
+
+Assumes that nothing is prepared yet. Guarantees as many operations at most, and the same values but
+for the rounding of sums, whose terms are added in another order. Sums that end no earlier that way
+stay, and so do all of a kernel that has other things to do while it waits. So do those of
+residuals: currents through large conductances cancel in the order in which they were formed; in
+another one, what rounding left of them has stopped rodas5 at tolerances of 1e-11.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from heapq import heapify, heappop, heappush
+from typing import TYPE_CHECKING
+
+from cotree.passes.stage import varying_values
+from cotree.program.machine import bounds, waits
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
+    from cotree.dag.nodes import Node
+    from cotree.program import Kernel, Program
+
+#: Kernels that methods call at each step.
+_BALANCED = frozenset({"rhs", "augmented_rhs", "sensitivity_rhs", "jacobian"})
+_SUMS = frozenset({"add", "sub", "neg"})
+#: Where all operations together take longer than so many times the longest path, sums of products
+#: are better left to fused operations, which chains have more of.
+_MOST = 2.0
+_PREPARED = -1.0  # arrival of what depends on parameters only
+
+
+def balance_sums(program: Program) -> Program:
+    """Balance the sums of each kernel, where there are no algebraic unknowns."""
+    if any(program.layout.algebraic):
+        return program
+    kernels = {
+        name: _rewrite(kernel) if name in _BALANCED else kernel
+        for name, kernel in program.kernels.items()
+    }
+    return replace(program, kernels=kernels)
+
+
+def _rewrite(kernel: Kernel) -> Kernel:
+    order = kernel.order
+    varying = varying_values(order)
+    started, longest = bounds(order, set(order) - varying)
+    inner = _inner_sums(order, kernel.results, varying)
+    if not inner or started > _MOST * longest:
+        return kernel
+    clock = _Clock(varying)
+    new: dict[Node, Node] = {}
+    for node in order:
+        args = tuple(new.get(arg, arg) for arg in node.args)
+        with node.dag.labelled(node.section):
+            made = node if args == node.args else node.dag.rebuild(node, args)
+            if node.op in _SUMS and node not in inner:
+                made = min(made, _sum(_terms(node, inner, new), clock), key=clock)
+        clock(made)
+        if made is not node:
+            new[node] = made
+    return replace(kernel, results=tuple(new.get(node, node) for node in kernel.results))
+
+
+@dataclass
+class _Clock:
+    """When each value is there."""
+
+    varying: Collection[Node]
+    times: dict[Node, float] = field(default_factory=dict)
+
+    def __call__(self, node: Node) -> float:
+        """Give the time of a value whose arguments have theirs."""
+        time = self.times.get(node)
+        if time is None:
+            if not node.args:
+                time = 0.0 if node in self.varying else _PREPARED
+            else:
+                latest = max(map(self, node.args))
+                time = latest + waits(node) if latest > _PREPARED else _PREPARED
+            self.times[node] = time
+        return time
+
+
+def _inner_sums(
+    order: Sequence[Node], results: Sequence[Node], varying: Collection[Node]
+) -> set[Node]:
+    """Find the sums that nothing but one other sum reads.
+
+    Sums of the kernel's own arguments stay: a difference of two that are close is exact.
+    """
+    uses = Counter(arg for node in order for arg in node.args)
+    uses.update(results)
+    return {
+        arg
+        for node in order
+        if node.op in _SUMS
+        for arg in node.args
+        if arg.op in _SUMS and uses[arg] == 1 and arg in varying and any(a.args for a in arg.args)
+    }
+
+
+def _terms(node: Node, inner: Collection[Node], new: dict[Node, Node]) -> list[tuple[Node, bool]]:
+    """List the terms of a sum in their order, and whether each is added."""
+    terms: list[tuple[Node, bool]] = []
+    left = [(node, True)]
+    while left:
+        part, is_added = left.pop()
+        if part is not node and part not in inner:
+            terms.append((new.get(part, part), is_added))
+        elif part.op == "neg":
+            left.append((part.args[0], not is_added))
+        else:
+            a, b = part.args
+            left += [(b, is_added == (part.op == "add")), (a, is_added)]
+    return terms
+
+
+def _sum(terms: Sequence[tuple[Node, bool]], clock: _Clock) -> Node:
+    """Add terms, at each step the two that are there first; of equals, those that stand first."""
+    heap = [(clock(term), i, term, is_added) for i, (term, is_added) in enumerate(terms)]
+    heapify(heap)
+    while len(heap) > 1:
+        (_, i, a, is_added), (_, j, b, other) = sorted((heappop(heap), heappop(heap)), key=_place)
+        if is_added == other:
+            total = a + b
+        elif is_added:
+            total = a - b
+        else:
+            total, is_added = b - a, True
+        heappush(heap, (clock(total), min(i, j), total, is_added))
+    _, _, total, is_added = heap[0]
+    return total if is_added else -total
+
+
+def _place(item: tuple[float, int, Node, bool]) -> int:
+    return item[1]

@@ -1,0 +1,48 @@
+"""Pass: order. Kernels that wait for one long path are written in the order of its needs.
+
+Assumes nothing. Guarantees the same operations with the same values. Values that were formed first
+stand first otherwise, and all that the path could have been overlapped with is done before it
+begins, farther away than a processor looks ahead. Where the order of needs keeps more values alive,
+which then pass through memory, that costs more than it gains.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from cotree.program.machine import bounds
+
+if TYPE_CHECKING:
+    from cotree.program import Kernel, Program
+
+#: Operations that a processor looks ahead, whatever their order is.
+_FEW = 250
+#: Where all operations together take longer than so many times the longest path, something is there
+#: to overlap it with in any order.
+_MOST = 3.0
+
+
+def order_by_need(program: Program) -> Program:
+    """Order the values of each kernel by need, where that helps."""
+    kernels = {name: _ordered(kernel) for name, kernel in program.kernels.items()}
+    return replace(program, kernels=kernels)
+
+
+def _ordered(kernel: Kernel) -> Kernel:
+    order, prepared = kernel.order, kernel.prepared
+    # A map begins when all that any of its columns needs is there.
+    if len(order) - len(prepared) < _FEW or any(node.op == "map" for node in order):
+        return kernel
+    started, longest = bounds(order, prepared)
+    ordered = replace(kernel, is_by_need=True)
+    if started >= _MOST * longest or _lifetimes(ordered) > _lifetimes(kernel):
+        return kernel
+    return ordered
+
+
+def _lifetimes(kernel: Kernel) -> int:
+    """Sum up how many values are formed while each waits to be read: the registers it takes."""
+    formed = [node for node in kernel.order if node.args and node not in kernel.prepared]
+    last = {arg: i for i, node in enumerate(formed) for arg in node.args}
+    return sum(last.get(node, i) - i for i, node in enumerate(formed))
