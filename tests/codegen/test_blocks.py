@@ -99,7 +99,7 @@ def test_a_long_kernel_is_cut_where_little_crosses():
         lines.append(f"const double v{first + 9} = v{first + 8} - v0;")
     results = ["dx[0] = v10;", "dx[1] = v20;"]
     arguments = {"x": "const double *x", "dx": "double *dx"}
-    cut = cut_into_blocks("f", [*lines, *results], arguments, "dx", longest=14)
+    cut = cut_into_blocks("f_{}", [*lines, *results], arguments, "dx", longest=14)
     assert [block.lines[-1] for block in cut.functions] == results
     assert cut.lines == ["double w[1];", "f_1(x, dx, w);", "f_2(dx, w);"]
     assert cut.functions[0].lines[0] == "const double v0 = w[0] = x[0] * x[0];"
@@ -111,7 +111,7 @@ def test_places_serve_again_when_their_values_are_read_no_more():
     lines = ["const double v0 = x[0] + 1.0;"]
     lines += [f"const double v{i} = v{i - 1} + 1.0;" for i in range(1, 100)]
     arguments = {"x": "const double *x", "dx": "double *dx"}
-    cut = cut_into_blocks("f", [*lines, "dx[0] = v99;"], arguments, "dx", longest=10)
+    cut = cut_into_blocks("f_{}", [*lines, "dx[0] = v99;"], arguments, "dx", longest=10)
     assert len(cut.functions) >= 10
     # One that is handed over, and the next, made while that may still be read.
     assert cut.n_shared == 2
@@ -119,7 +119,7 @@ def test_places_serve_again_when_their_values_are_read_no_more():
 
 def test_statements_of_an_unknown_kind_stay_whole():
     lines = [f"strange v{i} = x[0] + 1.0;" for i in range(100)]
-    cut = cut_into_blocks("f", lines, {"x": "const double *x"}, longest=10)
+    cut = cut_into_blocks("f_{}", lines, {"x": "const double *x"}, longest=10)
     assert cut.functions == []
     assert cut.lines == lines
 

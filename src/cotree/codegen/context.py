@@ -70,7 +70,12 @@ class KernelContext:
     @property
     def n_written(self) -> int:
         """How many operations stand in its longest function, those of a loop once."""
-        return max(count_written(rows) for rows in (self.lines, *(b.lines for b in self.blocks)))
+        return max(self.written)
+
+    @property
+    def written(self) -> list[int]:
+        """How many operations stand in each of its functions."""
+        return [count_written(rows) for rows in (self.lines, *(b.lines for b in self.blocks))]
 
     @property
     def text(self) -> list[str]:
@@ -148,8 +153,18 @@ class ModelContext:
     @property
     def n_written(self) -> int:
         """About how many operations the longest function has."""
-        written = [row.n_written for row in self.kernels]
-        return max([*written, *(row.n_written for row in self.maps)])
+        return max(self._written)
+
+    @property
+    def n_written_in_all(self) -> int:
+        """About how many operations all functions have."""
+        return sum(self._written)
+
+    @property
+    def _written(self) -> list[int]:
+        """Count the operations of each function, those of a loop once."""
+        written = [n for kernel in self.kernels for n in kernel.written]
+        return [*written, *(n for row in self.maps for n in row.written)]
 
 
 def model_context(program: Program) -> ModelContext:
@@ -292,7 +307,7 @@ def kernel_context(
         lines.append(f"if (!({value} {comparison} 0.0)) return -{i + 1};")
     name, arguments = f"{prefix}_{spec.name}", _arguments(kernel)
     rolled = roll(lines, "z" if "v" in arguments else "v")
-    cut = cut_into_blocks(name, rolled, arguments, (spec.result, *FILLED))
+    cut = cut_into_blocks(f"{name}_{{}}", rolled, arguments, (spec.result, *FILLED))
     return KernelContext(
         signature=function_head("int", name, arguments.values()),
         prototype=function_head("COTREE_EXPORT int", name, arguments.values()),

@@ -5,12 +5,25 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from cotree.codegen.blocks import Block, cut_into_blocks
+from cotree.codegen.c_statements import count_written
 from cotree.codegen.loops import roll
 from cotree.codegen.printer_c import padded, print_nodes
 
 if TYPE_CHECKING:
     from cotree.dag.linear_map import LinearMap
     from cotree.dag.nodes import Node
+
+#: Operations of a block of statements at most. Measured with gcc 12 on a map of 2261: 500 compile
+#: with a third of the instructions, and four numbers at a time run a fifth faster.
+_LONGEST_BLOCK = 500
+
+#: What statements of a map read and write: of all columns, and of those in a vector.
+_ARGUMENTS = {
+    "shared": "const double *COTREE_RESTRICT shared",
+    "column": "const VECTOR *COTREE_RESTRICT column",
+    "result": "VECTOR *COTREE_RESTRICT result",
+}
 
 
 @dataclass(frozen=True)
@@ -25,8 +38,13 @@ class MapContext:
     n_own: int
     n_results: int
     width: int
-    n_written: int
     lines: list[str]
+    blocks: list[Block]  # none where it is not cut
+
+    @property
+    def written(self) -> list[int]:
+        """How many operations stand in each of its functions."""
+        return [count_written(rows) for rows in (self.lines, *(b.lines for b in self.blocks))]
 
 
 def map_context(node: Node, name: str) -> MapContext:
@@ -46,6 +64,15 @@ def map_context(node: Node, name: str) -> MapContext:
         f"result[{i}] = {'ZERO' if root.is_zero else value};"
         for i, (root, value) in enumerate(zip(linear.results, printed.values, strict=True))
     ]
+    lines = [line.replace("double v", "VECTOR v", 1) for line in roll(lines)]
+    cut = cut_into_blocks(
+        f"NAMED({name}_{{}})",
+        lines,
+        _ARGUMENTS,
+        ("result",),
+        _LONGEST_BLOCK,
+        "TARGET COTREE_APART static void",
+    )
     return MapContext(
         name=name,
         doc=f"{linear.n_columns} columns, {linear.counts.total()} operations each",
@@ -55,6 +82,6 @@ def map_context(node: Node, name: str) -> MapContext:
         n_own=linear.n_inputs - n,
         n_results=len(linear.results),
         width=padded(linear.n_columns),
-        n_written=linear.counts.total(),
-        lines=[line.replace("double v", "VECTOR v", 1) for line in roll(lines)],
+        lines=cut.lines,
+        blocks=cut.functions,
     )
