@@ -39,39 +39,46 @@
 extern "C" {
 #endif
 
-/* What depends on parameters only. Values: 7. */
+/* What depends on parameters only.
+ * Values: 7. Stack: 568 bytes at most. */
 COTREE_EXPORT int slider_pendulum_prepare(const double *COTREE_RESTRICT p,
                                           double *COTREE_RESTRICT k);
 
-/* Initial states. Values: 4. */
+/* Initial states.
+ * Values: 4. Stack: 512 bytes at most. */
 COTREE_EXPORT int slider_pendulum_initial(const double *COTREE_RESTRICT p,
                                           const double *COTREE_RESTRICT k,
                                           double *COTREE_RESTRICT x);
 
-/* Sensitivities of the initial states. Values: 4. */
+/* Sensitivities of the initial states.
+ * Values: 4. Stack: 512 bytes at most. */
 COTREE_EXPORT int slider_pendulum_initial_sensitivity(const double *COTREE_RESTRICT p,
                                                       const double *COTREE_RESTRICT k,
                                                       double *COTREE_RESTRICT s);
 
-/* The scene's own inputs. Values: 0. */
+/* The scene's own inputs.
+ * Values: 0. Stack: 512 bytes at most. */
 COTREE_EXPORT int slider_pendulum_inputs(double t, const double *COTREE_RESTRICT p,
                                          const double *COTREE_RESTRICT k,
                                          double *COTREE_RESTRICT u);
 
-/* Rates of the states. Values: 4. */
+/* Rates of the states.
+ * Values: 4. Stack: 552 bytes at most. */
 COTREE_EXPORT int slider_pendulum_rhs(double t, const double *COTREE_RESTRICT x,
                                       const double *COTREE_RESTRICT u,
                                       const double *COTREE_RESTRICT p,
                                       const double *COTREE_RESTRICT k, double *COTREE_RESTRICT dx);
 
-/* Derivatives of rhs by the states: nonzeros, by columns. Values: 8. */
+/* Derivatives of rhs by the states: nonzeros, by columns.
+ * Values: 8. Stack: 600 bytes at most. */
 COTREE_EXPORT int slider_pendulum_jacobian(double t, const double *COTREE_RESTRICT x,
                                            const double *COTREE_RESTRICT u,
                                            const double *COTREE_RESTRICT p,
                                            const double *COTREE_RESTRICT k,
                                            double *COTREE_RESTRICT values);
 
-/* Rates of the states, then of the sensitivities. Values: 8. */
+/* Rates of the states, then of the sensitivities.
+ * Values: 8. Stack: 632 bytes at most. */
 COTREE_EXPORT int slider_pendulum_augmented_rhs(double t, const double *COTREE_RESTRICT x,
                                                 const double *COTREE_RESTRICT s,
                                                 const double *COTREE_RESTRICT u,
@@ -79,7 +86,8 @@ COTREE_EXPORT int slider_pendulum_augmented_rhs(double t, const double *COTREE_R
                                                 const double *COTREE_RESTRICT k,
                                                 double *COTREE_RESTRICT dz);
 
-/* Rates of the sensitivities. Values: 4. */
+/* Rates of the sensitivities.
+ * Values: 4. Stack: 1208 bytes at most. */
 COTREE_EXPORT int slider_pendulum_sensitivity_rhs(double t, const double *COTREE_RESTRICT x,
                                                   const double *COTREE_RESTRICT s,
                                                   const double *COTREE_RESTRICT u,
@@ -87,14 +95,16 @@ COTREE_EXPORT int slider_pendulum_sensitivity_rhs(double t, const double *COTREE
                                                   const double *COTREE_RESTRICT k,
                                                   double *COTREE_RESTRICT ds);
 
-/* Outputs. Values: 1. */
+/* Outputs.
+ * Values: 1. Stack: 512 bytes at most. */
 COTREE_EXPORT int slider_pendulum_outputs(double t, const double *COTREE_RESTRICT x,
                                           const double *COTREE_RESTRICT u,
                                           const double *COTREE_RESTRICT p,
                                           const double *COTREE_RESTRICT k,
                                           double *COTREE_RESTRICT y);
 
-/* Sensitivities of the outputs. Values: 1. */
+/* Sensitivities of the outputs.
+ * Values: 1. Stack: 512 bytes at most. */
 COTREE_EXPORT int slider_pendulum_output_sensitivity(double t, const double *COTREE_RESTRICT x,
                                                      const double *COTREE_RESTRICT s,
                                                      const double *COTREE_RESTRICT u,

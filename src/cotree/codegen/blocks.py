@@ -71,13 +71,10 @@ class Blocks:
         In the order of their calls; none where it is not cut.
     lines : list of str
         The statements of the kernel itself.
-    n_shared : int
-        Doubles of the stack that hold what blocks hand over.
     """
 
     functions: list[Block]
     lines: list[str]
-    n_shared: int
 
 
 def cut_into_blocks(
@@ -111,7 +108,7 @@ def cut_into_blocks(
     Blocks
         Not cut where the statements are few, or of a kind that is unknown here.
     """
-    whole = Blocks([], list(lines), 0)
+    whole = Blocks([], list(lines))
     text = take_apart(lines) if count_written(lines) > longest else None
     if text is None or not text.declared.isdisjoint((*arguments, *_FRAMES.values())):
         return whole
@@ -203,8 +200,7 @@ class _Writer:
         lines += calls
         for item in exits:
             lines += self._placed(item)
-        own = [arrays[name][1] for name in self._shared if arrays[name][0] == "double"]
-        return Blocks(functions, lines, kinds["double"] + sum(own))
+        return Blocks(functions, lines)
 
     def _share_arrays(self, groups: Sequence[Sequence[Item]]) -> None:
         """Find the arrays that more than one block uses."""

@@ -13,6 +13,7 @@ from cotree.codegen.heads import function_head
 from cotree.codegen.loops import roll
 from cotree.codegen.maps import MapContext, map_context
 from cotree.codegen.printer_c import FILLED, SINES, Printed, is_written_out, literal, print_nodes
+from cotree.codegen.stack import n_bytes
 from cotree.dag.operations import OPERATIONS
 from cotree.dag.several import Function, Table
 from cotree.dag.several import results as results_of
@@ -65,7 +66,7 @@ class KernelContext:
     lines: list[str]
     uses_status: bool
     blocks: list[Block]  # none where it is not cut
-    n_shared: int
+    n_stack: int
 
     @property
     def n_written(self) -> int:
@@ -188,7 +189,12 @@ def model_context(program: Program) -> ModelContext:
     names: dict[Any, str] = {**tables, **maps}
     if packs_sines:
         names[SINES] = "cotree_sines"
-    kernels = [kernel_context(prefix, k, program, names) for k in present]
+    contexts = [map_context(applied[linear], name) for linear, name in maps.items()]
+    kernels, called = [], {row.name: row.n_stack for row in contexts}
+    for kernel in present:
+        own = kernel_context(prefix, kernel, program, names, called)
+        kernels.append(own)
+        called[f"{prefix}_{kernel.spec.name}"] = own.n_stack  # others may call it
     lines = "\n".join(line for kernel in kernels for line in kernel.text)
     return ModelContext(
         title=layout.name,
@@ -206,7 +212,7 @@ def model_context(program: Program) -> ModelContext:
         functions=functions,
         uses_vectors=packs_sines or bool(maps),
         packs_sines=packs_sines,
-        maps=[map_context(applied[linear], name) for linear, name in maps.items()],
+        maps=contexts,
         kernels=kernels,
         kernel_pointers=[
             f"{prefix}_{k.spec.name}" if k in present else "NULL" for k in program.kernels.values()
@@ -285,9 +291,13 @@ def _quantity(row: Quantity) -> QuantityContext:
 
 
 def kernel_context(
-    prefix: str, kernel: Kernel, program: Program, names: Mapping[Any, str]
+    prefix: str,
+    kernel: Kernel,
+    program: Program,
+    names: Mapping[Any, str],
+    called: Mapping[str, int],
 ) -> KernelContext:
-    """Gather what the templates need of one kernel."""
+    """Gather what the templates need of one kernel; functions it may call take some stack each."""
     spec = kernel.spec
     guards = program.guards if spec.name == "prepare" else ()
     if spec.tail_of and kernel.results:
@@ -319,7 +329,7 @@ def kernel_context(
         lines=cut.lines,
         uses_status=printed.uses_status,
         blocks=cut.functions,
-        n_shared=cut.n_shared,
+        n_stack=n_bytes(cut.lines, cut.functions, called),
     )
 
 

@@ -9,6 +9,7 @@ from cotree.codegen.blocks import Block, cut_into_blocks
 from cotree.codegen.c_statements import count_written
 from cotree.codegen.loops import roll
 from cotree.codegen.printer_c import padded, print_nodes
+from cotree.codegen.stack import n_bytes
 
 if TYPE_CHECKING:
     from cotree.dag.linear_map import LinearMap
@@ -40,6 +41,12 @@ class MapContext:
     width: int
     lines: list[str]
     blocks: list[Block]  # none where it is not cut
+
+    @property
+    def n_stack(self) -> int:
+        """Bytes of the stack that it takes at most."""
+        n = self.n_sensitive + self.n_own + self.n_results
+        return n_bytes([f"VECTOR column[{n}];", *self.lines], self.blocks, {})
 
     @property
     def written(self) -> list[int]:

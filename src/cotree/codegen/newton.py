@@ -157,7 +157,7 @@ def newton_context(program: Program) -> NewtonContext:
     made += [curvature.at, curvature.along] if curvature is not None else []
     nodes = [node for kernel in made for node in kernel.order]
     tables = name_tables(node.data for node in nodes if node.op == "table")
-    kernels = [kernel_context(prefix, kernel, program, tables) for kernel in made]
+    kernels = [kernel_context(prefix, kernel, program, tables, {}) for kernel in made]
     places = [] if curvature is None else wrapped(map(str, curvature.places))
     lines = [line for kernel in kernels for line in kernel.text] + places
     if elimination is not None:
