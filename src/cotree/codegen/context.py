@@ -223,7 +223,7 @@ def model_context(program: Program) -> ModelContext:
         outputs=[_quantity(row) for row in layout.outputs],
         sensitivities=list(layout.sensitivities),
         sensitivity_literals=wrapped(map(c_string, layout.sensitivities)),
-        guard_literals=[f"{c_string(guard.what)}," for guard in program.guards],
+        guard_literals=[f"{c_string(guard.what + guard.source)}," for guard in program.guards],
         parameter_values=wrapped(map(literal, layout.parameter_values)),
         column_starts=wrapped(map(str, layout.column_starts)),
         row_indices=wrapped(map(str, layout.row_indices)),
