@@ -11,7 +11,7 @@ from rod_chain import rod_chain
 
 import cotree
 from cotree import load
-from cotree.codegen import context
+from cotree.codegen import context, loops
 from cotree.codegen.blocks import cut_into_blocks
 from cotree.codegen.context import model_context
 from cotree.pipeline import formulate, generate
@@ -67,6 +67,18 @@ def test_shipped_scenes_compute_the_same(name, cut_at, load_kernels):
     assert whole.keys() == cut.keys()
     for kernel, values in whole.items():
         assert np.array_equal(values, cut[kernel], equal_nan=True), kernel
+
+
+@pytest.mark.compiler
+@pytest.mark.parametrize("name", SCENES)
+def test_shipped_scenes_compute_the_same_in_loops(name, monkeypatch, load_kernels):
+    scene = load(name)
+    program = _program(scene, list(scene.parameters)[:2])
+    monkeypatch.setattr(loops, "_MUCH_SHORTER", 10.0)  # wherever statements repeat
+    rolled = _all_values(load_kernels(program), program)
+    monkeypatch.setattr(context, "roll", lambda lines, array="v": list(lines))
+    for kernel, values in _all_values(load_kernels(program), program).items():
+        assert np.array_equal(values, rolled[kernel], equal_nan=True), kernel
 
 
 @pytest.mark.compiler
