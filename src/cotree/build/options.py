@@ -22,8 +22,8 @@ _LEVELS = ("-O0", "-Og", "-O1", "-O2", "-O3")
 _STATEMENT_LIMIT_GCC = 4_000
 _STATEMENT_LIMIT_CLANG = 20_000
 # Operations of all functions together beyond which gcc gets -Og: for straight code that takes half
-# the instructions of -O1 (panda with 70 parameters 20 to 37 thousand million), and what it makes
-# runs within a sixth as fast, long kernels as often faster as slower. For clang it is -O1.
+# the instructions of -O1 (panda with 70 parameters 16 for 30 thousand million), and what it makes
+# takes 0.9 to 1.2 of the time, long kernels as often less as more. For clang it is -O1.
 _LONG_FOR_GCC = 6_000
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import textwrap
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from cotree.codegen.blocks import Block, cut_into_blocks
@@ -73,7 +74,7 @@ class KernelContext:
         """How many operations stand in its longest function, those of a loop once."""
         return max(self.written)
 
-    @property
+    @cached_property
     def written(self) -> list[int]:
         """How many operations stand in each of its functions."""
         return [count_written(rows) for rows in (self.lines, *(b.lines for b in self.blocks))]

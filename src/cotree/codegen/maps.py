@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from cotree.codegen.blocks import Block, cut_into_blocks
@@ -48,7 +49,7 @@ class MapContext:
         n = self.n_sensitive + self.n_own + self.n_results
         return n_bytes([f"VECTOR column[{n}];", *self.lines], self.blocks, {})
 
-    @property
+    @cached_property
     def written(self) -> list[int]:
         """How many operations stand in each of its functions."""
         return [count_written(rows) for rows in (self.lines, *(b.lines for b in self.blocks))]
