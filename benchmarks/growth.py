@@ -109,7 +109,7 @@ def measure(name: str, n: int) -> Row:
     files = dict(render_model(context))
     generation = processor_seconds() - start
     found = next(k for k in context.kernels if f"_{kernel}(" in k.signature)
-    longest = max(k.n_written for k in context.kernels)
+    sizes = context.n_written, context.n_written_in_all
     with tempfile.TemporaryDirectory() as folder:
         text = HARNESS.replace("PREFIX", context.prefix).replace("KERNEL", kernel)
         for file, content in {**files, "harness.c": text}.items():
@@ -118,7 +118,7 @@ def measure(name: str, n: int) -> Row:
         if toolchain is None:
             raise SystemExit("no C compiler was found: install one")
         # The harness takes the clock from POSIX, which strict C99 hides.
-        flags = ["-D_POSIX_C_SOURCE=199309L", *compiler_flags(toolchain, BuildOptions(), longest)]
+        flags = ["-D_POSIX_C_SOURCE=199309L", *compiler_flags(toolchain, BuildOptions(), *sizes)]
         command = [*toolchain.command, *flags, f"{context.prefix}.c", "harness.c"]
         start = processor_seconds()
         subprocess.run([*command, "-o", "model.so", "-lm"], cwd=folder, check=True)
@@ -129,7 +129,7 @@ def measure(name: str, n: int) -> Row:
         found.n_operations,
         sum(len(k.text) for k in context.kernels),
         len(files[f"{context.prefix}.c"]),
-        longest,
+        context.n_written,
         generation,
         compilation,
         call,

@@ -154,8 +154,9 @@ def flags(model: Any, native: bool) -> tuple[str, ...]:
     toolchain = find_toolchain()
     if toolchain is None:
         raise SystemExit("no C compiler was found: install one")
-    n_written = model._compiled.context.n_written
-    return compiler_flags(toolchain, BuildOptions(native=native), n_written)
+    context = model._compiled.context
+    sizes = context.n_written, context.n_written_in_all
+    return compiler_flags(toolchain, BuildOptions(native=native), *sizes)
 
 
 def _peer(name: str, row: Row, model: Any, x: Any, s: Any) -> Contender | None:

@@ -250,13 +250,13 @@ static const char *const sensitivity_names[1] = {
     "L",
 };
 static const char *const guard_texts[7] = {
-    "mass of edge 'm5'",
-    "mass of edge 'm6'",
-    "entry 1 of inertia of edge 'm6'",
-    "entry 2 of inertia of edge 'm6'",
-    "entry 3 of inertia of edge 'm6'",
-    "the inertia that joint 'j1' carries itself",
-    "the inertia that joint 'h2' carries itself",
+    "mass of edge 'm5' (parameter 'm1')",
+    "mass of edge 'm6' (parameter 'm2')",
+    "entry 1 of inertia of edge 'm6' (parameters 'm2', 'L', 'r')",
+    "entry 2 of inertia of edge 'm6' (parameters 'm2', 'r')",
+    "entry 3 of inertia of edge 'm6' (parameters 'm2', 'L', 'r')",
+    "the inertia that joint 'j1' carries itself (parameter 'm1')",
+    "the inertia that joint 'h2' carries itself (parameters 'm2', 'L', 'r')",
 };
 static const double parameter_values[8] = {
     1.0, 5.0, 1.0, 0.03, 10.0, 50.0, 0.5, 9.81,

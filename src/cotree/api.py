@@ -72,7 +72,7 @@ class Scene(SceneDescription):
             The branches of both graphs, or of ``translation`` and ``rotation`` each; None takes
             those that add least to the equations.
         optimize : str
-            Compiler level, ``-O0`` to ``-O3``; ``auto`` goes by the size of the code.
+            Compiler level, ``-O0`` to ``-O3``, or ``-Og``; ``auto`` goes by the size of the code.
         native : bool
             Use every instruction of this machine; the library then runs on no other.
         baumgarte : float

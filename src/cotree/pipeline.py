@@ -241,6 +241,7 @@ def _load(
         files,
         abi_version=ABI_VERSION,
         n_operations=context.n_written,
+        n_all=context.n_written_in_all,
         options=options,
         toolchain=toolchain,
     )

@@ -27,6 +27,17 @@ def test_level_follows_the_longest_function(toolchain, n_operations, level):
     assert level in compiler_flags(toolchain, BuildOptions(), n_operations)
 
 
+def test_gcc_does_less_where_there_is_much():
+    long, short = ({"n_operations": 1_000, "n_all": n} for n in (100_000, 1_000))
+    for toolchain, options, size, level in [
+        (GCC, BuildOptions(), long, "-Og"),
+        (GCC, BuildOptions(), short, "-O1"),
+        (GCC, BuildOptions(native=True), long, "-O2"),
+        (CLANG, BuildOptions(), long, "-O1"),  # -Og is no less there
+    ]:
+        assert level in compiler_flags(toolchain, options, **size)
+
+
 def test_chosen_level_is_kept():
     flags = compiler_flags(GCC, BuildOptions(optimize="-O2"), n_operations=1_000_000)
     assert "-O2" in flags

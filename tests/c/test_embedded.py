@@ -131,7 +131,9 @@ def test_refused_parameters_are_named(compiler: str, tmp_path: Path) -> None:
     done = execute([executable], tmp_path)
     assert done.returncode != 0
     assert done.stdout == ""
-    assert done.stderr == "slider-pendulum: mass of edge 'm6' must not be negative.\n"
+    assert (
+        done.stderr == "slider-pendulum: mass of edge 'm6' must not be negative (parameter 'm2').\n"
+    )
 
 
 @pytest.mark.parametrize("argument", ["", "soon", "1s", "nan", "inf"])

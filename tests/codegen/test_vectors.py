@@ -10,6 +10,7 @@ import pytest
 from rod_chain import rod_chain
 
 from cotree.build import find_toolchain
+from cotree.codegen import maps
 from cotree.codegen.render import render
 from cotree.program import columns
 
@@ -49,6 +50,19 @@ def test_maps_give_the_bits_of_any_width(monkeypatch):
     monkeypatch.setenv("CC", f"{compiler} -DCOTREE_NO_VECTORS")
     for wide, single in zip(found[""], _values(_model()), strict=True):
         np.testing.assert_allclose(wide, single, rtol=1e-11, atol=1e-11 * np.abs(single).max())
+
+
+def test_blocks_of_a_map_give_the_same_bits(monkeypatch):
+    found, n_blocks = {}, {}
+    for longest in (10_000, 50):
+        monkeypatch.setattr(maps, "_LONGEST_BLOCK", longest)
+        model = _model()
+        found[longest] = _values(model)
+        n_blocks[longest] = [len(row.blocks) for row in model._compiled.context.maps]
+    assert not any(n_blocks[10_000])
+    assert min(n_blocks[50]) > 1
+    for whole, cut in zip(*found.values(), strict=True):
+        np.testing.assert_array_equal(whole, cut)
 
 
 def test_maps_agree_with_statements_written_out(monkeypatch):

@@ -58,6 +58,7 @@ def build_library(
     *,
     abi_version: int,
     n_operations: int,
+    n_all: int = 0,
     options: BuildOptions,
     toolchain: Toolchain,
 ) -> BuiltLibrary:
@@ -72,6 +73,8 @@ def build_library(
         Version of the contract between the library and its caller.
     n_operations : int
         Number of operations in the longest C function.
+    n_all : int
+        Number of operations in all functions.
     options : BuildOptions
         The user's choice.
     toolchain : Toolchain
@@ -91,7 +94,7 @@ def build_library(
     """
     start = time.perf_counter()
     sources = _source_names(files)
-    flags = compiler_flags(toolchain, options, n_operations)
+    flags = compiler_flags(toolchain, options, n_operations, n_all)
     command = (*toolchain.command, *flags, *sources, "-o", _OUTPUT, "-lm")
     key = cache_key(
         files,

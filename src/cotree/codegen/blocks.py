@@ -38,8 +38,11 @@ if TYPE_CHECKING:
 #: faster, shorter ones pass more values through memory.
 LONGEST_BLOCK = 1_000
 
+#: What stands before the name of a block.
+_HEAD = "COTREE_APART static void"
+
 #: Arrays that hold what crosses, by its kind.
-_FRAMES = {"double": "w", "int": "ranks"}
+_FRAMES = {"double": "w", "int": "ranks", "VECTOR": "vectors"}
 
 
 @dataclass(frozen=True)
@@ -68,28 +71,26 @@ class Blocks:
         In the order of their calls; none where it is not cut.
     lines : list of str
         The statements of the kernel itself.
-    n_shared : int
-        Doubles of the stack that hold what blocks hand over.
     """
 
     functions: list[Block]
     lines: list[str]
-    n_shared: int
 
 
 def cut_into_blocks(
-    name: str,
+    names: str,
     lines: Sequence[str],
     arguments: Mapping[str, str],
     results: Collection[str] = (),
     longest: int = LONGEST_BLOCK,
+    head: str = _HEAD,
 ) -> Blocks:
     """Cut the statements of a kernel.
 
     Parameters
     ----------
-    name : str
-        Name of the kernel in C; blocks are named after it.
+    names : str
+        Name of each block in C, its number left open.
     lines : sequence of str
         Its statements, one a line; loops and tables as :func:`cotree.codegen.loops.roll` writes
         them.
@@ -99,13 +100,15 @@ def cut_into_blocks(
         Arrays that no statement reads; each of their values is then written where it is known.
     longest : int
         Operations that a block has at most, but for loops and single statements that are longer.
+    head : str
+        What stands before the name of each block.
 
     Returns
     -------
     Blocks
         Not cut where the statements are few, or of a kind that is unknown here.
     """
-    whole = Blocks([], list(lines), 0)
+    whole = Blocks([], list(lines))
     text = take_apart(lines) if count_written(lines) > longest else None
     if text is None or not text.declared.isdisjoint((*arguments, *_FRAMES.values())):
         return whole
@@ -118,7 +121,8 @@ def cut_into_blocks(
     cuts = _choose_cuts(body, exits, text, longest)
     if len(cuts) < 3:
         return whole
-    return _Writer(name, arguments, text).write([body[a:b] for a, b in pairwise(cuts)], exits)
+    blocks = [body[a:b] for a, b in pairwise(cuts)]
+    return _Writer(names, head, arguments, text).write(blocks, exits)
 
 
 def _written_early(items: Sequence[Item], results: Collection[str], text: Text) -> list[Item]:
@@ -172,13 +176,14 @@ def _choose_cuts(
 class _Writer:
     """Writes the functions."""
 
-    def __init__(self, name: str, arguments: Mapping[str, str], text: Text) -> None:
-        self._name = name
+    def __init__(self, names: str, head: str, arguments: Mapping[str, str], text: Text) -> None:
+        self._names = names
+        self._head = head
         self._arguments = arguments
         self._text = text
         self._place: dict[str, str] = {}  # of what crosses
         self._shared: list[str] = []  # arrays that several blocks use
-        self._length = {"double": 0, "int": 0}  # of the arrays that hold what crosses
+        self._length = dict.fromkeys(_FRAMES, 0)  # of the arrays that hold what crosses
 
     def write(self, blocks: Sequence[Sequence[Item]], exits: Sequence[Item]) -> Blocks:
         groups = [*blocks, exits]
@@ -186,7 +191,7 @@ class _Writer:
         self._allot_places(groups)
         functions, calls = [], []
         for number, items in enumerate(blocks, 1):
-            function, call = self._function(f"{self._name}_{number}", items)
+            function, call = self._function(self._names.format(number), items)
             functions.append(function)
             calls.append(call)
         kinds, arrays = self._length, self._text.arrays
@@ -195,8 +200,7 @@ class _Writer:
         lines += calls
         for item in exits:
             lines += self._placed(item)
-        own = [arrays[name][1] for name in self._shared if arrays[name][0] == "double"]
-        return Blocks(functions, lines, kinds["double"] + sum(own))
+        return Blocks(functions, lines)
 
     def _share_arrays(self, groups: Sequence[Sequence[Item]]) -> None:
         """Find the arrays that more than one block uses."""
@@ -216,7 +220,7 @@ class _Writer:
                 made.update(dict.fromkeys(item.makes, number))
                 last.update(dict.fromkeys(item.names, number))
         leaving: dict[int, list[tuple[str, int]]] = {}
-        free: dict[str, list[int]] = {"double": [], "int": []}
+        free: dict[str, list[int]] = {kind: [] for kind in _FRAMES}
         for number, items in enumerate(groups):
             for item in items:
                 for name in item.makes:
@@ -269,7 +273,7 @@ class _Writer:
         given["status"] = ("int *status", "&status")
         taken = [pair for key, pair in given.items() if key in used]
         heads = [head for head, _ in taken] or ["void"]
-        signature = function_head("COTREE_APART static void", name, heads)
+        signature = function_head(self._head, name, heads)
         return Block(signature, lines), f"{name}({', '.join(call for _, call in taken)});"
 
     def _own(self, item: Item, own: set[str]) -> list[str]:

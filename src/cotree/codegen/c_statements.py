@@ -15,8 +15,10 @@ if TYPE_CHECKING:
 
 NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
 _OPERATION = re.compile(r" [-+*/<>?] |(?<=\w)\(|(?<![\w)\]]) ?-(?=[\w(])")
-SCALAR = re.compile(r"const (double|int) (\w+) = (?:(\w+\[\d+\]) = )?(.*);$")
-ARRAY = re.compile(r"(?:const )?(double|int) (\w+)\[(\d+)\](?:, (\w+)\[(\d+)\])?(?: = \{(.*)\})?;$")
+SCALAR = re.compile(r"const (double|int|VECTOR) (\w+) = (?:(\w+\[\d+\]) = )?(.*);$")
+ARRAY = re.compile(
+    r"(?:const )?(double|int|VECTOR) (\w+)\[(\d+)\](?:, (\w+)\[(\d+)\])?(?: = \{(.*)\})?;$"
+)
 WRITTEN = re.compile(r"(\w+)\[.*?\] = ")
 
 

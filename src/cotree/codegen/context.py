@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import textwrap
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from cotree.codegen.blocks import Block, cut_into_blocks
@@ -13,6 +14,7 @@ from cotree.codegen.heads import function_head
 from cotree.codegen.loops import roll
 from cotree.codegen.maps import MapContext, map_context
 from cotree.codegen.printer_c import SINES, Printed, is_written_out, literal, print_nodes
+from cotree.codegen.stack import n_bytes
 from cotree.dag.operations import OPERATIONS
 from cotree.dag.several import Function, Table, sizes_of
 from cotree.dag.several import results as results_of
@@ -65,12 +67,17 @@ class KernelContext:
     lines: list[str]
     uses_status: bool
     blocks: list[Block]  # none where it is not cut
-    n_shared: int
+    n_stack: int
 
     @property
     def n_written(self) -> int:
         """How many operations stand in its longest function, those of a loop once."""
-        return max(count_written(rows) for rows in (self.lines, *(b.lines for b in self.blocks)))
+        return max(self.written)
+
+    @cached_property
+    def written(self) -> list[int]:
+        """How many operations stand in each of its functions."""
+        return [count_written(rows) for rows in (self.lines, *(b.lines for b in self.blocks))]
 
     @property
     def text(self) -> list[str]:
@@ -152,8 +159,18 @@ class ModelContext:
     @property
     def n_written(self) -> int:
         """About how many operations the longest function has."""
-        written = [row.n_written for row in self.kernels]
-        return max([*written, *(row.n_written for row in self.maps)])
+        return max(self._written)
+
+    @property
+    def n_written_in_all(self) -> int:
+        """About how many operations all functions have."""
+        return sum(self._written)
+
+    @property
+    def _written(self) -> list[int]:
+        """Count the operations of each function, those of a loop once."""
+        written = [n for kernel in self.kernels for n in kernel.written]
+        return [*written, *(n for row in self.maps for n in row.written)]
 
 
 def model_context(program: Program) -> ModelContext:
@@ -177,7 +194,12 @@ def model_context(program: Program) -> ModelContext:
     names: dict[Any, str] = {**tables, **maps}
     if packs_sines:
         names[SINES] = "cotree_sines"
-    kernels = [kernel_context(prefix, k, program, names) for k in present]
+    contexts = [map_context(applied[linear], name) for linear, name in maps.items()]
+    kernels, called = [], {row.name: row.n_stack for row in contexts}
+    for kernel in present:
+        own = kernel_context(prefix, kernel, program, names, called)
+        kernels.append(own)
+        called[f"{prefix}_{kernel.spec.name}"] = own.n_stack  # others may call it
     lines = "\n".join(line for kernel in kernels for line in kernel.text)
     return ModelContext(
         title=layout.name,
@@ -196,7 +218,7 @@ def model_context(program: Program) -> ModelContext:
         functions=functions,
         uses_vectors=packs_sines or bool(maps),
         packs_sines=packs_sines,
-        maps=[map_context(applied[linear], name) for linear, name in maps.items()],
+        maps=contexts,
         kernels=kernels,
         kernel_pointers=[
             f"{prefix}_{k.spec.name}" if k in present else "NULL" for k in program.kernels.values()
@@ -207,7 +229,7 @@ def model_context(program: Program) -> ModelContext:
         outputs=[_quantity(row) for row in layout.outputs],
         sensitivities=list(layout.sensitivities),
         sensitivity_literals=wrapped(map(c_string, layout.sensitivities)),
-        guard_literals=[f"{c_string(guard.what)}," for guard in program.guards],
+        guard_literals=[f"{c_string(guard.what + guard.source)}," for guard in program.guards],
         parameter_values=wrapped(map(literal, layout.parameter_values)),
         column_starts=wrapped(map(str, layout.column_starts)),
         row_indices=wrapped(map(str, layout.row_indices)),
@@ -278,9 +300,13 @@ def _quantity(row: Quantity) -> QuantityContext:
 
 
 def kernel_context(
-    prefix: str, kernel: Kernel, program: Program, names: Mapping[Any, str]
+    prefix: str,
+    kernel: Kernel,
+    program: Program,
+    names: Mapping[Any, str],
+    called: Mapping[str, int],
 ) -> KernelContext:
-    """Gather what the templates need of one kernel."""
+    """Gather what the templates need of one kernel; functions it may call take some stack each."""
     spec = kernel.spec
     guards = program.guards if spec.name == "prepare" else ()
     if spec.tail_of and kernel.results:
@@ -301,7 +327,7 @@ def kernel_context(
         lines.append(f"if (!({value} {comparison} 0.0)) return -{i + 1};")
     name, arguments = f"{prefix}_{spec.name}", _arguments(kernel)
     rolled = roll(lines, "z" if "v" in arguments else "v")
-    cut = cut_into_blocks(name, rolled, arguments, (spec.result, *printed.filled))
+    cut = cut_into_blocks(f"{name}_{{}}", rolled, arguments, (spec.result, *printed.filled))
     return KernelContext(
         signature=function_head("int", name, arguments.values()),
         prototype=function_head("COTREE_EXPORT int", name, arguments.values()),
@@ -313,7 +339,7 @@ def kernel_context(
         lines=cut.lines,
         uses_status=printed.uses_status,
         blocks=cut.functions,
-        n_shared=cut.n_shared,
+        n_stack=n_bytes(cut.lines, cut.functions, called),
     )
 
 

@@ -66,10 +66,12 @@ class EliminationContext:
         return [*blocks, *self.factor_lines, *self.solve_lines]
 
     @property
-    def n_written(self) -> int:
-        """How many operations stand in its longest function."""
+    def written(self) -> list[int]:
+        """How many operations stand in each of its functions, none where it is a loop."""
+        if not self.is_unrolled:
+            return []
         blocks = [block.lines for block in (*self.factor_blocks, *self.solve_blocks)]
-        return max(map(count_written, (self.factor_lines, self.solve_lines, *blocks)))
+        return [count_written(rows) for rows in (self.factor_lines, self.solve_lines, *blocks)]
 
 
 @dataclass(frozen=True)
@@ -97,9 +99,18 @@ class NewtonContext:
     @property
     def n_written(self) -> int:
         """About how many operations the longest function has."""
+        return max(self._written)
+
+    @property
+    def n_written_in_all(self) -> int:
+        """About how many operations all functions have."""
+        return sum(self._written)
+
+    @property
+    def _written(self) -> list[int]:
         plan = self.elimination
-        products = plan.n_written if plan is not None and plan.is_unrolled else 0
-        return max([products, *(kernel.n_written for kernel in self.kernels)])
+        written = [n for kernel in self.kernels for n in kernel.written]
+        return [0, *written, *(plan.written if plan is not None else ())]
 
 
 def render_newton(model: NewtonContext) -> Mapping[str, str]:
@@ -147,7 +158,7 @@ def newton_context(program: Program) -> NewtonContext:
     made += [curvature.at, curvature.along] if curvature is not None else []
     nodes = [node for kernel in made for node in kernel.order]
     tables = name_tables(node.data for node in nodes if node.op == "table")
-    kernels = [kernel_context(prefix, kernel, program, tables) for kernel in made]
+    kernels = [kernel_context(prefix, kernel, program, tables, {}) for kernel in made]
     places = [] if curvature is None else wrapped(map(str, curvature.places))
     lines = [line for kernel in kernels for line in kernel.text] + places
     if elimination is not None:
@@ -202,8 +213,8 @@ def _cut_lines(plan: Elimination) -> tuple[Blocks, Blocks]:
     factors = {"f": "double *COTREE_RESTRICT f"}
     given = {"f": "const double *COTREE_RESTRICT f", "b": "double *COTREE_RESTRICT b"}
     return (
-        cut_into_blocks("factorise", _factor_lines(plan), {**values, **factors}),
-        cut_into_blocks("solve", _solve_lines(plan), given),
+        cut_into_blocks("factorise_{}", _factor_lines(plan), {**values, **factors}),
+        cut_into_blocks("solve_{}", _solve_lines(plan), given),
     )
 
 

@@ -131,7 +131,7 @@ def print_parts(
     kept : collection of Node
         What gets a statement even if it is used once.
     """
-    printer = _Printer({}, {}, {})
+    printer = _Printer({}, {}, {}, has_groups=False)
     order = [node for part in parts for node in part]
     printer.count_uses([*roots, *kept], order)
     for node in reachable(roots):

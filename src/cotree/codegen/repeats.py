@@ -191,10 +191,10 @@ def _worth(times: npt.NDArray[np.intp], period: int, fewest: int) -> npt.NDArray
 
 def _run_lengths(holds: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
     """Count, from each place on, how long something holds."""
-    n = len(holds)
-    breaks = np.flatnonzero(~holds)
-    nexts = np.append(breaks, n)[np.searchsorted(breaks, np.arange(n))]
-    return np.asarray(nexts - np.arange(n), dtype=np.intp)
+    places = np.arange(len(holds))
+    breaks = np.where(holds, len(holds), places)
+    nexts = np.minimum.accumulate(breaks[::-1])[::-1]
+    return np.asarray(nexts - places, dtype=np.intp)
 
 
 def _padded(rows: Sequence[tuple[int, ...]]) -> npt.NDArray[np.int64]:

@@ -247,7 +247,7 @@ class _Writer:
         kept = [self._place[name] for name in piece.makes if name in self._place]
         places = [*kept, *(f"result[{i}]" for i in piece.results)]
         guard = next(self._guards)
-        lines = [f"if (LIVE({guard})) {{", *(f"    {line}" for line in lines)]
+        lines = [f"if (LIVE(live, {guard})) {{", *(f"    {line}" for line in lines)]
         if places:
             lines += ["} else {", *(f"    {place} = ZERO;" for place in places)]
         return [*lines, "}"]

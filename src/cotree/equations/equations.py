@@ -9,9 +9,10 @@ derivative along a direction has the same matrices on the left: ``A w_p = b_p`` 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from cotree.dag.traverse import symbols_in
 from cotree.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
     from cotree.dag.vector import Matrix, Vector
+
+#: Parameters that a message names.
+_MOST_SHOWN = 5
 
 
 @dataclass(frozen=True)
@@ -192,19 +196,39 @@ class Guard:
         Whether it must be positive, or only not negative.
     breach : str
         What is wrong where it is not; empty where the value itself says it.
+    parameters : tuple of str
+        Names of the parameters that the value is made of.
     """
 
     value: Node
     what: str
     is_strict: bool
     breach: str = ""
+    parameters: tuple[str, ...] = ()
+
+    def named(self, names: Sequence[str]) -> Guard:
+        """Name the parameters that the value is made of, from the names of all of them."""
+        symbols = symbols_in([self.value])
+        places = sorted(symbol.data[1] for symbol in symbols if symbol.data[0] == "p")
+        return replace(self, parameters=tuple(names[place] for place in places))
+
+    @property
+    def source(self) -> str:
+        """The parameters as an appendix to a sentence."""
+        if not self.parameters:
+            return ""
+        kind = "parameter" if len(self.parameters) == 1 else "parameters"
+        shown = ", ".join(f"'{name}'" for name in self.parameters[:_MOST_SHOWN])
+        hidden = len(self.parameters) - _MOST_SHOWN
+        return f" ({kind} {shown}{f' and {hidden} more' if hidden > 0 else ''})"
 
     @property
     def demand(self) -> str:
         """What is asked for, as a sentence without its number."""
         if self.breach:
-            return f"{self.what} {self.breach}"
-        return f"{self.what} must {'be positive' if self.is_strict else 'not be negative'}"
+            return f"{self.what} {self.breach}{self.source}"
+        wanted = "be positive" if self.is_strict else "not be negative"
+        return f"{self.what} must {wanted}{self.source}"
 
     def check(self, number: float) -> None:
         """Raise ParameterError if the number does not satisfy the guard."""
@@ -213,7 +237,7 @@ class Guard:
         if self.breach:
             raise ParameterError(self.demand)
         wanted = "be positive" if self.is_strict else "not be negative"
-        raise ParameterError(f"{self.what} is {number:.6g}: it must {wanted}")
+        raise ParameterError(f"{self.what} is {number:.6g}: it must {wanted}{self.source}")
 
 
 @dataclass(frozen=True)

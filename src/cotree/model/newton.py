@@ -51,6 +51,7 @@ def load_newton(program: Program) -> Newton | None:
             render_newton(model),
             abi_version=ABI_VERSION,
             n_operations=model.n_written,
+            n_all=model.n_written_in_all,
             options=BuildOptions(),
             toolchain=toolchain,
         )

@@ -38,12 +38,11 @@ def _rewrite(kernel: Kernel) -> Kernel:
     }
     new: dict[Node, Node] = {}
     for node in order:
-        args = tuple(new.get(arg, arg) for arg in node.args)
-        if node in shared:
-            with node.dag.labelled(node.section):
-                new[node] = args[0] * (1.0 / args[1])
-        elif any(arg in new for arg in node.args):
-            with node.dag.labelled(node.section):
-                new[node] = node.dag.rebuild(node, args)
+        is_shared = node in shared
+        if not is_shared and new.keys().isdisjoint(node.args):
+            continue
+        args = tuple([new.get(arg, arg) for arg in node.args])
+        with node.dag.labelled(node.section):
+            new[node] = args[0] * (1.0 / args[1]) if is_shared else node.dag.rebuild(node, args)
     results = tuple(new.get(node, node) for node in kernel.results)
     return replace(kernel, results=results)

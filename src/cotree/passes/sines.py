@@ -47,8 +47,8 @@ def _rewrite(kernel: Kernel) -> Kernel:
             first = place[node.args[0]]
             new[node] = packed[first if node.op == "sin" else len(angles) + first]
     for node in order:
-        args = tuple(new.get(arg, arg) for arg in node.args)
-        if node not in new and args != node.args:
-            with dag.labelled(node.section):
-                new[node] = dag.rebuild(node, args)
+        if node in new or new.keys().isdisjoint(node.args):
+            continue
+        with dag.labelled(node.section):
+            new[node] = dag.rebuild(node, tuple([new.get(arg, arg) for arg in node.args]))
     return replace(kernel, results=tuple(new.get(node, node) for node in kernel.results))

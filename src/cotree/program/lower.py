@@ -83,6 +83,7 @@ def lower(equations: Equations) -> Program:
         **event_kernels(equations, factors, outputs, observed, motion),
         **reduced_kernels(equations, rates, columns, along, motion[0], reached),
     }
+    names = [row.name for row in equations.parameters]
     layout = replace(
         _layout(equations, starts, rows),
         sensitivity_starts=tuple(accumulate(map(len, reached), initial=0)),
@@ -93,7 +94,7 @@ def lower(equations: Equations) -> Program:
         equations.dag,
         layout,
         {name: Kernel(spec, tuple(results[name]), {}) for name, spec in KERNELS.items()},
-        equations.guards,
+        tuple(guard.named(names) for guard in equations.guards),
         _of_time(equations, [*rates, *results["events"]], find_stops),
         # A long step would pass over what events look at, too, where it is driven by a sine.
         _of_time(equations, [*rates, *results["events"]], find_longest_steps)
