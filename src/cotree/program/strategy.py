@@ -122,7 +122,7 @@ def _tried(
     found = []
     for own_axes in _choices(scene, trees):
         formed = form_first_graph(scene, trees, own_axes, baumgarte)
-        for links in _eliminations(formed):
+        for links in _eliminations(formed, may_defer=not sensitivities):
             first = replace(formed, links=links)
             alternative = Alternative(
                 trees,
@@ -137,15 +137,20 @@ def _tried(
     return found
 
 
-def _eliminations(first: FirstGraph) -> list[tuple[Link, ...]]:
-    """List the ways to eliminate: by the matrix, and along the tree where it branches often."""
+def _eliminations(first: FirstGraph, *, may_defer: bool) -> list[tuple[Link, ...]]:
+    """List the ways to eliminate: by the matrix, and along the tree where it branches often.
+
+    Sensitivities do not wait for each other, so that a shorter path to the factors is not worth
+    more operations.
+    """
     if len(first.motion.geometry) < _LONG:
         return [()]
     links = tree_links(first)
     if not links:
         return [()]
     deferred = tuple(replace(link, is_deferred=True) for link in links)
-    return [links, deferred] if is_deep(first.motion) else [(), links, deferred]
+    along = [links, deferred] if may_defer else [links]
+    return along if is_deep(first.motion) else [(), *along]
 
 
 def _choices(scene: SceneDescription, trees: Trees) -> Iterator[tuple[int, ...]]:
