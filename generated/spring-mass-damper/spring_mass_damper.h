@@ -38,40 +38,47 @@
 extern "C" {
 #endif
 
-/* What depends on parameters only. Values: 3. */
+/* What depends on parameters only.
+ * Values: 3. Stack: 520 bytes at most. */
 COTREE_EXPORT int spring_mass_damper_prepare(const double *COTREE_RESTRICT p,
                                              double *COTREE_RESTRICT k);
 
-/* Initial states. Values: 2. */
+/* Initial states.
+ * Values: 2. Stack: 512 bytes at most. */
 COTREE_EXPORT int spring_mass_damper_initial(const double *COTREE_RESTRICT p,
                                              const double *COTREE_RESTRICT k,
                                              double *COTREE_RESTRICT x);
 
-/* Sensitivities of the initial states. Values: 2. */
+/* Sensitivities of the initial states.
+ * Values: 2. Stack: 512 bytes at most. */
 COTREE_EXPORT int spring_mass_damper_initial_sensitivity(const double *COTREE_RESTRICT p,
                                                          const double *COTREE_RESTRICT k,
                                                          double *COTREE_RESTRICT s);
 
-/* The scene's own inputs. Values: 0. */
+/* The scene's own inputs.
+ * Values: 0. Stack: 512 bytes at most. */
 COTREE_EXPORT int spring_mass_damper_inputs(double t, const double *COTREE_RESTRICT p,
                                             const double *COTREE_RESTRICT k,
                                             double *COTREE_RESTRICT u);
 
-/* Rates of the states. Values: 2. */
+/* Rates of the states.
+ * Values: 2. Stack: 512 bytes at most. */
 COTREE_EXPORT int spring_mass_damper_rhs(double t, const double *COTREE_RESTRICT x,
                                          const double *COTREE_RESTRICT u,
                                          const double *COTREE_RESTRICT p,
                                          const double *COTREE_RESTRICT k,
                                          double *COTREE_RESTRICT dx);
 
-/* Derivatives of rhs by the states: nonzeros, by columns. Values: 3. */
+/* Derivatives of rhs by the states: nonzeros, by columns.
+ * Values: 3. Stack: 512 bytes at most. */
 COTREE_EXPORT int spring_mass_damper_jacobian(double t, const double *COTREE_RESTRICT x,
                                               const double *COTREE_RESTRICT u,
                                               const double *COTREE_RESTRICT p,
                                               const double *COTREE_RESTRICT k,
                                               double *COTREE_RESTRICT values);
 
-/* Rates of the states, then of the sensitivities that do not vanish, which alone s holds. Values: 4. */
+/* Rates of the states, then of the sensitivities that do not vanish, which alone s holds.
+ * Values: 4. Stack: 512 bytes at most. */
 COTREE_EXPORT int spring_mass_damper_augmented_rhs(double t, const double *COTREE_RESTRICT x,
                                                    const double *COTREE_RESTRICT s,
                                                    const double *COTREE_RESTRICT u,
@@ -79,7 +86,8 @@ COTREE_EXPORT int spring_mass_damper_augmented_rhs(double t, const double *COTRE
                                                    const double *COTREE_RESTRICT k,
                                                    double *COTREE_RESTRICT dz);
 
-/* Rates of the sensitivities that do not vanish, which alone s holds. Values: 2. */
+/* Rates of the sensitivities that do not vanish, which alone s holds.
+ * Values: 2. Stack: 1056 bytes at most. */
 COTREE_EXPORT int spring_mass_damper_sensitivity_rhs(double t, const double *COTREE_RESTRICT x,
                                                      const double *COTREE_RESTRICT s,
                                                      const double *COTREE_RESTRICT u,
@@ -87,14 +95,16 @@ COTREE_EXPORT int spring_mass_damper_sensitivity_rhs(double t, const double *COT
                                                      const double *COTREE_RESTRICT k,
                                                      double *COTREE_RESTRICT ds);
 
-/* Outputs. Values: 1. */
+/* Outputs.
+ * Values: 1. Stack: 512 bytes at most. */
 COTREE_EXPORT int spring_mass_damper_outputs(double t, const double *COTREE_RESTRICT x,
                                              const double *COTREE_RESTRICT u,
                                              const double *COTREE_RESTRICT p,
                                              const double *COTREE_RESTRICT k,
                                              double *COTREE_RESTRICT y);
 
-/* Sensitivities of the outputs. Values: 1. */
+/* Sensitivities of the outputs.
+ * Values: 1. Stack: 512 bytes at most. */
 COTREE_EXPORT int spring_mass_damper_output_sensitivity(double t, const double *COTREE_RESTRICT x,
                                                         const double *COTREE_RESTRICT s,
                                                         const double *COTREE_RESTRICT u,

@@ -180,6 +180,8 @@ int main(void)
 {
     const cotree_model *m = %(prefix)s_abi();
     const int n = m->n_states, ns = n * m->n_sensitivities;
+    /* Those that vanish are left out. */
+    const int nr = ns ? m->sensitivity_starts[m->n_sensitivities] : 0;
     const int ny = m->n_outputs, nys = ny * m->n_sensitivities;
     double *x = array(n), *s = array(ns > n ? ns : n);
     double *u = array(m->n_inputs), *p = array(m->n_parameters);
@@ -194,8 +196,8 @@ int main(void)
     failed |= show("inputs", m->inputs_of_time(0.7, p, k, u0), u0, m->n_inputs);
     failed |= show("rhs", m->rhs(0.7, x, u, p, k, dx), dx, n);
     failed |= show("jacobian", m->jacobian(0.7, x, u, p, k, values), values, m->n_nonzeros);
-    failed |= show("sensitivity_rhs", m->sensitivity_rhs(0.7, x, s, u, p, k, ds), ds, ns);
-    failed |= show("augmented_rhs", m->augmented_rhs(0.7, x, s, u, p, k, dz), dz, ns ? n + ns : 0);
+    failed |= show("sensitivity_rhs", m->sensitivity_rhs(0.7, x, s, u, p, k, ds), ds, nr);
+    failed |= show("augmented_rhs", m->augmented_rhs(0.7, x, s, u, p, k, dz), dz, ns ? n + nr : 0);
     failed |= show("outputs", m->outputs_of_state(0.7, x, u, p, k, y), y, ny);
     failed |= show("output_sensitivity", m->output_sensitivity(0.7, x, s, u, p, k, dy), dy, nys);
 %(optional)s

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import random
 from dataclasses import replace
-from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,7 +15,6 @@ from hypothesis import strategies as st
 from cotree.codegen import maps
 from cotree.codegen.maps import map_context
 from cotree.codegen.render import render
-from cotree.codegen.segments import cut_into_segments
 from cotree.dag.linear_map import BLOCK, apply_map, form_map
 from cotree.dag.nodes import Dag
 from cotree.program.lanes import gather_columns
@@ -97,7 +95,7 @@ def test_segments_give_the_bits_of_all_statements(run_compiler, seed, longest):
     dag, linear, shared, columns = _random_map(seed)
     node = apply_map(dag, linear, shared, columns)[0][0].args[0]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(maps, "cut_into_segments", partial(cut_into_segments, longest=longest))
+        patch.setattr(maps, "_LONGEST_BLOCK", longest)
         patch.setattr(maps, "_SKIPPED", -1.0)  # segments, however little they leave out
         library = _library(run_compiler, linear, node)
     rng = np.random.default_rng(seed)

@@ -58,7 +58,7 @@ def test_blocks_of_a_map_give_the_same_bits(monkeypatch):
         monkeypatch.setattr(maps, "_LONGEST_BLOCK", longest)
         model = _model()
         found[longest] = _values(model)
-        n_blocks[longest] = [len(row.blocks) for row in model._compiled.context.maps]
+        n_blocks[longest] = [len(row.functions) for row in model._compiled.context.maps]
     assert not any(n_blocks[10_000])
     assert min(n_blocks[50]) > 1
     for whole, cut in zip(*found.values(), strict=True):

@@ -119,7 +119,7 @@ def map_context(node: Node, name: str) -> MapContext:
 
 def _in_segments(linear: LinearMap, name: str, n_sensitive: int) -> _Text:
     """Write statements where much vanishes: segments, each run only where it does not."""
-    cut = cut_into_segments(linear)
+    cut = cut_into_segments(linear, _LONGEST_BLOCK)
     parts = [_with_own(linear, part, n_sensitive) for part in cut.parts]
     if len(parts) == 1:
         return _Text([], parts[0], cut.live, cut.n_crossing)

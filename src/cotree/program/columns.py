@@ -56,7 +56,11 @@ class MappedRates:
 
 
 def map_rates(
-    equations: Equations, factors: Solver, solved: Mapping[Node, Node], rates: Sequence[Node]
+    equations: Equations,
+    factors: Solver,
+    solved: Mapping[Node, Node],
+    rates: Sequence[Node],
+    reached: Sequence[Sequence[int]],
 ) -> MappedRates:
     """Form derivatives of the rates as maps, where that costs less than to write them out.
 
@@ -70,11 +74,13 @@ def map_rates(
         The unknowns' symbols and values.
     rates : sequence of Node
         Rates of the states, solved.
+    reached : sequence of sequences of int
+        The states that each parameter reaches; sensitivities of all others are zero.
     """
     common = equations.direction
     if common is None or equations.n_algebraic:
         return MappedRates(None, None)
-    ways = _Ways(equations, common, factors, solved, rates)
+    ways = _Ways(equations, common, factors, solved, rates, reached)
     along_states = ways.along_states() if equations.unknowns else None
     columns = None
     if along_states and ways.are_worth([along_states], equations.columns):
@@ -133,6 +139,7 @@ class _Ways:
     factors: Solver
     solved: Mapping[Node, Node]
     rates: Sequence[Node]
+    reached: Sequence[Sequence[int]]
 
     @property
     def _dag(self) -> Dag:
@@ -187,8 +194,8 @@ class _Ways:
         own = {place: self._dag.symbol("own", i) for i, place in enumerate(touched)}
         n = len(self._states)
         changes = [
-            [self._dag.symbol("s", j * n + i) for i in range(n)]
-            for j in range(len(self.equations.sensitivities))
+            [self._dag.symbol("s", j * n + i) if i in some else self._dag.zero for i in range(n)]
+            for j, some in enumerate(map(frozenset, self.reached))
         ]
         given = [[row.get(place, self._dag.zero) for place in touched] for row in self._alone]
         results = self._results(own)

@@ -51,7 +51,7 @@ def lower(equations: Equations) -> Program:
     rates = substitute(equations.rates, solved)
     outputs = substitute(equations.output_values, solved)
     zero, n, m = equations.dag.zero, len(equations.states), len(equations.outputs)
-    mapped = map_rates(equations, factors, solved, rates)
+    mapped = map_rates(equations, factors, solved, rates, reached)
     along, written_out, observed, motion = _solve_derivatives(
         equations,
         factors,
