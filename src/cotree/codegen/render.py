@@ -35,7 +35,8 @@ def template_folder() -> Path:
 
 
 @cache
-def _environment() -> jinja2.Environment:
+def environment(*, is_html: bool = False) -> jinja2.Environment:
+    """Give what fills templates; of HTML, names and texts are escaped."""
     import jinja2
 
     return jinja2.Environment(
@@ -44,7 +45,7 @@ def _environment() -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
-        autoescape=False,  # C, not HTML: what is untrusted was escaped in naming.py
+        autoescape=is_html,  # what is untrusted and goes into C was escaped in naming.py
     )
 
 
@@ -63,7 +64,7 @@ def render(template: str, **context: object) -> str:
     CodegenError
         If the text grows beyond reason.
     """
-    text = _environment().get_template(template).render(**context)
+    text = environment().get_template(template).render(**context)
     if len(text) > LARGEST_FILE:
         raise CodegenError(
             f"the C text has {len(text)} characters: ask for fewer sensitivities or outputs"

@@ -11,13 +11,12 @@ import base64
 import hashlib
 import json
 from dataclasses import dataclass
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from cotree.codegen.render import template_folder
+from cotree.codegen.render import environment, template_folder
 from cotree.version import VERSION
 from cotree.watch.camera import MARGIN, place_camera
 from cotree.watch.picture import decimals
@@ -25,7 +24,6 @@ from cotree.watch.picture import decimals
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    import jinja2
     from markupsafe import Markup
 
     from cotree.watch.drawing import Drawing
@@ -84,7 +82,7 @@ def page(drawing: Drawing) -> str:
         script=Markup(script),
         data=Markup(embedded(page_data(drawing))),
     )
-    return _environment().get_template("html/page.html.jinja").render(page=context)
+    return environment(is_html=True).get_template("html/page.html.jinja").render(page=context)
 
 
 def embedded(value: Any) -> str:
@@ -225,17 +223,3 @@ def _hash(text: str) -> str:
 
 def _text(name: str) -> str:
     return (template_folder() / "html" / name).read_text(encoding="utf-8")
-
-
-@cache
-def _environment() -> jinja2.Environment:
-    import jinja2
-
-    return jinja2.Environment(
-        loader=jinja2.FileSystemLoader(template_folder()),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=True,
-    )
