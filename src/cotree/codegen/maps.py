@@ -51,7 +51,7 @@ class MapContext:
     n_columns: int
     n_shared: int
     n_sensitive: int
-    n_own: int
+    reads_own: bool
     n_results: int
     block: int
     functions: list[Block]  # none where it is not cut
@@ -106,7 +106,7 @@ def map_context(node: Node, name: str) -> MapContext:
         n_columns=linear.n_columns,
         n_shared=linear.n_shared,
         n_sensitive=n,
-        n_own=linear.n_inputs - n,
+        reads_own="here" in NAME.findall("\n".join(text.lines)),
         n_results=len(linear.results),
         block=BLOCK,
         functions=text.functions,
