@@ -162,3 +162,21 @@ def between_commas(text: str) -> list[str]:
             start = i + 1
     parts.append(text[start:].strip())
     return parts
+
+
+class Counted:
+    """A text of several functions whose operations are counted."""
+
+    @property
+    def n_written(self) -> int:
+        """About how many operations the longest function has."""
+        return max(self._written)
+
+    @property
+    def n_written_in_all(self) -> int:
+        """About how many operations all functions have."""
+        return sum(self._written)
+
+    @property
+    def _written(self) -> list[int]:
+        raise NotImplementedError

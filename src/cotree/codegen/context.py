@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from cotree.codegen.blocks import Block, cut_into_blocks
-from cotree.codegen.c_statements import count_written
+from cotree.codegen.c_statements import Counted, count_written
 from cotree.codegen.heads import function_head
 from cotree.codegen.loops import roll
 from cotree.codegen.maps import MapContext, map_context
@@ -114,7 +114,7 @@ class HybridContext:
 
 
 @dataclass(frozen=True)
-class ModelContext:
+class ModelContext(Counted):
     """One model."""
 
     title: str
@@ -155,16 +155,6 @@ class ModelContext:
     n_constraints: int
     n_algebraic: int
     hybrid: HybridContext
-
-    @property
-    def n_written(self) -> int:
-        """About how many operations the longest function has."""
-        return max(self._written)
-
-    @property
-    def n_written_in_all(self) -> int:
-        """About how many operations all functions have."""
-        return sum(self._written)
 
     @property
     def _written(self) -> list[int]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.codegen.blocks import Block, Blocks, cut_into_blocks
-from cotree.codegen.c_statements import count_written
+from cotree.codegen.c_statements import Counted, count_written
 from cotree.codegen.context import (
     is_call,
     kernel_context,
@@ -75,7 +75,7 @@ class EliminationContext:
 
 
 @dataclass(frozen=True)
-class NewtonContext:
+class NewtonContext(Counted):
     """What the template gets; most as in the model's context."""
 
     title: str
@@ -95,16 +95,6 @@ class NewtonContext:
     n_carried: int
     n_couplings: int
     places: list[str]
-
-    @property
-    def n_written(self) -> int:
-        """About how many operations the longest function has."""
-        return max(self._written)
-
-    @property
-    def n_written_in_all(self) -> int:
-        """About how many operations all functions have."""
-        return sum(self._written)
 
     @property
     def _written(self) -> list[int]:
