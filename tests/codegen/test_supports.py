@@ -52,9 +52,8 @@ def _random_map(seed):
 
 def _library(run_compiler, linear, node):
     """Compile a map for vectors of each width."""
-    heads = "\n".join(
-        f"void take_{n}(const double *shared, const double *own, double *results);" for n in WIDTHS
-    )
+    arguments = "const double *shared, const double *own, int by_rows, double *results"
+    heads = "\n".join(f"void take_{n}({arguments});" for n in WIDTHS)
     parts = ["#include <string.h>", "#define COTREE_RESTRICT restrict", "#define COTREE_APART"]
     parts += [heads, "#define TARGET", "#define LEAVE (void)0"]
     model = SimpleNamespace(
@@ -65,8 +64,8 @@ def _library(run_compiler, linear, node):
     for n in WIDTHS:
         parts += [f"#undef LANES\n#define LANES {n}", "#undef NAMED"]
         parts += [f"#define NAMED(name) name##_{n}", text]
-        head = f"void take_{n}(const double *shared, const double *own, double *results)"
-        parts.append(f"{head}\n{{\n    map_{n}(shared, own, own, results);\n}}\n")
+        call = f"map_{n}(shared, own, own, by_rows, results);"
+        parts.append(f"void take_{n}({arguments})\n{{\n    {call}\n}}\n")
     # Vectors of eight are wider than this machine's may be, which gcc remarks on.
     flags = ("-O1", "-shared", "-fPIC", "-ffp-contract=off", "-Wno-psabi")
     path = run_compiler({"map.c": "\n".join(parts)}, *flags)
@@ -79,12 +78,18 @@ def _applied(library, width, linear, shared, columns):
     n_padded = -(-linear.n_columns // 8) * 8
     own = np.zeros((max(1, linear.n_inputs), n_padded))
     own[: linear.n_inputs, : linear.n_columns] = np.array(columns).T
-    results = np.full(max(1, linear.n_results), np.nan)
-    pointer = ctypes.POINTER(ctypes.c_double)
+    n = len(linear.results)
+    results = np.full((linear.n_columns, n), np.nan), np.full((n, n_padded), np.nan)
     given_shared = np.array([*shared, 0.0])
-    arrays = (given_shared, own, results)
-    getattr(library, f"take_{width}")(*(array.ctypes.data_as(pointer) for array in arrays))
-    return results[: linear.n_results]
+    for by_rows, array in enumerate(results):
+        function = getattr(library, f"take_{width}")
+        function(_at(given_shared), _at(own), by_rows, _at(array))
+    np.testing.assert_array_equal(results[1].T[: linear.n_columns], results[0])
+    return results[0].ravel()
+
+
+def _at(array):
+    return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
 
 
 @settings(

@@ -15,7 +15,7 @@ from made_up_scenes import HOSTILE, busy_scene
 
 from cotree.codegen import context as contexts
 from cotree.codegen.context import model_context
-from cotree.codegen.maps import MapContext
+from cotree.codegen.maps import ConstantColumns, MapContext
 from cotree.codegen.printer_c import literal, print_nodes
 from cotree.codegen.render import cdef, render_model, template_folder
 from cotree.dag.evaluate import evaluate
@@ -201,6 +201,7 @@ _VARIABLES = {
     "row": contexts.QuantityContext,
     "event": contexts.EventContext,
     "map": MapContext,
+    "columns": ConstantColumns,
 }
 _TEMPLATES = [
     "cotree_abi.h.jinja",

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-import textwrap
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from cotree.codegen.blocks import Block, cut_into_blocks
 from cotree.codegen.c_statements import Counted, count_written
-from cotree.codegen.heads import function_head
+from cotree.codegen.heads import function_head, wrapped
 from cotree.codegen.loops import roll
-from cotree.codegen.maps import MapContext, map_context
+from cotree.codegen.maps import ConstantColumns, MapContext, constant_columns, map_context
 from cotree.codegen.printer_c import SINES, Printed, is_written_out, literal, print_nodes
 from cotree.codegen.stack import n_bytes
 from cotree.dag.operations import OPERATIONS
@@ -134,6 +133,7 @@ class ModelContext(Counted):
     uses_vectors: bool
     packs_sines: bool
     maps: list[MapContext]
+    constant_columns: list[ConstantColumns]
     kernels: list[KernelContext]
     kernel_pointers: list[str]
     states: list[QuantityContext]
@@ -177,14 +177,17 @@ def model_context(program: Program) -> ModelContext:
     nodes += reachable([guard.value for guard in program.guards])  # prepare checks them
     tables = name_tables(node.data for node in nodes if node.op == "table")
     functions = sorted({node.data.name for node in nodes if isinstance(node.data, Function)})
-    applied = {node.data: node for node in nodes if node.op == "map"}
-    maps = {linear: f"cotree_map{i}" for i, linear in enumerate(applied)}
+    maps = list(dict.fromkeys(node for node in nodes if node.op == "map"))
+    applied = {node.data: node for node in maps}
+    functions_of = {linear: f"cotree_map{i}" for i, linear in enumerate(applied)}
+    columns = {node: constant_columns(node, f"cotree_columns{i}") for i, node in enumerate(maps)}
     present = [k for k in program.kernels.values() if k.is_present]
     packs_sines = any(node.op == "sines" for node in nodes)
-    names: dict[Any, str] = {**tables, **maps}
+    names: dict[Any, str] = {**tables, **functions_of}
+    names |= {node: table.name for node, table in columns.items() if table is not None}
     if packs_sines:
         names[SINES] = "cotree_sines"
-    contexts = [map_context(applied[linear], name) for linear, name in maps.items()]
+    contexts = [map_context(applied[linear], name) for linear, name in functions_of.items()]
     kernels, called = [], {row.name: row.n_stack for row in contexts}
     for kernel in present:
         own = kernel_context(prefix, kernel, program, names, called)
@@ -209,6 +212,7 @@ def model_context(program: Program) -> ModelContext:
         uses_vectors=packs_sines or bool(maps),
         packs_sines=packs_sines,
         maps=contexts,
+        constant_columns=[table for table in columns.values() if table is not None],
         kernels=kernels,
         kernel_pointers=[
             f"{prefix}_{k.spec.name}" if k in present else "NULL" for k in program.kernels.values()
@@ -275,12 +279,6 @@ def table_context(table: Table, name: str) -> TableContext:
 def name_tables(tables: Iterable[Table]) -> dict[Table, str]:
     """Give each table a name in C."""
     return {table: f"table{i}" for i, table in enumerate(dict.fromkeys(tables))}
-
-
-def wrapped(items: Iterable[str]) -> list[str]:
-    """Fill lines with items, each followed by a comma."""
-    text = " ".join(f"{item}," for item in items)
-    return textwrap.wrap(text, 96, break_long_words=False, break_on_hyphens=False)
 
 
 def _quantity(row: Quantity) -> QuantityContext:

@@ -1,11 +1,12 @@
-"""Heads of C functions."""
+"""Heads of C functions, and lines of tables."""
 
 from __future__ import annotations
 
+import textwrap
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Iterable
 
 _WIDTH = 98
 
@@ -31,3 +32,9 @@ def function_head(result: str, name: str, arguments: Collection[str]) -> str:
             lines.append(indent)
         lines[-1] += f"{argument}{separator} "
     return "\n".join(lines).rstrip()
+
+
+def wrapped(items: Iterable[str]) -> list[str]:
+    """Fill lines with items, each followed by a comma."""
+    text = " ".join(f"{item}," for item in items)
+    return textwrap.wrap(text, 96, break_long_words=False, break_on_hyphens=False)

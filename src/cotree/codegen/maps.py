@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 from cotree.codegen.blocks import Block, cut_into_blocks
 from cotree.codegen.c_statements import NAME, count_written
-from cotree.codegen.heads import function_head
+from cotree.codegen.heads import function_head, wrapped
 from cotree.codegen.loops import roll
-from cotree.codegen.printer_c import padded, print_nodes
+from cotree.codegen.printer_c import literal, n_own, own_columns, padded, print_nodes
 from cotree.codegen.segments import cut_into_segments
 from cotree.codegen.stack import n_bytes
 from cotree.dag.linear_map import BLOCK
@@ -49,6 +49,7 @@ class MapContext:
     name: str
     doc: str
     n_columns: int
+    width: int  # of a row
     n_shared: int
     n_sensitive: int
     reads_own: bool
@@ -70,6 +71,15 @@ class MapContext:
     def written(self) -> list[int]:
         """How many operations stand in each of its functions."""
         return [count_written(rows) for rows in (self.lines, *(b.lines for b in self.functions))]
+
+
+@dataclass(frozen=True)
+class ConstantColumns:
+    """What the columns of a map do not share, where all of it is known beforehand."""
+
+    name: str
+    length: int
+    lines: list[str]
 
 
 @dataclass(frozen=True)
@@ -104,6 +114,7 @@ def map_context(node: Node, name: str) -> MapContext:
         name=name,
         doc=f"{linear.n_columns} columns, {linear.counts.total()} operations",
         n_columns=linear.n_columns,
+        width=padded(linear.n_columns),
         n_shared=linear.n_shared,
         n_sensitive=n,
         reads_own="here" in NAME.findall("\n".join(text.lines)),
@@ -115,6 +126,15 @@ def map_context(node: Node, name: str) -> MapContext:
         n_guards=n_guards,
         live=["".join(f"{bit}, " for bit in row).strip() for row in rows],
     )
+
+
+def constant_columns(node: Node, name: str) -> ConstantColumns | None:
+    """Write what columns do not share as a table; None where something has to be computed first."""
+    values = own_columns(node)
+    if any(value.value is None for value in values.values()):
+        return None
+    items = [f"[{i}] = {literal(value.value or 0.0)}" for i, value in sorted(values.items())]
+    return ConstantColumns(name, n_own(node), wrapped(items or ["0.0"]))
 
 
 def _in_segments(linear: LinearMap, name: str, n_sensitive: int) -> _Text:

@@ -18,8 +18,8 @@ from cotree.codegen.context import (
     kernel_context,
     name_tables,
     table_context,
-    wrapped,
 )
+from cotree.codegen.heads import wrapped
 from cotree.codegen.printer_c import is_written_out
 from cotree.codegen.render import render
 from cotree.dag.several import Function, sizes_of

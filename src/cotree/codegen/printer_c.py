@@ -42,6 +42,25 @@ def padded(n_columns: int) -> int:
     return -(-n_columns // _WIDEST) * _WIDEST
 
 
+def own_columns(node: Node) -> dict[int, Node]:
+    """Give what columns of a map do not share, where it is not zero, by its place in the rows."""
+    linear: LinearMap = node.data
+    n, width = linear.n_sensitive(node.args), padded(linear.n_columns)
+    return {
+        width * (i - n) + j: value
+        for j, column in enumerate(linear.columns(node.args))
+        for i, value in enumerate(column)
+        if i >= n and not value.is_zero
+    }
+
+
+def n_own(node: Node) -> int:
+    """Give the length of these rows together."""
+    linear: LinearMap = node.data
+    n = linear.n_sensitive(node.args)
+    return max(1, padded(linear.n_columns) * (linear.n_inputs - n))
+
+
 @dataclass(frozen=True)
 class Printed:
     """C statements that compute some values.
@@ -205,11 +224,14 @@ class _Printer:
         elif op in SEVERAL:
             self._several(node)
         elif op == "result":
-            owner = node.args[0]
+            owner, i = node.args[0], node.data
             array, first = self.places.get(owner, (f"v{self._number[owner]}", 0))
-            if owner.op == "sines" and node.data >= owner.data:
+            if owner.op == "sines" and i >= owner.data:
                 first = padded(owner.data) - owner.data  # cosines begin with a vector of their own
-            self._text[node] = (f"{array}[{first + node.data}]", _ATOM)
+            if owner.op == "map" and owner not in self.places:
+                column, row = divmod(i, len(owner.data.results))
+                i = row * padded(owner.data.n_columns) + column
+            self._text[node] = (f"{array}[{first + i}]", _ATOM)
         else:
             self._scalar(node)
 
@@ -268,7 +290,7 @@ class _Printer:
                 f"const int rank{number} = cotree_factorise{own}({n}, "
                 f"{self.operand(reference, 0)}, {literal(node.data.tolerance)}, "
                 f"a{number}, {given}r{number}, c{number});",
-                f"const int accepted{number} = cotree_complete({n}, {node.data.n_determined}, "
+                f"const int accepted{number} = cotree_complete{own}({n}, {node.data.n_determined}, "
                 f"rank{number}, a{number}, c{number});",
             ]
         number = self._factors[key]
@@ -324,32 +346,29 @@ class _Printer:
         """Gather what the columns share and what each has of its own, row by row, and call it."""
         linear: LinearMap = node.data
         name = self._declare(node)
-        columns, n = linear.columns(node.args), linear.n_sensitive(node.args)
-        width = padded(linear.n_columns)
-        own = {
-            width * (i - n) + j: value
-            for j, column in enumerate(columns)
-            for i, value in enumerate(column)
-            if i >= n and not value.is_zero
-        }
-        n_own = max(1, width * (linear.n_inputs - n))
-        shared, given = arrays = f"shared{name[1:]}", f"own{name[1:]}"
-        self.filled += arrays
-        self.lines[:0] = [
-            f"double {shared}[{max(1, linear.n_shared)}];",
-            f"double {given}[{n_own}];",
-            f"for (int i = 0; i < {n_own}; ++i) {{",
-            f"    {given}[i] = 0.0;",
-            "}",
-        ]
-        filled = (enumerate(node.args[: linear.n_shared]), own.items())
-        self.lines += [
-            f"{array}[{i}] = {self.operand(value, 0)};"
-            for array, values in zip(arrays, filled, strict=True)
-            for i, value in values
-        ]
-        array, first = self.places.get(node, (name, 0))
-        if array == name:
-            self.lines.append(f"double {name}[{linear.n_results}];")
-        to = f"{array} + {first}" if first else array
-        self.lines.append(f"{self.names[linear]}({shared}, {'s' if n else given}, {given}, {to});")
+        n, width = linear.n_sensitive(node.args), padded(linear.n_columns)
+        shared, given = f"shared{name[1:]}", self.names.get(node, f"own{name[1:]}")
+        self._fill(shared, max(1, linear.n_shared), dict(enumerate(node.args[: linear.n_shared])))
+        if node not in self.names:
+            self.lines[:0] = [
+                f"for (int i = 0; i < {n_own(node)}; ++i) {{",
+                f"    {given}[i] = 0.0;",
+                "}",
+            ]
+            self._fill(given, n_own(node), own_columns(node))
+        to, is_by_rows = name, node not in self.places
+        if is_by_rows:
+            self.lines.append(f"double {name}[{max(1, width * len(linear.results))}];")
+        else:
+            array, first = self.places[node]
+            to = f"{array} + {first}" if first else array
+        own = "s" if n else given
+        self.lines.append(
+            f"{self.names[linear]}({shared}, {own}, {given}, {int(is_by_rows)}, {to});"
+        )
+
+    def _fill(self, array: str, length: int, values: Mapping[int, Node]) -> None:
+        """Declare an array at the top, and fill it here."""
+        self.filled.append(array)
+        self.lines.insert(0, f"double {array}[{length}];")
+        self.lines += [f"{array}[{i}] = {self.operand(v, 0)};" for i, v in values.items()]
