@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import concurrent.futures
+import ctypes
 import dataclasses
 import multiprocessing
 import os
@@ -239,3 +240,35 @@ def test_unwritable_cache_is_named(files, fake_gcc, monkeypatch, cache: Path):
     with pytest.raises(BuildError, match="No space left on device") as caught:
         build(files, fake_gcc)
     assert str(cache) in str(caught.value)
+
+
+@pytest.mark.compiler
+def test_files_are_compiled_apart_each_at_its_level(toolchain):
+    files = {
+        "one.h": "int two(void);\n",
+        "one.c": '#include "one.h"\nint one(void) { return two() - 1; }\n',
+        "two.c": "int two(void) {\n#ifdef __OPTIMIZE__\nreturn 20;\n#else\nreturn 2;\n#endif\n}\n",
+    }
+    values = []
+    for levels in ({}, {"two.c": "-O1"}, {"one.c": "-O1"}):
+        built = build_library(
+            files,
+            abi_version=1,
+            n_operations=1,
+            options=BuildOptions("-O0"),
+            toolchain=toolchain,
+            levels=levels,
+        )
+        values.append(ctypes.CDLL(str(built.path)).one())
+        assert built.command.count("-c ") == 2
+        assert built.command.endswith("one.c.o two.c.o -o library.so -lm")
+    assert values == [1, 19, 1]
+
+
+@pytest.mark.compiler
+def test_the_first_file_that_fails_is_named(toolchain):
+    files = {"a.c": "int a;\n", "b.c": "int b\n= ;\n", "c.c": "nothing\n"}
+    with pytest.raises(BuildError, match=r"b\.c' with exit status 1: b\.c:2") as caught:
+        build(files, toolchain)
+    assert "-c b.c" in caught.value.command
+    assert Path(caught.value.source).name == "b.c"

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from cotree.build.cache import (
@@ -44,7 +47,7 @@ class BuiltLibrary:
     cached : bool
         True if the compiler was not needed.
     command : str
-        The compiler's command line, with file names relative to the folder of the C text.
+        The compiler's command lines, with file names relative to the folder of the C text.
     """
 
     path: Path
@@ -61,14 +64,14 @@ def build_library(
     n_all: int = 0,
     options: BuildOptions,
     toolchain: Toolchain,
+    levels: Mapping[str, str] = MappingProxyType({}),
 ) -> BuiltLibrary:
     """Compile a model, unless the cache holds it.
 
     Parameters
     ----------
     files : mapping of str to str
-        C text by file name. All ``.c`` files are compiled together, with the ``.h`` files beside
-        them.
+        C text by file name. The ``.c`` files are compiled side by side, each with all ``.h`` files.
     abi_version : int
         Version of the contract between the library and its caller.
     n_operations : int
@@ -79,6 +82,8 @@ def build_library(
         The user's choice.
     toolchain : Toolchain
         The compiler, from :func:`find_toolchain`.
+    levels : mapping of str to str
+        Compiler level of single files, where it is another one than that of ``options``.
 
     Returns
     -------
@@ -95,17 +100,18 @@ def build_library(
     start = time.perf_counter()
     sources = _source_names(files)
     flags = compiler_flags(toolchain, options, n_operations, n_all)
-    command = (*toolchain.command, *flags, *sources, "-o", _OUTPUT, "-lm")
+    steps = _steps((*toolchain.command, *flags), sources, levels)
     key = cache_key(
         files,
         abi_version=abi_version,
         toolchain=toolchain,
-        flags=flags,
+        flags=(*flags, *(f"{name} {level}" for name, level in sorted(levels.items()))),
         cpu_features=cpu_features() if options.native else "",
     )
     found = find_library(key)
-    path = found or _compile(files, sources, command, key, options.time_limit)
-    return BuiltLibrary(path, time.perf_counter() - start, found is not None, shlex.join(command))
+    path = found or _compile(files, steps, key, options.time_limit)
+    commands = " && ".join(shlex.join(step.command) for step in steps)
+    return BuiltLibrary(path, time.perf_counter() - start, found is not None, commands)
 
 
 def _source_names(files: Mapping[str, str]) -> tuple[str, ...]:
@@ -123,33 +129,65 @@ def _source_names(files: Mapping[str, str]) -> tuple[str, ...]:
     return sources
 
 
-def _compile(
-    files: Mapping[str, str],
-    sources: Sequence[str],
-    command: Sequence[str],
-    key: str,
-    time_limit: float,
-) -> Path:
+@dataclass(frozen=True)
+class _Step:
+    """A command, and the C file that it is about."""
+
+    source: str
+    command: tuple[str, ...]
+
+
+def _steps(
+    compiler: tuple[str, ...], sources: Sequence[str], levels: Mapping[str, str]
+) -> list[_Step]:
+    """Write the commands: one for a single file, else one for each file and one that links."""
+    to = ("-o", _OUTPUT, "-lm")
+    own = {source: (*compiler, *filter(None, [levels.get(source)])) for source in sources}
+    if len(sources) == 1:
+        return [_Step(source, (*command, source, *to)) for source, command in own.items()]
+    steps = [
+        _Step(source, (*command, "-c", source, "-o", f"{source}.o"))
+        for source, command in own.items()
+    ]
+    objects = [f"{source}.o" for source in sources]
+    return [*steps, _Step(sources[0], (*compiler, *objects, *to))]
+
+
+def _compile(files: Mapping[str, str], steps: Sequence[_Step], key: str, time_limit: float) -> Path:
     try:
         with private_directory() as directory:
             write_files(files, directory)
-            outcome = run_limited(command, directory, time_limit)
+            step, outcome = _run(steps, directory, time_limit)
             if outcome.status == 0 and (directory / _OUTPUT).is_file():
                 return publish_library(directory / _OUTPUT, key)
-        source = keep_failed(files, key) / sources[0]
+        source = keep_failed(files, key) / step.source
     except OSError as error:
         raise BuildError(
             f"The model cannot be compiled in the cache folder '{cache_directory()}' ({error}); "
             "make room there, or name another folder with the environment variable "
             "COTREE_CACHE_DIR.",
-            command=shlex.join(command),
+            command=shlex.join(steps[0].command),
         ) from error
     raise BuildError(
         _failure(outcome, source, time_limit),
-        command=shlex.join(command),
+        command=shlex.join(step.command),
         output=outcome.output,
         source=str(source),
     )
+
+
+def _run(steps: Sequence[_Step], directory: Path, time_limit: float) -> tuple[_Step, Outcome]:
+    """Run all steps but the last side by side, then that; give the first that fails, or the last."""
+    *first, last = steps
+
+    def run(step: _Step) -> Outcome:
+        return run_limited(step.command, directory, time_limit)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for step, outcome in zip(first, pool.map(run, first), strict=True):
+            if outcome.status != 0:
+                return step, outcome
+    return last, run(last)
 
 
 def _failure(outcome: Outcome, source: Path, time_limit: float) -> str:
