@@ -177,7 +177,7 @@ def _compile(files: Mapping[str, str], steps: Sequence[_Step], key: str, time_li
 
 
 def _run(steps: Sequence[_Step], directory: Path, time_limit: float) -> tuple[_Step, Outcome]:
-    """Run all steps but the last side by side, then that; give the first that fails, or the last."""
+    """Run all steps but the last side by side, then that; give the first to fail, or the last."""
     *first, last = steps
 
     def run(step: _Step) -> Outcome:
