@@ -7,8 +7,10 @@ import ctypes
 import mpmath
 import numpy as np
 import pytest
+from hard_scenes import bennett_loop
 from rod_chain import rod_chain
 
+from cotree import load
 from cotree.build import find_toolchain
 from cotree.codegen import maps
 from cotree.codegen.render import render
@@ -77,6 +79,32 @@ def test_maps_agree_with_statements_written_out(monkeypatch):
         np.testing.assert_allclose(
             mapped, expected, rtol=1e-10, atol=1e-12 * np.abs(expected).max()
         )
+
+
+@pytest.mark.parametrize(
+    ("make", "kernel"),
+    [(lambda: load("motor-linkage"), "augmented_rhs"), (bennett_loop, "jacobian")],
+    ids=["loop", "redundant loop"],
+)
+def test_maps_of_closed_loops_agree_with_statements_written_out(monkeypatch, make, kernel):
+    """Multipliers are solved for at run time, along each column by the same factors."""
+
+    def values():
+        scene = make()
+        model = scene.compile(list(scene.parameters))
+        x = model.start().y  # constraints that depend on each other agree there
+        s = np.random.default_rng(3).uniform(-1.0, 1.0, (len(x), len(model.sensitivities)))
+        found = model.jacobian(0.0, x), model.sensitivity_rhs(0.0, x, s)
+        return found, _ops(model, kernel)
+
+    mapped, ops = values()
+    assert {"map", "solve"} <= set(ops)
+    monkeypatch.setattr(columns, "_WORTH", 0.0)
+    expected, ops = values()
+    assert "map" not in ops
+    for one, other in zip(mapped, expected, strict=True):
+        # Sums in orders of their own.
+        np.testing.assert_allclose(one, other, rtol=1e-10, atol=1e-10)
 
 
 def test_the_jacobian_of_a_map_keeps_its_zeros():

@@ -252,7 +252,10 @@ def _is_linear(node: Node, varying: Container[Node]) -> bool:
 
 
 def _as_products(dag: Dag, results: Sequence[Node], inputs: Sequence[Node]) -> list[Node]:
-    """Turn divisions by shared values, and choices that these make, into products."""
+    """Turn divisions by shared values, and choices that these make, into products.
+
+    Solutions of linear systems with shared matrices become sums of those for unit vectors.
+    """
     varying = set(inputs)
     made: dict[Node, Node] = {}
     for node in reachable(results):
@@ -265,9 +268,34 @@ def _as_products(dag: Dag, results: Sequence[Node], inputs: Sequence[Node]) -> l
         elif node.op == "select" and node.args[0] not in varying:
             share = dag.select(args[0], dag.one, dag.zero)
             made[node] = share * args[1] + (1.0 - share) * args[2]
+        elif node.op == "result" and _has_shared_matrix(node.args[0], varying):
+            made[node] = _of_unit_vectors(node, [made.get(arg, arg) for arg in node.args[0].args])
         else:
             made[node] = dag.rebuild(node, tuple(args))
     return [made.get(root, root) for root in results]
+
+
+def _has_shared_matrix(node: Node, varying: Container[Node]) -> bool:
+    """Tell whether it is a linear system of which only the right-hand side varies."""
+    if node.op != "solve":
+        return False
+    n = node.data.size
+    return not any(arg in varying for arg in (*node.args[: n * n], *node.args[n * n + n :]))
+
+
+def _of_unit_vectors(node: Node, args: Sequence[Node]) -> Node:
+    """Give a result of a linear system as a sum over its right-hand side."""
+    dag, system = node.dag, node.args[0]
+    n = system.data.size
+    found = dag.zero
+    for j in range(n):
+        unit = [dag.one if i == j else dag.zero for i in range(n)]
+        given = (*system.args[: n * n], *unit, *system.args[n * n + n :])
+        result = dag.several("solve", given, system.data, n + 2)[node.data]
+        if node.data >= n:  # the rank is that of the matrix alone
+            return result
+        found = found + result * args[n * n + j]
+    return found
 
 
 def apply_map(
