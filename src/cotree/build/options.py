@@ -142,5 +142,6 @@ def _processor_flags(toolchain: Toolchain, options: BuildOptions) -> list[str]:
         # Zig alone compiles for the machine it runs on unless told otherwise.
         return ["-mcpu=baseline"] if toolchain.kind == "zig" else []
     is_x86 = platform.machine().lower() in ("x86_64", "amd64", "i386", "i686")
-    # Elsewhere than on x86, compilers agree on -mcpu only.
-    return ["-march=native" if is_x86 else "-mcpu=native"]
+    # Elsewhere than on x86, compilers agree on -mcpu only. Numbers of different statements put into
+    # a vector wait for each other: without, most kernels are quicker, short ones by up to a third.
+    return ["-march=native" if is_x86 else "-mcpu=native", "-fno-tree-slp-vectorize"]
