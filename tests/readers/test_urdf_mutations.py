@@ -61,7 +61,7 @@ NASTY = (
     *("<!DOCTYPE r [<!ENTITY a 'b'>]>", '"', "'", "/", "../../x", "fixed", "floating", "planar"),
     *("<link name='base_link'/>", "<joint/>", "<mass/>", "0 0 0", "1 2 3", "\n", "\r\n", "\t"),
 )
-_LONGEST_TIME = 2.0  # seconds; a robot of this size takes a few milliseconds
+_LONGEST_TIME = 20.0  # seconds: no hang, on any machine; it takes a few milliseconds
 
 
 def _value(text, rng):
@@ -150,7 +150,7 @@ def check_equations(scenes):
 
 
 def test_damaged_robots():
-    scenes = check_range(range(800))
+    scenes = check_range(range(300))
     small = [(seed, scene) for seed, scene in scenes if len(scene.edges) < 30]
     assert check_equations(small[:20]) > 5
 

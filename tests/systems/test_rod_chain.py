@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 
 import pytest
 import sympy
@@ -60,13 +59,7 @@ def test_a_map_of_all_parameters_grows_with_the_length_of_the_chain():
 
 
 @pytest.mark.slow
-def test_twenty_rods_reach_c_text_within_three_seconds():
-    """The best of three, in processor time: other work on the machine does not count."""
-    to_c_text(2)
-    seconds = []
-    for _ in range(3):
-        start = time.process_time()
-        program, _ = to_c_text(20)
-        seconds.append(time.process_time() - start)
+def test_operations_of_twenty_rods():
+    """How long it takes is measured by benchmarks/growth.py."""
+    program, _ = to_c_text(20)
     assert program.operations["augmented_rhs"].total <= 72_000  # the bar of the same prototype
-    assert min(seconds) < 3.0
