@@ -95,12 +95,14 @@ def _at(array):
 @settings(
     max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True
 )
-@given(seed=st.integers(0, 10**6), longest=st.sampled_from([4, 1000]))
-def test_segments_give_the_bits_of_all_statements(run_compiler, seed, longest):
+@given(seed=st.integers(0, 10**6), longest=st.sampled_from([4, 1000]), in_turn=st.booleans())
+def test_segments_give_the_bits_of_all_statements(run_compiler, seed, longest, in_turn):
     dag, linear, shared, columns = _random_map(seed)
     node = apply_map(dag, linear, shared, columns)[0][0].args[0]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(maps, "_LONGEST_BLOCK", longest)
+        patch.setattr(maps, "_LONGEST_IN_TURN", longest)
+        patch.setattr(maps, "_is_waiting", lambda _: in_turn)
         patch.setattr(maps, "_SKIPPED", -1.0)  # segments, however little they leave out
         library = _library(run_compiler, linear, node)
     rng = np.random.default_rng(seed)

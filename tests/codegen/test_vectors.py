@@ -58,9 +58,13 @@ def test_blocks_of_a_map_give_the_same_bits(monkeypatch):
     found, n_blocks = {}, {}
     for longest in (10_000, 50):
         monkeypatch.setattr(maps, "_LONGEST_BLOCK", longest)
+        monkeypatch.setattr(maps, "_LONGEST_IN_TURN", longest)
         model = _model()
         found[longest] = _values(model)
-        n_blocks[longest] = [len(row.functions) for row in model._compiled.context.maps]
+        rows = model._compiled.context.maps
+        n_blocks[longest] = [len(row.functions) for row in rows]
+        # Each rod waits for the one before, so that two vectors of the Jacobian go in turn.
+        assert max(row.n_together for row in rows) == (2 if longest == 50 else 1)
     assert not any(n_blocks[10_000])
     assert min(n_blocks[50]) > 1
     for whole, cut in zip(*found.values(), strict=True):

@@ -15,10 +15,10 @@ from cotree.codegen.printer_c import literal, n_own, own_columns, padded, print_
 from cotree.codegen.segments import cut_into_segments
 from cotree.codegen.stack import n_bytes
 from cotree.dag.linear_map import BLOCK
-from cotree.program.machine import by_need
+from cotree.program.machine import bounds, by_need
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from cotree.dag.linear_map import LinearMap
     from cotree.dag.nodes import Node
@@ -28,6 +28,10 @@ _SKIPPED = 0.15
 #: Operations of a block of statements at most. Measured with gcc 12 on a map of 2261: 500 compile
 #: with a third of the instructions, and four numbers at a time run a fifth faster.
 _LONGEST_BLOCK = 500
+#: The same of segments that wait for each other: two vectors then go through each block in turn,
+#: and one is worked at while the other waits.
+_LONGEST_IN_TURN = 80
+_FEWEST_IN_TURN = 300  # statements; of fewer, what crosses between blocks is too much
 
 _COLUMN = re.compile(r"\bcolumn\[(\d+)\]")
 _HEAD = "TARGET COTREE_APART static void"
@@ -58,13 +62,14 @@ class MapContext:
     functions: list[Block]  # none where it is not cut
     lines: list[str]
     n_crossing: int
+    n_together: int  # vectors
     n_guards: int
     live: list[str]  # for each block of columns, which guarded segments are run
 
     @property
     def n_stack(self) -> int:
         """Bytes of the stack that it takes at most."""
-        n = self.n_sensitive + self.n_results + self.n_crossing
+        n = self.n_together * (self.n_sensitive + self.n_results + self.n_crossing)
         return n_bytes([f"VECTOR column[{n}];", *self.lines], self.functions, {})
 
     @cached_property
@@ -90,6 +95,7 @@ class _Text:
     lines: list[str]
     live: list[list[int]]
     n_crossing: int
+    n_together: int = 1
 
 
 def map_context(node: Node, name: str) -> MapContext:
@@ -123,6 +129,7 @@ def map_context(node: Node, name: str) -> MapContext:
         functions=text.functions,
         lines=text.lines,
         n_crossing=text.n_crossing,
+        n_together=text.n_together,
         n_guards=n_guards,
         live=["".join(f"{bit}, " for bit in row).strip() for row in rows],
     )
@@ -137,15 +144,27 @@ def constant_columns(node: Node, name: str) -> ConstantColumns | None:
     return ConstantColumns(name, n_own(node), wrapped(items or ["0.0"]))
 
 
+def _is_waiting(linear: LinearMap) -> bool:
+    """Tell whether one vector takes longer for its longest path than to start all operations."""
+    started, longest = bounds(linear.statements)
+    return longest > started and len(linear.statements) > _FEWEST_IN_TURN
+
+
 def _in_segments(linear: LinearMap, name: str, n_sensitive: int) -> _Text:
     """Write statements where much vanishes: segments, each run only where it does not."""
-    cut = cut_into_segments(linear, _LONGEST_BLOCK)
+    longest, together = (_LONGEST_IN_TURN, 2) if _is_waiting(linear) else (_LONGEST_BLOCK, 1)
+    cut = cut_into_segments(linear, longest)
     parts = [_with_own(linear, part, n_sensitive) for part in cut.parts]
     if len(parts) == 1:
         return _Text([], parts[0], cut.live, cut.n_crossing)
-    pairs = [_function(f"{name}_{i}", part) for i, part in enumerate(parts, 1)]
+    given = {}
+    if together > 1:
+        n_results = len(linear.results)
+        sizes = {"column": n_sensitive, "here": "LANES", "w": cut.n_crossing, "result": n_results}
+        given = {key: f"{key} + v * {size}" for key, size in sizes.items()} | {"live": "LIVE_OF(v)"}
+    pairs = [_function(f"{name}_{i}", part, given) for i, part in enumerate(parts, 1)]
     functions, calls = [function for function, _ in pairs], [call for _, call in pairs]
-    return _Text(functions, calls, cut.live, cut.n_crossing)
+    return _Text(functions, calls, cut.live, cut.n_crossing, together)
 
 
 def _in_blocks(linear: LinearMap, name: str, n_sensitive: int) -> _Text:
@@ -178,9 +197,10 @@ def _with_own(linear: LinearMap, lines: Sequence[str], n_sensitive: int) -> list
     return [_COLUMN.sub(read, line) for line in lines]
 
 
-def _function(name: str, lines: Sequence[str]) -> tuple[Block, str]:
-    """Write a function that runs some statements, and its call."""
+def _function(name: str, lines: Sequence[str], given: Mapping[str, str]) -> tuple[Block, str]:
+    """Write a function that runs some statements, and its call: one for each vector, if given."""
     names = {found for line in lines for found in NAME.findall(line)}
     used = [key for key in _ARGUMENTS if key in names]
     signature = function_head(_HEAD, f"NAMED({name})", [_ARGUMENTS[key] for key in used])
-    return Block(signature, list(lines)), f"NAMED({name})({', '.join(used)});"
+    call = f"NAMED({name})({', '.join(given.get(key, key) for key in used)});"
+    return Block(signature, list(lines)), f"for (v = 0; v < n; ++v) {call}" if given else call

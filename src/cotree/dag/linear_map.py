@@ -291,7 +291,7 @@ def _of_unit_vectors(node: Node, args: Sequence[Node]) -> Node:
     for j in range(n):
         unit = [dag.one if i == j else dag.zero for i in range(n)]
         given = (*system.args[: n * n], *unit, *system.args[n * n + n :])
-        result = dag.several("solve", given, system.data, n + 2)[node.data]
+        result: Node = dag.several("solve", given, system.data, n + 2)[node.data]
         if node.data >= n:  # the rank is that of the matrix alone
             return result
         found = found + result * args[n * n + j]
