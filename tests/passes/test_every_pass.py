@@ -257,7 +257,10 @@ def _blocks(monkeypatch):
 
 
 def _blocks_of_maps(monkeypatch):
-    found = [_with(monkeypatch, maps, "_LONGEST_BLOCK", longest) for longest in (10_000, 50)]
+    found = []
+    for longest in (10_000, 50):
+        monkeypatch.setattr(maps, "_LONGEST_IN_TURN", longest)
+        found.append(_with(monkeypatch, maps, "_LONGEST_BLOCK", longest))
     return [max(max(row.written) for row in model.maps) for model in found]
 
 
