@@ -161,7 +161,7 @@ def _in_segments(linear: LinearMap, name: str, n_sensitive: int) -> _Text:
     if together > 1:
         n_results = len(linear.results)
         sizes = {"column": n_sensitive, "here": "LANES", "w": cut.n_crossing, "result": n_results}
-        given = {key: f"{key} + v * {size}" for key, size in sizes.items()} | {"live": "LIVE_OF(v)"}
+        given = {key: f"OF({key}, {size})" for key, size in sizes.items()} | {"live": "LIVE_OF(v)"}
     pairs = [_function(f"{name}_{i}", part, given) for i, part in enumerate(parts, 1)]
     functions, calls = [function for function, _ in pairs], [call for _, call in pairs]
     return _Text(functions, calls, cut.live, cut.n_crossing, together)
