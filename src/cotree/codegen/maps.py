@@ -203,4 +203,4 @@ def _function(name: str, lines: Sequence[str], given: Mapping[str, str]) -> tupl
     used = [key for key in _ARGUMENTS if key in names]
     signature = function_head(_HEAD, f"NAMED({name})", [_ARGUMENTS[key] for key in used])
     call = f"NAMED({name})({', '.join(given.get(key, key) for key in used)});"
-    return Block(signature, list(lines)), f"for (v = 0; v < n; ++v) {call}" if given else call
+    return Block(signature, list(lines)), f"IN_TURN {call}" if given else call
