@@ -156,10 +156,11 @@ def test_damaged_robots():
 
 
 @pytest.mark.slow
-def test_many_damaged_robots():
-    scenes = check_range(range(10_000, 20_000))
+@pytest.mark.parametrize("first", range(10_000, 20_000, 2_500))
+def test_many_damaged_robots(first):
+    scenes = check_range(range(first, first + 2_500))
     small = [(seed, scene) for seed, scene in scenes if len(scene.edges) < 30]
-    assert check_equations(small[:200]) > 50
+    assert check_equations(small[:50]) > 12
 
 
 def test_bytes_that_are_no_text(tmp_path):
