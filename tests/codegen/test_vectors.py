@@ -71,6 +71,19 @@ def test_blocks_of_a_map_give_the_same_bits(monkeypatch):
         np.testing.assert_array_equal(whole, cut)
 
 
+@pytest.mark.slow
+def test_loops_of_a_map_give_the_same_bits(monkeypatch):
+    """Of forty rods and more the statements of a map are loops."""
+    model = _model(40)
+    rows = model._compiled.context.maps
+    lines = [line for row in rows for part in (row, *row.functions) for line in part.lines]
+    assert any(line.strip().startswith("for (") for line in lines)
+    assert any(line.strip().startswith("VECTOR v[") for line in lines)
+    monkeypatch.setattr(maps, "roll", list)
+    for rolled, other in zip(_values(model), _values(_model(40)), strict=True):
+        np.testing.assert_array_equal(rolled, other)
+
+
 def test_maps_agree_with_statements_written_out(monkeypatch):
     model = _model()
     assert "map" in _ops(model, "augmented_rhs")

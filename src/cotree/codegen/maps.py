@@ -34,6 +34,7 @@ _LONGEST_IN_TURN = 80
 _FEWEST_IN_TURN = 300  # statements; of fewer, what crosses between blocks is too much
 
 _COLUMN = re.compile(r"\bcolumn\[(\d+)\]")
+_OWN = re.compile(r"\bown\[((?:[^\[\]]|\[[^\[\]]*\])*)\]")  # with a place from a table, too
 _HEAD = "TARGET COTREE_APART static void"
 #: What statements name, as a function gets it.
 _ARGUMENTS = {
@@ -154,14 +155,16 @@ def _in_segments(linear: LinearMap, name: str, n_sensitive: int) -> _Text:
     """Write statements where much vanishes: segments, each run only where it does not."""
     longest, together = (_LONGEST_IN_TURN, 2) if _is_waiting(linear) else (_LONGEST_BLOCK, 1)
     cut = cut_into_segments(linear, longest)
-    parts = [_with_own(linear, part, n_sensitive) for part in cut.parts]
+    parts = [_with_own(linear, _tell_apart(part, n_sensitive)) for part in cut.parts]
     if len(parts) == 1:
         return _Text([], parts[0], cut.live, cut.n_crossing)
     given = {}
     if together > 1:
         n_results = len(linear.results)
         sizes = {"column": n_sensitive, "here": "LANES", "w": cut.n_crossing, "result": n_results}
-        given = {key: f"OF({key}, {size})" for key, size in sizes.items()} | {"live": "LIVE_OF(v)"}
+        given = {key: f"OF({key}, {size})" for key, size in sizes.items()} | {
+            "live": "LIVE_OF(turn)"
+        }
     pairs = [_function(f"{name}_{i}", part, given) for i, part in enumerate(parts, 1)]
     functions, calls = [function for function, _ in pairs], [call for _, call in pairs]
     return _Text(functions, calls, cut.live, cut.n_crossing, together)
@@ -174,10 +177,11 @@ def _in_blocks(linear: LinearMap, name: str, n_sensitive: int) -> _Text:
         f"result[{i}] = {'ZERO' if root.is_zero else value};"
         for i, (root, value) in enumerate(zip(linear.results, printed.values, strict=True))
     ]
-    lines = [line.replace("double v", "VECTOR v", 1) for line in roll(lines)]
+    rolled = roll(_tell_apart(lines, n_sensitive))
+    lines = [line.replace("double v", "VECTOR v", 1) for line in rolled]
     cut = cut_into_blocks(
         f"NAMED({name}_{{}})",
-        _with_own(linear, lines, n_sensitive),
+        _with_own(linear, lines),
         {key: head for key, head in _ARGUMENTS.items() if key != "w"},  # blocks have their own
         ("result",),
         _LONGEST_BLOCK,
@@ -186,15 +190,25 @@ def _in_blocks(linear: LinearMap, name: str, n_sensitive: int) -> _Text:
     return _Text(cut.functions, cut.lines, [], 0)
 
 
-def _with_own(linear: LinearMap, lines: Sequence[str], n_sensitive: int) -> list[str]:
-    """Read what columns do not share from its rows."""
+def _tell_apart(lines: Sequence[str], n_sensitive: int) -> list[str]:
+    """Name what columns do not share and is no sensitivity apart, so that no loop reads both."""
+
+    def named(found: re.Match[str]) -> str:
+        i = int(found[1])
+        return found[0] if i < n_sensitive else f"own[{i - n_sensitive}]"
+
+    return [_COLUMN.sub(named, line) for line in lines]
+
+
+def _with_own(linear: LinearMap, lines: Sequence[str]) -> list[str]:
+    """Read that from its rows."""
     width = padded(linear.n_columns)
 
     def read(found: re.Match[str]) -> str:
-        i = int(found[1])
-        return found[0] if i < n_sensitive else f"OWN(here, {width * (i - n_sensitive)})"
+        place = found[1]
+        return f"OWN(here, {width * int(place) if place.isdigit() else f'{width} * ({place})'})"
 
-    return [_COLUMN.sub(read, line) for line in lines]
+    return [_OWN.sub(read, line) for line in lines]
 
 
 def _function(name: str, lines: Sequence[str], given: Mapping[str, str]) -> tuple[Block, str]:
