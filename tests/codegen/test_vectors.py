@@ -153,6 +153,7 @@ def sines(run_compiler):
         "#include <math.h>",
         "#include <string.h>",
         "#define LANES 2",
+        "#define EACH(f) f(0), f(1)",
         "#define NAMED(name) name##_2",
         "#define TARGET",
         "#define LEAVE (void)0",

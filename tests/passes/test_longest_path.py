@@ -13,8 +13,10 @@ from cotree.dag.nodes import Dag
 from cotree.dag.traverse import symbols_in
 from cotree.formulation.elimination import eliminate
 from cotree.formulation.first_graph import form_first_graph, tree_links
+from cotree.passes import order
 from cotree.passes.balance import balance_sums
 from cotree.passes.order import order_by_need
+from cotree.passes.recipe import run_passes
 from cotree.pipeline import formulate, trees_to_try
 from cotree.program.lower import lower
 from cotree.program.machine import bounds, by_need
@@ -145,3 +147,11 @@ def test_deferring_shortens_the_path_of_a_chain():
     other = next(row for row in alternatives if row.is_along_tree and not row.is_deferred)
     assert alternatives[0].n_cycles < other.n_cycles
     assert "deferred" in alternatives[0].summary()
+
+
+def test_kernels_of_very_many_links_stay_as_they_were_formed(monkeypatch):
+    """In the order of needs links do not follow one another, and are no loops."""
+    program = lower(formulate(rod_chain(20)[0], [], None)[1])
+    assert run_passes(program)[0].kernels["rhs"].is_by_need
+    monkeypatch.setattr(order, "_MANY", 1_000)
+    assert not run_passes(program)[0].kernels["rhs"].is_by_need

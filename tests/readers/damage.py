@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import re
+import time
+
+import cotree
 
 
 def damaged(text, rng, damages):
@@ -49,3 +52,21 @@ def replaced(text, rng, pattern, made):
         return text
     match = rng.choice(found)
     return text[: match.start()] + made + text[match.end() :]
+
+
+def read_in_time(read, longest):
+    """Give what a text says, or the sentence that refuses it, in so many seconds of the processor.
+
+    One that took longer is read once more: other work on a machine lengthens these, too.
+    """
+    for _ in range(2):
+        began, scene, message = time.process_time(), None, ""
+        try:
+            scene = read()
+        except cotree.SceneError as error:
+            message = str(error)
+        seconds = time.process_time() - began
+        if seconds < longest:
+            break
+    assert seconds < longest
+    return scene, message

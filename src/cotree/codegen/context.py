@@ -180,11 +180,15 @@ def model_context(program: Program) -> ModelContext:
     maps = list(dict.fromkeys(node for node in nodes if node.op == "map"))
     applied = {node.data: node for node in maps}
     functions_of = {linear: f"cotree_map{i}" for i, linear in enumerate(applied)}
-    columns = {node: constant_columns(node, f"cotree_columns{i}") for i, node in enumerate(maps)}
+    columns = {
+        node: table
+        for i, node in enumerate(maps)
+        if (table := constant_columns(node, f"cotree_columns{i}"))
+    }
     present = [k for k in program.kernels.values() if k.is_present]
     packs_sines = any(node.op == "sines" for node in nodes)
     names: dict[Any, str] = {**tables, **functions_of}
-    names |= {node: table.name for node, table in columns.items() if table is not None}
+    names |= {node: table.name for node, table in columns.items()}
     if packs_sines:
         names[SINES] = "cotree_sines"
     contexts = [map_context(applied[linear], name) for linear, name in functions_of.items()]
@@ -212,7 +216,7 @@ def model_context(program: Program) -> ModelContext:
         uses_vectors=packs_sines or bool(maps),
         packs_sines=packs_sines,
         maps=contexts,
-        constant_columns=[table for table in columns.values() if table is not None],
+        constant_columns=list(columns.values()),
         kernels=kernels,
         kernel_pointers=[
             f"{prefix}_{k.spec.name}" if k in present else "NULL" for k in program.kernels.values()

@@ -258,6 +258,7 @@ def _as_products(dag: Dag, results: Sequence[Node], inputs: Sequence[Node]) -> l
     """
     varying = set(inputs)
     made: dict[Node, Node] = {}
+    inverses: dict[Node, list[tuple[Node, ...]]] = {}
     for node in reachable(results):
         if not any(arg in varying for arg in node.args):
             continue
@@ -269,7 +270,14 @@ def _as_products(dag: Dag, results: Sequence[Node], inputs: Sequence[Node]) -> l
             share = dag.select(args[0], dag.one, dag.zero)
             made[node] = share * args[1] + (1.0 - share) * args[2]
         elif node.op == "result" and _has_shared_matrix(node.args[0], varying):
-            made[node] = _of_unit_vectors(node, [made.get(arg, arg) for arg in node.args[0].args])
+            (system,) = node.args
+            if system not in inverses:
+                inverses[system] = _for_unit_vectors(system)
+            n = system.data.size
+            rhs = [made.get(arg, arg) for arg in system.args[n * n : n * n + n]]
+            columns = [solution[node.data] for solution in inverses[system]]
+            # The rank, behind the unknowns, is that of the matrix alone.
+            made[node] = columns[0] if node.data >= n else _product(dag, columns, rhs)
         else:
             made[node] = dag.rebuild(node, tuple(args))
     return [made.get(root, root) for root in results]
@@ -283,19 +291,19 @@ def _has_shared_matrix(node: Node, varying: Container[Node]) -> bool:
     return not any(arg in varying for arg in (*node.args[: n * n], *node.args[n * n + n :]))
 
 
-def _of_unit_vectors(node: Node, args: Sequence[Node]) -> Node:
-    """Give a result of a linear system as a sum over its right-hand side."""
-    dag, system = node.dag, node.args[0]
-    n = system.data.size
-    found = dag.zero
+def _for_unit_vectors(system: Node) -> list[tuple[Node, ...]]:
+    """Solve a linear system for each unit vector in place of its right-hand side."""
+    dag, n = system.dag, system.data.size
+    found = []
     for j in range(n):
         unit = [dag.one if i == j else dag.zero for i in range(n)]
         given = (*system.args[: n * n], *unit, *system.args[n * n + n :])
-        result: Node = dag.several("solve", given, system.data, n + 2)[node.data]
-        if node.data >= n:  # the rank is that of the matrix alone
-            return result
-        found = found + result * args[n * n + j]
+        found.append(dag.several("solve", given, system.data, n + 2))
     return found
+
+
+def _product(dag: Dag, row: Sequence[Node], column: Sequence[Node]) -> Node:
+    return sum((a * b for a, b in zip(row, column, strict=True)), dag.zero)
 
 
 def apply_map(
