@@ -12,6 +12,7 @@ from cotree.codegen.c_statements import Counted, count_written
 from cotree.codegen.heads import function_head, wrapped
 from cotree.codegen.loops import roll
 from cotree.codegen.maps import ConstantColumns, MapContext, constant_columns, map_context
+from cotree.codegen.own_rows import own_rows
 from cotree.codegen.printer_c import SINES, Printed, is_written_out, literal, print_nodes
 from cotree.codegen.stack import n_bytes
 from cotree.dag.operations import OPERATIONS
@@ -178,8 +179,8 @@ def model_context(program: Program) -> ModelContext:
     tables = name_tables(node.data for node in nodes if node.op == "table")
     functions = sorted({node.data.name for node in nodes if isinstance(node.data, Function)})
     maps = list(dict.fromkeys(node for node in nodes if node.op == "map"))
-    applied = {node.data: node for node in maps}
-    functions_of = {linear: f"cotree_map{i}" for i, linear in enumerate(applied)}
+    applied = {own_rows(node): node for node in maps}
+    functions_of = {rows: f"cotree_map{i}" for i, rows in enumerate(applied)}
     columns = {
         node: table
         for i, node in enumerate(maps)
@@ -191,7 +192,7 @@ def model_context(program: Program) -> ModelContext:
     names |= {node: table.name for node, table in columns.items()}
     if packs_sines:
         names[SINES] = "cotree_sines"
-    contexts = [map_context(applied[linear], name) for linear, name in functions_of.items()]
+    contexts = [map_context(applied[rows], name) for rows, name in functions_of.items()]
     kernels, called = [], {row.name: row.n_stack for row in contexts}
     for kernel in present:
         own = kernel_context(prefix, kernel, program, names, called)

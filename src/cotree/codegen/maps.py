@@ -5,13 +5,15 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from typing import TYPE_CHECKING
 
 from cotree.codegen.blocks import Block, cut_into_blocks
 from cotree.codegen.c_statements import NAME, count_written
 from cotree.codegen.heads import function_head, wrapped
 from cotree.codegen.loops import roll
-from cotree.codegen.printer_c import literal, n_own, own_columns, padded, print_nodes
+from cotree.codegen.own_rows import OwnRows, own_rows
+from cotree.codegen.printer_c import literal, print_nodes
 from cotree.codegen.segments import cut_into_segments
 from cotree.codegen.stack import n_bytes
 from cotree.dag.linear_map import BLOCK
@@ -41,6 +43,7 @@ _ARGUMENTS = {
     "shared": "const double *COTREE_RESTRICT shared",
     "column": "const VECTOR *COTREE_RESTRICT column",
     "here": "const double *here",
+    "at": "const PLACE *at",
     "live": "const unsigned char *live",
     "w": "VECTOR *COTREE_RESTRICT w",
     "result": "VECTOR *COTREE_RESTRICT result",
@@ -58,6 +61,8 @@ class MapContext:
     n_shared: int
     n_sensitive: int
     reads_own: bool
+    places: list[str]  # of what columns do not share, for each eight columns
+    n_own: int  # rows of these
     n_results: int
     block: int
     functions: list[Block]  # none where it is not cut
@@ -98,6 +103,11 @@ class _Text:
     n_crossing: int
     n_together: int = 1
 
+    @property
+    def written(self) -> list[list[str]]:
+        """The lines of each function."""
+        return [self.lines, *(function.lines for function in self.functions)]
+
 
 def map_context(node: Node, name: str) -> MapContext:
     """Gather what the templates need of one map.
@@ -110,10 +120,10 @@ def map_context(node: Node, name: str) -> MapContext:
         Its name in C.
     """
     linear: LinearMap = node.data
-    n = linear.n_sensitive(node.args)
+    own = own_rows(node)
     n_blocks = -(-linear.n_columns // BLOCK)
     skips = linear.n_times < (1.0 - _SKIPPED) * n_blocks * len(linear.statements)
-    text = _in_segments(linear, name, n) if skips else _in_blocks(linear, name, n)
+    text = _in_segments(own, name) if skips else _in_blocks(own, name)
     n_guards = len(text.live[0]) if text.live else 0
     # Vectors wider than a block read two rows.
     rows = [*text.live, *([[0] * n_guards] * (len(text.live) % 2))]
@@ -121,10 +131,12 @@ def map_context(node: Node, name: str) -> MapContext:
         name=name,
         doc=f"{linear.n_columns} columns, {linear.counts.total()} operations",
         n_columns=linear.n_columns,
-        width=padded(linear.n_columns),
+        width=own.width,
         n_shared=linear.n_shared,
-        n_sensitive=n,
-        reads_own="here" in NAME.findall("\n".join(text.lines)),
+        n_sensitive=own.first,
+        reads_own=any("OWN(" in line for rows in text.written for line in rows),
+        places=[] if own.is_whole else wrapped(map(str, chain.from_iterable(own.places))),
+        n_own=own.n_rows,
         n_results=len(linear.results),
         block=BLOCK,
         functions=text.functions,
@@ -138,11 +150,12 @@ def map_context(node: Node, name: str) -> MapContext:
 
 def constant_columns(node: Node, name: str) -> ConstantColumns | None:
     """Write what columns do not share as a table; None where something has to be computed first."""
-    values = own_columns(node)
+    rows = own_rows(node)
+    values = rows.values(node)
     if any(value.value is None for value in values.values()):
         return None
     items = [f"[{i}] = {literal(value.value or 0.0)}" for i, value in sorted(values.items())]
-    return ConstantColumns(name, n_own(node), wrapped(items or ["0.0"]))
+    return ConstantColumns(name, rows.length, wrapped(items or ["0.0"]))
 
 
 def _is_waiting(linear: LinearMap) -> bool:
@@ -151,37 +164,41 @@ def _is_waiting(linear: LinearMap) -> bool:
     return longest > started and len(linear.statements) > _FEWEST_IN_TURN
 
 
-def _in_segments(linear: LinearMap, name: str, n_sensitive: int) -> _Text:
+def _in_segments(own: OwnRows, name: str) -> _Text:
     """Write statements where much vanishes: segments, each run only where it does not."""
+    linear = own.linear
     longest, together = (_LONGEST_IN_TURN, 2) if _is_waiting(linear) else (_LONGEST_BLOCK, 1)
     cut = cut_into_segments(linear, longest)
-    parts = [_with_own(linear, _tell_apart(part, n_sensitive)) for part in cut.parts]
+    parts = [_read_own(own, _tell_apart(part, own.first)) for part in cut.parts]
     if len(parts) == 1:
         return _Text([], parts[0], cut.live, cut.n_crossing)
     given = {}
     if together > 1:
         n_results = len(linear.results)
-        sizes = {"column": n_sensitive, "here": "LANES", "w": cut.n_crossing, "result": n_results}
+        sizes = {"column": own.first, "w": cut.n_crossing, "result": n_results}
         given = {key: f"OF({key}, {size})" for key, size in sizes.items()} | {
-            "live": "LIVE_OF(turn)"
+            "here": "HERE(turn)",
+            "at": "AT(turn)",
+            "live": "LIVE_OF(turn)",
         }
     pairs = [_function(f"{name}_{i}", part, given) for i, part in enumerate(parts, 1)]
     functions, calls = [function for function, _ in pairs], [call for _, call in pairs]
     return _Text(functions, calls, cut.live, cut.n_crossing, together)
 
 
-def _in_blocks(linear: LinearMap, name: str, n_sensitive: int) -> _Text:
+def _in_blocks(own: OwnRows, name: str) -> _Text:
     """Write statements that are run for all columns, repeated ones as loops."""
+    linear = own.linear
     printed = print_nodes(linear.results, {}, {}, by_need(linear.order), has_groups=False)
     lines = printed.lines + [
         f"result[{i}] = {'ZERO' if root.is_zero else value};"
         for i, (root, value) in enumerate(zip(linear.results, printed.values, strict=True))
     ]
-    rolled = roll(_tell_apart(lines, n_sensitive))
+    rolled = roll(_tell_apart(lines, own.first))
     lines = [line.replace("double v", "VECTOR v", 1) for line in rolled]
     cut = cut_into_blocks(
         f"NAMED({name}_{{}})",
-        _with_own(linear, lines),
+        _read_own(own, lines),
         {key: head for key, head in _ARGUMENTS.items() if key != "w"},  # blocks have their own
         ("result",),
         _LONGEST_BLOCK,
@@ -200,13 +217,14 @@ def _tell_apart(lines: Sequence[str], n_sensitive: int) -> list[str]:
     return [_COLUMN.sub(named, line) for line in lines]
 
 
-def _with_own(linear: LinearMap, lines: Sequence[str]) -> list[str]:
+def _read_own(own: OwnRows, lines: Sequence[str]) -> list[str]:
     """Read that from its rows."""
-    width = padded(linear.n_columns)
 
     def read(found: re.Match[str]) -> str:
         place = found[1]
-        return f"OWN(here, {width * int(place) if place.isdigit() else f'{width} * ({place})'})"
+        if not own.is_whole:
+            return f"OWN(here, at[{place}])"
+        return f"OWN(here, {own.width * int(place) if place.isdigit() else f'{own.width} * ({place})'})"
 
     return [_OWN.sub(read, line) for line in lines]
 

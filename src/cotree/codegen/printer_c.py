@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from cotree.codegen.own_rows import own_rows, padded
 from cotree.dag.operations import OPERATIONS
 from cotree.dag.several import SEVERAL, is_symmetric, sizes_of
 from cotree.dag.traverse import reachable
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 
 _LARGEST_SYSTEM = 12  # that is written out: 300 statements
 _LONGEST_INLINE = 72  # characters of an expression that may stand inside another
-_WIDEST = 8  # numbers in a vector, on any machine
 _ATOM = 9
 _SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 _PRECEDENCE = {"add": 1, "sub": 1, "mul": 2, "div": 2, "neg": 3}
@@ -35,30 +35,6 @@ SINES = "sines"
 
 #: Name of an array and the first element of a part of it.
 Place = tuple[str, int]
-
-
-def padded(n_columns: int) -> int:
-    """Give the length of a row of columns: whole vectors of any width."""
-    return -(-n_columns // _WIDEST) * _WIDEST
-
-
-def own_columns(node: Node) -> dict[int, Node]:
-    """Give what columns of a map do not share, where it is not zero, by its place in the rows."""
-    linear: LinearMap = node.data
-    n, width = linear.n_sensitive(node.args), padded(linear.n_columns)
-    return {
-        width * (i - n) + j: value
-        for j, column in enumerate(linear.columns(node.args))
-        for i, value in enumerate(column)
-        if i >= n and not value.is_zero
-    }
-
-
-def n_own(node: Node) -> int:
-    """Give the length of these rows together."""
-    linear: LinearMap = node.data
-    n = linear.n_sensitive(node.args)
-    return max(1, padded(linear.n_columns) * (linear.n_inputs - n))
 
 
 @dataclass(frozen=True)
@@ -346,26 +322,24 @@ class _Printer:
         """Gather what the columns share and what each has of its own, row by row, and call it."""
         linear: LinearMap = node.data
         name = self._declare(node)
-        n, width = linear.n_sensitive(node.args), padded(linear.n_columns)
+        rows, width = own_rows(node), padded(linear.n_columns)
         shared, given = f"shared{name[1:]}", self.names.get(node, f"own{name[1:]}")
         self._fill(shared, max(1, linear.n_shared), dict(enumerate(node.args[: linear.n_shared])))
         if node not in self.names:
             self.lines[:0] = [
-                f"for (int i = 0; i < {n_own(node)}; ++i) {{",
+                f"for (int i = 0; i < {rows.length}; ++i) {{",
                 f"    {given}[i] = 0.0;",
                 "}",
             ]
-            self._fill(given, n_own(node), own_columns(node))
+            self._fill(given, rows.length, rows.values(node))
         to, is_by_rows = name, node not in self.places
         if is_by_rows:
             self.lines.append(f"double {name}[{max(1, width * len(linear.results))}];")
         else:
             array, first = self.places[node]
             to = f"{array} + {first}" if first else array
-        own = "s" if n else given
-        self.lines.append(
-            f"{self.names[linear]}({shared}, {own}, {given}, {int(is_by_rows)}, {to});"
-        )
+        own = "s" if rows.first else given
+        self.lines.append(f"{self.names[rows]}({shared}, {own}, {given}, {int(is_by_rows)}, {to});")
 
     def _fill(self, array: str, length: int, values: Mapping[int, Node]) -> None:
         """Declare an array at the top, and fill it here."""

@@ -15,8 +15,10 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.linear_map import apply_map, form_map
 from cotree.dag.traverse import dependent, reachable, substitute, symbols_in
+from cotree.equations import spread
 from cotree.program.counts import count_operations
 from cotree.program.lanes import cost_of_map, gather_columns
+from cotree.program.sources import CommonDirection, part_sources
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -77,8 +79,10 @@ def map_rates(
     reached : sequence of sequences of int
         The states that each parameter reaches; sensitivities of all others are zero.
     """
-    common = equations.direction
-    if common is None or equations.n_algebraic:
+    if equations.n_algebraic:
+        return MappedRates(None, None)
+    common = part_sources(equations, solved)
+    if common is None:
         return MappedRates(None, None)
     ways = _Ways(equations, common, factors, solved, rates, reached)
     along_states = ways.along_states() if equations.unknowns else None
@@ -135,7 +139,7 @@ class _Ways:
     """The ways to form derivatives of the rates."""
 
     equations: Equations
-    common: Derivative
+    common: CommonDirection
     factors: Solver
     solved: Mapping[Node, Node]
     rates: Sequence[Node]
@@ -151,11 +155,6 @@ class _Ways:
         return [self._dag.symbol("s", i) for i in range(len(self.equations.states))]
 
     @cached_property
-    def _alone(self) -> list[_Row]:
-        """What each parameter changes by itself."""
-        return _at_rest(self.equations, self.solved)
-
-    @cached_property
     def _solving(self) -> list[int]:
         """Places of the rates that depend on unknowns."""
         rates, unknowns = self.common.rates, self.equations.unknown_tangents
@@ -168,14 +167,15 @@ class _Ways:
         if _are_too_many(len(places), len(places) + len(self._solving)):
             return None
         columns = [[one if i == j else zero for i in places] for j in places]
-        results = self._rates_along(self.common.forcing, self._solving)
+        results = self._rates_along(self._solving, self.common.sources)
         return self._map(results, self._solving, self._states, columns)
 
     def with_unsolved(self, along_states: _Map) -> list[_Row]:
         """Add what does not depend on unknowns to columns of the Jacobian."""
         dag, found = self._dag, [dict(row) for row in along_states.rows]
+        without = dict.fromkeys(self.common.sources, dag.zero)
         for i in self.common.rates.keys() - set(self._solving):
-            (rate,) = substitute([self.common.rates[i]], self.solved)
+            (rate,) = substitute([self.common.rates[i]], without)
             moving = [node for node in symbols_in([rate]) if node.data[0] == "s"]
             still = dict.fromkeys(moving, dag.zero)
             for node in moving:
@@ -190,19 +190,17 @@ class _Ways:
         Either one map of changes of states and of what parameters change, or the columns of the
         Jacobian, what parameters change by themselves, and a sum of products of both.
         """
-        touched = sorted({place for column in self._alone for place in column})
-        own = {place: self._dag.symbol("own", i) for i, place in enumerate(touched)}
         n = len(self._states)
         changes = [
             [self._dag.symbol("s", j * n + i) if i in some else self._dag.zero for i in range(n)]
             for j, some in enumerate(map(frozenset, self.reached))
         ]
-        given = [[row.get(place, self._dag.zero) for place in touched] for row in self._alone]
-        results = self._results(own)
+        places = range(len(self.common.sources))
+        given = [[row.get(i, self._dag.zero) for i in places] for row in self.common.given]
         at_once = self._map(
-            results,
+            self._results(()),
             range(n),
-            [*self._states, *own.values()],
+            [*self._states, *self.common.sources],
             [[*s, *values] for s, values in zip(changes, given, strict=True)],
             in_order=True,
         )
@@ -211,8 +209,7 @@ class _Ways:
         columns = self.with_unsolved(along_states)
         if 2 * sum(map(len, columns)) > len(at_once.linear.statements):
             return [at_once]
-        still = dict.fromkeys(self._states, self._dag.zero)
-        alone = self._map(substitute(results, still), range(n), list(own.values()), given)
+        alone = self._map(self._results(self._states), range(n), self.common.sources, given)
         if alone is None:
             return [at_once]
         products = self._products(columns, alone.rows, changes)
@@ -238,21 +235,19 @@ class _Ways:
         assert found is not None  # sums of products
         return found
 
-    def _results(self, own: Mapping[int, Node]) -> list[Node]:
-        """Form the rates along a change of states and of the forcing, then of rates themselves."""
-        size, zero = len(self.common.forcing), self._dag.zero
-        forcing = [node + own.get(k, zero) for k, node in enumerate(self.common.forcing)]
+    def _results(self, still: Sequence[Node]) -> list[Node]:
+        """Give the rates of all states along any direction, some symbols being zero."""
         places = self.common.rates.keys()
-        found = dict(zip(places, self._rates_along(forcing, places), strict=True))
-        n = len(self._states)
-        return [found.get(i, zero) + own.get(size + i, zero) for i in range(n)]
+        found = dict(zip(places, self._rates_along(places, still), strict=True))
+        return spread(found, len(self._states), self._dag.zero)
 
-    def _rates_along(self, forcing: Sequence[Node], places: Collection[int]) -> list[Node]:
-        rates = [self.common.rates[i] for i in places]
-        known = substitute([*forcing, *rates], self.solved)
-        unknowns = self.factors.solve(known[: len(forcing)])
+    def _rates_along(self, places: Collection[int], still: Sequence[Node]) -> list[Node]:
+        n, rates = len(self.common.forcing), [self.common.rates[i] for i in places]
+        zeros = dict.fromkeys(still, self._dag.zero)
+        known = substitute([*self.common.forcing, *rates], zeros)
+        unknowns = self.factors.solve(known[:n])
         tangents = dict(zip(self.equations.unknown_tangents, unknowns, strict=True))
-        return substitute(known[len(forcing) :], tangents)
+        return substitute(known[n:], tangents)
 
     def _map(
         self,
@@ -305,22 +300,6 @@ class _Ways:
         unknowns = self.factors.solve(known[:size])
         tangents = dict(zip(self.equations.unknown_tangents, unknowns, strict=True))
         return reachable(substitute(known[size:], tangents))
-
-
-def _at_rest(equations: Equations, solved: Mapping[Node, Node]) -> list[_Row]:
-    """Give what each parameter changes by itself: places of the forcing, then of the rates."""
-    dag, rows = equations.dag, equations.sensitivities
-    moving = (dag.symbol("s", i) for i in range(len(equations.states) * len(rows)))
-    still = dict.fromkeys((*equations.unknown_tangents, *moving), dag.zero)
-    nodes = [node for row in rows for node in (*row.forcing, *row.rates.values())]
-    # One substitution for all: what they share is visited once.
-    known = iter(substitute(nodes, {**solved, **still}))
-    found = []
-    for row in rows:
-        size = len(row.forcing)
-        places = (*range(size), *(size + i for i in row.rates))
-        found.append({place: node for place in places if not (node := next(known)).is_zero})
-    return found
 
 
 def _are_too_many(n_columns: int, n_values: int) -> bool:

@@ -234,20 +234,19 @@ def form_derivatives(
             state.symbol: dag.symbol("s", j * n + i) for i, state in enumerate(first.states)
         }
         if name in first.system.parameters:
-            directions[name] |= _of_parameter(first, first.system.parameters[name])
+            directions[name] |= _of_parameters(first, {first.system.parameters[name]: dag.one})
     return tuple(
         row if row.name in first.system.parameters else _initial_value(row, first)
         for row in differentiate(first, directions, support)
     )
 
 
-def _of_parameter(first: FirstGraph, parameter: Node) -> dict[Node, Node]:
-    """Seed a parameter, and the scene's inputs that depend on it."""
+def _of_parameters(first: FirstGraph, changes: Mapping[Node, Node]) -> dict[Node, Node]:
+    """Seed parameters, and the scene's inputs that depend on them."""
     system = first.system
-    seed = {parameter: system.dag.one}
-    along = tangents(system.input_values, seed)
+    along = tangents(system.input_values, changes)
     inputs = zip(system.inputs.values(), along, strict=True)
-    return seed | {symbol: tangent for symbol, tangent in inputs if not tangent.is_zero}
+    return {**changes, **{symbol: tangent for symbol, tangent in inputs if not tangent.is_zero}}
 
 
 def _initial_value(direction: Derivative, first: FirstGraph) -> Derivative:
@@ -318,7 +317,7 @@ def form_equations(
             else None
         ),
         direction=(
-            _common_direction(first, support)
+            _common_direction(first, sensitivities, support)
             if len(sensitivities) > 1 or (with_columns and first.unknowns)
             else None
         ),
@@ -326,11 +325,14 @@ def form_equations(
     return _closed(equations, first.measured) if first.measured else equations
 
 
-def _common_direction(first: FirstGraph, support: Support) -> Derivative:
-    """Differentiate along a change of all states, which other directions may share."""
-    dag = first.system.dag
+def _common_direction(first: FirstGraph, wanted: Sequence[str], support: Support) -> Derivative:
+    """Differentiate along a change of all states and parameters, which other directions share."""
+    dag, parameters = first.system.dag, first.system.parameters
     seed = {state.symbol: dag.symbol("s", i) for i, state in enumerate(first.states)}
-    return differentiate(first, {"": seed}, support)[0]
+    changes = {
+        parameters[name]: dag.symbol("dp", j) for j, name in enumerate(wanted) if name in parameters
+    }
+    return differentiate(first, {"": {**seed, **_of_parameters(first, changes)}}, support)[0]
 
 
 def _closed(equations: Equations, measured: Mapping[Node, Node]) -> Equations:

@@ -1,0 +1,151 @@
+"""Sources of the sensitivity graphs: what parameters change by themselves.
+
+In a sensitivity graph the derivative of a terminal equation by a parameter that stands in it is a
+source: ``F' = m a' + m' a``. What follows from sources and from the states' sensitivities, along
+f-circuits and f-cutsets, is the same for all parameters. Here both are parted as far out as they
+can be: sources are the largest values that depend on no sensitivity of a state.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.dag.traverse import dependent, reachable, substitute
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cotree.dag.nodes import Dag, Node
+    from cotree.equations import Equations
+
+#: What adds up both parts of its arguments.
+_SUMS = frozenset({"add", "sub", "neg"})
+
+
+@dataclass(frozen=True)
+class CommonDirection:
+    """Derivatives along any direction, from sensitivities of states and from sources.
+
+    Attributes
+    ----------
+    forcing : tuple of Node
+        Right-hand side of ``A w_p = forcing``.
+    rates : mapping of int to Node
+        Derivatives of the state rates, by place.
+    sources : tuple of Node
+        Symbols of the sources.
+    given : list of dict of int to Node
+        The sources of each parameter, by place, those that vanish left out.
+    """
+
+    forcing: tuple[Node, ...]
+    rates: Mapping[int, Node]
+    sources: tuple[Node, ...]
+    given: list[dict[int, Node]]
+
+
+def part_sources(equations: Equations, solved: Mapping[Node, Node]) -> CommonDirection | None:
+    """Part what all directions have in common from the sources; None where nothing is in common.
+
+    Parameters
+    ----------
+    equations : Equations
+        The equations.
+    solved : mapping of Node to Node
+        The unknowns' symbols and values.
+    """
+    common, dag = equations.direction, equations.dag
+    if common is None:
+        return None
+    states = [dag.symbol("s", i) for i in range(len(equations.states))]
+    changes = [dag.symbol("dp", j) for j in range(len(equations.sensitivities))]
+    roots = substitute([*common.forcing, *common.rates.values()], solved)
+    parting = _Parting(dag, roots, [*states, *equations.unknown_tangents], changes)
+    parted, n = [parting.parted(root) for root in roots], len(common.forcing)
+    rates = dict(zip(common.rates, parted[n:], strict=True))
+    sources = tuple(parting.sources.values())
+    return CommonDirection(tuple(parted[:n]), rates, sources, parting.given())
+
+
+class _Parting:
+    """Parts values that are linear in changes of states and of parameters.
+
+    Where sums meet, their sources are summed up first: one value of each column is then added.
+    """
+
+    def __init__(
+        self, dag: Dag, roots: Sequence[Node], states: Sequence[Node], changes: Sequence[Node]
+    ) -> None:
+        order = reachable(roots)
+        self.sources: dict[Node, Node] = {}
+        self._dag, self._changes = dag, changes
+        self._changed = dependent(order, changes)
+        self._moved = dependent(order, states)
+        self._n_readers = Counter(roots)
+        for node in order:
+            self._n_readers.update(node.args)
+        self._parts: dict[Node, tuple[Node, Node]] = {}
+        for node in order:
+            if node in self._moved and node in self._changed:
+                self._parts[node] = self._parts_of(node)
+
+    def parted(self, node: Node) -> Node:
+        """Give a value with the symbols of sources in it."""
+        if node not in self._changed:
+            return node
+        if node not in self._moved:
+            return self._source(node)
+        moved, alone = self._parts[node]
+        if alone.is_zero:
+            return moved
+        source = self._source(alone)
+        return source - moved.args[0] if moved.op == "neg" else moved + source
+
+    def given(self) -> list[dict[int, Node]]:
+        """Give the sources of each change by itself, by place, those that vanish left out."""
+        supports = _supports(reachable(self.sources), self._changes)
+        still = dict.fromkeys(self._changes, self._dag.zero)
+        found = []
+        for j, change in enumerate(self._changes):
+            places = [i for i, node in enumerate(self.sources) if supports[node] >> j & 1]
+            nodes = list(self.sources)
+            along = substitute([nodes[i] for i in places], {**still, change: self._dag.one})
+            pairs = zip(places, along, strict=True)
+            found.append({i: value for i, value in pairs if not value.is_zero})
+        return found
+
+    def _source(self, node: Node) -> Node:
+        return self.sources.setdefault(node, self._dag.symbol("source", len(self.sources)))
+
+    def _parts_of(self, node: Node) -> tuple[Node, Node]:
+        """Write a value as a sum of what states change and of what parameters change alone."""
+        dag = self._dag
+        if node.op not in _SUMS:
+            return dag.rebuild(node, tuple(self.parted(arg) for arg in node.args)), dag.zero
+        pairs = [self._term(arg) for arg in node.args]
+        moved, alone = (dag.rebuild(node, tuple(part)) for part in zip(*pairs, strict=True))
+        return moved, alone
+
+    def _term(self, node: Node) -> tuple[Node, Node]:
+        """Give both parts of a term of a sum, if nothing else reads it."""
+        if node not in self._changed:
+            return node, self._dag.zero
+        if node not in self._moved:
+            return self._dag.zero, node
+        if self._n_readers[node] == 1:
+            return self._parts[node]
+        return self.parted(node), self._dag.zero
+
+
+def _supports(order: Sequence[Node], changes: Sequence[Node]) -> dict[Node, int]:
+    """Tell which changes each value depends on, as bits; what depends on none has none."""
+    found = {node: 1 << j for j, node in enumerate(changes)}
+    for node in order:
+        bits = 0
+        for arg in node.args:
+            bits |= found.get(arg, 0)
+        if bits:
+            found[node] = bits
+    return found
