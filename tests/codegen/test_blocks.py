@@ -84,8 +84,8 @@ def test_shipped_scenes_compute_the_same_in_loops(name, monkeypatch, load_kernel
 @pytest.mark.compiler
 @pytest.mark.parametrize("longest", [60, 1000])
 def test_chains_with_loops_compute_the_same(longest, cut_at, load_kernels):
-    scene, wanted = rod_chain(9)
-    program = _program(scene, wanted[::6])
+    scene, wanted = rod_chain(20)
+    program = _program(scene, wanted[::12])
     cut_at(10**9)
     whole = _all_values(load_kernels(program), program)
     cut_at(longest)

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from cotree.codegen import maps
 from cotree.codegen.maps import map_context
+from cotree.codegen.own_rows import own_rows
 from cotree.codegen.render import render
 from cotree.dag.linear_map import BLOCK, apply_map, form_map
 from cotree.dag.nodes import Dag
@@ -22,6 +23,7 @@ from cotree.program.lanes import gather_columns
 pytestmark = pytest.mark.compiler
 
 WIDTHS = (1, 2, 4, 8)
+_INTS = ctypes.POINTER(ctypes.c_int)
 
 
 def _random_map(seed):
@@ -52,7 +54,7 @@ def _random_map(seed):
 
 def _library(run_compiler, linear, node):
     """Compile a map for vectors of each width."""
-    arguments = "const double *shared, const double *own, int by_rows, double *results"
+    arguments = "const double *shared, const double *own, const int *starts, double *results"
     heads = "\n".join(f"void take_{n}({arguments});" for n in WIDTHS)
     parts = ["#include <string.h>", "#define COTREE_RESTRICT restrict", "#define COTREE_APART"]
     parts += [heads, "#define TARGET", "#define LEAVE (void)0"]
@@ -64,7 +66,7 @@ def _library(run_compiler, linear, node):
     for n in WIDTHS:
         parts += [f"#undef LANES\n#define LANES {n}", "#undef NAMED"]
         parts += [f"#define NAMED(name) name##_{n}", text]
-        call = f"map_{n}(shared, own, own, by_rows, results);"
+        call = f"map_{n}(shared, own, own, starts, results);"
         parts.append(f"void take_{n}({arguments})\n{{\n    {call}\n}}\n")
     # Vectors of eight are wider than this machine's may be, which gcc remarks on.
     flags = ("-O1", "-shared", "-fPIC", "-ffp-contract=off", "-Wno-psabi")
@@ -73,19 +75,26 @@ def _library(run_compiler, linear, node):
     return ctypes.CDLL(str(path.rename(path.with_name(f"{len(list(path.parent.iterdir()))}.so"))))
 
 
-def _applied(library, width, linear, shared, columns):
-    """Apply the compiled map to numbers, column by column."""
-    n_padded = -(-linear.n_columns // 8) * 8
-    own = np.zeros((max(1, linear.n_inputs), n_padded))
-    own[: linear.n_inputs, : linear.n_columns] = np.array(columns).T
-    n = len(linear.results)
-    results = np.full((linear.n_columns, n), np.nan), np.full((n, n_padded), np.nan)
+def _applied(library, width, rows, shared, columns):
+    """Apply the compiled map to numbers, column by column, and row by row."""
+    linear = rows.linear
+    own = np.zeros(rows.length)
+    for j, column in enumerate(columns):
+        for i, value in enumerate(column):
+            if linear.given[j] >> i & 1:
+                own[rows.place(i, j)] = value
+    n, function = len(linear.results), getattr(library, f"take_{width}")
+    by_columns, by_rows = (
+        np.full((linear.n_columns, n + 1), np.nan),
+        np.full((n, rows.width), np.nan),
+    )
+    starts = np.arange(linear.n_columns, dtype=np.intc) * (n + 1)
     given_shared = np.array([*shared, 0.0])
-    for by_rows, array in enumerate(results):
-        function = getattr(library, f"take_{width}")
-        function(_at(given_shared), _at(own), by_rows, _at(array))
-    np.testing.assert_array_equal(results[1].T[: linear.n_columns], results[0])
-    return results[0].ravel()
+    function(_at(given_shared), _at(own), None, _at(by_rows))
+    function(_at(given_shared), _at(own), starts.ctypes.data_as(_INTS), _at(by_columns))
+    assert np.all(np.isnan(by_columns[:, n]))  # what lies between columns is left alone
+    np.testing.assert_array_equal(by_rows.T[: linear.n_columns], by_columns[:, :n])
+    return by_columns[:, :n].ravel()
 
 
 def _at(array):
@@ -110,7 +119,7 @@ def test_segments_give_the_bits_of_all_statements(run_compiler, seed, longest, i
     numbers = [[0.0 if v.is_zero else rng.normal() for v in column] for column in columns]
     # Every statement for every column: products with zeros and sums of these.
     expected = linear.evaluate([*factors, *(value for column in numbers for value in column)])
-    found = [_applied(library, width, linear, factors, numbers) for width in WIDTHS]
+    found = [_applied(library, width, own_rows(node), factors, numbers) for width in WIDTHS]
     for values in found:
         np.testing.assert_array_equal(values, expected)
         np.testing.assert_array_equal(np.signbit(values), np.signbit(found[0]))

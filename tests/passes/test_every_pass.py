@@ -181,10 +181,10 @@ def _of_pass(name, scene, kernel, kinds):
     return [sum(n for kind, n in row.items() if kinds is None or kind in kinds) for row in found]
 
 
-def _with(monkeypatch, module, name, value):
+def _with(monkeypatch, module, name, value, n_rods=10):
     with monkeypatch.context() as patch:
         patch.setattr(module, name, value)
-        return model_context(generate(_chain(10))[0])
+        return model_context(generate(_chain(n_rods))[0])
 
 
 def _reciprocals(_):
@@ -252,7 +252,7 @@ def _blocks(monkeypatch):
         return Blocks([], list(lines))
 
     cuts = whole, cut_into_blocks
-    models = [_with(monkeypatch, context, "cut_into_blocks", cut) for cut in cuts]
+    models = [_with(monkeypatch, context, "cut_into_blocks", cut, 30) for cut in cuts]
     return [model.n_written for model in models]
 
 

@@ -13,11 +13,11 @@ from cotree.codegen.heads import function_head, wrapped
 from cotree.codegen.loops import roll
 from cotree.codegen.maps import ConstantColumns, MapContext, constant_columns, map_context
 from cotree.codegen.own_rows import own_rows
+from cotree.codegen.places import StartsContext, name_starts, starts_of_maps
 from cotree.codegen.printer_c import SINES, Printed, is_written_out, literal, print_nodes
 from cotree.codegen.stack import n_bytes
 from cotree.dag.operations import OPERATIONS
 from cotree.dag.several import Function, Table, sizes_of
-from cotree.dag.several import results as results_of
 from cotree.dag.traverse import reachable
 from cotree.naming import c_comment, c_identifier, c_string
 from cotree.program.kernels import ARGUMENTS
@@ -26,7 +26,6 @@ from cotree.version import ABI_VERSION, VERSION
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from cotree.codegen.printer_c import Place
     from cotree.dag.nodes import Node
     from cotree.equations import Quantity
     from cotree.program import Kernel, Layout, Program
@@ -135,6 +134,7 @@ class ModelContext(Counted):
     packs_sines: bool
     maps: list[MapContext]
     constant_columns: list[ConstantColumns]
+    starts: list[StartsContext]
     kernels: list[KernelContext]
     kernel_pointers: list[str]
     states: list[QuantityContext]
@@ -190,6 +190,8 @@ def model_context(program: Program) -> ModelContext:
     packs_sines = any(node.op == "sines" for node in nodes)
     names: dict[Any, str] = {**tables, **functions_of}
     names |= {node: table.name for node, table in columns.items()}
+    starts = name_starts(kernel for kernel in present if not kernel.spec.tail_of)
+    names |= {places: table.name for places, table in starts.items()}
     if packs_sines:
         names[SINES] = "cotree_sines"
     contexts = [map_context(applied[rows], name) for rows, name in functions_of.items()]
@@ -218,6 +220,7 @@ def model_context(program: Program) -> ModelContext:
         packs_sines=packs_sines,
         maps=contexts,
         constant_columns=list(columns.values()),
+        starts=list(starts.values()),
         kernels=kernels,
         kernel_pointers=[
             f"{prefix}_{k.spec.name}" if k in present else "NULL" for k in program.kernels.values()
@@ -309,7 +312,7 @@ def kernel_context(
     else:
         roots = [*kernel.results, *(guard.value for guard in guards)]
         order = None if guards else kernel.order
-        places, has_groups = _places_of_maps(kernel), not kernel.is_by_need
+        places, has_groups = starts_of_maps(kernel), not kernel.is_by_need
         printed = print_nodes(roots, kernel.prepared, names, order, places, has_groups=has_groups)
         unused, operations = _unused(kernel, roots), kernel.operations.total
     n_results = len(kernel.results)
@@ -342,19 +345,6 @@ def _written(array: str, results: Sequence[str]) -> Iterator[str]:
         place = f"{array}[{i}]"
         if value != place:
             yield f"{place} = {value};"
-
-
-def _places_of_maps(kernel: Kernel) -> dict[Node, Place]:
-    """Let maps write to where a kernel wants all their results, one after the other."""
-    places = {}
-    for node in kernel.order:
-        if node.op != "map":
-            continue
-        own = results_of(node, node.data.n_results)
-        first = next((i for i, root in enumerate(kernel.results) if root is own[0]), 0)
-        if kernel.results[first : first + len(own)] == own:
-            places[node] = (kernel.spec.result, first)
-    return places
 
 
 def _tail_lines(prefix: str, kernel: Kernel, whole: Kernel) -> list[str]:

@@ -224,7 +224,8 @@ def _read_own(own: OwnRows, lines: Sequence[str]) -> list[str]:
         place = found[1]
         if not own.is_whole:
             return f"OWN(here, at[{place}])"
-        return f"OWN(here, {own.width * int(place) if place.isdigit() else f'{own.width} * ({place})'})"
+        whole = own.width * int(place) if place.isdigit() else f"{own.width} * ({place})"
+        return f"OWN(here, {whole})"
 
     return [_OWN.sub(read, line) for line in lines]
 

@@ -80,20 +80,21 @@ class OwnRows:
         groups = range(0, self.linear.n_columns, _WIDEST)
         return [[_WIDEST * self._pieces.get((at, i), 0) for i in rows] for at in groups]
 
-    def values(self, node: Node) -> dict[int, Node]:
-        """Give what an application of the map puts there, zeros left out, by place."""
-        return {
-            self._place(i, j): value
-            for j, column in enumerate(self.linear.columns(node.args))
-            for i, value in enumerate(column)
-            if i >= self.first and not value.is_zero
-        }
-
-    def _place(self, i: int, j: int) -> int:
+    def place(self, i: int, j: int) -> int:
+        """Tell where input i of column j stands, which may be other than zero."""
         if self.is_whole:
             return self.width * (i - self.first) + j
         lane = j % _WIDEST
         return _WIDEST * self._pieces[j - lane, i] + lane
+
+    def values(self, node: Node) -> dict[int, Node]:
+        """Give what an application of the map puts there, zeros left out, by place."""
+        return {
+            self.place(i, j): value
+            for j, column in enumerate(self.linear.columns(node.args))
+            for i, value in enumerate(column)
+            if i >= self.first and not value.is_zero
+        }
 
 
 def own_rows(node: Node) -> OwnRows:

@@ -19,6 +19,7 @@ from cotree.naming import c_comment
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
+    from cotree.codegen.places import Starts
     from cotree.dag.linear_map import LinearMap
     from cotree.dag.nodes import Node
 
@@ -32,9 +33,6 @@ _OUTER = {"sign": _ATOM, "select": 3}  # arguments that do not stand between com
 
 #: The key of the function that takes several angles.
 SINES = "sines"
-
-#: Name of an array and the first element of a part of it.
-Place = tuple[str, int]
 
 
 @dataclass(frozen=True)
@@ -73,7 +71,7 @@ def print_nodes(
     prepared: Mapping[Node, int],
     names: Mapping[Any, str],
     order: Sequence[Node] | None = None,
-    places: Mapping[Node, Place] = MappingProxyType({}),
+    places: Mapping[Node, Starts] = MappingProxyType({}),
     *,
     has_groups: bool = True,
 ) -> Printed:
@@ -86,10 +84,10 @@ def print_nodes(
     prepared : mapping of Node to int
         Values to read from ``k``, with their place there.
     names : mapping of Table or LinearMap to str
-        C name of each table and of each map.
+        C name of each table and of each map, and of tables of places.
     order : sequence of Node, optional
         What the values depend on, in order of evaluation, where it is known already.
-    places : mapping of Node to Place
+    places : mapping of Node to Starts
         Where the results of a map are to be written, if not to an array of its own.
     has_groups : bool
         Whether values of a group stand together, so that comments name it.
@@ -155,7 +153,7 @@ def is_written_out(node: Node) -> bool:
 class _Printer:
     prepared: Mapping[Node, int]
     names: Mapping[Any, str]
-    places: Mapping[Node, Place]
+    places: Mapping[Node, Starts]
     has_groups: bool
     lines: list[str] = field(default_factory=list)
     uses_status: bool = False
@@ -201,13 +199,15 @@ class _Printer:
             self._several(node)
         elif op == "result":
             owner, i = node.args[0], node.data
-            array, first = self.places.get(owner, (f"v{self._number[owner]}", 0))
+            if owner in self.places:
+                self._text[node] = (self.places[owner].place(i, len(owner.data.results)), _ATOM)
+                return
             if owner.op == "sines" and i >= owner.data:
-                first = padded(owner.data) - owner.data  # cosines begin with a vector of their own
-            if owner.op == "map" and owner not in self.places:
+                i += padded(owner.data) - owner.data  # cosines begin with a vector of their own
+            if owner.op == "map":
                 column, row = divmod(i, len(owner.data.results))
                 i = row * padded(owner.data.n_columns) + column
-            self._text[node] = (f"{array}[{first + i}]", _ATOM)
+            self._text[node] = (f"v{self._number[owner]}[{i}]", _ATOM)
         else:
             self._scalar(node)
 
@@ -332,14 +332,13 @@ class _Printer:
                 "}",
             ]
             self._fill(given, rows.length, rows.values(node))
-        to, is_by_rows = name, node not in self.places
-        if is_by_rows:
-            self.lines.append(f"double {name}[{max(1, width * len(linear.results))}];")
+        to, starts = name, "NULL"
+        if node in self.places:
+            to, starts = self.places[node].array, self.names[self.places[node].places]
         else:
-            array, first = self.places[node]
-            to = f"{array} + {first}" if first else array
+            self.lines.append(f"double {name}[{max(1, width * len(linear.results))}];")
         own = "s" if rows.first else given
-        self.lines.append(f"{self.names[rows]}({shared}, {own}, {given}, {int(is_by_rows)}, {to});")
+        self.lines.append(f"{self.names[rows]}({shared}, {own}, {given}, {starts}, {to});")
 
     def _fill(self, array: str, length: int, values: Mapping[int, Node]) -> None:
         """Declare an array at the top, and fill it here."""

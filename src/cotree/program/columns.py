@@ -164,7 +164,7 @@ class _Ways:
     def along_states(self) -> _Map | None:
         """Map unit vectors: the columns of the Jacobian, as far as they depend on unknowns."""
         one, zero, places = self._dag.one, self._dag.zero, range(len(self._states))
-        if _are_too_many(len(places), len(places) + len(self._solving)):
+        if _are_too_many(len(places), len(places), len(self._solving)):
             return None
         columns = [[one if i == j else zero for i in places] for j in places]
         results = self._rates_along(self._solving, self.common.sources)
@@ -190,7 +190,9 @@ class _Ways:
         Either one map of changes of states and of what parameters change, or the columns of the
         Jacobian, what parameters change by themselves, and a sum of products of both.
         """
-        n = len(self._states)
+        n, n_given = len(self._states), sum(map(len, (*self.reached, *self.common.given)))
+        if _are_too_many(n_given, len(self.reached), n):
+            return None
         changes = [
             [self._dag.symbol("s", j * n + i) if i in some else self._dag.zero for i in range(n)]
             for j, some in enumerate(map(frozenset, self.reached))
@@ -259,7 +261,8 @@ class _Ways:
         in_order: bool = False,
     ) -> _Map | None:
         """Form a map; None where none can be formed, or it is too large."""
-        if _are_too_many(len(columns), len(inputs) + len(results)):
+        n_given = sum(not value.is_zero for column in columns for value in column)
+        if _are_too_many(n_given, len(columns), len(results)):
             return None
         formed = form_map(self._dag, results, inputs, columns)
         if formed is None:
@@ -302,9 +305,9 @@ class _Ways:
         return reachable(substitute(known[size:], tangents))
 
 
-def _are_too_many(n_columns: int, n_values: int) -> bool:
-    """Tell whether columns of so many inputs and results are more than a kernel is to keep."""
-    return n_columns * n_values > _MOST_VALUES
+def _are_too_many(n_given: int, n_columns: int, n_results: int) -> bool:
+    """Tell whether what columns are given, and their results, are more than a kernel is to keep."""
+    return n_given + n_columns * n_results > _MOST_VALUES
 
 
 def _sample(n: int) -> list[int]:

@@ -105,12 +105,12 @@ class _Parting:
 
     def given(self) -> list[dict[int, Node]]:
         """Give the sources of each change by itself, by place, those that vanish left out."""
-        supports = _supports(reachable(self.sources), self._changes)
+        nodes = list(self.sources)
+        supports = _supports(reachable(nodes), self._changes)
         still = dict.fromkeys(self._changes, self._dag.zero)
         found = []
         for j, change in enumerate(self._changes):
-            places = [i for i, node in enumerate(self.sources) if supports[node] >> j & 1]
-            nodes = list(self.sources)
+            places = [i for i, node in enumerate(nodes) if supports[node] >> j & 1]
             along = substitute([nodes[i] for i in places], {**still, change: self._dag.one})
             pairs = zip(places, along, strict=True)
             found.append({i: value for i, value in pairs if not value.is_zero})
@@ -124,9 +124,9 @@ class _Parting:
         dag = self._dag
         if node.op not in _SUMS:
             return dag.rebuild(node, tuple(self.parted(arg) for arg in node.args)), dag.zero
-        pairs = [self._term(arg) for arg in node.args]
-        moved, alone = (dag.rebuild(node, tuple(part)) for part in zip(*pairs, strict=True))
-        return moved, alone
+        terms = [self._term(arg) for arg in node.args]
+        moved, alone = zip(*terms, strict=True)
+        return dag.rebuild(node, moved), dag.rebuild(node, alone)
 
     def _term(self, node: Node) -> tuple[Node, Node]:
         """Give both parts of a term of a sum, if nothing else reads it."""

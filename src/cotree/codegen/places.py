@@ -1,0 +1,67 @@
+"""Where maps write their results: into those of a kernel, where these stand together by columns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.codegen.heads import wrapped
+from cotree.dag.several import results as results_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from cotree.dag.nodes import Node
+    from cotree.program import Kernel
+
+
+@dataclass(frozen=True)
+class Starts:
+    """Where each column of a map begins, in the array of a kernel's results."""
+
+    array: str
+    places: tuple[int, ...]
+
+    def place(self, i: int, n_rows: int) -> str:
+        """Name a result of the map, in C."""
+        column, row = divmod(i, n_rows)
+        return f"{self.array}[{self.places[column] + row}]"
+
+
+@dataclass(frozen=True)
+class StartsContext:
+    """The same as a table of C."""
+
+    name: str
+    length: int
+    lines: list[str]
+
+
+def starts_of_maps(kernel: Kernel) -> dict[Node, Starts]:
+    """Find the maps all of whose columns a kernel wants as they are, and where it wants them."""
+    first: dict[Node, int] = {}
+    for i, root in enumerate(kernel.results):
+        first.setdefault(root, i)
+    found = {}
+    for node in kernel.order:
+        if node.op != "map":
+            continue
+        n, own = len(node.data.results), results_of(node, node.data.n_results)
+        places = tuple(first.get(root, 0) for root in own[::n])
+        if all(
+            kernel.results[place : place + n] == own[n * j : n * (j + 1)]
+            for j, place in enumerate(places)
+        ):
+            found[node] = Starts(kernel.spec.result, places)
+    return found
+
+
+def name_starts(kernels: Iterable[Kernel]) -> Mapping[tuple[int, ...], StartsContext]:
+    """Give each table of places a name."""
+    tables = dict.fromkeys(
+        starts.places for kernel in kernels for starts in starts_of_maps(kernel).values()
+    )
+    return {
+        places: StartsContext(f"cotree_starts{i}", len(places), wrapped(map(str, places)))
+        for i, places in enumerate(tables)
+    }
