@@ -7,7 +7,7 @@ missing;
 All parameters stay free. Peers get the same equations, operation by operation, with parameters as
 arguments, and differentiate them by their own means; what depends on parameters only is kept by
 ``prepare`` here and computed at each call there. Each row is measured at once, its kernels
-in turn; what they compute is compared.
+in turn; what they compute is compared, own code with its program evaluated in Python, too.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from timing import Contender, about, difference, in_turn, keep, own, show, table
 import cotree
 from cotree import Scene
 from cotree.build import BuildOptions, compiler_flags, find_toolchain
+from cotree.model.kernels import PythonKernels
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -122,6 +123,7 @@ def measure(
     for name, one in models.items():
         contenders[name] = own(one, row.kernel, x, s)
         contenders[name].note = " ".join(flags(one, OWN[name]))
+        _check(row, one, contenders[name], x, s)
     for name in row.peers:
         if name in peers:
             found = _peer(name, row, model, x, s)
@@ -147,6 +149,20 @@ def measure(
         if one.times and name not in OWN
     }
     return found
+
+
+def _check(row: Row, model: Any, one: Contender, x: Any, s: Any) -> None:
+    """Compare compiled code with its program evaluated in Python, peers or not."""
+    assert one.call is not None
+    one.call(1)
+    kernels, native = PythonKernels(model._program), model._compiled.kernels.native()
+    kernels.prepare(np.array(native.p))
+    step = np.zeros_like(x)
+    step[0] = 1e-9  # which a call begins with
+    expected = kernels(row.kernel, 0.0, x + step, s, np.zeros(len(model.inputs)))
+    found = np.max(np.abs(one.value() - expected)) / max(1.0, np.max(np.abs(expected)))
+    if not found < _AGREE:
+        raise SystemExit(f"{row.name}: C computes something else than Python, by {found:.1e}")
 
 
 def flags(model: Any, native: bool) -> tuple[str, ...]:

@@ -33,6 +33,13 @@
 #define COTREE_APART
 #endif
 
+/* Arrays that vectors are read from. */
+#if defined(__GNUC__) || defined(__clang__)
+#define COTREE_ALIGNED __attribute__((aligned(64)))
+#else
+#define COTREE_ALIGNED
+#endif
+
 #if defined(_WIN32)
 #define COTREE_EXPORT __declspec(dllexport)
 #else

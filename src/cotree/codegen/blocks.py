@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cotree.codegen.c_statements import (
+    ALIGNED,
     ARRAY,
     NAME,
     SCALAR,
@@ -268,7 +269,7 @@ class _Writer:
         for kind, frame in _FRAMES.items():
             given[frame] = (f"{kind} *COTREE_RESTRICT {frame}", frame)
         for array in self._shared:
-            kind = self._text.arrays[array][0]
+            kind = self._text.arrays[array][0].removeprefix(ALIGNED)
             given[array] = (f"{kind} *COTREE_RESTRICT {array}", array)
         given["status"] = ("int *status", "&status")
         taken = [pair for key, pair in given.items() if key in used]

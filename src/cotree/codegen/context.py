@@ -134,6 +134,7 @@ class ModelContext(Counted):
     packs_sines: bool
     maps: list[MapContext]
     constant_columns: list[ConstantColumns]
+    clears_columns: bool
     starts: list[StartsContext]
     kernels: list[KernelContext]
     kernel_pointers: list[str]
@@ -220,6 +221,7 @@ def model_context(program: Program) -> ModelContext:
         packs_sines=packs_sines,
         maps=contexts,
         constant_columns=list(columns.values()),
+        clears_columns=any(node not in columns for node in maps),
         starts=list(starts.values()),
         kernels=kernels,
         kernel_pointers=[

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from cotree.codegen.c_statements import ALIGNED
 from cotree.codegen.own_rows import own_rows, padded
 from cotree.dag.operations import OPERATIONS
 from cotree.dag.several import SEVERAL, is_symmetric, sizes_of
@@ -326,12 +327,8 @@ class _Printer:
         shared, given = f"shared{name[1:]}", self.names.get(node, f"own{name[1:]}")
         self._fill(shared, max(1, linear.n_shared), dict(enumerate(node.args[: linear.n_shared])))
         if node not in self.names:
-            self.lines[:0] = [
-                f"for (int i = 0; i < {rows.length}; ++i) {{",
-                f"    {given}[i] = 0.0;",
-                "}",
-            ]
-            self._fill(given, rows.length, rows.values(node))
+            self.lines.insert(0, f"cotree_clear({given}, {rows.length});")
+            self._fill(given, rows.length, rows.values(node), ALIGNED)
         to, starts = name, "NULL"
         if node in self.places:
             to, starts = self.places[node].array, self.names[self.places[node].places]
@@ -340,8 +337,10 @@ class _Printer:
         own = "s" if rows.first else given
         self.lines.append(f"{self.names[rows]}({shared}, {own}, {given}, {starts}, {to});")
 
-    def _fill(self, array: str, length: int, values: Mapping[int, Node]) -> None:
+    def _fill(
+        self, array: str, length: int, values: Mapping[int, Node], qualifier: str = ""
+    ) -> None:
         """Declare an array at the top, and fill it here."""
         self.filled.append(array)
-        self.lines.insert(0, f"double {array}[{length}];")
+        self.lines.insert(0, f"{qualifier}double {array}[{length}];")
         self.lines += [f"{array}[{i}] = {self.operand(v, 0)};" for i, v in values.items()]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from cotree.codegen.c_statements import ARRAY, SCALAR
+from cotree.codegen.c_statements import ALIGNED, ARRAY, SCALAR
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -57,5 +57,5 @@ def _frame(lines: Iterable[str]) -> int:
             found += _SIZES[scalar.group(1)]
         elif array := ARRAY.match(line):
             kind, _, first, _, second, _ = array.groups()
-            found += _SIZES[kind] * (int(first) + int(second or 0))
+            found += _SIZES[kind.removeprefix(ALIGNED)] * (int(first) + int(second or 0))
     return found
