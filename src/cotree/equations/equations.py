@@ -317,8 +317,9 @@ class Equations:
         Along the motion itself, where there are events or algebraic unknowns: the symbol
         ``("s", i)`` stands for the rate of state i.
     direction : Derivative or None
-        Along a change of the states alone, in which the symbol ``("s", i)`` stands for that of
-        state i: what the sensitivities of all parameters have in common, where there are several.
+        Along a change of all states and of the parameters that sensitivities are taken to, where
+        these are several: the symbols ``("s", i)`` and ``("dp", j)`` stand for those of state i and
+        of the parameter of sensitivity j.
     """
 
     name: str
