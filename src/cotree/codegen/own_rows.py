@@ -102,5 +102,8 @@ def own_rows(node: Node) -> OwnRows:
     linear: LinearMap = node.data
     first = linear.n_sensitive(node.args)
     rows = OwnRows(linear, first, is_whole=True)
-    is_known = all(value.value is not None for value in rows.values(node).values())
-    return rows if is_known and rows.length <= _MOST_WHOLE else OwnRows(linear, first, False)
+    if rows.length <= _MOST_WHOLE and all(
+        value.value is not None for value in rows.values(node).values()
+    ):
+        return rows
+    return OwnRows(linear, first, is_whole=False)

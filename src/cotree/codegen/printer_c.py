@@ -84,8 +84,9 @@ def print_nodes(
         The values wanted.
     prepared : mapping of Node to int
         Values to read from ``k``, with their place there.
-    names : mapping of Table or LinearMap to str
-        C name of each table and of each map, and of tables of places.
+    names : mapping of Table, OwnRows or tuple of int to str
+        C name of each table, of each map by what its columns do not share, and of each table of
+        places where columns of results begin.
     order : sequence of Node, optional
         What the values depend on, in order of evaluation, where it is known already.
     places : mapping of Node to Starts

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.linear_map import LinearMap
 
-#: What one value costs that goes into a vector, or comes out of it.
+#: What one value costs that goes into a vector, zeros alone left out, or comes out of it.
 _MOVE = 2
 #: Exchanges of two columns are tried so often, for all pairs; of many columns, none.
 _SWEEPS, _MOST_COLUMNS = 4, 400
@@ -23,8 +23,9 @@ _SWEEPS, _MOST_COLUMNS = 4, 400
 
 def cost_of_map(linear: LinearMap) -> int:
     """Count what a map takes, in operations of one number."""
-    n_blocks = -(-linear.n_columns // BLOCK)
-    return linear.n_times + n_blocks * _MOVE * (linear.n_inputs + len(linear.results))
+    blocks = [linear.given[at : at + BLOCK] for at in range(0, linear.n_columns, BLOCK)]
+    n_given = sum(reduce(or_, block).bit_count() for block in blocks)
+    return linear.n_times + _MOVE * (n_given + len(blocks) * len(linear.results))
 
 
 def gather_columns(linear: LinearMap) -> tuple[LinearMap, list[int]]:
