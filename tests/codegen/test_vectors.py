@@ -73,14 +73,14 @@ def test_blocks_of_a_map_give_the_same_bits(monkeypatch):
 
 @pytest.mark.slow
 def test_loops_of_a_map_give_the_same_bits(monkeypatch):
-    """Of forty rods and more the statements of a map are loops."""
-    model = _model(40)
+    """Of fifty rods and more the statements of a map are loops."""
+    model = _model(50)
     rows = model._compiled.context.maps
     lines = [line for row in rows for part in (row, *row.functions) for line in part.lines]
     assert any(line.strip().startswith("for (") for line in lines)
     assert any(line.strip().startswith("VECTOR v[") for line in lines)
     monkeypatch.setattr(maps, "roll", list)
-    for rolled, other in zip(_values(model), _values(_model(40)), strict=True):
+    for rolled, other in zip(_values(model), _values(_model(50)), strict=True):
         np.testing.assert_array_equal(rolled, other)
 
 
