@@ -85,7 +85,7 @@ def test_ends_as_in_python(
             assert values[key] == pytest.approx(expected, rel=1e-6, abs=1e-8 * size), name
 
 
-@pytest.mark.parametrize("method", ["dopri5", "rodas5"])
+@pytest.mark.parametrize("method", [pytest.param("dopri5", marks=pytest.mark.slow), "rodas5"])
 @pytest.mark.parametrize("sensitivities", [(), ("a",)])
 def test_with_constraints(
     compiler: str, tmp_path: Path, sensitivities: tuple[str, ...], method: str

@@ -128,8 +128,8 @@ def test_ends_as_in_python(compiler: str, tmp_path: Path, case: str) -> None:
     np.testing.assert_allclose(found[states], exact[states], rtol=1e-8, atol=1e-9)
 
 
-@pytest.mark.parametrize("integrator", ["rodas4", "rodas5"])
-@pytest.mark.parametrize("case", ["loop", "relaxation"])
+@pytest.mark.parametrize("integrator", [pytest.param("rodas4", marks=pytest.mark.slow), "rodas5"])
+@pytest.mark.parametrize("case", [pytest.param("loop", marks=pytest.mark.slow), "relaxation"])
 def test_integrators_with_algebraic_unknowns_of_their_own(
     compiler: str, tmp_path: Path, integrator: str, case: str
 ) -> None:
@@ -143,7 +143,14 @@ def test_integrators_with_algebraic_unknowns_of_their_own(
     np.testing.assert_allclose(found, exact, rtol=1e-6, atol=1e-8)
 
 
-@pytest.mark.parametrize("integrator", ["rkf45", "dop853", "rodas4"])
+@pytest.mark.parametrize(
+    "integrator",
+    [
+        pytest.param("rkf45", marks=pytest.mark.slow),
+        pytest.param("dop853", marks=pytest.mark.slow),
+        "rodas4",
+    ],
+)
 def test_other_integrators(compiler: str, tmp_path: Path, integrator: str) -> None:
     model = load("bouncing-ball").compile(["e", "h"])
     executable = build(write(model, tmp_path, integrator, 6.0), compiler)

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Wconversion", "-Wshadow", "-Werror"]
 
 
-@pytest.fixture(params=["gcc", "clang"])
+@pytest.fixture(params=["gcc", pytest.param("clang", marks=pytest.mark.slow)])
 def compiler(request) -> str:
     path = shutil.which(request.param)
     if path is None:

@@ -100,8 +100,10 @@ def test_maps_agree_with_statements_written_out(monkeypatch):
 
 @pytest.mark.parametrize(
     ("make", "kernel"),
-    [(lambda: load("motor-linkage"), "augmented_rhs"), (bennett_loop, "jacobian")],
-    ids=["loop", "redundant loop"],
+    [
+        pytest.param(lambda: load("motor-linkage"), "augmented_rhs", id="loop"),
+        pytest.param(bennett_loop, "jacobian", id="redundant loop", marks=pytest.mark.slow),
+    ],
 )
 def test_maps_of_closed_loops_agree_with_statements_written_out(monkeypatch, make, kernel):
     """Multipliers are solved for at run time, along each column by the same factors."""

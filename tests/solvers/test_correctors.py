@@ -100,6 +100,7 @@ def test_the_version_of_a_library_that_does_not_tell_it(folder, version, tmp_pat
     assert version_of(None, object(), str(path)) == version
 
 
+@pytest.mark.slow
 def test_bench_leaves_out_what_is_not_there(nowhere):
     report = bench("spring-mass-damper", tolerances=[1e-4], repeats=1, t_end=0.1)
     assert not {row.method for row in report.rows} & set(METHODS)
