@@ -13,6 +13,7 @@ from cotree.errors import ParameterError
 from cotree.model.algebraic import solve_states
 from cotree.model.arrays import as_array
 from cotree.operating import OperatingModel
+from cotree.program.counts import Operations
 from cotree.readers import load_source
 from cotree.scene.description import SceneDescription, check_number
 from cotree.scene.tunable import keep_tunable, listed_names
@@ -211,12 +212,14 @@ class Model(OperatingModel):
         """Seconds spent in each stage: formulate, generate, compile."""
         return self._compiled.times
 
+    @property
+    def operations(self) -> Operations:
+        """Operation counts by kernel; ``alternatives`` are the formulations that were tried."""
+        return Operations(super().operations, self._compiled.alternatives)
+
     def summary(self) -> str:
         """Describe the kernels, the formulations tried and what each pass did."""
-        lines = [self._program.summary(), "formulations tried, the fewest estimated cycles first:"]
-        for row in self._compiled.alternatives:
-            axes = ", ".join(map(str, row.own_axes)) or "none"
-            lines.append(f"  {row.summary()}; clusters in their own axes: {axes}")
+        lines = [self._program.summary(), *self.operations.tried()]
         for report in self._compiled.reports:
             lines.append(f"pass {report.name}: operations of each kernel alone, before -> after")
             counts = [(name, n, report.after[name]) for name, n in report.before.items()]

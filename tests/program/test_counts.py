@@ -1,5 +1,10 @@
 from __future__ import annotations
 
+import re
+
+import pytest
+
+import cotree
 from cotree.dag.nodes import Dag
 from cotree.dag.several import solve
 from cotree.dag.traverse import reachable
@@ -103,3 +108,14 @@ def test_summary_names_optional_kernels_that_have_results(made_up):
     lines = made_up(dag, constraints=[dag.symbol("x", 0)]).summary().splitlines()
     assert lines[0] == "made-up: 11 kernels"
     assert lines[-1].split()[:3] == ["constraints", "1", "results"]
+
+
+@pytest.mark.compiler
+def test_operations_show_the_formulations_that_were_tried():
+    operations = cotree.load("slider-pendulum").compile(["L"]).operations
+    cycles = [row.n_cycles for row in operations.alternatives]
+    assert cycles == sorted(cycles)
+    assert len(cycles) > 1
+    text = str(operations)
+    assert re.search(r"^augmented_rhs: 52 operations, \d+ of prepare$", text, re.MULTILINE)
+    assert text.count("multipliers") == len(cycles)

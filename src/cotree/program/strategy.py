@@ -65,12 +65,13 @@ class Alternative:
 
     def summary(self) -> str:
         """Describe it in one line."""
+        axes = ", ".join(map(str, self.own_axes)) or "none"
         way = "along the tree" if self.is_along_tree else "by the matrix"
         way += ", deferred" if self.is_deferred else ""
         return (
             f"{self.n_operations:8} operations, {self.n_cycles:8.0f} cycles, "
             f"{self.n_states:3} states, {self.n_multipliers:3} multipliers, {way},"
-            f" tree {{{self.trees.listed()}}}"
+            f" tree {{{self.trees.listed()}}}; clusters in their own axes: {axes}"
         )
 
 
