@@ -54,7 +54,7 @@ def replaced(text, rng, pattern, made):
     return text[: match.start()] + made + text[match.end() :]
 
 
-def read_in_time(read, longest):
+def read_in_time(read, longest, seed):
     """Give what a text says, or the sentence that refuses it, in so many seconds of the processor.
 
     One that took longer is read once more: other work on a machine lengthens these, too.
@@ -68,5 +68,5 @@ def read_in_time(read, longest):
         seconds = time.process_time() - began
         if seconds < longest:
             break
-    assert seconds < longest
+    assert seconds < longest, seed
     return scene, message

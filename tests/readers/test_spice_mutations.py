@@ -55,7 +55,7 @@ def check(seed, sources):
     rng = random.Random(seed)
     text = damaged(rng.choice(sources), rng, _DAMAGES)
     scene, message = read_in_time(
-        lambda: read_spice_text(text, "damaged.cir", Scene), _LONGEST_TIME
+        lambda: read_spice_text(text, "damaged.cir", Scene), _LONGEST_TIME, seed
     )
     if scene is None:
         assert re.match(r"damaged\.cir:\d+: \S", message), (seed, message)

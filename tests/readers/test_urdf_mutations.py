@@ -116,7 +116,7 @@ def check(seed, sources):
     text = damaged(rng.choice(sources), rng, _DAMAGES)
     options = UrdfOptions(rng.choice(("fixed", "free")), rng.random() < 0.5)
     scene, message = read_in_time(
-        lambda: read_urdf_text(text, "damaged.urdf", Scene, options), _LONGEST_TIME
+        lambda: read_urdf_text(text, "damaged.urdf", Scene, options), _LONGEST_TIME, seed
     )
     if scene is None:
         assert re.match(r"damaged\.urdf:\d+: \S", message), (seed, message)

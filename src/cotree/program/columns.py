@@ -197,8 +197,8 @@ class _Ways:
             [self._dag.symbol("s", j * n + i) if i in some else self._dag.zero for i in range(n)]
             for j, some in enumerate(map(frozenset, self.reached))
         ]
-        places = range(len(self.common.sources))
-        given = [[row.get(i, self._dag.zero) for i in places] for row in self.common.given]
+        n_sources = len(self.common.sources)
+        given = [spread(row, n_sources, self._dag.zero) for row in self.common.given]
         at_once = self._map(
             self._results(()),
             range(n),
