@@ -88,7 +88,7 @@ static void order(int n_steps)
     const double h = 4.0 / n_steps;
     cotree_dopri5 d;
     int i, j;
-    cotree_dopri5_init(&d, 2, oscillator, NULL, 0.0, y0, 1e6, 1e6, workspace);
+    cotree_dopri5_init(&d, 2, oscillator, NULL, 0.0, y0, 0.5, 1e6, workspace);
     d.step = h;
     for (i = 0; i < n_steps; ++i) {
         cotree_dopri5_step(&d, (i + 1) * h);
@@ -171,6 +171,7 @@ static void limits(void)
     printf("%d\n", (int)cotree_dopri5_init(&d, -1, oscillator, NULL, 0.0, y0, 1e-6, 0.0, workspace));
     printf("%d\n", (int)cotree_dopri5_init(&d, 2, oscillator, NULL, nan, y0, 1e-6, 0.0, workspace));
     printf("%d\n", (int)cotree_dopri5_init(&d, 2, oscillator, NULL, 0.0, y0, -1.0, 0.0, workspace));
+    printf("%d\n", (int)cotree_dopri5_init(&d, 2, oscillator, NULL, 0.0, y0, 1.0, 0.0, workspace));
     printf("%d\n", (int)cotree_dopri5_init(&d, 2, oscillator, NULL, 0.0, y0, 1e-6, nan, workspace));
     printf("%d\n", (int)cotree_dopri5_init(&d, 2, oscillator, NULL, 0.0, bad, 1e-6, 0.0, workspace));
     printf("%d\n", (int)cotree_dopri5_init(&d, 2, oscillator, NULL, 0.0, y0, 1e-6, 0.0, workspace));

@@ -241,7 +241,9 @@ def test_smaller_step_cures_a_recoverable_failure(driver: Path) -> None:
 
 def test_limits(driver: Path) -> None:
     lines = case(driver, "limits")
-    assert [int(x) for x in lines[:5]] == [BAD_ARGUMENT] * 5  # n, t, rtol, atol, y
+    # n, t, rtol below zero and of one, atol, y
+    assert [int(x) for x in lines[:6]] == [BAD_ARGUMENT] * 6
+    lines = lines[1:]
     assert int(lines[5]) == OK  # no absolute tolerance, with a zero among the initial values
     assert [int(x) for x in lines[6:8]] == [BAD_ARGUMENT] * 2  # end times
     assert [int(x) for x in lines[8:11]] == [OK, OK, 0]  # nothing to do, nothing evaluated

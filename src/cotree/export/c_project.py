@@ -12,6 +12,7 @@ import math
 import os
 import tempfile
 import textwrap
+import warnings
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -35,6 +36,7 @@ from cotree.model.kernels import PythonKernels
 from cotree.model.model import CompiledModel
 from cotree.naming import c_string
 from cotree.solvers.project import Projection
+from cotree.tolerances import loose_rtol, rtol_fault
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -222,9 +224,13 @@ def write_c_project(
 def _check_numbers(t_end: float, rtol: float, atol: float) -> None:
     if not math.isfinite(t_end):
         raise SceneError(f"t_end is {t_end}: give a finite number")
-    for name, value in (("rtol", rtol), ("atol", atol)):
-        if not (math.isfinite(value) and value >= 0.0):
-            raise SceneError(f"{name} is {value}: give a finite number that is not negative")
+    fault = rtol_fault(rtol, least=0.0)
+    if fault:
+        raise SceneError(fault)
+    if not (math.isfinite(atol) and atol >= 0.0):
+        raise SceneError(f"atol is {atol}: give a finite number that is not negative")
+    if loose_rtol(rtol):
+        warnings.warn(loose_rtol(rtol), RuntimeWarning, stacklevel=4)
 
 
 def _check_step(program: Program, integrator: str, step: float | None) -> None:

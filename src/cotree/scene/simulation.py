@@ -9,6 +9,7 @@ from typing import Any
 from cotree.errors import SceneError, nearest
 from cotree.naming import check_name, check_text
 from cotree.scene.expressions import Expression, parse
+from cotree.tolerances import rtol_fault
 
 #: Where a run may begin: at the initial values of its states, or where nothing moves.
 INITIAL, OPERATING_POINT = "initial values", "operating point"
@@ -57,6 +58,8 @@ def with_settings(old: Simulation, settings: Mapping[str, Any], check_number: An
             value = check_number(value, what)
             if value <= 0.0:
                 raise SceneError(f"{what} is {value}: it must be positive")
+        if key == "rtol" and rtol_fault(value):
+            raise SceneError(f"of the simulation {rtol_fault(value)}")
         if key in ("method", "start"):
             value = check_text(value, what)
         if key == "start" and value not in (INITIAL, OPERATING_POINT):

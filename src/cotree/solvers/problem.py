@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.errors import SolveError
+from cotree.tolerances import rtol_fault
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -263,8 +264,9 @@ def _check_times(problem: Problem) -> None:
 
 
 def _check_tolerances(problem: Problem) -> None:
-    if not (np.isfinite(problem.rtol) and problem.rtol > 0):
-        raise SolveError(f"rtol is {problem.rtol}; give a positive finite number.")
+    fault = rtol_fault(problem.rtol)
+    if fault:
+        raise SolveError(f"{fault}.")
     atol = np.asarray(problem.atol, dtype=np.float64)
     if atol.shape not in ((), (problem.n_states,)):
         raise SolveError(

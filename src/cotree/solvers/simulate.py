@@ -23,6 +23,7 @@ from cotree.solvers.project import Projection
 from cotree.solvers.result import EventTimes, Result
 from cotree.solvers.select import integrate
 from cotree.solvers.sweep import sweep
+from cotree.solvers.trust import warn_of_result, warn_of_tolerances
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -31,16 +32,13 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
     from cotree.model.model import CompiledModel
-    from cotree.solvers.base import Drift, Trajectory
+    from cotree.solvers.base import Trajectory
     from cotree.solvers.events import Occurrence
     from cotree.solvers.problem import FloatArray
 
 
 # Share of a Jacobian's entries beyond which sparse matrices cost more than dense ones.
 _LARGEST_SHARE = 0.1
-
-# Corrections beyond this many times the tolerance are none of integration.
-_LARGEST_CORRECTION = 1e5
 
 
 @dataclass(frozen=True)
@@ -116,8 +114,8 @@ def simulate(
         names=model.states,
         parameters=model.sensitivities,
         max_step=_max_step(model, p, settings),
-        max_steps=settings.max_steps,
-        max_events=settings.max_events,
+        max_steps=_whole(settings.max_steps, "max_steps"),
+        max_events=_whole(settings.max_events, "max_events"),
         time_limit=settings.time_limit,
         project=projection,
         residual=projection.residual if projection else None,
@@ -130,6 +128,7 @@ def simulate(
         events=ModelEvents(model, p, u, is_held) if model.layout.events else None,
         places=_places(model),
     )
+    warn_of_tolerances(problem)
     method = settings.method
     if method == "auto" and signals.has_function:
         method = "LSODA"  # switches between stiff and not, and takes any Python function
@@ -138,8 +137,7 @@ def simulate(
         if settings.throw:
             raise SolveError(trajectory.message)
         warnings.warn(trajectory.message, RuntimeWarning, stacklevel=3)
-    if trajectory.drift is not None:
-        _check_corrections(trajectory.drift, settings)
+    warn_of_result(problem, trajectory)
     n, m = len(model.states), len(model.sensitivities)
     y = trajectory.z[:n]
     s = trajectory.z[n:].reshape(m, n, len(trajectory.t)).transpose(1, 0, 2)
@@ -204,9 +202,17 @@ def _check_settings(settings: Settings) -> None:
     for name in ("parameters", "initial", "inputs", "scales"):
         if not isinstance(getattr(settings, name), Mapping):
             raise ParameterError(f"{name} must be a mapping of names to values")
-    for name in ("max_steps", "max_events", "time_limit"):
-        if getattr(settings, name) is not None:
-            check_number(getattr(settings, name), name)
+    if settings.time_limit is not None:
+        check_number(settings.time_limit, "time_limit")
+
+
+def _whole(value: float | None, name: str) -> int | None:
+    """Accept a whole number, as one."""
+    if value is None:
+        return None
+    if not check_number(value, name).is_integer():
+        raise ParameterError(f"{name} is {value}: give a whole number")
+    return int(value)
 
 
 def _scales(
@@ -351,19 +357,6 @@ def _start(
     """Give the initial states and sensitivities, consistent with all equations."""
     start = model.start(t, p, initial, u(t))
     return np.concatenate([start.y, start.s.T.ravel()])
-
-
-def _check_corrections(drift: Drift, settings: Settings) -> None:
-    """Warn where projection moved the states by far more than the tolerance."""
-    allowed = _LARGEST_CORRECTION * max(settings.rtol, settings.atol, 1e-12)
-    if drift.correction > allowed:
-        warnings.warn(
-            f"projection onto the constraints moved the states by up to {drift.correction:.2g}, "
-            "far more than the tolerance: near a singular configuration the motion may have gone "
-            "on along another branch; compare with another tolerance or method",
-            RuntimeWarning,
-            stacklevel=4,
-        )
 
 
 def _redundant(model: CompiledModel, projection: Projection | None, trajectory: Trajectory) -> int:

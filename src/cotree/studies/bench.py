@@ -26,6 +26,7 @@ from cotree.solvers.correctors import is_available
 from cotree.solvers.methods import METHODS, method_row
 from cotree.studies.accuracy import find_reference, starts_implicit
 from cotree.studies.bench_report import BenchReport, BenchRow
+from cotree.tolerances import loose_rtol, rtol_fault
 from cotree.version import VERSION
 
 if TYPE_CHECKING:
@@ -121,6 +122,8 @@ def bench(
     """
     names = _installed() if methods is None else [method_row(name).name for name in methods]
     pairs = [_pair(entry) for entry in tolerances]
+    for text in filter(None, (loose_rtol(rtol) for rtol, _ in pairs)):
+        warnings.warn(text, RuntimeWarning, stacklevel=2)
     if repeats < 1:
         raise ParameterError(f"repeats is {repeats}: give 1 or more")
     limit = check_number(time_limit, "time_limit")
@@ -302,6 +305,8 @@ def _pair(entry: float | tuple[float, float]) -> tuple[float, float]:
     for name, value in (("rtol", rtol), ("atol", atol)):
         if not check_number(value, name) > 0.0:
             raise SolveError(f"tolerances holds {name} = {value}: give a positive number")
+    if rtol_fault(rtol):
+        raise SolveError(f"tolerances holds a wrong one: {rtol_fault(rtol)}")
     return rtol, atol
 
 

@@ -1,0 +1,45 @@
+"""Which tolerances an integration may be asked for: one rule for runs, scenes, benches and C.
+
+In: a number. Out: why it cannot be one, as a sentence without a capital and an end.
+"""
+
+from __future__ import annotations
+
+import math
+
+#: From this relative tolerance on, a step may be wrong by all that it is.
+LARGEST_RTOL = 1.0
+
+#: Above this relative tolerance error estimates, which are leading terms of series, mean little.
+LOOSE_RTOL = 1e-2
+
+
+def rtol_fault(rtol: float, least: float = math.ulp(0.0)) -> str:
+    """Say why a number is no relative tolerance; nothing where it is one.
+
+    Parameters
+    ----------
+    rtol : float
+        The number.
+    least : float
+        The least that is accepted: the smallest positive number, or zero where that means as
+        little as can be tested.
+    """
+    if not (math.isfinite(rtol) and rtol >= least):
+        return f"rtol is {rtol}; give a positive finite number"
+    if rtol >= LARGEST_RTOL:
+        return (
+            f"rtol is {rtol}: errors as large as the values themselves would pass; give a number "
+            "below 1, such as 1e-6"
+        )
+    return ""
+
+
+def loose_rtol(rtol: float) -> str:
+    """Warn of a relative tolerance that is accepted but loose; nothing where it is not."""
+    if not LOOSE_RTOL < rtol < LARGEST_RTOL:
+        return ""
+    return (
+        f"rtol is {rtol}: above {LOOSE_RTOL:g} estimates of errors mean little, and results may be "
+        "wrong by far more"
+    )
