@@ -48,6 +48,13 @@ def molar_flow_source(s: Sheet) -> None:
 
 
 @figure
+def concentration_source(s: Sheet) -> None:
+    """Draw a source of concentration."""
+    wires(s, 0.36, through="n", across="c")
+    source(s, "concentration", True)
+
+
+@figure
 def open_circuit_voltage(s: Sheet) -> None:
     """Draw a cell with its curve."""
     wires(s, 0.1, through="i", across="v")

@@ -156,7 +156,7 @@ def test_michaelis_and_menten():
         ({"reactants": "A"}, "must be a list of names of nodes"),
         ({"reactants": ["A", 3]}, "must be a list of names of nodes"),
         ({"reactants": ["A"], "product": ["B"]}, "has no field 'product'"),
-        ({"reactants": ["ground"]}, "are both node 'ground'"),
+        ({"reactants": ["ground"]}, "name 'ground', where concentrations are measured from"),
         ({"reactants": ["A b"]}, "A b"),
     ],
 )

@@ -76,7 +76,7 @@ def test_a_start_where_nothing_determines_a_species_is_refused():
         scene.edge(name, "species", name, "ground", volume=1.0)
     scene.edge("r1", "reaction", reactants=["A"], products=["B"], rate=5.0)
     scene.edge("r2", "reaction", reactants=["B", "B"], products=["C"], rate=50.0)
-    with pytest.raises(SingularSystemError, match=r"do not determine 'r1\.B\.c'"):
+    with pytest.raises(SingularSystemError, match=r"do not determine 'r2\.B\.c'"):
         scene.compile()
 
 

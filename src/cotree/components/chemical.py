@@ -1,24 +1,32 @@
 """Chemical components: across is concentration, through molar flow, from plus to minus inside.
 
 A species is an edge from its node to the ground; a reaction has such an edge for each species
-that takes part, with the flow that it takes from it.
+that takes part, with the flow that it takes from it. Where that does not depend on the species'
+own concentration (a product of a one-way reaction, a catalyst) the edge is a source: it leaves the
+concentration to others.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 from cotree.components.component import Component, Field, Role, Shape
 from cotree.components.law import Law
-from cotree.components.ports import across_storage, optional, through_source, value
+from cotree.components.ports import (
+    across_source,
+    across_storage,
+    optional,
+    through_source,
+    value,
+)
 from cotree.components.terminal import Kind, Terminal
 from cotree.errors import SceneError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
 _DOMAIN = "chemical"
 
@@ -27,6 +35,14 @@ SPECIES = across_storage(
     "species",
     "amount of a species in a well stirred volume",
     value("volume", "m^3", "of the liquid"),
+    is_absolute=True,
+)
+
+CONCENTRATION_SOURCE = across_source(
+    _DOMAIN,
+    "concentration_source",
+    "given concentration: a species in excess, a bath",
+    value("concentration", "mol/m^3", "plus minus minus; the ground is at 0 mol/m^3", ""),
 )
 
 MOLAR_FLOW_SOURCE = through_source(
@@ -39,7 +55,7 @@ MOLAR_FLOW_SOURCE = through_source(
 
 @lru_cache(maxsize=1024)
 def _mass_action(
-    orders: tuple[int, ...], products: tuple[int, ...], net: int, is_reversible: bool
+    orders: tuple[int, ...], products: tuple[int, ...], net: int, *, is_reversible: bool
 ) -> Law:
     """Make the law of a port: what the reaction takes of a species.
 
@@ -68,11 +84,26 @@ def _mass_action(
     return Law.taking((*fields, *names), law)
 
 
+def _port(number: int, name: str, net: int, law: Callable[[int], Law]) -> Terminal:
+    """Make the port of a species by its number; ``net`` is what a turn takes of it."""
+    through = law(net)
+    kind = Kind.DISSIPATOR if through.uses(f"across_{number}") else Kind.THROUGH_SOURCE
+    return Terminal(
+        _DOMAIN, kind, name, through=through, is_passive=False, between=(name, "ground")
+    )
+
+
 def _names(edge: str, field: str, fields: dict[str, Any]) -> Counter[str]:
     """Count how often each node is named."""
-    listed = fields.pop(field, ())
-    if isinstance(listed, str) or not all(isinstance(name, str) for name in listed):
+    listed = fields.pop(field, [])
+    is_list = isinstance(listed, (list, tuple))
+    if not is_list or not all(isinstance(name, str) for name in listed):
         raise SceneError(f"{field} of edge '{edge}' must be a list of names of nodes")
+    if "ground" in listed:
+        raise SceneError(
+            f"{field} of edge '{edge}' name 'ground', where concentrations are measured from: "
+            "leave it out; what a reaction need not balance is no reactant or product of it"
+        )
     return Counter(listed)
 
 
@@ -90,21 +121,12 @@ def _react(
         )
     orders = tuple(reactants[name] for name in species)
     made = tuple(products[name] for name in species)
+    law = partial(_mass_action, orders, made, is_reversible="reverse_rate" in rest)
     ports = tuple(
-        replace(
-            _PORT,
-            port=name,
-            between=(name, "ground"),
-            through=_mass_action(
-                orders, made, reactants[name] - products[name], "reverse_rate" in rest
-            ),
-        )
-        for name in species
+        _port(i, name, reactants[name] - products[name], law) for i, name in enumerate(species)
     )
     return replace(REACTION, ports=ports, terminals=species), species, rest
 
-
-_PORT = Terminal(_DOMAIN, Kind.DISSIPATOR, is_passive=False)
 
 REACTION = Component(
     "reaction",
@@ -121,4 +143,4 @@ REACTION = Component(
     adapt=_react,
 )
 
-COMPONENTS = (SPECIES, REACTION, MOLAR_FLOW_SOURCE)
+COMPONENTS = (SPECIES, REACTION, MOLAR_FLOW_SOURCE, CONCENTRATION_SOURCE)

@@ -66,6 +66,10 @@ class Law:
         names = tuple(sorted(symbol.name for symbol in expression.free_symbols))
         return cls.taking(names, lambda *_: expression)
 
+    def uses(self, name: str) -> bool:
+        """Say whether the law depends on an argument; one that cancels does not count."""
+        return any(symbol.name == name for symbol in self.expression.free_symbols)
+
     def over(self, name: str) -> Law:
         """Give the law divided by one of its arguments, simplified, so that zero may be no pole."""
         import sympy

@@ -191,7 +191,7 @@ MASS = across_storage(
     "translational_mass",
     "mass that moves along a line",
     value("mass", "kg", "of the body"),
-    is_inertial=True,
+    is_absolute=True,
 )
 
 INERTIA = across_storage(
@@ -199,7 +199,7 @@ INERTIA = across_storage(
     "rotational_inertia",
     "inertia that turns about an axis",
     value("inertia", "kg m^2", "about the axis"),
-    is_inertial=True,
+    is_absolute=True,
 )
 
 # Without a damper beside it a shaft would be a spring: then its speed follows from that of others.

@@ -45,11 +45,11 @@ def through_source(
 
 
 def across_storage(
-    domain: str, name: str, doc: str, field: Field, is_inertial: bool = False
+    domain: str, name: str, doc: str, field: Field, is_absolute: bool = False
 ) -> Component:
     """Make a linear storage of the across variable."""
     law = Law.taking((field.name,), lambda given: given)
-    terminal = Terminal(domain, Kind.ACROSS_STORAGE, storage=law, is_inertial=is_inertial)
+    terminal = Terminal(domain, Kind.ACROSS_STORAGE, storage=law, is_absolute=is_absolute)
     return one_port(name, doc, (field,), terminal)
 
 

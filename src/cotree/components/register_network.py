@@ -139,8 +139,8 @@ def _terminal(
     name: str, domain: str, port: str, law: Law, gives: str, between: tuple[str, str]
 ) -> Terminal:
     """Make the terminal equation that a law is."""
-    own = [v for v in ("across", "across_rate", "stretch") if v in law.arguments]
-    dual = [v for v in ("through", "through_rate") if v in law.arguments]
+    own = [v for v in ("across", "across_rate", "stretch") if law.uses(v)]
+    dual = [v for v in ("through", "through_rate") if law.uses(v)]
     if own and dual:
         raise SceneError(
             f"a law of component '{name}' is a function of {own[0]} and {dual[0]} of its own port: "
@@ -155,10 +155,10 @@ def _terminal(
     is_through = found == "through"
     rate = "across_rate" if is_through else "through_rate"
     storage = None
-    if rate in law.arguments:
+    if law.uses(rate):
         kind = Kind.ACROSS_STORAGE if is_through else Kind.THROUGH_STORAGE
         storage, law = _linear(name, law, rate)
-    elif "stretch" in law.arguments:
+    elif law.uses("stretch"):
         kind = Kind.SPRING
     elif own or dual:
         kind = Kind.DISSIPATOR

@@ -100,8 +100,8 @@ class Terminal:
         and a name that is none stands for a node within the component.
     integral : Integral or None
         What ``stretch`` is; the integral of across, where the domain has a name for it.
-    is_inertial : bool
-        Whether its tail must be the ground, where motion is measured from.
+    is_absolute : bool
+        Whether its tail must be the ground, where motion and concentrations are measured from.
     """
 
     domain: str
@@ -113,7 +113,7 @@ class Terminal:
     is_passive: bool = True
     between: tuple[str, str] = ("", "")
     integral: Integral | None = None
-    is_inertial: bool = False
+    is_absolute: bool = False
 
 
 _ACROSS = Law(lambda across: across)

@@ -44,6 +44,9 @@ class Domain:
         Whether edges are written with the head of the across variable before its tail.
     remedy : str
         What to add at a node whose across variable nothing determines.
+    absolute : str
+        What is wrong, and what to do, where a storage whose across variable counts from the ground
+        has another node, ``{tail}``, in its place.
     """
 
     name: str
@@ -58,6 +61,7 @@ class Domain:
     is_scalar: bool = False
     head_first: bool = False
     remedy: str = "a resistance or a storage"
+    absolute: str = ""
 
     def summary(self) -> str:
         """Describe the domain in one line.
@@ -74,7 +78,9 @@ class Domain:
         )
 
 
-def _network(name: str, across: tuple[str, str, str], through: tuple[str, str, str]) -> Domain:
+def _network(
+    name: str, across: tuple[str, str, str], through: tuple[str, str, str], **words: str
+) -> Domain:
     """Make the row of a scalar domain from name, symbol and unit of its variables."""
     return Domain(
         name,
@@ -86,7 +92,14 @@ def _network(name: str, across: tuple[str, str, str], through: tuple[str, str, s
         through[2],
         is_scalar=True,
         head_first=True,
+        **words,
     )
+
+
+_INERTIAL = (
+    "moves against '{tail}', but inertia is against the ground: name 'ground' first, then the node "
+    "that it moves with"
+)
 
 
 _ROWS = (
@@ -103,7 +116,16 @@ _ROWS = (
     _network("electrical", ("voltage", "v", "V"), ("current", "i", "A")),
     _network("hydraulic", ("pressure", "p", "Pa"), ("volume flow", "q", "m^3/s")),
     _network("thermal", ("temperature", "T", "K"), ("heat flow", "q", "W")),
-    _network("chemical", ("concentration", "c", "mol/m^3"), ("molar flow", "n", "mol/s")),
+    _network(
+        "chemical",
+        ("concentration", "c", "mol/m^3"),
+        ("molar flow", "n", "mol/s"),
+        remedy="a species or a reaction",
+        absolute=(
+            "runs to '{tail}', but how much there is of it follows from its concentration above "
+            "zero: name its node first, then 'ground'"
+        ),
+    ),
     Domain(
         "translational",
         ("velocity",),
@@ -116,6 +138,7 @@ _ROWS = (
         stretch_unit="m",
         is_scalar=True,
         remedy="a mass or a damper",
+        absolute=_INERTIAL,
     ),
     Domain(
         "rotational",
@@ -129,6 +152,7 @@ _ROWS = (
         stretch_unit="rad",
         is_scalar=True,
         remedy="an inertia or a damper",
+        absolute=_INERTIAL,
     ),
 )
 

@@ -184,8 +184,8 @@ def _check_reached(
         row = DOMAINS[graph.domain]
         raise TopologyError(
             f"only {listed(edges)} reach the node {listed(cut)} of the {graph.domain} graph: "
-            f"their {row.through}s are given, so that its {row.across[0]} is undetermined; add "
-            f"{row.remedy} there"
+            f"their {row.through}s are given, whatever its {row.across[0]} is, so that it is "
+            f"undetermined; add {row.remedy} there"
         )
 
 

@@ -185,11 +185,8 @@ def _from_ground(port: Terminal, node: object) -> tuple[object, object]:
 
 def _ends(port: Terminal, pair: tuple[str, str], where: str) -> Ends:
     ends = Ends(pair[1], pair[0]) if DOMAINS[port.domain].head_first else Ends(*pair)
-    if port.is_inertial and ends.tail != "ground":
-        raise SceneError(
-            f"{where} moves against '{ends.tail}', but inertia is against the ground: name "
-            "'ground' first, then the node that it moves with"
-        )
+    if port.is_absolute and ends.tail != "ground":
+        raise SceneError(f"{where} {DOMAINS[port.domain].absolute.format(tail=ends.tail)}")
     return ends
 
 
