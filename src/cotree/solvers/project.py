@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cotree.errors import SolveError
+from cotree.model.lengths import as_velocities, gradient_groups, turning_speeds
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,14 +34,14 @@ _SMALL = 1e-8
 # at a tolerance of 1e-8 still lie below it.
 _FLOOR = 1e-6
 
-# Gradients below this share of the largest are rounding.
+# Gradients below this share of the largest, or of 1, are rounding.
 _ROUNDING_ROW = 1e-12
 
 # Constraints whose gradients, each of length one, shrink below this along some direction are
 # nearly dependent.
 _NEAR = 0.1
 
-# Singular values of the constraints' gradients below this, in metres, are none.
+# Singular values of the constraints' gradients, each of length one, below this are none.
 _REDUNDANT = 1e-10
 
 # Edges with more than this share in a direction that the constraints no longer see are named.
@@ -71,6 +72,7 @@ class Projection:
         self._n_states = len(model.states)
         self._u = u
         self._edges = model.layout.constraint_edges
+        self._layout = model.layout
         self._gradient = model.bound("gradient", p) if self._edges else None
         self._residual = model.bound("constraints", p)
         self._step = model.bound("projection", p)
@@ -106,18 +108,19 @@ class Projection:
                 s += self._sensitivity_step(t, x, s, u)
         return result
 
-    def _gradients(self, t: float, z: FloatArray) -> FloatArray:
-        """Give the gradients of the constraints by the speeds, shape (n_rows, n_speeds)."""
+    def _rows(self, t: float, z: FloatArray) -> FloatArray:
+        """Give the gradients of the constraints by velocities, each of length one or nothing.
+
+        They are those of a scene of any size, so that what is decided by them is, too.
+        """
         assert self._gradient is not None
         x, s = z[: self._n_states], z[self._n_states :]
-        return np.array(self._gradient(t, x, s, self._u(t))).reshape(len(self._edges), -1)
-
-    def _rows(self, t: float, z: FloatArray) -> FloatArray:
-        """Give the gradients of the constraints, each of length one."""
-        rows = self._gradients(t, z)
-        lengths = np.linalg.norm(rows, axis=1)
-        seen = lengths > _ROUNDING_ROW * np.max(lengths, initial=0.0)
-        return np.where(seen[:, None], rows / np.where(seen, lengths, 1.0)[:, None], 0.0)
+        rows = np.array(self._gradient(t, x, s, self._u(t))).reshape(len(self._edges), -1)
+        seen = np.linalg.norm(rows, axis=1) > _ROUNDING_ROW * np.max(np.abs(rows), initial=1.0)
+        rows[~seen] = 0.0
+        rows = as_velocities(rows, gradient_groups(self._layout), turning_speeds(self._layout))
+        rows[seen] /= np.linalg.norm(rows[seen], axis=1, keepdims=True)
+        return rows
 
     @property
     def has_rows(self) -> bool:
@@ -136,9 +139,8 @@ class Projection:
         """Count the constraints that follow from the others at a point."""
         if not self._edges:
             return 0
-        rows = self._gradients(t, z)
-        size = float(np.max(np.abs(rows), initial=1.0))
-        return len(rows) - int(np.linalg.matrix_rank(rows, tol=_REDUNDANT * size))
+        rows = self._rows(t, z)
+        return len(rows) - int(np.linalg.matrix_rank(rows, tol=_REDUNDANT))
 
     def residual(self, t: float, z: FloatArray) -> FloatArray:
         """Return the residuals of the constraints, a fresh array of the shape of ``names``."""
