@@ -23,6 +23,8 @@ EXPRESSIONS = [
     sympy.sin(X) + sympy.cos(Y) * sympy.tan(Z),
     sympy.asin(X / 4) + sympy.acos(Y / 4) + sympy.atan(Z),
     sympy.sinh(X) + sympy.cosh(Y) + sympy.tanh(Z),
+    sympy.erf(X) - sympy.erf(-Y * Z / 3),
+    sympy.Mod(X, Y) + sympy.ceiling(X - Z),
     sympy.Abs(X - Y) + sympy.sign(Y - X),
     sympy.atan2(Y, X - 2),
     sympy.Max(X, Y, Z) - sympy.Min(X, Y, Z, 1),
@@ -67,8 +69,11 @@ def test_branches_meet_where_sympy_puts_them():
     [
         (sympy.Symbol("w") * X, "uses 'w', which is not one of its arguments"),
         (sympy.besselj(0, X), "the function 'besselj'"),
-        (sympy.Piecewise((X, X < 1)), "must hold everywhere else"),
-        (sympy.Piecewise((X, sympy.Eq(Y, 1)), (Z, True)), "may only branch on"),
+        (sympy.Piecewise((X, X < 1)), "what a Piecewise is elsewhere: let its last branch"),
+        (
+            sympy.Piecewise((X, sympy.Eq(Y, 1)), (Z, True)),
+            "branches on something other than <, <=, > or >=",
+        ),
     ],
 )
 def test_what_cannot_be_said_is_refused(expression, message):

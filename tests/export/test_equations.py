@@ -259,7 +259,7 @@ def test_constants_without_a_simple_rational_stay_what_they_are(value: float):
 def test_every_operation_has_the_value_of_the_program():
     dag = Dag()
     x, y = dag.symbol("x", 0), dag.symbol("x", 1)
-    names = ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh")
+    names = ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "erf")
     nodes = [dag.function(name, x) for name in (*names, "exp", "log", "abs")]
     nodes += [dag.function("sign", -x), dag.function("atan2", y, -x), x**y, x - y, -(x / y)]
     nodes += [dag.select(x - y, x, y), dag.select(y - x, x, y)]

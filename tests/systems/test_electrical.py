@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 import scipy
+import sympy
 
 import cotree
 from cotree import Scene
@@ -418,6 +419,29 @@ def test_a_users_storage_with_leakage():
 
 
 @pytest.mark.usefixtures("registry")
+def test_a_users_law_with_an_error_function():
+    """v' = erf((t - v)/w), against SciPy's integration of it."""
+    register_component("step", lambda across, w: sympy.erf(across / w), domain="electrical")
+    scene = Scene("error-function")
+    scene.parameter("w", 0.7)
+    scene.edge("V", "voltage_source", "a", "ground", voltage="t")
+    scene.edge("R", "step", "a", "b", w="w")
+    scene.edge("C", "capacitor", "b", "ground", capacitance=1.0)
+    scene.output("difference", "erf((V.v - C.v)/w) - R.i")
+    result = _run(scene, 2.0, ["w"], t_eval=[2.0])
+    assert abs(result["difference"][-1]) < 1e-15
+
+    def end(w):
+        rate = lambda t, v: [math.erf((t - v[0]) / w)]  # noqa: E731
+        return scipy.integrate.solve_ivp(rate, (0, 2), [0.0], rtol=1e-12, atol=1e-13).y[0, -1]
+
+    assert result["C.v"][-1] == pytest.approx(end(0.7), rel=1e-9)
+    # Differences over 1e-4 are off by 1e-8 of the value, and by 1e-12 / 1e-4.
+    expected = (end(0.7001) - end(0.6999)) / 2e-4
+    assert result.sensitivity("C.v", "w")[-1] == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.usefixtures("registry")
 @pytest.mark.parametrize(
     ("laws", "settings", "message"),
     [
@@ -425,6 +449,20 @@ def test_a_users_storage_with_leakage():
         (lambda across, through: across + through, {}, "give one variable"),
         (lambda across_rate, c: c * across_rate**2, {}, "not linear in across_rate"),
         (lambda across: undefined, {}, "gives no expression"),  # noqa: F821
+        (lambda across: (across, 1), {}, "component 'own' gives no expression, but .*across, 1"),
+        (lambda across: across > 1, {}, "component 'own' gives no expression, but across > 1"),
+        (lambda across: sympy.zoo * across, {}, "component 'own' has no value"),
+        (lambda across: sympy.gamma(across), {}, "component 'own' uses the function 'gamma'"),
+        (
+            lambda across: sympy.Piecewise((across, across < 1)),
+            {},
+            "component 'own' leaves open what a Piecewise is elsewhere: let its last branch be",
+        ),
+        (
+            lambda across: sympy.Piecewise((across, sympy.Eq(across, 1)), (0, True)),
+            {},
+            "component 'own' branches on something other than <, <=, > or >=",
+        ),
         (lambda across: across, {"domain": "magnetic"}, "unknown domain"),
         ({"one": lambda across: across}, {"terminals": ("a", "b")}, "between which two nodes"),
         (

@@ -87,9 +87,10 @@ class Law:
         """
         import sympy
 
-        # SymPy leaves the derivative of a floor as it is.
-        floors = {item: sympy.Dummy(real=True) for item in self.expression.atoms(sympy.floor)}
-        fixed = self.expression.subs(floors)
+        # SymPy leaves the derivative of a floor as it is, and so that of a remainder.
+        whole = self.expression.replace(sympy.Mod, lambda a, b: a - b * sympy.floor(a / b))
+        floors = {item: sympy.Dummy(real=True) for item in whole.atoms(sympy.floor, sympy.ceiling)}
+        fixed = whole.subs(floors)
         back = {dummy: item for item, dummy in floors.items()}
         derivatives = {
             name: fixed.diff(sympy.Symbol(name, real=True))

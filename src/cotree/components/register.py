@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.components.component import Acts, Component, Field, Plane, Role, Shape
 from cotree.components.law import Law
+from cotree.dag.nodes import Dag
 from cotree.errors import SceneError
 from cotree.naming import check_name
 
@@ -91,13 +92,46 @@ def checked_law(function: Callable[..., Any], what: str) -> Law:
     Raises
     ------
     SceneError
-        If it does not.
+        If it does not, or if there is no operation for what it or a derivative of it is made of.
     """
+    import sympy
+
     law = Law(function)
     try:
-        free = {str(symbol) for symbol in law.expression.free_symbols}
+        expression = law.expression
     except Exception as error:
         raise SceneError(f"{what} gives no expression: {error}") from None
+    if not isinstance(expression, sympy.Expr):
+        raise SceneError(
+            f"{what} gives no expression, but {_short(expression)}: give a SymPy expression or a "
+            "number"
+        )
+    free = {str(symbol) for symbol in expression.free_symbols}
     if odd := sorted(free - set(law.arguments)):
         raise SceneError(f"{what} uses {', '.join(odd)}, which is no argument of it")
+    _check_operations(law, what)
     return law
+
+
+def _check_operations(law: Law, what: str) -> None:
+    """Form a law and its derivatives once, where nothing depends on what comes of them."""
+    dag = Dag()
+    arguments = {name: dag.symbol("x", i) for i, name in enumerate(law.arguments)}
+    try:
+        law.value(dag, arguments)
+    except (ValueError, TypeError, ArithmeticError) as error:
+        raise SceneError(f"{what} {_predicate(error)}") from None
+    try:
+        law.partial_values(dag, arguments)
+    except (ValueError, TypeError, ArithmeticError) as error:
+        raise SceneError(f"the derivative of {what} {_predicate(error)}") from None
+
+
+def _predicate(error: Exception) -> str:
+    """Say what is wrong with a law, without naming it."""
+    told = str(error)
+    return told.removeprefix("the law ") if told.startswith("the law ") else f"has no value: {told}"
+
+
+def _short(value: object) -> str:
+    return str(value)[:60]

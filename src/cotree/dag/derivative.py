@@ -6,6 +6,7 @@ sensitivity equations themselves come from the graphs (:mod:`cotree.sensitivity`
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -40,6 +41,11 @@ def _d_pow_exponent(node: Node) -> Node:
     return node * node.dag.function("log", node.args[0])
 
 
+def _d_erf(node: Node) -> Node:
+    x = node.args[0]
+    return 2.0 / math.sqrt(math.pi) * node.dag.function("exp", -(x * x))
+
+
 def _norm2(node: Node) -> Node:
     y, x = node.args
     return x * x + y * y
@@ -64,6 +70,7 @@ PARTIALS: dict[str, tuple[Partial | None, ...]] = {
     "tanh": (lambda n: 1.0 - n * n,),
     "exp": (lambda n: n,),
     "log": (lambda n: 1.0 / n.args[0],),
+    "erf": (_d_erf,),
     "abs": (_d_abs,),
     "sign": (None,),
     "floor": (None,),

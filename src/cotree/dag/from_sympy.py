@@ -16,7 +16,7 @@ _Chooser = Callable[["Dag", Mapping[str, "Node"], "Node", "Node"], "Node"]
 _FUNCTIONS = {
     **{name: name for name in ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh")},
     **{"tanh": "tanh", "exp": "exp", "log": "log", "Abs": "abs", "sign": "sign", "atan2": "atan2"},
-    "floor": "floor",
+    **{"floor": "floor", "erf": "erf"},
 }
 
 
@@ -65,6 +65,10 @@ def _maker(expression: Any) -> _Maker:
         return lambda dag, arguments: base(dag, arguments) ** exponent(dag, arguments)
     if name == "Heaviside":  # the derivative of Max and Min
         return lambda dag, arguments: dag.select(parts[0](dag, arguments), dag.one, dag.zero)
+    if name == "ceiling":
+        return lambda dag, arguments: -dag.function("floor", -parts[0](dag, arguments))
+    if name == "Mod":
+        return lambda dag, arguments: _remainder(*[part(dag, arguments) for part in parts])
     if name in ("Max", "Min"):
         return lambda dag, arguments: _extreme(name, [part(dag, arguments) for part in parts], dag)
     if name not in _FUNCTIONS:
@@ -100,6 +104,10 @@ def _product(dag: Dag, inverted: list[bool], args: list[Node]) -> Node:
     return above / below
 
 
+def _remainder(a: Node, b: Node) -> Node:
+    return a - b * a.dag.function("floor", a / b)
+
+
 def _extreme(name: str, args: list[Node], dag: Dag) -> Node:
     best = args[0]
     for arg in args[1:]:
@@ -115,7 +123,10 @@ def _piecewise(expression: Any) -> _Maker:
     pairs = list(expression.args)
     value, condition = pairs[-1]
     if condition is not sympy.true:
-        raise ValueError("the last branch of a Piecewise must hold everywhere else")
+        raise ValueError(
+            "the law leaves open what a Piecewise is elsewhere: "
+            "let its last branch be (value, True)"
+        )
     last = _maker(value)
     branches: list[tuple[_Maker, _Chooser]] = []
     for value, condition in reversed(pairs[:-1]):
@@ -140,7 +151,7 @@ def _chooser(condition: Any) -> _Chooser:
         inner = _chooser(condition.args[0])
         return lambda dag, arguments, accepted, refused: inner(dag, arguments, refused, accepted)
     if not isinstance(condition, (sympy.Ge, sympy.Gt, sympy.Le, sympy.Lt)):
-        raise ValueError("a Piecewise may only branch on <, <=, > or >=")
+        raise ValueError("the law branches on something other than <, <=, > or >=")
     excess = _maker(condition.gts - condition.lts)
     if isinstance(condition, (sympy.Gt, sympy.Lt)):  # strict: refuse equality
         return lambda dag, arguments, accepted, refused: dag.select(

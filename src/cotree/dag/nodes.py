@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
 _REAL = {name: operation.real for name, operation in OPERATIONS.items()}
-_ODD = frozenset({"sin", "tan", "asin", "atan", "sinh", "tanh", "sign"})
+_ODD = frozenset({"sin", "tan", "asin", "atan", "sinh", "tanh", "erf", "sign"})
 _EVEN = frozenset({"cos", "cosh", "abs"})
 
 

@@ -71,6 +71,18 @@ def _complex_floor(x: complex) -> float:
     return math.floor(complex(x).real)
 
 
+def _complex_erf(x: complex) -> complex:
+    """Continue it to first order, which is all that a complex step takes."""
+    x0 = complex(x).real
+    slope = 2.0 / math.sqrt(math.pi) * math.exp(-x0 * x0)
+    return complex(math.erf(x0), slope * complex(x).imag)
+
+
+def _array_erf(x: Scalar) -> Scalar:
+    each = np.vectorize(_complex_erf if np.iscomplexobj(x) else math.erf)
+    return each(x)
+
+
 def _select(condition: float, accepted: float, refused: float) -> float:
     return accepted if condition >= 0.0 else refused
 
@@ -102,6 +114,7 @@ _ROWS = (
     _arithmetic("neg", 1, operator.neg, "-{0}"),
     *(_function(name) for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan")),
     *(_function(name) for name in ("sinh", "cosh", "tanh", "exp", "log")),
+    Operation("erf", 1, math.erf, _complex_erf, _array_erf, "erf({0})"),
     Operation("abs", 1, abs, _complex_abs, np.abs, "fabs({0})"),
     Operation(
         "sign",

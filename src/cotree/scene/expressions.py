@@ -1,7 +1,8 @@
 """Expression strings: parsed by a small grammar, never evaluated as Python.
 
 An expression may hold numbers, names, ``edge.coordinate``, ``edge.port.variable``, ``+ - * / **``,
-parentheses and the functions of :data:`FUNCTIONS`. It is checked when a scene is made and turned
+parentheses, the functions of :data:`FUNCTIONS`, and ``where(condition, value, otherwise)`` with
+comparisons joined by ``and``, ``or`` and ``not``. It is checked when a scene is made and turned
 into nodes later.
 """
 
@@ -28,8 +29,19 @@ _DEEPEST = 100  # nesting levels
 #: Functions by name, with their number of arguments.
 FUNCTIONS: dict[str, int] = {
     **dict.fromkeys(("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh"), 1),
-    **dict.fromkeys(("exp", "log", "sqrt", "abs", "sign", "floor"), 1),
+    **dict.fromkeys(("exp", "log", "sqrt", "abs", "sign", "floor", "erf"), 1),
     **dict.fromkeys(("atan2", "min", "max", "mod"), 2),
+}
+
+#: The conditional: what it gives where its first argument holds, and elsewhere.
+WHERE = "where"
+
+#: Comparisons: whether the left side is to be the larger, and whether equality will do.
+COMPARISONS: dict[type[ast.cmpop], tuple[bool, bool]] = {
+    ast.Lt: (False, False),
+    ast.LtE: (False, True),
+    ast.Gt: (True, False),
+    ast.GtE: (True, True),
 }
 
 _BINARY: dict[type[ast.operator], Callable[[Node, Node], Node]] = {
@@ -195,9 +207,19 @@ def _check(tree: ast.expr, names: set[str], depth: int) -> None:
             _check(right, names, depth + 1)
         case ast.UnaryOp(op=ast.USub() | ast.UAdd(), operand=operand):
             _check(operand, names, depth + 1)
+        case ast.Call(func=ast.Name(id="where"), args=[condition, *branches], keywords=[]) if (
+            len(branches) == 2
+        ):
+            _check_condition(condition, names, depth + 1)
+            for branch in branches:
+                _check(branch, names, depth + 1)
+        case ast.Call(func=ast.Name(id="where"), args=args, keywords=[]):
+            raise ExpressionError(
+                f"gives where {len(args)} arguments: it takes a condition and two values"
+            )
         case ast.Call(func=ast.Name(id=function), args=args, keywords=[]):
             if function not in FUNCTIONS:
-                hint = nearest(function, FUNCTIONS)
+                hint = nearest(function, [*FUNCTIONS, WHERE])
                 raise ExpressionError(f"calls '{function}', which is not a known function{hint}")
             if len(args) != FUNCTIONS[function]:
                 raise ExpressionError(f"gives {function} {len(args)} arguments")
@@ -206,6 +228,28 @@ def _check(tree: ast.expr, names: set[str], depth: int) -> None:
         case _:
             raise ExpressionError(
                 "holds something other than numbers, names, + - * / ** and functions"
+            )
+
+
+def _check_condition(tree: ast.expr, names: set[str], depth: int) -> None:
+    """Accept comparisons joined by ``and``, ``or`` and ``not``, and collect their names."""
+    if depth > _DEEPEST:
+        raise ExpressionError(f"is nested deeper than {_DEEPEST} levels: split it")
+    match tree:
+        case ast.Compare(left=left, ops=ops, comparators=others):
+            if any(type(op) not in COMPARISONS for op in ops):
+                raise ExpressionError("compares by something other than < <= > >=")
+            for side in (left, *others):
+                _check(side, names, depth + 1)
+        case ast.BoolOp(values=parts):
+            for part in parts:
+                _check_condition(part, names, depth + 1)
+        case ast.UnaryOp(op=ast.Not(), operand=part):
+            _check_condition(part, names, depth + 1)
+        case _:
+            raise ExpressionError(
+                "gives where a condition that is none: compare two values by < <= > >=, joined by "
+                "and, or, not"
             )
 
 
@@ -235,9 +279,41 @@ def _lower(tree: ast.expr, dag: Dag, resolve: Callable[[str], Node]) -> Node:
         case ast.UnaryOp(op=op, operand=operand):
             inner = _lower(operand, dag, resolve)
             return -inner if isinstance(op, ast.USub) else inner
+        case ast.Call(func=ast.Name(id="where"), args=[condition, accepted, refused]):
+            branches = (_lower(accepted, dag, resolve), _lower(refused, dag, resolve))
+            return _lower_condition(condition, dag, resolve, *branches)
         case ast.Call(func=ast.Name(id=function), args=args):
             return _lower_call(dag, function, [_lower(arg, dag, resolve) for arg in args])
     raise AssertionError("the tree was checked when it was parsed")
+
+
+def _lower_condition(
+    tree: ast.expr, dag: Dag, resolve: Callable[[str], Node], accepted: Node, refused: Node
+) -> Node:
+    """Choose between two values by a checked condition."""
+    match tree:
+        case ast.Compare(left=left, ops=ops, comparators=others):
+            sides = [_lower(side, dag, resolve) for side in (left, *others)]
+            for a, op, b in reversed(list(zip(sides[:-1], ops, sides[1:], strict=True))):
+                is_larger, has_equal = COMPARISONS[type(op)]
+                excess = a - b if is_larger == has_equal else b - a
+                # A selection accepts equality: where it is to be refused, the roles change.
+                accepted = (
+                    dag.select(excess, accepted, refused)
+                    if has_equal
+                    else dag.select(excess, refused, accepted)
+                )
+            return accepted
+        case ast.BoolOp(op=op, values=parts):
+            for part in reversed(parts):
+                if isinstance(op, ast.And):
+                    accepted = _lower_condition(part, dag, resolve, accepted, refused)
+                else:
+                    refused = _lower_condition(part, dag, resolve, accepted, refused)
+            return accepted if isinstance(op, ast.And) else refused
+        case ast.UnaryOp(operand=part):
+            return _lower_condition(part, dag, resolve, refused, accepted)
+    raise AssertionError("the condition was checked when it was parsed")
 
 
 def _lower_call(dag: Dag, function: str, args: list[Node]) -> Node:
