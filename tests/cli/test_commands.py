@@ -258,6 +258,11 @@ def test_equations_as_text_latex_and_steps(capsys: pytest.CaptureFixture[str]) -
     assert all(f"({number})" in text for number in range(1, 8))
 
 
+def test_steps_of_networks_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["equations", "bridge-rectifier", "--steps"]) == 2
+    assert "has networks only" in capsys.readouterr().err
+
+
 def test_steps_of_a_tree_with_a_body_go_to_the_end(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["equations", "spring-mass-damper", "--steps", "--tree", "m"]) == 0
     text = capsys.readouterr().out

@@ -155,7 +155,7 @@ SEVEN = " ".join(f"L{i}" for i in range(7))
         ("R1 a 0 1 tc=1", 2, "no 'tc'"),
         ("R1 a 0 {1", 2, "on one side only"),
         ("R1 a 0 1\nR1 a 0 1", 3, "a second 'R1'"),
-        ("R1 a a 1", 2, "begins and ends at node"),
+        ("R1 a a", 2, "needs one value"),
         ("B1 a 0 v=1", 2, "no element that is known here"),
         ("S1 a 0 b 0 m", 2, "no element that is known here"),
         ("D1 a 0 m", 2, "no .model 'm'"),

@@ -11,7 +11,7 @@ import textwrap
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.errors import ParameterError, nearest
+from cotree.errors import ModelError, ParameterError, nearest
 from cotree.export.balances import Balances, signed_sum
 from cotree.export.coverage import chord_beyond, edge_beyond
 from cotree.export.equations import symbolic_equations
@@ -77,6 +77,8 @@ def formulation_steps(
         If the sensitivity is to something that is neither a tunable parameter nor a state.
     ExpressionError
         If an expression of the scene has no value.
+    ModelError
+        If the scene has networks only.
     """
     board = _Board.of(scene, graphs, trees, sensitivity)
     sections = [
@@ -126,6 +128,11 @@ class _Board:
         name: str | None,
     ) -> _Board:
         """Choose the names of the variables."""
+        if "rotation" not in trees:
+            raise ModelError(
+                "the steps are those of multibody scenes, and this one has networks only: 'cotree "
+                "equations' without --steps gives its equations"
+            )
         branches = frozenset().union(*(tree.branches for tree in trees.values()))
         spaces = motion_spaces(scene).of
         moving = [(e, step) for e in scene.edges if e in branches for step in spaces[e]]

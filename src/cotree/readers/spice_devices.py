@@ -223,8 +223,6 @@ def _field_effect(place: Place, line: Line) -> None:
     source = _inner(place, line, model, "rs", source, count)
     fields = channel_fields(model, scaled(width, count), length)
     ends = (drain, gate, source) if "body_effect" not in fields else (drain, gate, source, bulk)
-    if drain == source:
-        raise place.sheet.error(line.number, "drain and source are one node")
     place.add(line.words[0], model.component, ends, fields)
     for side, end in (("cbd", drain), ("cbs", source)):
         if bulk != end:

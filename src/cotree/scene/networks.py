@@ -54,6 +54,11 @@ class Port:
         return bool(self.ends.acts_on)
 
     @property
+    def is_short(self) -> bool:
+        """Whether it begins and ends at one node: across is zero, and no cutset cuts it."""
+        return not self.is_coupling and self.tail == self.head
+
+    @property
     def kind(self) -> Kind:
         """Its place in the normal tree."""
         return self.terminal.kind
@@ -99,7 +104,7 @@ def scalar_graphs(ports: Mapping[str, Port]) -> dict[str, LinearGraph]:
             edges = (
                 GraphEdge(p.name, p.tail, p.head, p.edge.component.name)
                 for p in own
-                if p.tail != p.head  # the short-circuited junction of a transistor
+                if not p.is_short
             )
             graphs[domain] = LinearGraph(domain, tuple(nodes), tuple(edges))
     return graphs

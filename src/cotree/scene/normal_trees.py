@@ -66,6 +66,8 @@ def normal_trees(
         transformers or amplifiers leave no choice of branches.
     """
     weights = {name: _weight(port) for name, port in ports.items()}
+    for port in ports.values():
+        _check_short(port)
     for graph in graphs.values():
         for kind in (Kind.NULLATOR, Kind.NORATOR):
             _check_across_sources(graph, ports, kind)
@@ -120,6 +122,23 @@ def _weight(port: Port) -> float:
     # Unknowns of nonlinear equations are better the junctions' own voltages.
     is_implicit = port.kind is Kind.DISSIPATOR and port.terminal.across is None
     return own - (0.25 if is_implicit else 0.0)
+
+
+def _check_short(port: Port) -> None:
+    """Refuse edges from a node to itself that nothing determines; all others are chords."""
+    if not port.is_short or port.kind not in (Kind.ACROSS_SOURCE, Kind.NULLATOR, Kind.NORATOR):
+        return
+    row = DOMAINS[port.terminal.domain]
+    if port.kind is Kind.ACROSS_SOURCE:
+        why = f"a {row.across[0]} given there contradicts that or leaves the {row.through}"
+    elif port.kind is Kind.NULLATOR:
+        why = "an ideal amplifier demands no more, which leaves its output"
+    else:
+        why = f"an ideal amplifier that gives to itself leaves its {row.through}"
+    raise TopologyError(
+        f"'{port.name}' begins and ends at node '{port.head}': between a node and itself the "
+        f"{row.across[0]} is zero, and {why} undetermined; take it out or name another node"
+    )
 
 
 def _check_across_sources(graph: LinearGraph, ports: Mapping[str, Port], kind: Kind) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from cotree.components import Kind, Role
+from cotree.components import Role
 from cotree.components.heat import HEAT, loss_of, with_heat
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError
@@ -65,7 +65,7 @@ def check_ports(
     Raises
     ------
     SceneError
-        If nodes are missing, too many, not names, or the same.
+        If nodes are missing, too many, not names, or the same where they must not be.
     """
     rest = dict(fields)
     if component.role is not Role.NETWORK:
@@ -83,7 +83,7 @@ def check_ports(
     if component.terminals:
         return _by_terminal(edge, component, nodes, rest)
     if len(component.ports) == 1:
-        pair = _pair(edge, nodes, f"edge '{edge}'")
+        pair = _pair(edge, nodes, f"edge '{edge}'", may_be_one=True)
         return pair, (_ends(component.ports[0], pair, f"edge '{edge}'"),), rest
     if nodes:
         if not _is_list(nodes) or len(nodes) != len(component.ports):
@@ -103,7 +103,7 @@ def check_ports(
         if port.domain in _MECHANICAL and port.port not in rest and rest.keys() & {"joint", "line"}:
             placed.append(_multibody(edge, rest))
             continue
-        pair = _pair(edge, rest.pop(port.port, ()), where)
+        pair = _pair(edge, rest.pop(port.port, ()), where, may_be_one=True)
         listed += pair
         placed.append(_ends(port, pair, where))
     return tuple(dict.fromkeys(listed)), tuple(placed), rest
@@ -165,16 +165,12 @@ def _by_terminal(
     for port in component.ports:
         # Names that a scene cannot give are of nodes within.
         head, tail = (places.get(name, f"{edge}.{name}") for name in port.between)
-        # A transistor may have one junction short-circuited.
-        may_be_short = port.kind in (Kind.DISSIPATOR, Kind.THROUGH_SOURCE)
-        if head == tail and not (may_be_short and "ground" not in port.between):
+        if head == tail and "ground" in port.between:  # no species, nor the output of an amplifier
             first, second = port.between
             raise SceneError(
                 f"{first} and {second} of edge '{edge}' are both node '{head}': name two"
             )
         ports.append(Ends(tail, head))
-    if all(ends.head == ends.tail for ends in ports):
-        raise SceneError(f"edge '{edge}' has node '{ports[0].head}' only: name others")
     return tuple(dict.fromkeys(by_name.values())), tuple(ports), rest
 
 
@@ -190,11 +186,12 @@ def _ends(port: Terminal, pair: tuple[str, str], where: str) -> Ends:
     return ends
 
 
-def _pair(edge: str, nodes: object, what: str) -> tuple[str, str]:
+def _pair(edge: str, nodes: object, what: str, may_be_one: bool = False) -> tuple[str, str]:
+    """Check two nodes; those of an edge in a scalar graph may be one, where across is zero."""
     if not _is_list(nodes) or len(nodes) != 2:  # type: ignore[arg-type]
         raise SceneError(f"{what} needs two nodes, as a list of their names")
     first, second = (check_name("node", node) for node in nodes)  # type: ignore[attr-defined]
-    if first == second:
+    if first == second and not may_be_one:
         raise SceneError(f"{what} begins and ends at node '{first}': name two nodes")
     return first, second
 

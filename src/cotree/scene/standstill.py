@@ -71,7 +71,8 @@ def _standing(edge: Edge) -> Edge:
             f"edge '{edge.name}' of type '{component.name}' is no part of an electrical network, "
             "or stores what has no rest: start from initial values, not from an operating point"
         )
-    return replace(edge, component=_at_rest(component), initial=_guesses(edge))
+    short = frozenset(i for i, ends in enumerate(edge.ports) if ends.tail == ends.head)
+    return replace(edge, component=_at_rest(component, short), initial=_guesses(edge))
 
 
 def _guesses(edge: Edge) -> dict[str, FieldValue]:
@@ -81,15 +82,21 @@ def _guesses(edge: Edge) -> dict[str, FieldValue]:
 
 
 @lru_cache(maxsize=1024)
-def _at_rest(component: Component) -> Component:
+def _at_rest(component: Component, short: frozenset[int]) -> Component:
+    """Put a component at rest, of which some ports, by number, have both ends at one node."""
     if all(port.storage is None for port in component.ports):
         return component
-    return replace(component, ports=tuple(map(_terminal_at_rest, component.ports)), demands=())
+    ports = (_terminal_at_rest(port, i in short) for i, port in enumerate(component.ports))
+    return replace(component, ports=tuple(ports), demands=())
 
 
-def _terminal_at_rest(terminal: Terminal) -> Terminal:
+def _terminal_at_rest(terminal: Terminal, is_short: bool) -> Terminal:
     if terminal.kind is Kind.THROUGH_STORAGE:
         none = Law(lambda: 0)
+        if is_short:  # nothing decides what circulates; the least resistance would end it
+            return replace(
+                terminal, kind=Kind.THROUGH_SOURCE, storage=None, through=none, across=None
+            )
         return replace(terminal, kind=Kind.ACROSS_SOURCE, storage=None, through=None, across=none)
     if terminal.kind is not Kind.ACROSS_STORAGE:
         return terminal

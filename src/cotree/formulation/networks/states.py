@@ -156,6 +156,11 @@ def refuse_initials(ports: Mapping[str, Port], held: Iterable[Held]) -> None:
             continue
         is_guess = quantity == "stretch" and port.terminal.storage is None
         short = _held(port, quantity).short
+        if short in port.initial and port.is_short:
+            raise ParameterError(
+                f"edge '{port.name}' begins and ends at node '{port.head}', so that its '{short}' "
+                "is zero: leave out its initial value"
+            )
         if short in port.initial and not is_guess:
             raise ParameterError(
                 f"edge '{port.name}' has no state '{short}' of its own, because others like it are "

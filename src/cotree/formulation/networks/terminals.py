@@ -133,7 +133,7 @@ class Terminals:
         if name in self.couplings:
             motion = self.couplings[name]
             return Field(motion.acceleration if rate else motion.rate)
-        if port.head == port.tail:
+        if port.is_short:
             return Sum(())
         if not self.is_branch(name):
             return self._topology(name).circuit(name, rate)
