@@ -13,6 +13,31 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 
+def target_path(path: str | os.PathLike[str], what: str = "the file") -> Path:
+    """Give the path of what is to be written, if a file can have that name.
+
+    Parameters
+    ----------
+    path : path
+        The file or folder.
+    what : str
+        What it is, for messages.
+
+    Raises
+    ------
+    SceneError
+        If no file can have the name: it holds a NUL, or characters that the system has none for.
+    """
+    target = Path(path)
+    try:
+        is_possible = b"\0" not in os.fsencode(target)
+    except UnicodeEncodeError:
+        is_possible = False
+    if not is_possible:
+        raise SceneError(f"cannot write {what} {str(target)!r}: no file has such a name")
+    return target
+
+
 @contextlib.contextmanager
 def written_whole(path: str | os.PathLike[str], what: str = "the file") -> Iterator[Path]:
     """Give a draft to write, which takes a file's place once it is complete.
@@ -31,9 +56,7 @@ def written_whole(path: str | os.PathLike[str], what: str = "the file") -> Itera
     SceneError
         If it cannot be written.
     """
-    target = Path(path)
-    if "\0" in str(target):
-        raise SceneError(f"cannot write {what} {str(target)!r}: no file has such a name")
+    target = target_path(path, what)
     draft = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     try:
         yield draft

@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.build import BuildOptions, build_library, find_toolchain, load_library
+from cotree.build import BuildOptions, find_toolchain, obtain_library
 from cotree.codegen.context import model_context
 from cotree.codegen.render import cdef, render_model
 from cotree.errors import Error, TopologyError
@@ -237,15 +237,15 @@ def _load(
             stacklevel=4,  # whoever asked for the model
         )
         return PythonKernels(program), False
-    library = build_library(
+    library, loaded = obtain_library(
         files,
+        cdef(files["cotree_abi.h"], context.prefix),
         abi_version=ABI_VERSION,
         n_operations=context.n_written,
         n_all=context.n_written_in_all,
         options=options,
         toolchain=toolchain,
     )
-    loaded = load_library(library.path, cdef(files["cotree_abi.h"], context.prefix))
     return CKernels(program, loaded, context.prefix), library.cached
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cotree import Model, ParameterError, Result, Scene, load
+from cotree.studies import check
 from cotree.studies.check import check_sensitivities
 
 
@@ -133,3 +134,38 @@ def test_names_are_checked(oscillator: Model) -> None:
         check_sensitivities(oscillator, ["c"])
     with pytest.raises(ParameterError, match="no sensitivity to check"):
         check_sensitivities(oscillator, [])
+
+
+def test_each_parameter_is_told_as_soon_as_it_is_known(oscillator: Model, monkeypatch) -> None:
+    told: list[str] = []
+    order: list[str] = []
+    whole = check._check
+
+    def noted(runs: Any, name: str) -> Any:
+        order.append(f"{name} after {len(told)}")
+        return whole(runs, name)
+
+    monkeypatch.setattr(check, "_check", noted)
+    report = check_sensitivities(oscillator, ["k", "x0"], t_end=0.5, report=told.append)
+    assert order == ["k after 1", "x0 after 2"]
+    assert "\n".join(told) == report.summary()
+    assert told[-1].strip() == report.verdict == "all sensitivities passed: 2"
+
+
+@pytest.mark.parametrize(("method", "rtol"), [("DOP853", 1e-9), ("RK45", 1e-8)])
+def test_method_and_tolerance_are_those_asked_for(
+    oscillator: Model, method: str, rtol: float
+) -> None:
+    report = check_sensitivities(oscillator, ["k"], t_end=1.0, method=method, rtol=rtol)
+    assert report.passed
+    assert report.heading.endswith(f"to t = 1 s, {method}, rtol {rtol:g}")
+    # Integration errors of 1e-9 and more over the best step hide what 1e-12 shows.
+    tight = check_sensitivities(oscillator, ["k"], t_end=1.0)
+    assert report.rows[0].tolerance > 10.0 * tight.rows[0].tolerance
+
+
+def test_failures_are_named_together(oscillator: Model) -> None:
+    rows = check_sensitivities(oscillator, t_end=0.5).rows
+    failed = replace(rows[1], deviation=1.0)
+    report = check.CheckReport((rows[0], failed, rows[2]), 0.5, "dop853", 1e-12)
+    assert report.verdict == "1 of 3 sensitivities failed: x0"

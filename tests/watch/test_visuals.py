@@ -39,11 +39,11 @@ def mesh_tag(name, scale="1 1 1"):
     return f'<mesh filename="{name}" scale="{scale}"/>'
 
 
-def animated(folder, upper=BOX, fore=CYLINDER):
+def animated(folder, upper=BOX, fore=CYLINDER, **settings):
     (folder / "arm.urdf").write_text(ROBOT.format(upper=upper, fore=fore))
     model = cotree.read_urdf(folder / "arm.urdf").compile(tunable=[], optimize="-O0")
     result = model.simulate((0, 0.3), np.linspace(0, 0.3, 8))
-    return result, result.animate().drawing
+    return result, result.animate(**settings).drawing
 
 
 def fixed_angles(rpy, xyz):
@@ -149,8 +149,35 @@ def test_meshes_are_found_along_the_package_path(tmp_path, monkeypatch):
     assert find_mesh("package://pack/m/a b.stl", robot) == file
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(file.parents[1]))  # the package itself
     assert find_mesh("package://pack/m/a b.stl", robot) == file
-    assert find_mesh(f"file://{file}".replace(" ", "%20"), robot) == file
-    assert find_mesh("../ros/pack/m/a b.stl", robot.parent / "x.urdf").samefile(file)
+    url = f"file://{file}".replace(" ", "%20")
+    assert find_mesh(url, robot, trust_paths=True) == file
+    assert find_mesh(url, file.parents[1] / "arm.urdf") == file
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["../x.stl", "sub/../../x.stl", "{folder}/x.stl", "file://{folder}/x.stl", "link.stl"]
+    + [f"package://{package}/../x.stl" for package in ("robot", "robot/sub/..")],
+)
+def test_meshes_outside_the_robots_folder_are_read_only_where_paths_are_trusted(tmp_path, name):
+    (tmp_path / "x.stl").write_bytes(binary_stl(TETRAHEDRON, FACES))
+    robot = tmp_path / "robot" / "arm.urdf"
+    (robot.parent / "sub").mkdir(parents=True)
+    (robot.parent / "link.stl").symlink_to(tmp_path / "x.stl")
+    name = name.format(folder=tmp_path)
+    with pytest.raises(MeshError, match="outside the robot's folder: give trust_paths=True"):
+        find_mesh(name, robot)
+    assert find_mesh(name, robot, trust_paths=True).samefile(tmp_path / "x.stl")
+
+
+def test_trust_in_paths_is_passed_on_by_animations(tmp_path):
+    (tmp_path / "x.stl").write_bytes(binary_stl(TETRAHEDRON, FACES))
+    (tmp_path / "robot").mkdir()
+    tag = mesh_tag("../x.stl")
+    with pytest.warns(RuntimeWarning, match="outside the robot's folder"):
+        animated(tmp_path / "robot", tag)
+    _, drawing = animated(tmp_path / "robot", tag, trust_paths=True)
+    assert drawing.solids  # without a warning
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """C text to shared library to loaded functions, addressed by content.
 
 :func:`find_toolchain` finds a compiler, :func:`build_library` gives a library from the cache or
-from that compiler, :func:`load_library` loads it.
+from that compiler, :func:`load_library` loads it; :func:`obtain_library` does all but the first.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 from cotree.build.cache import cache_directory, cache_key, clear_cache
 from cotree.build.compile import BuiltLibrary, build_library
 from cotree.build.load import LoadedLibrary, load_library
+from cotree.build.obtain import obtain_library
 from cotree.build.options import BuildOptions, compiler_flags
 from cotree.build.toolchain import Toolchain, find_toolchain
 
@@ -24,4 +25,5 @@ __all__ = [
     "compiler_flags",
     "find_toolchain",
     "load_library",
+    "obtain_library",
 ]

@@ -1,9 +1,11 @@
 """Keep compiled libraries: a folder of the user's own, addressed by what went into each library.
 
 A library stands there as ``<key>.so`` with its checksum in ``<key>.sha256``. Both are published by
-atomic rename from a private folder, so processes that build the same model at the same time are
-all right, and a reader never meets half a file. A library whose checksum does not fit, whatever
-the reason, counts as absent and is built again.
+atomic rename from a private folder, so a reader never meets half a file. A library whose checksum
+does not fit, whatever the reason, counts as absent and is built again.
+
+Of processes that want the same library at the same time, one builds it and the others wait for a
+lock. The lock only saves work: whoever cannot have it builds for itself, and is right, too.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ import stat
 import sys
 import sysconfig
 import tempfile
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,7 +36,9 @@ _VARIABLE = "COTREE_CACHE_DIR"
 _FAILED = "failed"
 _PRIVATE_PREFIX = "cotree-build-"
 _KEY = re.compile(r"[0-9a-f]{64}")
-_PUBLISHED = re.compile(r"[0-9a-f]{64}\.(so|sha256)")
+_PUBLISHED = re.compile(r"[0-9a-f]{64}\.(so|sha256|lock)")
+# No build takes as long, so the process of a private folder that has not changed for a day is gone.
+_ABANDONED_AFTER = 24.0 * 3600.0
 
 
 def cache_directory() -> Path:
@@ -153,11 +158,43 @@ def publish_library(built: Path, key: str) -> Path:
 
 @contextlib.contextmanager
 def private_directory() -> Iterator[Path]:
-    """Open a folder for one build inside the cache, hence on the same file system."""
+    """Open a folder for one build inside the cache, hence on the same file system.
+
+    Folders that killed builds left behind are removed first.
+    """
+    _remove_abandoned()
     with tempfile.TemporaryDirectory(
         prefix=_PRIVATE_PREFIX, dir=cache_directory(), ignore_cleanup_errors=True
     ) as name:
         yield Path(name)
+
+
+@contextlib.contextmanager
+def building(key: str, time_limit: float) -> Iterator[None]:
+    """Hold the lock of a library while it is looked for again and built.
+
+    Parameters
+    ----------
+    key : str
+        The library's, from :func:`cache_key`.
+    time_limit : float
+        How long to wait for another process that builds it, [s]; after that both build it.
+    """
+    import filelock
+
+    lock = filelock.FileLock(cache_directory() / f"{key}.lock", timeout=time_limit)
+    # Some network file systems have no locks.
+    with contextlib.suppress(filelock.Timeout, OSError, NotImplementedError):
+        lock.acquire()
+    try:
+        yield
+    finally:
+        if lock.is_locked:
+            # Whoever waits for the removed file then finds the library, as does one who makes
+            # a new one; after a failure they build side by side.
+            with contextlib.suppress(OSError):
+                Path(lock.lock_file).unlink()
+            lock.release()
 
 
 def keep_failed(files: Mapping[str, str], key: str) -> Path:
@@ -178,7 +215,7 @@ def clear_cache() -> int:
     """Remove compiled libraries, kept sources and what interrupted builds left behind.
 
     Only files that cotree names are touched, whatever else the folder holds. Libraries that are
-    loaded stay usable; a build under way in another process fails.
+    loaded stay usable, and a build under way in another process begins again.
 
     Returns
     -------
@@ -210,6 +247,16 @@ def clear_cache() -> int:
             "or close the programs that use it."
         ) from error
     return removed
+
+
+def _remove_abandoned() -> None:
+    """Remove private folders of builds that were killed."""
+    oldest = time.time() - _ABANDONED_AFTER
+    for path in cache_directory().glob(f"{_PRIVATE_PREFIX}*"):
+        # Another process may be doing the same.
+        with contextlib.suppress(OSError):
+            if path.stat().st_mtime < oldest:
+                _remove_tree(path)
 
 
 def _configured_directory() -> Path:

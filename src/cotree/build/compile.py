@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import os
 import re
 import shlex
+import shutil
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -12,6 +15,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from cotree.build.cache import (
+    building,
     cache_directory,
     cache_key,
     find_library,
@@ -32,6 +36,11 @@ if TYPE_CHECKING:
 
 _FILE_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\.[ch]")
 _OUTPUT = "library.so"
+# How often a library is begun anew that another process's clear_cache() takes away.
+ATTEMPTS = 3
+_FULL = re.compile("no space left on device|disk quota exceeded", re.IGNORECASE)
+# Less room than this for a compiler's temporary files is none.
+_LEAST_ROOM = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -109,7 +118,11 @@ def build_library(
         cpu_features=cpu_features() if options.native else "",
     )
     found = find_library(key)
-    path = found or _compile(files, steps, key, options.time_limit)
+    path = found
+    if path is None:
+        with building(key, options.time_limit):
+            found = find_library(key)  # another process may have built it meanwhile
+            path = found or _compile(files, steps, key, options.time_limit)
     commands = " && ".join(shlex.join(step.command) for step in steps)
     return BuiltLibrary(path, time.perf_counter() - start, found is not None, commands)
 
@@ -154,13 +167,13 @@ def _steps(
 
 
 def _compile(files: Mapping[str, str], steps: Sequence[_Step], key: str, time_limit: float) -> Path:
+    """Compile in a private folder, publish the library and give its path."""
     try:
-        with private_directory() as directory:
-            write_files(files, directory)
-            step, outcome = _run(steps, directory, time_limit)
-            if outcome.status == 0 and (directory / _OUTPUT).is_file():
-                return publish_library(directory / _OUTPUT, key)
-        source = keep_failed(files, key) / step.source
+        for _ in range(ATTEMPTS):
+            found = _attempt(files, steps, key, time_limit)
+            if found is not None:
+                return found
+        raise OSError(errno.ENOENT, "another process keeps removing the files of the build")
     except OSError as error:
         raise BuildError(
             f"The model cannot be compiled in the cache folder '{cache_directory()}' ({error}); "
@@ -168,12 +181,54 @@ def _compile(files: Mapping[str, str], steps: Sequence[_Step], key: str, time_li
             "COTREE_CACHE_DIR.",
             command=shlex.join(steps[0].command),
         ) from error
+
+
+def _attempt(
+    files: Mapping[str, str], steps: Sequence[_Step], key: str, time_limit: float
+) -> Path | None:
+    """Compile once; None where the private folder was taken away meanwhile.
+
+    Raises
+    ------
+    BuildError
+        If the compiler refuses the text or takes too long.
+    OSError
+        If the folder cannot be written, as on a full disk.
+    """
+    with private_directory() as directory:
+        try:
+            write_files(files, directory)
+            step, outcome = _run(steps, directory, time_limit)
+            if outcome.status == 0 and (directory / _OUTPUT).is_file():
+                return publish_library(directory / _OUTPUT, key)
+        except FileNotFoundError:
+            if _is_complete(directory, files):
+                raise
+            return None
+        if not _is_complete(directory, files):
+            return None
+        if _is_full(directory, outcome):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    source = keep_failed(files, key) / step.source
     raise BuildError(
         _failure(outcome, source, time_limit),
         command=shlex.join(step.command),
         output=outcome.output,
         source=str(source),
     )
+
+
+def _is_complete(directory: Path, files: Mapping[str, str]) -> bool:
+    return all((directory / name).is_file() for name in files)
+
+
+def _is_full(directory: Path, outcome: Outcome) -> bool:
+    """Tell whether a compiler failed for want of room; it may have died without a word."""
+    if _FULL.search(outcome.output):
+        return True
+    with contextlib.suppress(OSError):
+        return shutil.disk_usage(directory).free < _LEAST_ROOM
+    return False
 
 
 def _run(steps: Sequence[_Step], directory: Path, time_limit: float) -> tuple[_Step, Outcome]:

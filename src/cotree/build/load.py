@@ -48,7 +48,7 @@ def load_library(path: str | os.PathLike[str], cdef: str) -> LoadedLibrary:
     Raises
     ------
     BuildError
-        If the system refuses to load the file.
+        If the system refuses to load the file, or it lacks something that is declared.
     """
     # Absolute, since the system searches its own folders for a bare name.
     return _load(os.path.abspath(path), cdef)
@@ -61,10 +61,20 @@ def _load(path: str, cdef: str) -> LoadedLibrary:
     ffi = cffi.FFI()
     ffi.cdef(cdef)
     try:
-        return LoadedLibrary(ffi, ffi.dlopen(path))
+        lib = ffi.dlopen(path)
     except OSError as error:
         raise BuildError(
             f"The compiled library '{path}' cannot be loaded ({error}); run clear_cache() if it "
             "was built on another system, and check that compiler and Python are of one "
             "architecture."
         ) from error
+    # Names are looked up at first use, where a library of something else would be a riddle.
+    for name in dir(lib):
+        try:
+            getattr(lib, name)
+        except AttributeError:
+            raise BuildError(
+                f"The compiled library '{path}' has no '{name}', so that it is not what its name "
+                "says; run clear_cache()."
+            ) from None
+    return LoadedLibrary(ffi, lib)

@@ -19,12 +19,20 @@ from cotree.cli.arguments import (
     check_picture,
     read_numbers,
     read_pairs,
-    read_tolerances,
     read_tree,
 )
 from cotree.cli.messages import complain, warnings_in_one_line
+from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
+    EndTime,
+    Method,
+    SceneName,
+    Sensitivity,
+    Setting,
+    TreeOption,
+)
 from cotree.cli.report import run_report
 from cotree.cli.source import read_robots_with, read_scene
+from cotree.cli.studies import bench_scene, check_scene
 from cotree.errors import Error
 from cotree.version import VERSION
 
@@ -44,34 +52,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-
-SceneName = Annotated[
-    str, typer.Argument(metavar="SCENE", help="A shipped scene, or a TOML, URDF or SPICE file.")
-]
-Sensitivity = Annotated[
-    list[str],
-    typer.Option(
-        "--sensitivity",
-        "-s",
-        metavar="NAME",
-        help="Parameter, or state whose initial value is meant; may be repeated.",
-    ),
-]
-Setting = Annotated[
-    list[str],
-    typer.Option("--set", metavar="NAME=NUMBER", help="Value of a parameter; may be repeated."),
-]
-TreeOption = Annotated[
-    list[str],
-    typer.Option(
-        "--tree",
-        metavar="EDGES",
-        help="Branches, as j1,h2 or once as translation=... and once as rotation=...",
-    ),
-]
-EndTime = Annotated[
-    float | None, typer.Option("--t-end", metavar="S", help="End time in s; the scene's if absent.")
-]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -130,13 +110,7 @@ def run_scene(
     scene: SceneName,
     sensitivity: Sensitivity = [],  # noqa: B006 - typer copies it
     t_end: EndTime = None,
-    method: Annotated[
-        str | None,
-        typer.Option(
-            help="dopri5, rkf45, dop853, rodas4, rodas5, RK45, RK23, DOP853, Radau, BDF, LSODA, "
-            "cvode, ida, cvodes, cvodes-simultaneous, idas or auto."
-        ),
-    ] = None,
+    method: Method = None,
     rtol: Annotated[float | None, typer.Option(help="Relative tolerance.")] = None,
     atol: Annotated[float | None, typer.Option(help="Absolute tolerance.")] = None,
     setting: Setting = [],  # noqa: B006
@@ -168,6 +142,9 @@ def run_scene(
     animate: Annotated[
         Path | None, typer.Option(help="Show it moving, in this file: .html or .gif.")
     ] = None,
+    trust_paths: Annotated[
+        bool, typer.Option("--trust-paths", help="Read meshes outside the robot's folder, too.")
+    ] = False,
     points: Annotated[
         int | None,
         typer.Option(min=2, help="Number of evenly spaced times; the solver's steps if absent."),
@@ -206,7 +183,7 @@ def run_scene(
         draw_run(model, result, plot, settings, show)
         typer.echo(f"wrote {plot}")
     if animate is not None:
-        result.animate().save(animate)
+        result.animate(trust_paths=trust_paths).save(animate)
         typer.echo(f"wrote {animate}")
     if not result.success:
         raise typer.Exit(1)
@@ -295,84 +272,8 @@ def show_graph(
     typer.echo(f"wrote {output}")
 
 
-@app.command("check")
-def check_scene(
-    scene: SceneName,
-    sensitivity: Sensitivity = [],  # noqa: B006
-    t_end: EndTime = None,
-    setting: Setting = [],  # noqa: B006
-) -> None:
-    """Compare sensitivities with finite differences; all parameters if none is named."""
-    from cotree.studies.check import check_sensitivities
-
-    values = read_numbers("--set", setting)
-    described = read_scene(scene)
-    names = sensitivity or [row.name for row in described.parameters.values() if row.tunable]
-    report = check_sensitivities(
-        described.compile(names), t_end=t_end, values=values, plain=described.compile()
-    )
-    typer.echo(report.summary())
-    if not report.passed:
-        raise typer.Exit(1)
-
-
-@app.command("bench")
-def bench_scene(
-    scene: SceneName,
-    sensitivity: Sensitivity = [],  # noqa: B006 - typer copies it
-    method: Annotated[
-        list[str], typer.Option(help="A method; may be repeated. All of them if absent.")
-    ] = [],  # noqa: B006
-    tolerance: Annotated[
-        list[str],
-        typer.Option(
-            metavar="RTOL[,ATOL]",
-            help="Tolerances; may be repeated. 1e-3 to 1e-11 if absent, atol a hundredth of rtol.",
-        ),
-    ] = [],  # noqa: B006
-    repeats: Annotated[int, typer.Option(min=1, help="Timed runs of each.")] = 7,
-    t_end: EndTime = None,
-    time_limit: Annotated[
-        float, typer.Option(metavar="S", help="The longest run in s that counts.")
-    ] = 5.0,
-    setting: Setting = [],  # noqa: B006
-    tree: TreeOption = [],  # noqa: B006
-    json: Annotated[Path | None, typer.Option(help="Write all numbers to this file.")] = None,
-    plot: Annotated[
-        Path | None, typer.Option(help="Draw to this file: .svg, .png or .pdf.")
-    ] = None,
-) -> None:
-    """Measure speed against error of every method on a scene, and name the one to take."""
-    from cotree.studies.bench import TOLERANCES, bench
-
-    check_folder(json)
-    check_picture(plot)
-    report = bench(
-        read_scene(scene),
-        sensitivity,
-        method or None,
-        read_tolerances(tolerance) or TOLERANCES,
-        repeats,
-        t_end=t_end,
-        time_limit=time_limit,
-        values=read_numbers("--set", setting),
-        tree=read_tree(tree),
-        progress=_progress if sys.stderr.isatty() else None,
-    )
-    typer.echo(report.summary())
-    if json is not None:
-        report.to_json(json)
-        typer.echo(f"wrote {json}")
-    if plot is not None:
-        from cotree.plot import save_figure
-
-        save_figure(report.plot(), plot)
-        typer.echo(f"wrote {plot}")
-
-
-def _progress(text: str) -> None:
-    """Say what runs, for those who wait at a terminal."""
-    typer.echo(f"cotree: {text}", err=True)
+app.command("check")(check_scene)
+app.command("bench")(bench_scene)
 
 
 @app.command("save")

@@ -32,6 +32,7 @@ from cotree.codegen.printer_c import literal
 from cotree.codegen.render import render, render_model
 from cotree.dag.evaluate import evaluate
 from cotree.errors import CodegenError, SceneError, nearest
+from cotree.files import target_path
 from cotree.model.kernels import PythonKernels
 from cotree.model.model import CompiledModel
 from cotree.naming import c_string
@@ -181,7 +182,7 @@ def write_c_project(
     Raises
     ------
     SceneError
-        If the end time or a tolerance is not acceptable.
+        If the end time or a tolerance is not acceptable, or no folder can have the name.
     ParameterError
         If there are constraints, and the initial values violate one or a guard refuses parameters.
     SingularSystemError
@@ -355,6 +356,7 @@ def _are_dependent(program: Program) -> bool:
 
 def _write_files(directory: Path, texts: Mapping[str, str]) -> None:
     """Write all files beside their places, then move them there."""
+    target_path(directory, "the C files to")
     try:
         directory.mkdir(parents=True, exist_ok=True)
         # In the same folder, so that moving a file is one rename on one file system.

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.build import BuildOptions, build_library, find_toolchain, load_library
+from cotree.build import BuildOptions, find_toolchain, obtain_library
 from cotree.codegen.newton import newton_context, newton_declarations, render_newton
 from cotree.errors import BuildError
 from cotree.version import ABI_VERSION
@@ -47,8 +47,9 @@ def load_newton(program: Program) -> Newton | None:
         return None
     model = newton_context(program)
     try:
-        library = build_library(
+        _, loaded = obtain_library(
             render_newton(model),
+            newton_declarations(model),
             abi_version=ABI_VERSION,
             n_operations=model.n_written,
             n_all=model.n_written_in_all,
@@ -57,6 +58,5 @@ def load_newton(program: Program) -> Newton | None:
         )
     except BuildError:
         return None
-    loaded = load_library(library.path, newton_declarations(model))
     address = getattr(loaded.lib, f"{model.prefix}_newton")()
     return Newton(int(loaded.ffi.cast("uintptr_t", address)), loaded)

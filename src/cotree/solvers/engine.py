@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.build import BuildOptions, build_library, find_toolchain, load_library
+from cotree.build import BuildOptions, find_toolchain, obtain_library
 from cotree.codegen.integrators import engine_files, job_declarations
 from cotree.errors import BuildError
 from cotree.solvers.augmented import augmented_tolerances
@@ -84,8 +84,9 @@ def build_engine(files: Mapping[str, str], declarations: str) -> LoadedLibrary |
     # quarter for 36. A number of equations known beforehand gains nothing. What is around the steps
     # takes the compiler longer than these do, and runs no faster.
     try:
-        library = build_library(
+        _, loaded = obtain_library(
             files,
+            declarations,
             abi_version=ABI_VERSION,
             n_operations=1,
             options=BuildOptions("-O1"),
@@ -94,7 +95,7 @@ def build_engine(files: Mapping[str, str], declarations: str) -> LoadedLibrary |
         )
     except BuildError:
         return None
-    return load_library(library.path, declarations)
+    return loaded
 
 
 class Job:

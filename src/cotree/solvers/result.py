@@ -291,6 +291,7 @@ class Result:
         speed: float | None = None,
         view: tuple[float, float] | None = None,
         model: Any = None,
+        trust_paths: bool = False,
     ) -> Any:
         """Draw the mechanism as it moves, in its plane or in space.
 
@@ -310,6 +311,8 @@ class Result:
             absent.
         model : Model, optional
             What ran, where the result does not know it: after copying or pickling.
+        trust_paths : bool
+            Whether a robot's file may name meshes outside its folder and its packages.
 
         Returns
         -------
@@ -322,7 +325,14 @@ class Result:
             If nothing in the scene moves in space, or a setting makes no sense.
         """
         watch = importlib.import_module("cotree.watch")
-        return watch.animate(self, model or self.model, fps=fps, speed=speed, view=view)
+        return watch.animate(
+            self,
+            model or self.model,
+            fps=fps,
+            speed=speed,
+            view=view,
+            trust_paths=trust_paths,
+        )
 
     def summary(self) -> str:
         """Return the last point with 10 digits, the solver's message and where time went."""

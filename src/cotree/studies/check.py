@@ -17,7 +17,7 @@ from cotree.errors import Error, ParameterError, nearest
 from cotree.studies.differences import Experiment, quantities, sensitivities
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from cotree.api import Model
     from cotree.solvers import Result
@@ -28,7 +28,9 @@ Array = npt.NDArray[np.float64]
 # system to where rounding hides everything.
 _RELATIVE_STEPS = tuple(10.0 ** (-1 - k / 2) for k in range(17))
 _N_TIMES = 21
-_RTOL, _ATOL = 1e-12, 1e-14
+_RTOL = 1e-12
+# The absolute tolerance is this much less.
+_ATOL_SHARE = 1e-2
 # The second run is this much looser; what changes is the integration error of the looser one.
 _LOOSER = 10.0
 # A central difference at its best step has an error of about eps**(2/3), see `check_sensitivities`.
@@ -108,24 +110,40 @@ class CheckReport:
         End of the runs, [s].
     method : str
         The method of all runs.
+    rtol : float
+        Their relative tolerance.
     """
 
     rows: tuple[ParameterCheck, ...]
     t_end: float
     method: str
+    rtol: float
 
     @property
     def passed(self) -> bool:
         """Tell whether every parameter passed."""
         return all(row.passed for row in self.rows)
 
-    def summary(self) -> str:
-        """Give a table and a verdict for each parameter."""
-        head = (
+    @property
+    def heading(self) -> str:
+        """Say what is compared."""
+        return (
             f"sensitivities S against central differences FD(h) at {_N_TIMES} times to "
-            f"t = {self.t_end:g} s, {self.method}, rtol {_RTOL:g}"
+            f"t = {self.t_end:g} s, {self.method}, rtol {self.rtol:g}"
         )
-        return "\n\n".join([head, *(row.summary() for row in self.rows)])
+
+    @property
+    def verdict(self) -> str:
+        """Say how many parameters passed, and which did not."""
+        failed = [row.name for row in self.rows if not row.passed]
+        if not failed:
+            return f"all sensitivities passed: {len(self.rows)}"
+        return f"{len(failed)} of {len(self.rows)} sensitivities failed: {', '.join(failed)}"
+
+    def summary(self) -> str:
+        """Give a table and a verdict for each parameter, and one for all."""
+        rows = (row.summary() for row in self.rows)
+        return "\n\n".join([self.heading, *rows, self.verdict])
 
 
 def check_sensitivities(
@@ -134,6 +152,10 @@ def check_sensitivities(
     t_end: float | None = None,
     values: Mapping[str, float] | None = None,
     plain: Model | None = None,
+    *,
+    method: str | None = None,
+    rtol: float = _RTOL,
+    report: Callable[[str], None] | None = None,
 ) -> CheckReport:
     """Compare sensitivities with central finite differences over a range of step sizes.
 
@@ -150,6 +172,12 @@ def check_sensitivities(
     plain : Model, optional
         The same scene compiled without sensitivities, for the differences: most of the runs, which
         then take a fraction of the time.
+    method : str, optional
+        The method of all runs; what ``auto`` takes where absent.
+    rtol : float
+        Relative tolerance of all runs; the absolute one is a hundredth of it.
+    report : callable, optional
+        Gets the parts of :meth:`CheckReport.summary` one by one, each as soon as it is known.
 
     Returns
     -------
@@ -161,14 +189,14 @@ def check_sensitivities(
     ParameterError
         If a sensitivity was not compiled in, or there is none.
     ModelError
-        If a value is refused.
+        If a value or a setting is refused.
     SolveError
         If the run at the values themselves fails. A failed run at changed values is no error: its
         step is left out.
 
     Notes
     -----
-    Every run takes the same method at rtol = 1e-12 and atol = 1e-14. The steps h are 1e-1 to 1e-9
+    Every run takes the same method and the same tolerances. The steps h are 1e-1 to 1e-9
     in half decades, relative to the size P of what is changed: that of the parameter, or the
     largest value that a state takes where its initial value is meant, or 1 if that is zero.
 
@@ -195,19 +223,21 @@ def check_sensitivities(
     # A short way to learn what "auto" chooses and where the scene ends.
     values = dict(values or {})
     span = None if t_end is None else (0.0, t_end)
-    probe = model.simulate(span, parameters=values, throw=True)
-    method, end = probe.statistics.method, float(probe.t[-1])
-    times = np.linspace(0.0, end, _N_TIMES)
-    own, differenced = (
-        tuple(_experiment(each, times, method, values, factor) for factor in (1.0, _LOOSER))
-        for each in (model, plain or model)
-    )
-    tight, loose = (run.run() for run in own)
-    runs = _Runs(differenced[0], tight, loose, tight, loose)
-    if plain is not None:
-        runs = replace(runs, tight=differenced[0].run(), loose=differenced[1].run())
-    rows = tuple(_check(runs, name) for name in names)
-    return CheckReport(rows, end, method)
+    probe = model.simulate(span, parameters=values, method=method, throw=True)
+    found = CheckReport((), float(probe.t[-1]), probe.statistics.method, rtol)
+    tell = report or _say_nothing
+    tell(found.heading)
+    runs = _reference_runs(model, plain, found, values)
+    for name in names:
+        row = _check(runs, name)
+        found = replace(found, rows=(*found.rows, row))
+        tell(f"\n{row.summary()}")
+    tell(f"\n{found.verdict}")
+    return found
+
+
+def _say_nothing(text: str) -> None:
+    pass
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,16 +260,35 @@ class _Runs:
     tight: Result
     loose: Result
 
+    def asked(self, array: Array) -> Array:
+        """Give what the solver was asked for, atol + rtol times the largest size over time."""
+        rtol = float(self.experiment.settings["rtol"])
+        return rtol * (_ATOL_SHARE + _largest(array))
+
+
+def _reference_runs(
+    model: Model, plain: Model | None, report: CheckReport, values: Mapping[str, float]
+) -> _Runs:
+    """Run at the values themselves, at the tolerances and at looser ones."""
+    times = np.linspace(0.0, report.t_end, _N_TIMES)
+    own, differenced = (
+        tuple(
+            _experiment(each, times, report.method, values, factor * report.rtol)
+            for factor in (1.0, _LOOSER)
+        )
+        for each in (model, plain or model)
+    )
+    tight, loose = (run.run() for run in own)
+    runs = _Runs(differenced[0], tight, loose, tight, loose)
+    if plain is None:
+        return runs
+    return replace(runs, tight=differenced[0].run(), loose=differenced[1].run())
+
 
 def _experiment(
-    model: Model, times: Array, method: str, values: Mapping[str, float], factor: float
+    model: Model, times: Array, method: str, values: Mapping[str, float], rtol: float
 ) -> Experiment:
-    settings = {
-        "method": method,
-        "rtol": factor * _RTOL,
-        "atol": factor * _ATOL,
-        "parameters": values,
-    }
+    settings = {"method": method, "rtol": rtol, "atol": rtol * _ATOL_SHARE, "parameters": values}
     return Experiment(model, times, settings)
 
 
@@ -266,10 +315,8 @@ def _check(runs: _Runs, name: str) -> ParameterCheck:
     differences, refusal = _differences(experiment, name, steps, y.shape)
     deviations = np.max(np.abs(s - differences), axis=2)
     scale = np.maximum(_largest(s), _largest(y) / size)
-    s_error = np.maximum(
-        _largest(s - sensitivities(runs.with_s_loose, name)), _ATOL + _RTOL * _largest(s)
-    )
-    y_error = np.maximum(_largest(y - quantities(runs.loose)), _ATOL + _RTOL * _largest(y))
+    s_error = np.maximum(_largest(s - sensitivities(runs.with_s_loose, name)), runs.asked(s))
+    y_error = np.maximum(_largest(y - quantities(runs.loose)), runs.asked(y))
     tolerance = _ROUNDING * scale + s_error + y_error / _best_steps(differences, steps)
     least = _least(deviations)
     closest = int(np.argmax(np.nan_to_num(least / tolerance, nan=np.inf)))

@@ -155,6 +155,7 @@ def animate(
     fps: float = 25.0,
     speed: float | None = None,
     view: tuple[float, float] | None = None,
+    trust_paths: bool = False,
 ) -> Animation:
     """Draw a mechanism over a run; see :meth:`cotree.solvers.Result.animate`."""
     if model is None:
@@ -179,7 +180,8 @@ def animate(
     coordinates = coordinates_at(shown, model, first.system, p, frames.times)
     values = Evaluator(first.motion, p, frames.times, coordinates)
     stage = set_stage(first, values, view)
-    draft = draft_scene(first, values, stage, visual_meshes(first.scene.origin, stage.places))
+    meshes = visual_meshes(first.scene.origin, stage.places, trust_paths=trust_paths)
+    draft = draft_scene(first, values, stage, meshes)
     note = "" if result.success else f"stopped early at t = {shown.t[-1]:.6g} s"
     return Animation(draft.drawing(first.scene.name, note, frames))
 

@@ -28,7 +28,7 @@ class MeshError(Exception):
     """A mesh that cannot be had; its text says why."""
 
 
-def find_mesh(name: str, beside: Path) -> Path:
+def find_mesh(name: str, beside: Path, *, trust_paths: bool = False) -> Path:
     """Find the file of a mesh.
 
     Parameters
@@ -38,11 +38,15 @@ def find_mesh(name: str, beside: Path) -> Path:
         the folder of the robot's file and the folders above it, then along ROS_PACKAGE_PATH.
     beside : Path
         The robot's file.
+    trust_paths : bool
+        Whether the file may lie anywhere. Else it must be inside the folder of the robot's file,
+        or inside the package that it names: a robot's file may come from a stranger, and what it
+        names ends up in an animation that is passed on.
 
     Raises
     ------
     MeshError
-        If there is no such file.
+        If there is no such file, or it lies elsewhere and paths are not trusted.
     """
     scheme, _, rest = name.rpartition("://")
     if scheme not in ("", "file", "package", "model"):
@@ -51,28 +55,38 @@ def find_mesh(name: str, beside: Path) -> Path:
         raise MeshError("its name is none")
     if scheme in ("", "file"):
         path = unquote(urlparse(name).path) if scheme else rest
-        folders = [Path(), beside.parent]
-        places = [folder / path for folder in folders]
+        places = [(beside.parent, folder / path) for folder in (Path(), beside.parent)]
     else:
-        package, _, inner = rest.partition("/")
-        above = [beside.resolve().parent, *beside.resolve().parents[1:]]
-        listed = [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
-        places = [
-            place
-            for folder in (*above, *listed)
-            # The folder may be the package itself, or hold it.
-            for place in (
-                folder / package / inner,
-                *([folder / inner] if folder.name == package else []),
-            )
-        ]
+        places = _package_places(rest, beside)
+    outside = False
     try:
-        for place in places:
+        for folder, place in places:
             if place.is_file():
-                return place
+                # Links are followed, so that none of them leads out of the folder.
+                if trust_paths or place.resolve().is_relative_to(folder.resolve()):
+                    return place
+                outside = True
     except OSError:
         pass  # a name that is too long for a path
+    if outside:
+        raise MeshError(
+            f"'{name[:80]}' lies outside the robot's folder: give trust_paths=True to read it"
+        )
     raise MeshError(f"'{name[:80]}' is not found")
+
+
+def _package_places(name: str, beside: Path) -> list[tuple[Path, Path]]:
+    """List the folders that may be the package of a mesh, each with the file that it would be."""
+    package, _, inner = name.partition("/")
+    above = beside.resolve().parents
+    listed = [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
+    places = []
+    for folder in (*above, *listed):
+        # The folder may hold the package, or be the package itself.
+        places.append((folder / package, folder / package / inner))
+        if folder.name == package:
+            places.append((folder, folder / inner))
+    return places
 
 
 def read_mesh(path: Path) -> Mesh:

@@ -26,7 +26,7 @@ _FEWEST = 200  # of one mesh
 
 
 def visual_meshes(
-    origin: Origin | None, places: Mapping[str, Place]
+    origin: Origin | None, places: Mapping[str, Place], *, trust_paths: bool = False
 ) -> dict[int, list[tuple[str, Mesh]]]:
     """Give the shapes of each cluster, by the name of the node.
 
@@ -36,6 +36,8 @@ def visual_meshes(
         What the robot's file said.
     places : mapping of str to Place
         Where the nodes are in their clusters.
+    trust_paths : bool
+        Whether meshes may lie outside the robot's folder.
 
     Warns
     -----
@@ -52,7 +54,9 @@ def visual_meshes(
         if place is None:
             continue
         try:
-            mesh = _shape(visual, Path(origin.file), files, failed)
+            if visual.shape == "mesh":
+                _read_once(visual, Path(origin.file), files, failed, trust_paths)
+            mesh = _shape(visual, files)
         except MeshError as error:
             failed[visual.file] = str(error)
             continue
@@ -72,7 +76,21 @@ def visual_meshes(
     return _bounded(found)
 
 
-def _shape(visual: Visual, robot: Path, files: dict[str, Mesh], failed: dict[str, str]) -> Mesh:
+def _read_once(
+    visual: Visual,
+    robot: Path,
+    files: dict[str, Mesh],
+    failed: Mapping[str, str],
+    trust_paths: bool,
+) -> None:
+    """Read the file of a mesh, unless that was tried before."""
+    if visual.file in failed:
+        raise MeshError(failed[visual.file])
+    if visual.file not in files:
+        files[visual.file] = read_mesh(find_mesh(visual.file, robot, trust_paths=trust_paths))
+
+
+def _shape(visual: Visual, files: Mapping[str, Mesh]) -> Mesh:
     a, b, c = visual.size
     if visual.shape == "box":
         return shapes.box(a, b, c)
@@ -82,10 +100,6 @@ def _shape(visual: Visual, robot: Path, files: dict[str, Mesh], failed: dict[str
         return shapes.cylinder(a, c)
     if visual.shape == "capsule":
         return shapes.capsule(a, c)
-    if visual.file in failed:
-        raise MeshError(failed[visual.file])
-    if visual.file not in files:
-        files[visual.file] = read_mesh(find_mesh(visual.file, robot))
     return files[visual.file].scaled(visual.size)
 
 

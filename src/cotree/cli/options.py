@@ -1,0 +1,42 @@
+"""Arguments and options that several commands share."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+SceneName = Annotated[
+    str, typer.Argument(metavar="SCENE", help="A shipped scene, or a TOML, URDF or SPICE file.")
+]
+Sensitivity = Annotated[
+    list[str],
+    typer.Option(
+        "--sensitivity",
+        "-s",
+        metavar="NAME",
+        help="Parameter, or state whose initial value is meant; may be repeated.",
+    ),
+]
+Setting = Annotated[
+    list[str],
+    typer.Option("--set", metavar="NAME=NUMBER", help="Value of a parameter; may be repeated."),
+]
+TreeOption = Annotated[
+    list[str],
+    typer.Option(
+        "--tree",
+        metavar="EDGES",
+        help="Branches, as j1,h2 or once as translation=... and once as rotation=...",
+    ),
+]
+EndTime = Annotated[
+    float | None, typer.Option("--t-end", metavar="S", help="End time in s; the scene's if absent.")
+]
+Method = Annotated[
+    str | None,
+    typer.Option(
+        help="dopri5, rkf45, dop853, rodas4, rodas5, RK45, RK23, DOP853, Radau, BDF, LSODA, "
+        "cvode, ida, cvodes, cvodes-simultaneous, idas or auto."
+    ),
+]

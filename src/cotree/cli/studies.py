@@ -1,0 +1,115 @@
+"""Commands that run a scene many times: to check its sensitivities, and to compare methods."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path  # noqa: TC003 - typer reads the annotations
+from typing import Annotated
+
+import typer
+
+from cotree.cli.arguments import (
+    check_folder,
+    check_picture,
+    read_numbers,
+    read_tolerances,
+    read_tree,
+)
+from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
+    EndTime,
+    Method,
+    SceneName,
+    Sensitivity,
+    Setting,
+    TreeOption,
+)
+from cotree.cli.source import read_scene
+
+
+def check_scene(
+    scene: SceneName,
+    sensitivity: Sensitivity = [],  # noqa: B006
+    t_end: EndTime = None,
+    method: Method = None,
+    rtol: Annotated[float, typer.Option(help="Relative tolerance of all runs.")] = 1e-12,
+    setting: Setting = [],  # noqa: B006
+    tree: TreeOption = [],  # noqa: B006
+) -> None:
+    """Compare sensitivities with finite differences; all parameters if none is named."""
+    from cotree.studies.check import check_sensitivities
+
+    values, branches = read_numbers("--set", setting), read_tree(tree)
+    described = read_scene(scene)
+    names = sensitivity or [row.name for row in described.parameters.values() if row.tunable]
+    _progress(f"compiling {described.name} with {len(names)} sensitivities, then without")
+    model, plain = described.compile(names, branches), described.compile(tree=branches)
+    report = check_sensitivities(
+        model, t_end=t_end, values=values, plain=plain, method=method, rtol=rtol, report=_at_once
+    )
+    if not report.passed:
+        raise typer.Exit(1)
+
+
+def bench_scene(
+    scene: SceneName,
+    sensitivity: Sensitivity = [],  # noqa: B006 - typer copies it
+    method: Annotated[
+        list[str], typer.Option(help="A method; may be repeated. All of them if absent.")
+    ] = [],  # noqa: B006
+    tolerance: Annotated[
+        list[str],
+        typer.Option(
+            metavar="RTOL[,ATOL]",
+            help="Tolerances; may be repeated. 1e-3 to 1e-11 if absent, atol a hundredth of rtol.",
+        ),
+    ] = [],  # noqa: B006
+    repeats: Annotated[int, typer.Option(min=1, help="Timed runs of each.")] = 7,
+    t_end: EndTime = None,
+    time_limit: Annotated[
+        float, typer.Option(metavar="S", help="The longest run in s that counts.")
+    ] = 5.0,
+    setting: Setting = [],  # noqa: B006
+    tree: TreeOption = [],  # noqa: B006
+    json: Annotated[Path | None, typer.Option(help="Write all numbers to this file.")] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Draw to this file: .svg, .png or .pdf.")
+    ] = None,
+) -> None:
+    """Measure speed against error of every method on a scene, and name the one to take."""
+    from cotree.studies.bench import TOLERANCES, bench
+
+    check_folder(json)
+    check_picture(plot)
+    report = bench(
+        read_scene(scene),
+        sensitivity,
+        method or None,
+        read_tolerances(tolerance) or TOLERANCES,
+        repeats,
+        t_end=t_end,
+        time_limit=time_limit,
+        values=read_numbers("--set", setting),
+        tree=read_tree(tree),
+        progress=_progress,
+    )
+    typer.echo(report.summary())
+    if json is not None:
+        report.to_json(json)
+        typer.echo(f"wrote {json}")
+    if plot is not None:
+        from cotree.plot import save_figure
+
+        save_figure(report.plot(), plot)
+        typer.echo(f"wrote {plot}")
+
+
+def _progress(text: str) -> None:
+    """Say what runs, for those who wait at a terminal."""
+    if sys.stderr.isatty():
+        typer.echo(f"cotree: {text}", err=True)
+
+
+def _at_once(text: str) -> None:
+    """Print what others may be waiting for behind a pipe."""
+    typer.echo(text)
+    sys.stdout.flush()
