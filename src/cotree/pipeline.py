@@ -19,6 +19,7 @@ from cotree.build import BuildOptions, find_toolchain, obtain_library
 from cotree.codegen.context import model_context
 from cotree.codegen.render import cdef, render_model
 from cotree.errors import Error, TopologyError
+from cotree.formulation.early import check_numbers
 from cotree.formulation.networks.network import draw_networks
 from cotree.model.kernels import CKernels, PythonKernels
 from cotree.passes.recipe import run_passes
@@ -36,7 +37,7 @@ from cotree.sensitivity.graphs import form_equations
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from cotree.codegen.context import ModelContext
     from cotree.equations import Equations
@@ -120,11 +121,12 @@ def formulate(
     sensitivities: Sequence[str],
     tree: TreeChoice,
     baumgarte: float = 0.0,
+    check: Callable[[FirstGraph], None] | None = None,
 ) -> tuple[FirstGraph, Equations, tuple[Alternative, ...]]:
-    """Form the governing and sensitivity equations of a scene."""
+    """Form the governing and sensitivity equations of a scene; ``check`` may refuse it early."""
     with _no_collection():
         trees = trees_to_try(scene, tree)
-        first, alternatives = choose_first_graph(scene, trees, sensitivities, baumgarte)
+        first, alternatives = choose_first_graph(scene, trees, sensitivities, baumgarte, check)
         return first, form_equations(first, sensitivities), alternatives
 
 
@@ -202,7 +204,7 @@ def compile_scene(
         If no body has the inertia of an edge, or there is no compiler.
     """
     marks = [time.perf_counter()]
-    first, equations, alternatives = formulate(scene, sensitivities, tree, baumgarte)
+    first, equations, alternatives = formulate(scene, sensitivities, tree, baumgarte, check_numbers)
     for sentence in impossible_inertias(scene):
         warnings.warn(sentence, RuntimeWarning, stacklevel=3)  # whoever asked for the model
     marks.append(time.perf_counter())

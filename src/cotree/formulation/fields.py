@@ -14,6 +14,7 @@ from cotree.dag.traverse import symbols_in
 from cotree.equations import Guard
 from cotree.errors import ParameterError
 from cotree.scene.expressions import Expression
+from cotree.scene.inertias import ROUNDING
 
 if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
@@ -56,8 +57,13 @@ class Resolvers:
         return self.constant if row.constant else self.signal
 
 
-def bind_edge(edge: Edge, dag: Dag, resolvers: Resolvers) -> tuple[BoundEdge, list[Guard]]:
-    """Bind the fields of an edge, and say what their values must satisfy."""
+def bind_edge(
+    edge: Edge, dag: Dag, resolvers: Resolvers, at_scene: Callable[[Node], float]
+) -> tuple[BoundEdge, list[Guard]]:
+    """Bind the fields of an edge, and say what their values must satisfy.
+
+    ``at_scene`` evaluates a node of parameters at the scene's values.
+    """
     expressions: dict[str, Expression] = {}
     guards: list[Guard] = []
     scalars: dict[str, Node] = {}
@@ -90,7 +96,7 @@ def bind_edge(edge: Edge, dag: Dag, resolvers: Resolvers) -> tuple[BoundEdge, li
     bound = BoundEdge(
         edge.name, edge.component, first, second, scalars, vectors, inertia, rotation, expressions
     )
-    return bound, [*guards, *_guards(edge, bound)]
+    return bound, [*guards, *_guards(edge, bound, at_scene)]
 
 
 def lower_vector(value: FieldValue, dag: Dag, resolve: Resolver) -> Vector:
@@ -121,18 +127,24 @@ def _unit(axis: Vector, square: Node, where: str) -> Vector:
     return (axis[0] / length, axis[1] / length, axis[2] / length)
 
 
-def _guards(edge: Edge, bound: BoundEdge) -> list[Guard]:
+def _guards(edge: Edge, bound: BoundEdge, at_scene: Callable[[Node], float]) -> list[Guard]:
     found = []
+    minors: list[Guard] = []
     for row in edge.component.fields:
         what, is_strict = f"{row.name} of edge '{edge.name}'", row.sign == "positive"
         if row.sign and row.name in bound.scalars and not is_varying(bound.scalars[row.name]):
             found.append(Guard(bound.scalars[row.name], what, is_strict))
         elif row.sign and row.name == "inertia" and bound.inertia is not None:
-            found += _inertia_guards(bound.inertia, what, is_strict)
+            entries = (bound.inertia[i][i] for i in range(3))
+            found += [
+                Guard(entry, f"entry {i + 1} of {what}", is_strict)
+                for i, entry in enumerate(entries)
+            ]
+            minors += _minors(bound.inertia, what, at_scene)
     for guard in found:
         if guard.value.value is not None:
             guard.check(guard.value.value)
-    return [guard for guard in found if guard.value.value is None]
+    return [guard for guard in (*found, *minors) if guard.value.value is None]
 
 
 def is_varying(node: Node) -> bool:
@@ -140,15 +152,28 @@ def is_varying(node: Node) -> bool:
     return any(symbol.data[0] != "p" for symbol in symbols_in([node]))
 
 
-def _inertia_guards(tensor: Matrix, what: str, is_strict: bool) -> list[Guard]:
-    """Ask for what a real body's inertia satisfies: its diagonal, and its minors of two rows."""
-    found = [Guard(tensor[i][i], f"entry {i + 1} of {what}", is_strict) for i in range(3)]
+def _minors(tensor: Matrix, what: str, at_scene: Callable[[Node], float]) -> list[Guard]:
+    """Ask parameters to keep what a real body's inertia satisfies: no negative minor of two rows.
+
+    A tensor that has one at the scene's values is that of no body. It is taken all the same, with a
+    warning (:mod:`cotree.scene.inertias`), and no pivot relies on it (:func:`safe_pivots`).
+    """
+    # Thin rods, and entries of 1e-35 beside zeros, have minors of zero but for rounding: a share of
+    # the tensor's own size on its diagonal leaves room for that.
+    room = ROUNDING * (tensor[0][0] + tensor[1][1] + tensor[2][2])
+    found = []
     for i, j in ((0, 1), (0, 2), (1, 2)):
         if not tensor[i][j].is_zero:
-            # A thin rod makes this zero; the factor leaves room for its rounding.
-            minor = (1.0 + 1e-12) * (tensor[i][i] * tensor[j][j]) - tensor[i][j] * tensor[i][j]
+            minor = (tensor[i][i] + room) * (tensor[j][j] + room) - tensor[i][j] * tensor[i][j]
             found.append(Guard(minor, f"minor of rows {i + 1} and {j + 1} of {what}", False))
-    return found
+    return found if all(_is_met(guard, at_scene) for guard in found) else []
+
+
+def _is_met(guard: Guard, at_scene: Callable[[Node], float]) -> bool:
+    try:
+        return at_scene(guard.value) >= 0.0
+    except (ArithmeticError, ValueError):
+        return True  # where it has no value the guard says so
 
 
 def rotation_matrix(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:

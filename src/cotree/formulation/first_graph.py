@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from cotree.components import FreeRotation, Role
-from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag
 from cotree.dag.rotation import quaternion_rates
 from cotree.equations import Link, State
@@ -179,12 +178,7 @@ def form_first_graph(
     mass = [] if may_wait else form_mass()
     at_rest = balance(motion, loads, still.across)
     applied = (*laws, *constraints.applied)
-    values = {
-        symbol: scene.parameters[name].value
-        for name, symbol in system.parameters.items()
-        if symbol.op == "symbol"
-    }
-    is_safe, pivot_guards = safe_pivots(system, clusters, lambda n: float(evaluate([n], values)[0]))
+    is_safe, pivot_guards = safe_pivots(system, clusters)
     loaded = loads.plus(multiplier_loads(constraints.applied))
     balanced = balance(motion, loaded, view.across)
     observer = Observer(view, loaded, balanced, applied, observed)

@@ -5,17 +5,24 @@ locked. Where that is positive definite for every joint, no motion is without ki
 clusters taken from the ground outwards, the velocities of the coordinates map to those of the
 clusters by a block triangular matrix whose diagonal blocks are injective. The mass matrix is then
 positive definite in every configuration, and so is each of its Schur complements.
+
+That takes clusters whose kinetic energy is never negative. One that is no body's, by its tensor
+at the scene's values, makes the pivots of all joints that move it unsafe.
 """
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from cotree.dag import vector
 from cotree.dag.traverse import symbols_in
 from cotree.equations import Guard
 from cotree.errors import ParameterError, SingularSystemError
 from cotree.formulation.through import carried_inertia, unit_wrench
+from cotree.scene.inertias import ROUNDING
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -83,17 +90,13 @@ def met_where_idle(rows: Sequence[Row], view: FirstView) -> list[Guard]:
     return guards
 
 
-def safe_pivots(
-    system: System, clusters: Clusters, value: Callable[[Node], float]
-) -> tuple[tuple[bool, ...], list[Guard]]:
+def safe_pivots(system: System, clusters: Clusters) -> tuple[tuple[bool, ...], list[Guard]]:
     """Find the coordinates whose own cluster gives them inertia.
 
     Parameters
     ----------
     system, clusters : System, Clusters
         What moves.
-    value : callable
-        Evaluates a node of parameters at the scene's values.
 
     Returns
     -------
@@ -104,9 +107,11 @@ def safe_pivots(
     """
     safe: dict[str, bool] = {}
     guards: list[Guard] = []
+    unsafe = _below(clusters, _unreal(system, clusters))
     for branches in _by_cluster(clusters):
         own = _own_inertias(system, clusters, branches)
-        is_safe = bool(own) and all(_is_positive(node, value) for node in own)
+        is_safe = bool(own) and all(_is_positive(node, system.at_scene) for node in own)
+        is_safe = is_safe and unsafe.isdisjoint(branch.child for branch in branches)
         if is_safe:
             edges = " and ".join(f"'{name}'" for name in dict.fromkeys(b.edge for b in branches))
             what = f"the inertia that joint {edges} carries itself"
@@ -115,6 +120,56 @@ def safe_pivots(
             for speed in branch.speeds:
                 safe[speed.name] = is_safe
     return tuple(safe[v.name] for v in system.speeds), guards
+
+
+def _unreal(system: System, clusters: Clusters) -> list[int]:
+    """List the clusters whose kinetic energy may be negative."""
+    found = []
+    for cluster, inertia in enumerate(clusters.inertias):
+        if inertia is not None and not _is_real(system, inertia.tensor, inertia):
+            found.append(cluster)
+    # Parameters may take away what makes up for a tensor that is no body's: it has no guard.
+    for body in system.bodies:
+        if body.inertia is None or _is_real(system, body.inertia):
+            continue
+        cluster = clusters.points[body.second].cluster
+        inertia = clusters.inertias[cluster]
+        if inertia is None or symbols_in([inertia.mass, *inertia.moment, *chain(*inertia.tensor)]):
+            found.append(cluster)
+    return found
+
+
+def _is_real(system: System, tensor: Matrix, inertia: Inertia | None = None) -> bool:
+    """Whether a tensor, about the origin of an inertia if given, is that of some body or none.
+
+    That is: at the scene's values, and but for rounding, it turns nothing at negative energy.
+    """
+    try:
+        central = np.array([[system.at_scene(entry) for entry in row] for row in tensor])
+        room = ROUNDING * np.trace(central)
+        mass = 0.0 if inertia is None else system.at_scene(inertia.mass)
+        if inertia is not None and mass:
+            moment = np.array([system.at_scene(entry) for entry in inertia.moment])
+            central -= (moment @ moment * np.eye(3) - np.outer(moment, moment)) / mass
+        if system.plane:
+            axis = "xyz".index(system.plane)
+            return bool(mass >= 0.0 and central[axis, axis] >= -room)
+        return bool(mass >= 0.0 and np.linalg.eigvalsh(central)[0] >= -room)
+    except (ArithmeticError, ValueError):  # LinAlgError among them
+        return False
+
+
+def _below(clusters: Clusters, outer: Sequence[int]) -> set[int]:
+    """List some clusters and all whose motion moves them."""
+    found: set[int] = set()
+    waiting = list(outer)
+    while waiting:
+        cluster = waiting.pop()
+        branch = clusters.branches[cluster]
+        if branch is not None and cluster not in found:
+            found.add(cluster)
+            waiting += [branch.parent, branch.turn_parent]
+    return found
 
 
 def _is_positive(node: Node, value: Callable[[Node], float]) -> bool:

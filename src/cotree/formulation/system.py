@@ -7,10 +7,11 @@ In: a scene and its trees. Out: a :class:`System`, which the walks of
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 from cotree.components import FreeRotation, Role
+from cotree.dag.evaluate import evaluate
 from cotree.dag.several import Table, table
 from cotree.equations import State
 from cotree.errors import ExpressionError, nearest
@@ -19,7 +20,7 @@ from cotree.formulation.initial import initial_values
 from cotree.scene.motion_spaces import motion_spaces
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
     from cotree.components import MotionStep
     from cotree.dag.nodes import Dag, Node
@@ -117,6 +118,8 @@ class System:
         The branches.
     guards : tuple of Guard
         What parameter values must satisfy.
+    at_scene : callable
+        Evaluates a node of parameters at the scene's values.
     input_values : tuple of Node
         The scene's own value of every input, of time and parameters.
     of_parameters : callable
@@ -138,6 +141,7 @@ class System:
     gravity: Vector
     trees: Trees
     guards: tuple[Guard, ...]
+    at_scene: Callable[[Node], float]
     input_values: tuple[Node, ...]
     of_parameters: Resolver
     of_everything: Resolver
@@ -204,6 +208,7 @@ def bind(
         name: dag.symbol("p", tunable.index(name)) if row.tunable else dag.constant(row.value)
         for name, row in scene.parameters.items()
     }
+    at_scene = partial(_at, {parameters[name]: scene.parameters[name].value for name in tunable})
     inputs = {name: dag.symbol("u", i) for i, name in enumerate(scene.inputs)}
     of_parameters = _resolver([parameters], "parameters", scene.modes)
     of_time = _resolver([parameters, {"t": time}], "parameters and t", scene.modes)
@@ -245,7 +250,7 @@ def bind(
     guards: list[Guard] = []
     for edge in scene.edges.values():
         with dag.labelled(f"parameters of {edge.name}"):
-            edges[edge.name], own = bind_edge(edge, dag, resolvers)
+            edges[edge.name], own = bind_edge(edge, dag, resolvers, at_scene)
             guards += own
     return System(
         dag=dag,
@@ -259,6 +264,7 @@ def bind(
         gravity=lower_vector(scene.gravity, dag, of_parameters),
         trees=trees,
         guards=tuple(guards),
+        at_scene=at_scene,
         input_values=tuple(
             table(dag, row.value, time)[0]
             if isinstance(row.value, Table)
@@ -292,6 +298,11 @@ def _modes(
         State(mode.name, "", dag.symbol("x", n_before + i), mode.initial.lower(dag, resolve))
         for i, mode in enumerate(scene.modes.values())
     )
+
+
+def _at(values: Mapping[Node, float], node: Node) -> float:
+    """Evaluate a node of parameters."""
+    return float(evaluate([node], values)[0])
 
 
 def _resolver(

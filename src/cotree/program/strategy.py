@@ -19,7 +19,7 @@ from cotree.scene.motion_spaces import motion_spaces
 from cotree.sensitivity.graphs import form_derivatives
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from cotree.equations import Link
     from cotree.formulation.first_graph import FirstGraph
@@ -80,6 +80,7 @@ def choose_first_graph(
     trees: Sequence[Trees],
     sensitivities: Sequence[str],
     baumgarte: float = 0.0,
+    check: Callable[[FirstGraph], None] | None = None,
 ) -> tuple[FirstGraph, tuple[Alternative, ...]]:
     """Form the first graph in the tree and the axes that cost least.
 
@@ -93,6 +94,8 @@ def choose_first_graph(
         What sensitivities are wanted to.
     baumgarte : float
         Rate, [1/s], at which violated constraints decay.
+    check : callable, optional
+        May refuse the first graph of the first tree, before others are formed.
 
     Returns
     -------
@@ -104,10 +107,10 @@ def choose_first_graph(
     Raises
     ------
     ModelError, FormulationError
-        What the first tree raises.
+        What the first tree raises, or the check.
     """
     first, *others = trees
-    found = _tried(scene, first, sensitivities, baumgarte)
+    found = _tried(scene, first, sensitivities, baumgarte, check)
     for other in others:
         # What only another tree cannot do is no fault of the scene.
         with contextlib.suppress(ModelError, FormulationError):
@@ -117,12 +120,18 @@ def choose_first_graph(
 
 
 def _tried(
-    scene: SceneDescription, trees: Trees, sensitivities: Sequence[str], baumgarte: float
+    scene: SceneDescription,
+    trees: Trees,
+    sensitivities: Sequence[str],
+    baumgarte: float,
+    check: Callable[[FirstGraph], None] | None = None,
 ) -> list[tuple[Alternative, FirstGraph]]:
-    """Form the first graph of one tree in several axes."""
-    found = []
+    """Form the first graph of one tree in several axes; the first of them is checked."""
+    found: list[tuple[Alternative, FirstGraph]] = []
     for own_axes in _choices(scene, trees):
         formed = form_first_graph(scene, trees, own_axes, baumgarte)
+        if check is not None and not found:
+            check(formed)
         for links in _eliminations(formed, may_defer=not sensitivities):
             first = replace(formed, links=links)
             alternative = Alternative(

@@ -26,37 +26,49 @@ if TYPE_CHECKING:
 # Thin rods and plates are at the limit, and their three values may be written with six digits.
 _WRITTEN = 2e-5
 
+#: Principal moments above minus this share of the sum of all are zero but for rounding.
+ROUNDING = 1e-12
+
 
 def impossible_inertias(scene: SceneDescription) -> Iterator[str]:
-    """Name the bodies whose principal moments break the triangle rule, at the scene's values.
+    """Name the bodies with negative principal moments, or that break the triangle rule.
 
-    Nothing is said where only a moment about one axis is given, or read: in a plane scene.
+    In a plane scene, where only the moment about one axis is read, negative ones alone are named.
 
     Parameters
     ----------
     scene : SceneDescription
-        A scene whose equations could be formed.
+        A scene whose equations could be formed; what counts are its values.
 
     Yields
     ------
     str
         A sentence for each such body.
     """
-    if motion_spaces(scene).plane:
-        return
+    is_plane = bool(motion_spaces(scene).plane)
     for edge in scene.edges.values():
         for row in edge.component.fields:
             if row.shape is not Shape.INERTIA or row.name not in edge.fields:
                 continue
             tensor = _numbers(scene, edge.fields[row.name])
             least, middle, largest = np.linalg.eigvalsh(tensor)
-            if np.count_nonzero(tensor) > 1 and least + middle < (1.0 - _WRITTEN) * largest:
-                yield (
-                    f"{row.name} of edge '{edge.name}' is that of no body: of its principal "
-                    f"moments {least:.6g}, {middle:.6g} and {largest:.6g} {row.unit} the largest "
-                    "exceeds the sum of the others; check the numbers, the signs of the products "
-                    "of inertia, and that they are about the centre of mass"
-                )
+            is_negative = least < -ROUNDING * np.trace(tensor)
+            if is_negative:
+                fault = "the least is negative"
+            elif (
+                not is_plane
+                and np.count_nonzero(tensor) > 1
+                and least + middle < (1.0 - _WRITTEN) * largest
+            ):
+                fault = "the largest exceeds the sum of the others"
+            else:
+                continue
+            yield (
+                f"{row.name} of edge '{edge.name}' is that of no body: of its principal "
+                f"moments {least:.6g}, {middle:.6g} and {largest:.6g} {row.unit} {fault}; "
+                "check the numbers, the signs of the products of inertia, and that they are "
+                "about the centre of mass"
+            )
 
 
 def _numbers(scene: SceneDescription, field: FieldValue) -> npt.NDArray[np.float64]:

@@ -1,0 +1,145 @@
+"""Checks of a first graph by the scene's numbers, before anything is made of it.
+
+Deriving sensitivities, writing C and compiling it take minutes for a large robot; what its numbers
+alone refuse is found here in a moment.
+"""
+
+from __future__ import annotations
+
+from itertools import chain
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.components import FreeRotation
+from cotree.dag.evaluate import evaluate
+from cotree.dag.traverse import symbols_in
+from cotree.errors import SingularSystemError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from cotree.dag.nodes import Node
+    from cotree.formulation.first_graph import FirstGraph
+
+Array = npt.NDArray[np.float64]
+
+#: Singular values of a matrix with rows and columns of length one that are but rounding.
+_ROUNDING = 1e-15
+#: Configurations, of any numbers, in all of which a motion must be without inertia to be refused.
+_N_TRIED = 3
+
+
+def check_numbers(first: FirstGraph) -> None:
+    """Refuse what no state can help: wrong values of parameters, motions without inertia.
+
+    Raises
+    ------
+    ParameterError
+        For the first guard that the scene's values violate.
+    SingularSystemError
+        If the mass matrix, bordered by the constraints, is singular in every configuration.
+    """
+    system = first.system
+    names = [name for name, row in first.scene.parameters.items() if row.tunable]
+    for guard in first.guards:
+        try:
+            number = system.at_scene(guard.value)
+        except (ArithmeticError, ValueError):  # undefined here: no guard accepts nan
+            number = np.nan
+        guard.named(names).check(number)
+    if all(first.is_safe[: len(system.speeds)]):
+        return
+    motion = _motion_without_inertia(first)
+    if motion is None:
+        return
+    largest = np.max(np.abs(motion))
+    speeds = [
+        v for v, part in zip(system.speeds, motion, strict=True) if abs(part) > 1e-6 * largest
+    ]
+    moved = [v.name if v.coordinate is None else v.coordinate.name for v in speeds]
+    raise SingularSystemError(
+        f"the mass matrix is singular in every configuration: a motion of {_listed(moved)} moves "
+        f"no inertia; give the bodies that {_listed(dict.fromkeys(v.edge for v in speeds))} carry "
+        "mass or inertia, or weld a joint"
+    )
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(f"'{name}'" for name in names)
+
+
+def _motion_without_inertia(first: FirstGraph) -> Array | None:
+    """Find speeds that neither the mass matrix nor the constraints resist, if there are any.
+
+    Where one configuration resists, so do all but exceptional ones: states of no meaning, picked
+    at random, tell. At the scene's values of the parameters.
+    """
+    n = len(first.system.speeds)
+    entries = [entry for row in first.matrix for entry in row[:n]]
+    symbols = sorted(symbols_in(entries), key=lambda symbol: symbol.data)
+    random = np.random.default_rng(0)
+    motion = None
+    for _ in range(_N_TRIED):
+        try:
+            least = _carried(first)
+            found = evaluate(entries, _random_state(first, symbols, random))
+        except (ArithmeticError, ValueError):
+            return None
+        motion = _null_vector(np.array(found, dtype=float).reshape(-1, n), least)
+        if motion is None:
+            return None
+    return motion
+
+
+def _random_state(
+    first: FirstGraph, symbols: Sequence[Node], random: np.random.Generator
+) -> dict[Node, float]:
+    """Give every symbol a number: parameters their own, quaternions length one."""
+    system = first.system
+    values = dict(zip(symbols, random.uniform(0.3, 1.0, len(symbols)).tolist(), strict=True))
+    values |= {s: first.scene.parameters[name].value for name, s in system.parameters.items()}
+    for step in chain(*system.steps.values()):
+        if isinstance(step.kind, FreeRotation):
+            turn = random.normal(size=len(step.coordinates))
+            turn /= np.linalg.norm(turn)
+            values |= {c.symbol: x for c, x in zip(step.coordinates, turn.tolist(), strict=True)}
+    return values
+
+
+def _carried(first: FirstGraph) -> Array:
+    """Sum what uncertain speeds carry, whatever the axis: beside it, rounding is small."""
+    n_clusters = len(first.motion.clusters.branches)
+    masses, moments = np.zeros(n_clusters), np.zeros(n_clusters)
+    found = np.zeros(len(first.system.speeds))
+    for branch in reversed(first.motion.clusters.branches[1:]):
+        assert branch is not None  # only the ground has none
+        inertia, own = first.motion.clusters.inertias[branch.child], branch.child
+        if inertia is not None:
+            masses[own] += abs(first.system.at_scene(inertia.mass))
+            moments[own] += sum(abs(first.system.at_scene(inertia.tensor[i][i])) for i in range(3))
+        masses[branch.parent] += masses[own]
+        moments[branch.turn_parent] += moments[own]
+        for speed in branch.speeds:
+            if not first.is_safe[speed.index]:
+                found[speed.index] = moments[own] if branch.turns else masses[own]
+    return found
+
+
+def _null_vector(rows: Array, least: Array) -> Array | None:
+    """Find what the mass matrix, above, and the constraints below leave alone but for rounding.
+
+    ``least`` has the sizes that diagonal entries are at least measured by.
+    """
+    if not np.all(np.isfinite(rows)):
+        return None
+    n = len(least)
+    sizes = np.sqrt(np.maximum(np.abs(np.diag(rows)), least))
+    sizes[sizes == 0.0] = 1.0
+    scaled = rows / sizes
+    scaled[:n] /= sizes[:, None]
+    lengths = np.linalg.norm(scaled[n:], axis=1)
+    scaled[n:] /= np.where(lengths > 0.0, lengths, 1.0)[:, None]
+    _, values, right = np.linalg.svd(scaled)
+    return right[-1] / sizes if values[-1] <= n * _ROUNDING * values[0] else None
