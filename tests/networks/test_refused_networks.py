@@ -70,20 +70,6 @@ CASES = {
         FormulationError,
         ("V1", "jumps"),
     ),
-    "an initial value of a capacitor in a loop of its like": (
-        network(
-            ("V1", "a", G, 1), ("C1", "a", "b", 1), ("C2", "b", G, 1), C1={"v": 1}, C2={"v": 1}
-        ),
-        ParameterError,
-        ("C",),
-    ),
-    "an initial value of an inductor in a cutset of its like": (
-        network(
-            ("V1", "a", G, 1), ("L1", "a", "b", 1), ("L2", "b", G, 1), L1={"i": 1}, L2={"i": 1}
-        ),
-        ParameterError,
-        ("L",),
-    ),
     "a resistance of zero": (
         network(("V1", "a", G, 1), ("R1", "a", G, 0)),
         ParameterError,

@@ -151,7 +151,7 @@ def test_amplifiers_without_an_input_or_an_output_are_refused():
 
 
 def test_initial_values_of_short_capacitors_are_refused():
-    with pytest.raises(cotree.ParameterError, match="'C1' begins and ends at node 'a'"):
+    with pytest.raises(cotree.ParameterError, match=r"'C1.v' is given as 1 but is 0"):
         read("title\nV1 a 0 1\nC1 a a 1u ic=1\n.tran 1u 1u uic\n").compile()
 
 

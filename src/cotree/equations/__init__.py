@@ -10,6 +10,7 @@ from cotree.equations.equations import (
     Guard,
     Link,
     Quantity,
+    RedundantRow,
     State,
     spread,
 )
@@ -22,6 +23,7 @@ __all__ = [
     "Guard",
     "Link",
     "Quantity",
+    "RedundantRow",
     "State",
     "spread",
 ]

@@ -90,7 +90,7 @@ class Derivative:
     held, held_rates : tuple of Node
         Derivatives of the constraints and of their rates.
     start : tuple of Node
-        Derivatives of what the start is to satisfy besides.
+        Derivatives of :attr:`ConstraintSet.start_values`.
     """
 
     name: str
@@ -102,6 +102,22 @@ class Derivative:
     held: tuple[Node, ...]
     held_rates: tuple[Node, ...]
     start: tuple[Node, ...]
+
+
+@dataclass(frozen=True)
+class RedundantRow:
+    """An initial value of what is no state, but follows from states.
+
+    Attributes
+    ----------
+    name : str
+        Of the variable.
+    states : tuple of str
+        The states that it follows from.
+    """
+
+    name: str
+    states: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -129,9 +145,11 @@ class ConstraintSet:
     start_is_rate : tuple of bool
         Whether each is a rate.
     start_values : tuple of Node
-        Their residuals.
+        Their residuals; then what each of ``redundant`` follows as, then what each is given as.
     start_gradient : tuple of rows of Node
         Derivatives by the speeds, of rates of coordinates by the speeds too.
+    redundant : tuple of RedundantRow
+        Initial values of networks that must agree with those of the states.
     """
 
     rows: tuple[Quantity, ...]
@@ -145,6 +163,7 @@ class ConstraintSet:
     start_is_rate: tuple[bool, ...]
     start_values: tuple[Node, ...]
     start_gradient: tuple[tuple[Node, ...], ...]
+    redundant: tuple[RedundantRow, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -323,10 +323,11 @@ def _start_lines(program: Program) -> list[str]:
     """Write the consistent start at the program's parameter values, where it has to be found."""
     layout = program.layout
     is_sought = layout.constraints or layout.start_rows or layout.n_algebraic
-    if not layout.states or not is_sought:
+    if not layout.states or not (is_sought or layout.redundant):
         return []
     # A few evaluations need no compiler, which a machine that only writes C may not have.
-    return _start_text(CompiledModel(program, PythonKernels(program)).start())
+    start = CompiledModel(program, PythonKernels(program)).start()
+    return _start_text(start) if is_sought else []
 
 
 def _start_text(start: Start) -> list[str]:

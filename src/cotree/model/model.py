@@ -14,6 +14,7 @@ from cotree.model.algebraic import solve_start
 from cotree.model.arrays import as_array
 from cotree.model.junctions import Junctions
 from cotree.model.packing import whole_kernel
+from cotree.model.redundant import check_redundant
 from cotree.model.start import Start, consistent_start, start_by_differences
 from cotree.model.structure import Structure
 from cotree.scene.description import check_number
@@ -85,9 +86,9 @@ class CompiledModel(Structure):
 
     @property
     def is_rheonomic(self) -> bool:
-        """Whether constraints depend on time."""
+        """Whether what the start is to satisfy depends on time."""
         kernels = self._program.kernels
-        read = symbols_in(kernels["constraints"].results)
+        read = symbols_in([*kernels["constraints"].results, *kernels["start"].results])
         return any(node.data[0] == "t" for node in read)
 
     @property
@@ -183,7 +184,10 @@ class CompiledModel(Structure):
         if start.is_chosen and self.sensitivities:
             s = start_by_differences(self, t, p, initial or {}, start)
         u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
-        return Start(*solve_start(self, t, p, u, y, s), start.is_chosen)
+        y, s = solve_start(self, t, p, u, y, s)
+        if self.layout.redundant:
+            check_redundant(self, t, p, u, Start(y, s), set(initial or {}))
+        return Start(y, s, start.is_chosen)
 
     def initial_values(self, t: float, p: Array, u: Any) -> tuple[Array, Array]:
         """Give initial states and sensitivities as they are before anything has to hold."""

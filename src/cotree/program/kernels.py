@@ -99,7 +99,11 @@ _ROWS = (
         is_optional=True,
     ),
     KernelSpec(
-        "start", _STATE, "c", "initial values of what is no state: residuals", is_optional=True
+        "start",
+        _STATE,
+        "c",
+        "initial values of what is no state: residuals, then what others follow as and are",
+        is_optional=True,
     ),
     KernelSpec(
         "start_gradient",

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
     from cotree.dag.stops import Stop
-    from cotree.equations import EventRow, Guard, Quantity
+    from cotree.equations import EventRow, Guard, Quantity, RedundantRow
     from cotree.program.kernels import KernelSpec
 
 
@@ -102,6 +102,9 @@ class Layout:
         What the start is to satisfy besides: initial values of what is no state.
     start_is_rate : tuple of bool
         Whether each is a rate.
+    redundant : tuple of RedundantRow
+        Initial values that must agree with those of states; the kernel ``start`` gives last what
+        they follow as, and what they are given as.
     uses_multipliers : tuple of bool
         Whether each output depends on multipliers themselves: a reaction.
     events : tuple of EventRow
@@ -133,6 +136,7 @@ class Layout:
     uses_multipliers: tuple[bool, ...]
     events: tuple[EventRow, ...] = ()
     event_inputs: tuple[str, ...] = ()
+    redundant: tuple[RedundantRow, ...] = ()
     sensitivity_starts: tuple[int, ...] = (0,)
     sensitivity_rows: tuple[int, ...] = ()
 

@@ -19,7 +19,7 @@ from cotree.formulation.observed import observed_unit
 from cotree.formulation.outputs import output_seed
 from cotree.formulation.pulls import stabilised
 from cotree.sensitivity.across import accelerate_tangent, move_tangent
-from cotree.sensitivity.held import gather_constraints
+from cotree.sensitivity.held import gather_constraints, start_tangents
 from cotree.sensitivity.motion import motion_seed
 from cotree.sensitivity.networks import network_tangents
 from cotree.sensitivity.seed import Seed, Support
@@ -158,11 +158,7 @@ def _along(
         initial,
         tuple(value for value, _, _ in held),
         tuple(rate for _, rate, _ in held),
-        tuple(
-            (row.measure.rate(view) if row.is_rate else row.measure.value(view)).d
-            - seed.of(row.given)
-            for row in first.conditions
-        ),
+        start_tangents(first, view, of_networks),
     )
 
 
@@ -364,6 +360,7 @@ def _closed_row(row: Derivative, measured: Mapping[Node, Node]) -> Derivative:
         forcing=tuple(substitute(row.forcing, measured)),
         rates=_closed_at(row.rates, measured),
         outputs=_closed_at(row.outputs, measured),
+        start=tuple(substitute(row.start, measured)),
     )
 
 

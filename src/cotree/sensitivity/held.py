@@ -1,20 +1,35 @@
-"""What projection and reports need of the constraints."""
+"""What projection, starts and reports need of the constraints."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 from cotree.components import FreeRotation
-from cotree.equations import ConstraintSet, Quantity
+from cotree.dag.traverse import substitute, symbols_in
+from cotree.equations import ConstraintSet, Quantity, RedundantRow
+from cotree.errors import ParameterError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cotree.dag.nodes import Node
     from cotree.formulation.first_graph import FirstGraph
+    from cotree.formulation.networks.states import Redundant
+    from cotree.sensitivity.views import TangentView
 
 
 def gather_constraints(first: FirstGraph) -> ConstraintSet:
-    """Gather what projection and reports need of the constraints."""
+    """Gather what projection, starts and reports need of the constraints.
+
+    Raises
+    ------
+    ParameterError
+        If a redundant initial value is of what accelerations give.
+    """
     rows = first.constraints
     steps = [step for own in first.system.steps.values() for step in own]
+    redundant = first.network.redundant if first.network else ()
+    followed = _followed(first, redundant)
     return ConstraintSet(
         rows=tuple(Quantity(row.name, row.unit) for row in rows.rows),
         edges=tuple(row.edge for row in rows.rows),
@@ -29,10 +44,59 @@ def gather_constraints(first: FirstGraph) -> ConstraintSet:
         ),
         start_rows=tuple(Quantity(row.name) for row in first.conditions),
         start_is_rate=tuple(row.is_rate for row in first.conditions),
-        start_values=tuple(
-            (row.measure.rate(first.view) if row.is_rate else row.measure.value(first.view))
-            - row.given
-            for row in first.conditions
+        start_values=(
+            *(
+                (row.measure.rate(first.view) if row.is_rate else row.measure.value(first.view))
+                - row.given
+                for row in first.conditions
+            ),
+            *followed,
+            *(row.given for row in redundant),
         ),
         start_gradient=tuple(row.gradient for row in first.conditions),
+        redundant=tuple(
+            RedundantRow(row.name, tuple(_states_in(first, value)))
+            for row, value in zip(redundant, followed, strict=True)
+        ),
     )
+
+
+def start_tangents(
+    first: FirstGraph, view: TangentView, of_networks: Mapping[Node, Node]
+) -> tuple[Node, ...]:
+    """Differentiate :attr:`ConstraintSet.start_values`, variables of the networks being known."""
+    seed = view.moved.seed
+    network = first.network
+    redundant = network.redundant if network else ()
+    values = [network.solved.values[row.variable] for row in redundant] if network else []
+    return (
+        *(
+            (row.measure.rate(view) if row.is_rate else row.measure.value(view)).d
+            - seed.of(row.given)
+            for row in first.conditions
+        ),
+        *(of_networks.get(value, seed.dag.zero) for value in values),
+        *(seed.of(row.given) for row in redundant),
+    )
+
+
+def _followed(first: FirstGraph, redundant: Sequence[Redundant]) -> list[Node]:
+    """Form what redundant initial values have to agree with, in terms of states and sources."""
+    if first.network is None or not redundant:
+        return []
+    measured = first.measured
+    known = dict(zip(measured, substitute(list(measured.values()), measured), strict=True))
+    values = substitute([first.network.solved.values[row.variable] for row in redundant], known)
+    unknowns = set(first.unknowns)
+    for row, value in zip(redundant, values, strict=True):
+        if not unknowns.isdisjoint(symbols_in([value])):
+            raise ParameterError(
+                f"'{row.name}' follows from accelerations, so that its initial value cannot be "
+                "given: leave it out"
+            )
+    return values
+
+
+def _states_in(first: FirstGraph, value: Node) -> list[str]:
+    own = set(symbols_in([value]))
+    return [state.name for state in first.states if state.symbol in own]

@@ -30,7 +30,7 @@ class NetworkTangents:
     rates : tuple of Tangent
         Of the states' rates, and of the residuals of algebraic unknowns.
     observed : mapping of Node to Tangent
-        Of what outputs and fields name, by its value.
+        Of what outputs, fields and initial values name, by its value.
     """
 
     rates: tuple[Tangent, ...]
@@ -105,7 +105,7 @@ def network_tangents(
         tuple(d[variable] for variable in network.rates),
         {
             network.solved.values[variable]: d[variable]
-            for variable in network.observed.values()
+            for variable in network.watched
             if network.solved.values[variable].value is None
         },
     )

@@ -14,7 +14,7 @@ from cotree.formulation.networks.solved import solve_plan
 from cotree.formulation.networks.states import (
     algebraic_state,
     held_variables,
-    refuse_initials,
+    redundant_values,
     state_of,
 )
 from cotree.formulation.networks.terminals import Terminals
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from cotree.formulation.networks.couplings import Coupling
     from cotree.formulation.networks.rules import Variable
     from cotree.formulation.networks.solved import Solved
+    from cotree.formulation.networks.states import Redundant
     from cotree.graph import LinearGraph
     from cotree.scene.description import SceneDescription
     from cotree.scene.networks import Port
@@ -85,6 +86,8 @@ class Network:
         What parameter values must satisfy.
     observed : mapping of str to Variable
         What outputs and other fields name.
+    redundant : tuple of Redundant
+        Initial values of what is no state.
     """
 
     ports: Mapping[str, Port]
@@ -95,6 +98,12 @@ class Network:
     rates: tuple[Variable, ...]
     guards: tuple[Guard, ...]
     observed: Mapping[str, Variable]
+    redundant: tuple[Redundant, ...]
+
+    @property
+    def watched(self) -> tuple[Variable, ...]:
+        """The variables that are wanted for more than the states' rates."""
+        return (*self.observed.values(), *(row.variable for row in self.redundant))
 
     @property
     def n_differential(self) -> int:
@@ -152,7 +161,6 @@ def form_network(
     }
     names = Names(ports, topologies)
     held = held_variables(ports, topologies, {*wanted, *_used_by_fields(ports)})
-    refuse_initials(ports, held)
     symbols = {
         item.variable: around.dag.symbol("x", around.n_states + i) for i, item in enumerate(held)
     }
@@ -162,7 +170,10 @@ def form_network(
     )
     rates = tuple(item.rate for item in held)
     observed = {name: found for name in wanted if (found := names.variable(name)) is not None}
-    plan = make_plan(terminals, [*rates, *observed.values()])
+    at = around.dag, around.of_parameters
+    redundant = redundant_values(ports, held, *at)
+    roots = [*rates, *observed.values(), *(row.variable for row in redundant)]
+    plan = make_plan(terminals, roots)
     first = around.n_states + len(held)
     solved = solve_plan(
         terminals,
@@ -170,7 +181,6 @@ def form_network(
         lambda i: around.dag.symbol("x", first + i),
         lambda block: all(_is_passive(ports, trees, v) for v in (*block.unknowns, *block.inner)),
     )
-    at = around.dag, around.of_parameters
     states = [state_of(item, symbols[item.variable], *at) for item in held]
     for (quantity, name), symbol in solved.algebraic.items():
         states.append(algebraic_state(ports[name], quantity, symbol, *at))
@@ -183,6 +193,7 @@ def form_network(
         (*rates, *solved.residuals),
         tuple(guards),
         observed,
+        tuple(row for row in redundant if row.variable not in solved.algebraic),
     )
     return network, {name: solved.values[variable] for name, variable in observed.items()}
 

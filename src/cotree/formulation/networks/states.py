@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from cotree.components import Kind, integral_of
 from cotree.domains import DOMAINS
 from cotree.equations import State
-from cotree.errors import ParameterError
 from cotree.formulation.networks.names import state_name
 
 if TYPE_CHECKING:
@@ -136,34 +135,62 @@ def _initial(item: Held, dag: Dag, of_parameters: Resolver) -> Node:
     return dag.zero if value is None else value.lower(dag, of_parameters)  # type: ignore[union-attr]
 
 
-def refuse_initials(ports: Mapping[str, Port], held: Iterable[Held]) -> None:
-    """Refuse initial values of storages and springs whose state is that of others.
+@dataclass(frozen=True)
+class Redundant:
+    """An initial value of a variable that states and sources give.
 
-    Raises
-    ------
-    ParameterError
-        If there is one.
+    Attributes
+    ----------
+    name : str
+        The variable's name.
+    variable : Variable
+        The variable.
+    given : Node
+        The initial value, of parameters only.
+    """
+
+    name: str
+    variable: Variable
+    given: Node
+
+
+def redundant_values(
+    ports: Mapping[str, Port], held: Iterable[Held], dag: Dag, of_parameters: Resolver
+) -> list[Redundant]:
+    """List the initial values of what is no state: they must agree with those of the states.
+
+    Those that may be guesses are left out.
     """
     known = {item.variable for item in held}
-    quantities = {
-        Kind.ACROSS_STORAGE: "across",
-        Kind.THROUGH_STORAGE: "through",
-        Kind.SPRING: "stretch",
-    }
-    for port in ports.values():
-        quantity = quantities.get(port.kind)
-        if quantity is None or (quantity, port.name) in known:
-            continue
-        is_guess = quantity == "stretch" and port.terminal.storage is None
-        short = _held(port, quantity).short
-        if short in port.initial and port.is_short:
-            raise ParameterError(
-                f"edge '{port.name}' begins and ends at node '{port.head}', so that its '{short}' "
-                "is zero: leave out its initial value"
-            )
-        if short in port.initial and not is_guess:
-            raise ParameterError(
-                f"edge '{port.name}' has no state '{short}' of its own, because others like it are "
-                "tied to it with nothing that dissipates between: its initial value follows from "
-                "theirs; leave it out"
-            )
+    return [
+        Redundant(item.name, item.variable, _initial(item, dag, of_parameters))
+        for port in ports.values()
+        for item in _given(port)
+        if item.variable not in known and not _may_be_guess(item)
+    ]
+
+
+def _given(port: Port) -> list[Held]:
+    """List the variables of a port that have an initial value."""
+    quantities = ["across", "through"]
+    if integral_of(port.terminal) is not None:
+        quantities.append("stretch")
+    items = (_held(port, quantity) for quantity in quantities)
+    return [item for item in items if item.short in port.initial]
+
+
+#: What follows from states and sources, by kind. Others may be unknowns of nonlinear equations, of
+#: which initial values are guesses.
+_FOLLOWING = {
+    Kind.ACROSS_SOURCE: ("across",),
+    Kind.ACROSS_STORAGE: ("across", "through"),
+    Kind.THROUGH_STORAGE: ("across", "through"),
+    Kind.SPRING: ("across", "through", "stretch"),
+    Kind.THROUGH_SOURCE: ("through",),
+}
+
+
+def _may_be_guess(item: Held) -> bool:
+    kind = item.port.kind
+    is_bent = kind is Kind.SPRING and item.port.terminal.storage is None
+    return is_bent or item.quantity not in _FOLLOWING.get(kind, ())

@@ -1,0 +1,126 @@
+"""Redundant initial values: those of network variables that follow from states and sources.
+
+They change nothing where they agree with what they follow from, their sensitivities included; all
+that do not are refused together.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.errors import ParameterError
+
+if TYPE_CHECKING:
+    from collections.abc import Container, Sequence
+
+    from cotree.model.model import CompiledModel
+    from cotree.model.start import Start
+
+Array = npt.NDArray[np.float64]
+
+#: Values agree that differ by less than this share of the largest that they are made of, as much as
+#: a plain run errs in a step,
+_AGREE = 1e-8
+
+#: or by less than this: rounding of what cancels.
+_ROUNDING = 1e-12
+
+#: A parameter is no smaller than this to the sensitivities to it, or zero would have none.
+_SMALLEST = 1e-3
+
+
+def check_redundant(
+    model: CompiledModel,
+    t: float,
+    p: Array,
+    u: Array | None,
+    start: Start,
+    replaced: Container[str],
+) -> None:
+    """Refuse initial values that contradict those of states, or sources.
+
+    Parameters
+    ----------
+    model : CompiledModel
+        The model.
+    t : float
+        Start time, [s].
+    p, u : ndarray, shapes (n_parameters,) and (n_inputs,)
+        Parameters, and inputs at that time; None takes the scene's.
+    start : Start
+        The start that follows from the initial values of states.
+    replaced : container of str
+        States whose initial value is not the scene's: what follows from them is free.
+
+    Raises
+    ------
+    ParameterError
+        If some do, or if their sensitivities do; all of them are named.
+    """
+    rows, names = model.layout.redundant, model.states
+    held = [
+        (i, [names.index(name) for name in row.states])
+        for i, row in enumerate(rows)
+        if not any(name in replaced for name in row.states)
+    ]
+    found = model.bound("start", p)(t, start.y, np.zeros(0), u)
+    follows, given = found[-2 * len(rows) :].reshape(2, -1).copy()
+    if apart := [
+        f"'{rows[i].name}' is given as {given[i]:.6g} but is {follows[i]:.6g} by "
+        f"{_origin(rows[i].states, t)}"
+        for i, states in held
+        if not _agree(follows[i], given[i], start.y[states])
+    ]:
+        raise ParameterError(
+            f"initial values contradict each other: {'; '.join(apart)}. Give values that agree, or "
+            "leave these out"
+        )
+    if model.sensitivities:
+        _check_sensitivities(model, t, p, u, start, held)
+
+
+def _check_sensitivities(
+    model: CompiledModel,
+    t: float,
+    p: Array,
+    u: Array | None,
+    start: Start,
+    held: Sequence[tuple[int, list[int]]],
+) -> None:
+    """Refuse redundant values that change otherwise than what they follow from."""
+    rows, m = model.layout.redundant, len(model.sensitivities)
+    s = np.ascontiguousarray(start.s.T)
+    found = model.bound("start_sensitivity", p)(t, start.y, s.ravel(), u).reshape(m, -1)
+    follows, given = np.moveaxis(found[:, -2 * len(rows) :].reshape(m, 2, -1), 1, 0).copy()
+    apart = []
+    for j, name in enumerate(model.sensitivities):
+        if name not in model.parameters:  # a state's own initial value: others follow it
+            continue
+        size = max(abs(p[model.parameters.index(name)]), _SMALLEST)
+        apart += [
+            f"d({rows[i].name})/d({name}) is {given[j, i]:.6g} as given but {follows[j, i]:.6g} by "
+            f"{_origin(rows[i].states, t)}"
+            for i, states in held
+            if not _agree(size * follows[j, i], size * given[j, i], size * s[j, states])
+        ]
+    if apart:
+        raise ParameterError(
+            "initial values agree for these parameters, but not as they change: "
+            f"{'; '.join(apart)}. Give them by expressions that agree for all values of the "
+            "parameters, or leave these out"
+        )
+
+
+def _agree(follows: float, given: float, terms: Array) -> bool:
+    size = max(abs(follows), abs(given), float(np.max(np.abs(terms), initial=0.0)))
+    return bool(abs(follows - given) <= _AGREE * size + _ROUNDING)
+
+
+def _origin(states: Sequence[str], t: float) -> str:
+    """Name what a value follows from."""
+    if not states:
+        return f"the sources at t = {t:g}"
+    return ", ".join(f"'{name}'" for name in states)
