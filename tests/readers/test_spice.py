@@ -363,3 +363,39 @@ def test_commands_take_netlists(tmp_path, capsys):
     wrong.write_text("title\nR1 a 0\n")
     assert main(["run", str(wrong)]) == 2
     assert "wrong.sp:2:" in capsys.readouterr().err
+
+
+def cmos(rows):
+    return read(
+        "title\n.model n NMOS(VTO=1 KP=1m LAMBDA=0.02)\n.model p PMOS(VTO=-1 KP=0.5m)\n"
+        f"Vdd v 0 5\n{rows}\n"
+    )
+
+
+@pytest.mark.parametrize("volts", [0.0, 1.0, 2.4, 5.0])
+@pytest.mark.parametrize("n", [1, 2, 5])
+def test_chains_of_inverters_without_capacitors_have_operating_points(volts, n):
+    """Each rail is reached but for what leaks: some 1e-12 A through some kilo-ohms."""
+    rows = [
+        f"Mn{i} a{i + 1} a{i} 0 0 n W=2u L=1u\nMp{i} a{i + 1} a{i} v v p W=4u L=1u"
+        for i in range(n)
+    ]
+    scene = cmos("\n".join([f"Va a0 0 {volts}", *rows, f"C1 a{n} 0 1p"]))
+    model = scene.compile()
+    start = model.start()
+    n_states = len(model.states) - model.layout.n_algebraic
+    assert np.max(np.abs(model.rhs(0.0, start.y)[:n_states])) < 1.0  # 1e-12 A into 1 pF
+    if volts in (0.0, 5.0):
+        high = (volts == 0.0) == (n % 2 == 1)
+        assert start.y[0] == pytest.approx(5.0 if high else 0.0, abs=1e-8)
+
+
+def test_a_transistor_that_conducts_without_a_voltage_keeps_its_digits():
+    """k (vgs - vt) vds of a nanovolt, to rounding: no difference of squares."""
+    scene = cotree.Scene("small")
+    scene.edge("V", "voltage_source", "d", "ground", voltage=1e-9)
+    scene.edge("G", "voltage_source", "g", "ground", voltage=5.0)
+    scene.edge("M", "mosfet_n", "d", "g", "ground", factor=2e-3, threshold=1.0, leakage=0.0)
+    scene.output("i", "M.id")
+    found = scene.compile().output_values(0.0, [])[0]
+    assert found == pytest.approx(2e-3 * (4e-9 - 0.5e-18), rel=1e-15)

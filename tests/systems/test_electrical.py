@@ -487,6 +487,7 @@ def test_ports_need_a_domain():
 def _refused(*edges):
     values = {
         "resistor": {"resistance": 1.0},
+        "voltage_source": {"voltage": 0.0},
         "bjt_npn": {"saturation_current": 1e-14, "forward_gain": 10.0},
     }
     scene = Scene("refused")
@@ -508,8 +509,8 @@ _LOAD = ("R1", "resistor", "o", "ground")
             [("R", "resistor", "a", "b"), ("A", "ideal_op_amp", "b", "ground", "o"), _LOAD],
             "ideal amplifiers A leave their outputs undetermined",
         ),
-        ([("A", "ideal_op_amp", "a", "a", "o"), _LOAD], "both node 'a'"),
-        ([("Q", "bjt_npn", "a", "a", "a")], "has node 'a' only"),
+        ([("A", "ideal_op_amp", "a", "a", "o"), _LOAD], "'A.input' begins and ends at node 'a'"),
+        ([("W", "voltage_source", "a", "a")], "'W' begins and ends at node 'a'"),
     ],
 )
 def test_circuits_that_are_refused(edges, message):

@@ -87,11 +87,13 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
 
         vds, vgs = sign * across, sign * gate
 
-        def above(voltage: Any) -> Any:
-            own = voltage - sign * threshold
-            return sympy.Piecewise((own**2, own > 0), (0, True))
-
-        channel = factor / 2 * (above(vgs) - above(vgs - vds)) * (1 + modulation * sympy.Abs(vds))
+        at_source = vgs - sign * threshold
+        a, b = (sympy.Max(0, above) for above in (at_source, at_source - vds))
+        # Where both ends conduct a - b is vds, which their difference has no digits of if it is
+        # small: that of two volts would leave a current of 1e-18 A or so at no voltage.
+        is_open = sympy.Min(at_source, at_source - vds) > 0
+        across_channel = sympy.Piecewise((vds, is_open), (a - b, True))
+        channel = factor / 2 * (a + b) * across_channel * (1 + modulation * sympy.Abs(vds))
         return sign * channel + leakage * across
 
     names = ("across", "across_gs", "factor", "threshold", "modulation", "leakage")

@@ -16,7 +16,6 @@ import numpy.typing as npt
 
 from cotree.errors import SingularSystemError, SolveError
 from cotree.model.roots import (
-    ROUNDING,
     Equation,
     Linear,
     find_near,
@@ -24,6 +23,7 @@ from cotree.model.roots import (
     linearise,
     singular_direction,
 )
+from cotree.model.rounding import ROUNDING
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

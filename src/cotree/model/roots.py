@@ -25,11 +25,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cotree.model.rounding import ROUNDING, is_rounding
+
 Array = npt.NDArray[np.float64]
 Function = Callable[[Array], Array]
-
-#: Rounding of the equations moves unknowns by this share of their scale.
-ROUNDING = 4 * float(np.finfo(np.float64).eps)
 
 #: Steps below this share of an unknown that no longer halve can only be rounding, since Newton's
 #: method squares its errors; or, where unknowns are zero but for rounding, this share of scales.
@@ -278,7 +277,9 @@ def _by_natural_test(
             if linear.is_stalled(z, step) and linear.is_met(g):
                 return Root(z, g, True)
         if found is None:
-            break
+            size = max(1.0, float(np.max(np.maximum(np.abs(z), linear.scale))))
+            is_short = bool(np.all(np.abs(step) <= SMALL * size))
+            return Root(z, g, is_short and is_rounding(equation, z, g, step))
         z, g = found
     return Root(z, g, False)
 
