@@ -21,6 +21,7 @@ from cotree.model.kernels import SINGULAR
 from cotree.solvers.drive import segments
 from cotree.solvers.engine import Job, build_engine
 from cotree.solvers.evaluate import FAILED
+from cotree.solvers.messages import ROUNDING_LEVEL
 from cotree.solvers.native import compiled_in, run_job, trajectory_of
 from cotree.solvers.problem import describe_entry
 from cotree.solvers.sundials_library import library_path, version_of
@@ -49,7 +50,7 @@ _REASONS = {
     10: "the algebraic unknowns cannot be solved for",
     9: "the solution is no longer finite",
     8: "SUNDIALS got no memory",
-    3: "the step size fell to rounding level",
+    3: ROUNDING_LEVEL,
     -2: "the tolerances are too tight for double precision",
     -3: "the error test fails again and again, or the step size fell to its least",
     -4: "Newton's method fails again and again, or the step size fell to its least",

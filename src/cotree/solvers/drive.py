@@ -25,10 +25,11 @@ from cotree.solvers.augmented import augmented_tolerances
 from cotree.solvers.base import Drift, Statistics, Trajectory
 from cotree.solvers.evaluate import BUDGET_SPENT, FAILED, Evaluator, IntegrationStopError
 from cotree.solvers.events import Watch
-from cotree.solvers.messages import summary
+from cotree.solvers.messages import ROUNDING_LEVEL, summary
 from cotree.solvers.packed import packed
 from cotree.solvers.passage import Passage
 from cotree.solvers.progress import Progress
+from cotree.solvers.since import counted_from_start
 from cotree.solvers.stepper import Idle
 from cotree.solvers.verdicts import verdict
 
@@ -37,19 +38,17 @@ if TYPE_CHECKING:
     from cotree.solvers.problem import FloatArray, Problem
     from cotree.solvers.stepper import StartStepper, Stepper
 
-# Steps of a few units in the last place get nowhere. SciPy's own methods stop there, LSODA and
-# SUNDIALS go on forever. A single short step is normal before an output or a breakpoint.
-_STALL_SPACINGS = 16
-_STALL_STEPS = 5
+# Steps of a few units in the last place get nowhere; LSODA and SUNDIALS take them forever. A single
+# one is normal before an output or a breakpoint.
+_STALL_SPACINGS, _STALL_STEPS = 16, 5
 
-# A new start of a multistep method costs tens of short steps of low order. Looking this often,
-# the four methods take 7 to 70 per cent more steps along a pendulum of index 1, with a twentieth
-# or less of the error of a motion left to drift. Where every step is looked at, CVODE starts anew
-# so often that it takes 36 times as many steps.
+# A new start of a multistep method costs tens of short steps of low order. Looking this often, the
+# four take 7 to 70 per cent more steps along a pendulum of index 1, with a twentieth or less of the
+# error of a motion left to drift. Where every step is looked at, CVODE takes 36 times as many.
 _STEPS_UNHELD = 100
 
-# How much looser the tolerance is over the stretch that crosses a singular configuration: at the
-# looser one rounding, enlarged by the inverse of the distance, no longer decides.
+# How much looser the tolerance is over the stretch that crosses a singular configuration, so that
+# rounding, enlarged by the inverse of the distance, no longer decides.
 _LOOSENED, _LOOSEST = 1e3, 1e-9
 
 # How much shorter steps become where something is not a number ahead, and the shortest that are
@@ -75,7 +74,8 @@ def drive(problem: Problem, method: str, start: StartStepper) -> Trajectory:
         With status 0, or with the last good point as its last column.
     """
     begin = time.perf_counter()
-    run = _Run(problem, packed(start) if problem.size else Idle, Progress(method, problem.t_span))
+    begins = packed(counted_from_start(start)) if problem.size else Idle
+    run = _Run(problem, begins, Progress(method, problem.t_span))
     status, reason = 0, ""
     # What is not finite is watched and reported here; SciPy's own warnings say it once more.
     with np.errstate(all="ignore"), warnings.catch_warnings():
@@ -174,12 +174,12 @@ class _Run:
                     stepper = self._start(evaluator, self.t, self.z, limit)
                     nlu_before = self.nlu
                     continue
-                is_short = abs(self.t - before) <= _STALL_SPACINGS * np.spacing(abs(self.t))
+                is_short = abs(self.t - before) <= _STALL_SPACINGS * np.spacing(abs(self.t - start))
                 short_steps = short_steps + 1 if is_short else 0
                 if not is_short:
                     evaluator.progressed()
                 if short_steps >= _STALL_STEPS:
-                    raise IntegrationStopError(FAILED, "the step size fell to rounding level")
+                    raise IntegrationStopError(FAILED, ROUNDING_LEVEL)
                 if self._is_stuck(stepper, before, bound):
                     crossing = self._crossing(end)
                     stepper = self._start(evaluator, self.t, self.z, crossing)
@@ -319,7 +319,7 @@ class _Run:
     def _wanted_until(self, t: float) -> list[float]:
         """Take the outputs up to a time from those still wanted; without any, each step is one."""
         if self.problem.t_eval is None:
-            return [t]
+            return [t] if not self.times or self.times[-1] != t else []
         first = self._next
         while self._next < len(self._wanted):
             if self.problem.direction * (self._wanted[self._next] - t) > 0:

@@ -16,6 +16,7 @@ from cotree.codegen.integrators import engine_files, job_declarations
 from cotree.errors import BuildError
 from cotree.solvers.augmented import augmented_tolerances
 from cotree.solvers.events import Occurrence
+from cotree.solvers.messages import ROUNDING_LEVEL
 from cotree.solvers.problem import describe_entry
 from cotree.solvers.verdicts import BY_STATUS, UNCERTAIN, verdict
 from cotree.version import ABI_VERSION
@@ -36,7 +37,7 @@ _MOST_STIFF_STEPS = 1000
 
 # What cotree_status says, in the words of the other methods.
 _REASONS = {
-    3: "the step size fell to rounding level",
+    3: ROUNDING_LEVEL,
     4: "the right-hand side fails",
     5: "the right-hand side is not finite",
     6: "the right-hand side stopped the integration",

@@ -4,10 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from cotree.solvers.augmented import RTOL_FLOOR, augmented_tolerances
 
 if TYPE_CHECKING:
     from cotree.solvers.problem import Problem
+
+#: Why a method stops whose steps no longer change t.
+ROUNDING_LEVEL = "the step size fell to rounding level"
+
+# A span that has fewer different times than the inverse of this may have too few.
+_FINE = 1e-12
 
 
 def summary(problem: Problem, method: str, t: float, reason: str) -> list[str]:
@@ -16,10 +24,23 @@ def summary(problem: Problem, method: str, t: float, reason: str) -> list[str]:
     if reason:
         end = problem.t_span[1]
         sentences = [f"{method} stopped at t = {t:.10g} of {end:.10g}: {reason}."]
+    if reason == ROUNDING_LEVEL:
+        sentences.append(_rounding_of_time(problem, t))
     rtol, _ = augmented_tolerances(problem)
     if rtol > problem.rtol:
         sentences.append(
             f"rtol = {problem.rtol:.3g} is below what double precision can test; "
             f"{RTOL_FLOOR:.3g} was used."
         )
-    return sentences
+    return [sentence for sentence in sentences if sentence]
+
+
+def _rounding_of_time(problem: Problem, t: float) -> str:
+    """Say where steps are short because t is large, and not for the motion's sake."""
+    spacing, (start, end) = float(np.spacing(abs(t))), problem.t_span
+    if spacing <= _FINE * abs(end - start):
+        return ""
+    return (
+        f"Near t = {t:.17g} times are {spacing:.2g} s apart, too far for the steps that are "
+        "needed: let the run begin nearer to t = 0."
+    )

@@ -14,6 +14,7 @@ import numpy as np
 from cotree.solvers.augmented import augmented_tolerances
 from cotree.solvers.drive import drive
 from cotree.solvers.first_step import first_step
+from cotree.solvers.messages import ROUNDING_LEVEL
 from cotree.solvers.methods import METHODS
 from cotree.solvers.problem import check_problem
 
@@ -100,7 +101,7 @@ class ScipyStepper:
             self.t, self.z = float(solver.t), np.array(solver.y, dtype=np.float64)
             return ""
         if message == solver.TOO_SMALL_STEP:
-            return "the step size fell to rounding level"
+            return ROUNDING_LEVEL
         return "the solver gave up on its step"
 
     def interpolate(self, t: float) -> FloatArray:
@@ -118,7 +119,7 @@ class ScipyStepper:
             self._solver = self._make()
         else:
             # The derivative at the end of a step is the first stage of the next one.
-            self._solver.y, self._solver.f = z, dz
+            self._solver.t, self._solver.y, self._solver.f = self.t, z, dz
 
     def _make(self) -> Any:
         import scipy.integrate

@@ -23,6 +23,7 @@ from cotree.solvers.project import Projection
 from cotree.solvers.result import EventTimes, Result
 from cotree.solvers.select import integrate
 from cotree.solvers.sweep import sweep
+from cotree.solvers.timely import timely
 from cotree.solvers.trust import warn_of_result, warn_of_tolerances
 
 if TYPE_CHECKING:
@@ -132,7 +133,7 @@ def simulate(
     method = settings.method
     if method == "auto" and signals.has_function:
         method = "LSODA"  # switches between stiff and not, and takes any Python function
-    trajectory = integrate(problem, method)
+    trajectory = timely(problem, integrate(problem, method))
     if trajectory.status != 0:
         if settings.throw:
             raise SolveError(trajectory.message)

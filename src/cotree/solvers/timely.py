@@ -1,0 +1,108 @@
+"""Whether the rounding of t decides a result.
+
+In: a ``Problem`` and its ``Trajectory``. Out: the trajectory, failed where rates depend on time and
+t is too large to tell the times of a step apart. A motion whose rates do not depend on t never is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cotree.errors import Error
+from cotree.solvers.evaluate import FAILED
+
+if TYPE_CHECKING:
+    from cotree.solvers.base import Trajectory
+    from cotree.solvers.problem import FloatArray, Problem
+
+# Spacings of t below this share of what a tolerance lets pass of a step are not looked at.
+_FINE = 0.1
+
+# Roundings are independent of each other: as errors of so many steps add up, they do.
+_REMEMBERED = 100
+
+# So many points are looked at, and how far ahead and back, as a share of a step.
+_POINTS, _REACH = 5, 1.0 / 16.0
+
+
+def timely(problem: Problem, trajectory: Trajectory) -> Trajectory:
+    """Fail a trajectory that the rounding of t decides."""
+    if trajectory.status != 0 or not trajectory.statistics.n_steps or not trajectory.t.size:
+        return trajectory
+    (start, end), n_steps = problem.t_span, trajectory.statistics.n_steps
+    step = abs(end - start) / n_steps
+    if _spacing(max(abs(start), abs(end))) <= _FINE * problem.rtol * step:
+        return trajectory
+    places = np.unique(np.linspace(0, trajectory.t.size - 1, _POINTS).astype(int))
+    with np.errstate(all="ignore"):
+        shares = [
+            _share(problem, float(trajectory.t[j]), trajectory.z[:, j].copy(), step) for j in places
+        ]
+    shares = [math.sqrt(min(n_steps, _REMEMBERED)) * share for share in shares]
+    worst = int(np.argmax(shares))
+    if shares[worst] <= 1.0:
+        return trajectory
+    t = float(trajectory.t[places[worst]])
+    reason = (
+        f"{trajectory.statistics.method} cannot keep the tolerance: at t = {t:.10g} times are "
+        f"{_spacing(t):.2g} s apart, and over steps of {step:.2g} s the rates' dependence on time "
+        f"makes {shares[worst]:.2g} times the tolerance of that. Let the run begin nearer to "
+        "t = 0, or loosen rtol."
+    )
+    return replace(trajectory, status=FAILED, message=reason)
+
+
+def _spacing(t: float) -> float:
+    return float(np.spacing(abs(t)))
+
+
+def _share(problem: Problem, t: float, z: FloatArray, step: float) -> float:
+    """Tell what half a spacing of t changes over a step, as a share of the tolerance.
+
+    Of the changes ahead and back the smaller one is taken: a jump of the rates is at one side.
+    """
+    y = z[: problem.n_states]
+    low, high = sorted(problem.t_span)
+    ahead = max(_REACH * step, _spacing(t))
+    times = [at for at in (t - ahead, t + ahead) if low <= at <= high]
+    try:
+        here = _rates(problem, t, y)
+        changes = [_over_step(problem, t, y, step, _rates(problem, at, y) - here) for at in times]
+    except Error:
+        return 0.0
+    n = problem.n_states - problem.n_algebraic
+    allowed = np.broadcast_to(problem.atol, y.shape) + problem.rtol * np.abs(y)
+    sizes = [float(np.sqrt(np.mean(np.square(c[:n] / allowed[:n])))) for c in changes]
+    least = min((size for size in sizes if np.isfinite(size)), default=0.0)
+    return 0.5 * least * _spacing(t) / ahead
+
+
+def _rates(problem: Problem, t: float, y: FloatArray) -> FloatArray:
+    assert problem.state_rhs is not None  # it is a model's
+    return np.array(problem.state_rhs(t, y), dtype=np.float64)
+
+
+def _over_step(
+    problem: Problem, t: float, y: FloatArray, step: float, change: FloatArray
+) -> FloatArray:
+    """Give what a change of the rates makes of an implicit step: stiff modes damp it."""
+    if not np.any(change):
+        return change
+    shift = np.zeros(problem.n_states)
+    shift[: problem.n_states - problem.n_algebraic] = 1.0 / step
+    try:
+        if problem.sparse_jacobian is not None:
+            from scipy.sparse import csc_matrix, diags
+            from scipy.sparse.linalg import spsolve
+
+            matrix = csc_matrix(diags(shift) - problem.sparse_jacobian(t, y))
+            return np.asarray(spsolve(matrix, change), dtype=np.float64)
+        assert problem.jacobian is not None
+        dense = np.diag(shift) - np.array(problem.jacobian(t, y))
+        return np.asarray(np.linalg.solve(dense, change), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        return step * change
