@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +16,7 @@ from cotree.program.counts import Operations
 from cotree.readers import load_source
 from cotree.scene.description import SceneDescription, check_number
 from cotree.scene.tunable import keep_tunable, listed_names
+from cotree.sharing import formed_once, forming
 from cotree.solvers.simulate import Settings, simulate
 
 if TYPE_CHECKING:
@@ -325,7 +325,7 @@ class Model(OperatingModel):
         built = self.times.get("compile", 0.0) + result.times["compile"]
         return replace(result, times={**self.times, **result.times, "compile": built}, model=self)
 
-    @cached_property
+    @formed_once
     def _linearizer(self) -> Linearizer:
         from cotree.model.linearize import Linearizer
 
@@ -395,4 +395,5 @@ class Model(OperatingModel):
         d, to = self._scene.defaults, Path(directory)
         numbers = {"t_end": d.t_end, "rtol": d.rtol, "atol": d.atol}
         start = self.start() if self.begins_at_rest else None
-        return write_c_project(self._program, to, integrator, **numbers, step=step, start=start)
+        with forming:
+            return write_c_project(self._program, to, integrator, **numbers, step=step, start=start)

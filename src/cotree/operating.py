@@ -9,7 +9,6 @@ graphs give the sensitivities of the start.
 from __future__ import annotations
 
 import math
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from cotree.model.kernels import PythonKernels
 from cotree.model.model import CompiledModel
 from cotree.scene.simulation import OPERATING_POINT
 from cotree.scene.standstill import standing_scene
+from cotree.sharing import formed_once
 
 if TYPE_CHECKING:
     from cotree.formulation.first_graph import FirstGraph
@@ -51,7 +51,7 @@ class OperatingModel(CompiledModel):
         """Whether runs begin at the operating point."""
         return self._scene.defaults.start == OPERATING_POINT
 
-    @cached_property
+    @formed_once
     def at_rest(self) -> CompiledModel:
         """The network at rest; its outputs are this model's states."""
         from cotree.pipeline import formulate, generate

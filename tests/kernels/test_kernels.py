@@ -66,7 +66,7 @@ def test_every_compiled_kernel_equals_the_program_in_python(model_of, program_of
     compiled = model._kernels
     for t, y, s, p in points(model):
         compiled.prepare(p)
-        model._prepared = None  # the model is shared: make it prepare again
+        model._own.prepared = None  # the model is shared: make it prepare again
         python.prepare(p)
         for name, size in result_sizes(model.layout).items():
             flat = np.ascontiguousarray(s.T).ravel()

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cotree.errors import BuildError
+from cotree.sharing import made_once
 
 if TYPE_CHECKING:
     from cffi import FFI
@@ -54,7 +54,7 @@ def load_library(path: str | os.PathLike[str], cdef: str) -> LoadedLibrary:
     return _load(os.path.abspath(path), cdef)
 
 
-@functools.cache
+@made_once
 def _load(path: str, cdef: str) -> LoadedLibrary:
     import cffi
 

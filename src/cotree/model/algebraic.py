@@ -79,8 +79,6 @@ class Algebraic:
         self._linear: Linear | None = None
         self._weights = np.ones(n_algebraic)
 
-    # Exponentials may overflow on the way: what is not finite is told by the tests below.
-    @np.errstate(invalid="ignore", over="ignore")
     def follow(self, t: float, y: Array) -> Array:
         """Solve for the algebraic unknowns, in place, from nearby values.
 
@@ -94,6 +92,12 @@ class Algebraic:
         UnsolvedError
             If Newton's method does not get there.
         """
+        # Exponentials may overflow on the way: what is not finite is told by the tests. As a
+        # decorator this would be one object of all threads before NumPy 2.
+        with np.errstate(invalid="ignore", over="ignore"):
+            return self._follow(t, y)
+
+    def _follow(self, t: float, y: Array) -> Array:
         z = y[self.cut :]
         rates = self._rates(t, y)
         before: Array | None = None  # the last step

@@ -1,14 +1,15 @@
 """Kernels that can be called: compiled C, or the program evaluated in Python.
 
 Both take and give contiguous arrays of doubles. A result array is the kernel's own buffer: copy it
-to keep it.
+to keep it. Buffers and prepared parameters belong to the thread that calls: each has its own.
 """
 
 from __future__ import annotations
 
-import functools
 import math
+import threading
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -20,6 +21,7 @@ from cotree.dag.traverse import reachable, symbols_in
 from cotree.errors import BuildError, SingularSystemError, SolveError
 from cotree.model.newton import load_newton
 from cotree.program.kernels import KERNELS
+from cotree.sharing import made_once
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
@@ -34,6 +36,9 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 SINGULAR = 1
+
+#: Kernels whose name is taken by something else in the model's structure.
+_FIELDS = {"inputs": "inputs_of_time", "outputs": "outputs_of_state"}
 
 
 def _singular(layout: Layout) -> SingularSystemError:
@@ -87,7 +92,7 @@ class Kernels(Protocol):
         ...
 
     def prepare(self, p: Array) -> None:
-        """Take parameters for all calls that follow.
+        """Take parameters for all calls of this thread that follow.
 
         Raises
         ------
@@ -97,7 +102,7 @@ class Kernels(Protocol):
         ...
 
     def native(self) -> NativeModel | None:
-        """Give the model as C sees it, with the parameters last prepared; None where it is none."""
+        """Give the model as C sees it, as this thread last prepared it; None where it is none."""
         ...
 
     def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
@@ -111,44 +116,67 @@ class Kernels(Protocol):
         ...
 
 
+class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
+    """Kernels with their pointers and results, bound when they are first called.
+
+    Functions that C has, the arguments they are called with, the array of results, and whether time
+    is the first argument, by name.
+    """
+
+    def __init__(self, program: Program, library: LoadedLibrary, model: Any) -> None:
+        super().__init__()
+        ffi, layout = library.ffi, program.layout
+        self._program, self._model, self._ffi = program, model, ffi
+        n, m = len(layout.states), len(layout.sensitivities)
+        self.x, self.s, self.u = np.zeros(n), np.zeros(n * max(m, 1)), np.zeros(len(layout.inputs))
+        self.p, self.k = np.zeros(len(layout.parameters)), np.zeros(model.n_prepared)
+        self._pointers = {key: self._pointer(getattr(self, key)) for key in "xsupk"}
+        self.prepared = (self._pointers["p"], self._pointers["k"])
+
+    def __missing__(self, name: str) -> tuple[Any, tuple[Any, ...], Array, bool]:
+        kernel = self._program.kernels[name]
+        if not kernel.is_present:
+            raise KeyError(name)
+        spec, result = KERNELS[name], np.zeros(len(kernel.results))
+        arguments = [self._pointers[key] for key in spec.arguments if key != "t"]
+        function = getattr(self._model, _FIELDS.get(name, name))
+        bound = function, (*arguments, self._pointer(result)), result, spec.arguments[0] == "t"
+        self[name] = bound
+        return bound
+
+    def _pointer(self, array: Array) -> Any:
+        return self._ffi.from_buffer("double[]", array.data) if array.size else self._ffi.NULL
+
+
+class _OwnBuffers(threading.local):
+    """What the calling thread hands to C: Python makes it anew for each thread that asks."""
+
+    def __init__(self, program: Program, library: LoadedLibrary, model: Any) -> None:
+        self.bound = _Bound(program, library, model)
+
+
 class CKernels:
-    """Kernels of a loaded library, with every buffer and pointer bound once."""
+    """Kernels of a loaded library, with every buffer and pointer bound once for each thread."""
 
     backend = "C"
 
     def __init__(self, program: Program, library: LoadedLibrary, prefix: str) -> None:
-        ffi, layout = library.ffi, program.layout
+        layout = program.layout
         model = getattr(library.lib, f"{prefix}_abi")()
         if model.abi_version != ABI_VERSION or model.n_states != len(layout.states):
             raise BuildError("the loaded library belongs to another model: clear the cache")
         self._library = library  # keeps the code loaded
-        self._newton = functools.cache(lambda: load_newton(program))
+        self._newton = made_once(lambda: load_newton(program))
         self._model = model
         self._layout, self._guards = layout, program.guards
         self._can_extend = program.can_extend
-        n, m = len(layout.states), len(layout.sensitivities)
-        sizes = {"x": n, "s": n * max(m, 1), "u": len(layout.inputs), "p": len(layout.parameters)}
-        self._arrays = {key: np.zeros(size) for key, size in sizes.items()}
-        self._arrays["k"] = np.zeros(model.n_prepared)
-
-        def pointer(array: Array) -> Any:
-            return ffi.from_buffer("double[]", array.data) if array.size else ffi.NULL
-
-        bound = {key: pointer(array) for key, array in self._arrays.items()}
-        self._prepared = (bound["p"], bound["k"])
-        fields = {"inputs": "inputs_of_time", "outputs": "outputs_of_state"}
-        self._calls: dict[str, tuple[Any, tuple[Any, ...], Array]] = {}
-        for name, spec in KERNELS.items():
-            if name == "prepare" or not program.kernels[name].is_present:
-                continue
-            result = np.zeros(len(program.kernels[name].results))
-            arguments = (*(bound[key] for key in spec.arguments if key != "t"), pointer(result))
-            self._calls[name] = (getattr(model, fields.get(name, name)), arguments, result)
+        self._own = _OwnBuffers(program, library, model)
 
     def prepare(self, p: Array) -> None:
-        """Take parameters for all calls that follow; see :class:`Kernels`."""
-        self._arrays["p"][:] = p
-        status = self._model.prepare(*self._prepared)
+        """Take parameters for all calls of this thread that follow; see :class:`Kernels`."""
+        bound = self._own.bound
+        bound.p[:] = p
+        status = self._model.prepare(*bound.prepared)
         if status < 0:
             check_guards(self._guards, p)
         if status:
@@ -156,22 +184,24 @@ class CKernels:
 
     def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
         """Evaluate a kernel; see :class:`Kernels`."""
-        function, arguments, result = self._calls[name]
-        arrays = self._arrays
-        for key, given in (("x", x), ("s", s), ("u", u)):
-            if given.size:
-                arrays[key][: given.size] = given  # of event_rates, s holds one direction
-        is_timed = KERNELS[name].arguments[0] == "t"
+        bound = self._own.bound
+        function, arguments, result, is_timed = bound[name]
+        if x.size:
+            bound.x[: x.size] = x
+        if s.size:
+            bound.s[: s.size] = s  # of event_rates, it holds one direction
+        if u.size:
+            bound.u[: u.size] = u
         status = function(t, *arguments) if is_timed else function(*arguments)
         if status:
             raise self._failure(status)
         return result
 
     def native(self) -> NativeModel:
-        """Give the model and the parameters that were last prepared."""
+        """Give the model and the parameters that this thread last prepared."""
         ffi = self._library.ffi
         address = int(ffi.cast("uintptr_t", self._model))
-        p, k = self._arrays["p"].copy(), self._arrays["k"].copy()
+        p, k = self._own.bound.p.copy(), self._own.bound.k.copy()
         return NativeModel(address, p, k, self._library, self._can_extend, self._newton)
 
     def _failure(self, status: int) -> Exception:
@@ -197,6 +227,13 @@ def check_guards(guards: Sequence[Guard], p: Array) -> None:
         guard.check(number)
 
 
+class _OwnNumbers(threading.local):
+    """What the calling thread prepared last: its parameters, and the values that follow."""
+
+    p: Array = np.zeros(0)
+    prepared: Mapping[Node, float] = MappingProxyType({})
+
+
 class PythonKernels:
     """The program evaluated in Python: for machines without a compiler."""
 
@@ -204,18 +241,16 @@ class PythonKernels:
 
     def __init__(self, program: Program) -> None:
         self._program = program
-        self._p: Array = np.zeros(0)
-        self._prepared: dict[Node, float] = {}
+        self._own = _OwnNumbers()
         self._plans = {name: _Plan.of(kernel) for name, kernel in program.kernels.items()}
 
     def prepare(self, p: Array) -> None:
-        """Take parameters for all calls that follow; see :class:`Kernels`."""
+        """Take parameters for all calls of this thread that follow; see :class:`Kernels`."""
         check_guards(self._program.guards, p)
-        self._p = np.array(p, dtype=float)
-        self._prepared = {}
+        own = self._own
+        own.p, own.prepared = np.array(p, dtype=float), {}
         values = self._evaluate("prepare", {})
-        prepared = self._program.kernels["prepare"].results
-        self._prepared = dict(zip(prepared, values, strict=True))
+        own.prepared = dict(zip(self._program.kernels["prepare"].results, values, strict=True))
 
     def native(self) -> None:
         """There is no C; see :class:`Kernels`."""
@@ -226,8 +261,9 @@ class PythonKernels:
         return np.array(self._evaluate(name, {"t": (t,), "x": x, "s": s, "u": u}))
 
     def _evaluate(self, name: str, arguments: Mapping[str, Sequence[float] | Array]) -> list[float]:
-        plan, known = self._plans[name], {**arguments, "p": self._p}
-        values: dict[Node, float] = dict(self._prepared)
+        plan, own = self._plans[name], self._own
+        known = {**arguments, "p": own.p}
+        values: dict[Node, float] = dict(own.prepared)
         for node in plan.symbols:
             kind, position = node.data
             values[node] = float(known[kind][position])

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from cotree.dag.evaluate import evaluate
 from cotree.dag.several import results
-from cotree.dag.traverse import reachable, substitute
+from cotree.dag.traverse import reachable, substitute, symbols_in
 from cotree.equations import spread
 from cotree.errors import SingularSystemError
 from cotree.formulation.elimination import solve_unknowns
@@ -61,6 +61,7 @@ class Linearizer:
         self._nodes = _solved(equations, (*equations.columns, *input_columns))
         solves = [node for node in reachable(self._nodes) if node.op == "solve"]
         self._accepted = [results(node, node.data.size + 2)[-1] for node in solves]
+        self._symbols = symbols_in([*self._nodes, *self._accepted])
 
     @classmethod
     def of(cls, first: FirstGraph) -> Linearizer:
@@ -106,12 +107,13 @@ class Linearizer:
     def _values(
         self, t: float, y: Sequence[float] | Array, p: Array, u: Array
     ) -> Mapping[Node, float]:
-        dag = self._equations.dag
-        values = {dag.symbol("t", 0): t}
         states = zip(self._equations.states, y, strict=True)
-        values |= {state.symbol: float(value) for state, value in states}
-        for kind, array in (("p", p), ("u", u)):
-            values |= {dag.symbol(kind, i): float(value) for i, value in enumerate(array)}
+        values = {state.symbol: float(value) for state, value in states}
+        known: dict[str, Sequence[float] | Array] = {"t": [t], "p": p, "u": u}
+        for symbol in self._symbols:  # those that there are: a symbol made now would be shared
+            kind, position = symbol.data
+            if kind in known:
+                values[symbol] = float(known[kind][position])
         return values
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,7 @@ from cotree.model.redundant import check_redundant
 from cotree.model.start import Start, consistent_start, start_by_differences
 from cotree.model.structure import Structure
 from cotree.scene.description import check_number
+from cotree.sharing import formed_once
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Container, Mapping
@@ -33,17 +35,24 @@ Array = npt.NDArray[np.float64]
 _NONE: Array = np.zeros(0)
 
 
+class _Own(threading.local):
+    """What the kernels are prepared for in the calling thread."""
+
+    prepared: Array | None = None
+
+
 class CompiledModel(Structure):
     """Kernels of a scene with their names, called with numpy arrays.
 
     Every method takes parameters ``p`` and inputs ``u`` as arrays in the order of
     :attr:`parameters` and :attr:`inputs`; None takes the scene's values. Results are fresh arrays.
+    Several threads may call the same model at the same time, with other parameters each.
     """
 
     def __init__(self, program: Program, kernels: Kernels) -> None:
         self._program = program
         self._kernels = kernels
-        self._prepared: Array | None = None
+        self._own = _Own()
 
     @property
     def layout(self) -> Layout:
@@ -193,7 +202,7 @@ class CompiledModel(Structure):
         """Give initial states and sensitivities as they are before anything has to hold."""
         return self.initial(p), self.initial_sensitivity(p)
 
-    @cached_property
+    @formed_once
     def junctions(self) -> Junctions:
         """The exponentials of the algebraic equations."""
         return Junctions.of(self._program)
@@ -309,16 +318,17 @@ class CompiledModel(Structure):
     def bound(self, name: str, p: Array) -> Callable[[float, Array, Array, Array | None], Array]:
         """Give a kernel as a function of time, states, flat sensitivities and inputs.
 
-        For solvers: no checks and no copies, the result is the kernel's own buffer. It stays
-        valid while no other parameters are prepared; the function prepares its own when needed.
+        For solvers: no checks and no copies, the result is a buffer of the thread that calls. It
+        stays valid until that thread calls the kernel again; the function prepares its own
+        parameters when needed.
         """
-        kernels = self._kernels
+        kernels, own = self._kernels, self._own
         kernel = whole_kernel(kernels, self.layout, name)
 
         def call(t: float, x: Array, s: Array, u: Array | None) -> Array:
-            if self._prepared is not p:
+            if own.prepared is not p:
                 self._prepare(p)
-                self._prepared = p
+                own.prepared = p
             if u is None:
                 u = kernels("inputs", t, _NONE, _NONE, _NONE) if self.layout.inputs else _NONE
             return kernel(t, x, s, u)
@@ -373,14 +383,15 @@ class CompiledModel(Structure):
         return whole_kernel(self._kernels, self.layout, name)(t, x, s, u).copy()
 
     def _prepare(self, p: Any) -> None:
-        """Prepare for parameters, unless they are those of the last call."""
+        """Prepare for parameters, unless they are those of this thread's last call."""
         values = self.default_parameters if p is None else p
         values = as_array(values, (len(self.parameters),), "the parameters")
-        if self._prepared is not None and np.array_equal(values, self._prepared):
+        own = self._own
+        if own.prepared is not None and np.array_equal(values, own.prepared):
             return
         if not np.all(np.isfinite(values)):
             name = self.parameters[int(np.flatnonzero(~np.isfinite(values))[0])]
             raise ParameterError(f"parameter '{name}' is not finite: give a finite number")
-        self._prepared = None
+        own.prepared = None
         self._kernels.prepare(values)
-        self._prepared = values
+        own.prepared = values

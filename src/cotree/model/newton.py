@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from cotree.build import BuildOptions, find_toolchain, obtain_library
 from cotree.codegen.newton import newton_context, newton_declarations, render_newton
 from cotree.errors import BuildError
+from cotree.sharing import forming
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
@@ -45,10 +46,12 @@ def load_newton(program: Program) -> Newton | None:
     toolchain = find_toolchain()
     if toolchain is None:
         return None
-    model = newton_context(program)
+    with forming:
+        model = newton_context(program)
+        files = render_newton(model)
     try:
         _, loaded = obtain_library(
-            render_newton(model),
+            files,
             newton_declarations(model),
             abi_version=ABI_VERSION,
             n_operations=model.n_written,

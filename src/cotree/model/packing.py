@@ -41,10 +41,10 @@ def whole_kernel(
     callable
         Its result is a buffer: copy it to keep it.
     """
-    places = np.array(layout.sensitivity_places, dtype=np.intp)
     n_all = len(layout.states) * len(layout.sensitivities)
-    if not KERNELS[name].is_packed or len(places) == n_all:
+    if not KERNELS[name].is_packed or len(layout.sensitivity_rows) == n_all:
         return lambda t, x, s, u: kernels(name, t, x, s, u)
+    places = np.array(layout.sensitivity_places, dtype=np.intp)
 
     def call(t: float, x: Array, s: Array, u: Array) -> Array:
         packed = kernels(name, t, x, s[places], u)

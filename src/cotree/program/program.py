@@ -8,13 +8,13 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from cotree.dag.stops import longest_step, stop_times
-from cotree.dag.traverse import reachable
+from cotree.dag.traverse import reachable, symbols_in
 from cotree.errors import SolveError
 from cotree.program.counts import OperationCount, count_operations
 from cotree.program.machine import by_need
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Mapping, Sequence
+    from collections.abc import Container, Iterable, Mapping, Sequence
 
     from cotree.dag.nodes import Dag, Node
     from cotree.dag.stops import Stop
@@ -218,7 +218,8 @@ class Program:
         """
         stops = [stop for name, own in self.stops.items() if name not in replaced for stop in own]
         try:
-            return stop_times(stops, self._symbols(p), low, high)
+            values = _parameters([node for stop in stops for node in (stop.first, stop.period)], p)
+            return stop_times(stops, values, low, high)
         except ValueError as error:
             raise SolveError(str(error)) from None
 
@@ -230,10 +231,7 @@ class Program:
             if name not in replaced
             for limit in own
         ]
-        return longest_step(limits, self._symbols(p))
-
-    def _symbols(self, p: Sequence[float]) -> dict[Node, float]:
-        return {self.dag.symbol("p", i): float(value) for i, value in enumerate(p)}
+        return longest_step(limits, _parameters(limits, p))
 
     @property
     def can_extend(self) -> bool:
@@ -271,3 +269,9 @@ class Program:
             n_left = len(self.layout.sensitivity_rows)
             lines.append(f"sensitivities: {n_left} of {n_all} are integrated, the others are zero")
         return "\n".join(lines)
+
+
+def _parameters(roots: Iterable[Node | None], p: Sequence[float]) -> dict[Node, float]:
+    """Give the values of the parameters that some nodes depend on; no node is made."""
+    symbols = symbols_in([root for root in roots if root is not None])
+    return {symbol: float(p[symbol.data[1]]) for symbol in symbols}

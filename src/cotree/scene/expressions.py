@@ -11,12 +11,12 @@ from __future__ import annotations
 import ast
 import math
 import numbers
-import warnings
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from cotree.errors import ExpressionError, nearest
+from cotree.quiet import without_warnings
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -155,8 +155,7 @@ def _parse_text(text: str, where: str) -> Expression:
 def _tree_of(text: str) -> tuple[ast.expr, frozenset[str]]:
     """Parse and check a text once: thousands of edges may have the same."""
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", SyntaxWarning)  # what it warns of is refused below
+        with without_warnings(category=SyntaxWarning):  # what it warns of is refused below
             tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise ExpressionError("is not an expression") from None

@@ -8,7 +8,6 @@ factorised once for them and for all their sensitivities.
 
 from __future__ import annotations
 
-import functools
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -18,6 +17,7 @@ import numpy as np
 from cotree.codegen.integrators import sundials_declarations, sundials_files
 from cotree.codegen.sundials import SUNDIALS_FUNCTIONS, SUNDIALS_VERSION, WITH_SENSITIVITIES
 from cotree.model.kernels import SINGULAR
+from cotree.sharing import made_once
 from cotree.solvers.drive import segments
 from cotree.solvers.engine import Job, build_engine
 from cotree.solvers.evaluate import FAILED
@@ -165,7 +165,7 @@ def load_sundials(library: str) -> Sundials | str:
     return found.why_not or _load(library, found.path)
 
 
-@functools.cache
+@made_once
 def _load(name: str, path: str) -> Sundials | str:
     files = sundials_files(name)
     engine = build_engine(files, sundials_declarations(files, name))

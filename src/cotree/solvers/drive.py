@@ -15,12 +15,12 @@ from __future__ import annotations
 import contextlib
 import itertools
 import time
-import warnings
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cotree.quiet import without_warnings
 from cotree.solvers.augmented import augmented_tolerances
 from cotree.solvers.base import Drift, Statistics, Trajectory
 from cotree.solvers.evaluate import BUDGET_SPENT, FAILED, Evaluator, IntegrationStopError
@@ -78,8 +78,7 @@ def drive(problem: Problem, method: str, start: StartStepper) -> Trajectory:
     run = _Run(problem, begins, Progress(method, problem.t_span))
     status, reason = 0, ""
     # What is not finite is watched and reported here; SciPy's own warnings say it once more.
-    with np.errstate(all="ignore"), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", module=r"scipy\.")
+    with np.errstate(all="ignore"), without_warnings(module=r"scipy\."):
         try:
             with run.progress:
                 for segment in segments(problem):

@@ -5,7 +5,6 @@ In: a ``Problem`` with its native form. Out: a job, a structure that C advances 
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +13,7 @@ import numpy as np
 from cotree.build import BuildOptions, find_toolchain, obtain_library
 from cotree.codegen.integrators import engine_files, job_declarations
 from cotree.errors import BuildError
+from cotree.sharing import made_once
 from cotree.solvers.augmented import augmented_tolerances
 from cotree.solvers.events import Occurrence
 from cotree.solvers.messages import ROUNDING_LEVEL
@@ -63,7 +63,7 @@ class Native:
     replaced: Mapping[int, tuple[FloatArray, FloatArray]]
 
 
-@functools.cache
+@made_once
 def load_engine(method: str) -> LoadedLibrary | None:
     """Build and load the engine of a method; None where there is no compiler that can.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from typing import TYPE_CHECKING, Self
 
@@ -16,7 +17,7 @@ _PATIENCE, _REFRESH = 1.0, 0.1
 
 
 class Progress:
-    """Show how far an integration is; it does nothing where nobody looks.
+    """Show how far an integration is; it does nothing where nobody looks, nor outside main threads.
 
     Parameters
     ----------
@@ -29,7 +30,9 @@ class Progress:
     def __init__(self, method: str, t_span: tuple[float, float]) -> None:
         self._method = method
         self._start, self._end = (float(t) for t in t_span)
-        self._is_watched = sys.stderr is not None and sys.stderr.isatty()
+        # Bars of several threads would write over each other, and take each other's streams.
+        is_main = threading.current_thread() is threading.main_thread()
+        self._is_watched = is_main and sys.stderr is not None and sys.stderr.isatty()
         self._next = time.perf_counter() + _PATIENCE
         self._bar: Bar | None = None
 

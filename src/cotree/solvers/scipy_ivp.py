@@ -6,6 +6,8 @@ which interpolates at every output whatever the interpolant is worth, and has no
 
 from __future__ import annotations
 
+import contextlib
+import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +21,8 @@ from cotree.solvers.methods import METHODS
 from cotree.solvers.problem import check_problem
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from cotree.solvers.base import Trajectory
     from cotree.solvers.evaluate import Evaluator
     from cotree.solvers.problem import FloatArray, Problem
@@ -29,6 +33,8 @@ if TYPE_CHECKING:
 # outputs of slider-pendulum at rtol = 1e-12 the evaluations grow by 2, 13 and 0 per cent.
 # RK23's cubic and the polynomials that BDF and LSODA step with are as good as their steps.
 _LANDING = frozenset({"RK45", "DOP853", "Radau"})
+
+_one_at_a_time = threading.RLock()
 
 
 @dataclass(frozen=True)
@@ -52,10 +58,24 @@ class ScipySolver:
             If the problem cannot be accepted.
         """
         check_problem(problem)
-        return drive(problem, self.method, self._start)
+        with _alone(self.method):
+            return drive(problem, self.method, self._start)
 
     def _start(self, evaluator: Evaluator, t: float, z: FloatArray, t_end: float) -> ScipyStepper:
         return ScipyStepper(self.method, evaluator, t, z, t_end)
+
+
+@contextlib.contextmanager
+def _alone(method: str) -> Iterator[None]:
+    """Keep other threads out where a method has one state in the whole process."""
+    from scipy.integrate import _ode
+
+    # LSODA was Fortran with common blocks once; SciPy counted its users then.
+    if method == "LSODA" and hasattr(_ode.lsoda, "active_global_handle"):
+        with _one_at_a_time:
+            yield
+    else:
+        yield
 
 
 class ScipyStepper:

@@ -8,15 +8,13 @@ stopping at outputs costs more and gains nothing.
 
 from __future__ import annotations
 
-import contextlib
-import io
-import warnings
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cotree.errors import SolveError
+from cotree.quiet import without_output, without_warnings
 from cotree.solvers.algebraic import solve_reduced
 from cotree.solvers.augmented import DENSE_LIMIT, augmented_tolerances, diagonal_blocks
 from cotree.solvers.bdf import solve_in_c
@@ -118,7 +116,7 @@ class SundialsStepper:
 
     def _advance(self, t_bound: float) -> Any:
         # scikit-sundae prints what SUNDIALS says of an error; the message has it already.
-        with contextlib.redirect_stdout(io.StringIO()):
+        with without_output():
             return self._solver.step(t_bound, "onestep", t_bound)
 
 
@@ -228,9 +226,8 @@ def _make_ida(evaluator: Evaluator, t: float, z: FloatArray, t_end: float) -> An
 
 
 def _made(make: Any, function: Any, options: dict[str, Any]) -> Any:
-    with warnings.catch_warnings():
-        # It says that the pattern is not used for differences, which nobody asked for.
-        warnings.filterwarnings("ignore", "Custom sparse Jacobian")
+    # It says that the pattern is not used for differences, which nobody asked for.
+    with without_warnings("Custom sparse Jacobian"):
         return make(function, **options)
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cotree.codegen.integrators import sweep_declarations, sweep_files
+from cotree.sharing import made_once
 from cotree.solvers.engine import build_engine
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def sweep(
     return _in_python(model, p, u, t, z)
 
 
-@functools.cache
+@made_once
 def _load() -> LoadedLibrary | None:
     """Build and load the loop over points; None where there is no compiler."""
     files = sweep_files()

@@ -12,7 +12,6 @@ import os
 import platform
 import statistics
 import time
-import warnings
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +20,7 @@ import numpy as np
 from cotree.api import Model, Scene, load
 from cotree.build import find_toolchain
 from cotree.errors import Error, ParameterError, SolveError
+from cotree.quiet import without_warnings
 from cotree.scene.description import check_number
 from cotree.solvers.correctors import is_available
 from cotree.solvers.methods import METHODS, method_row
@@ -129,9 +129,7 @@ def bench(
     limit = check_number(time_limit, "time_limit")
     tell = progress or (lambda text: None)
     model = _model(source, sensitivities, tree)
-    with warnings.catch_warnings():
-        # What a run warns of stands in its row.
-        warnings.simplefilter("ignore", RuntimeWarning)
+    with without_warnings(category=RuntimeWarning):  # what a run warns of stands in its row
         runner = _Runner(model, t_end, dict(values or {}), limit)
         tell("a reference")
         reference = runner.reference()

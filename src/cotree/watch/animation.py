@@ -13,6 +13,7 @@ import numpy as np
 from cotree.errors import SceneError
 from cotree.files import written_whole
 from cotree.scene.description import check_number
+from cotree.sharing import forming
 from cotree.watch.catalogue import draft_scene
 from cotree.watch.frames import choose_frames, coordinates_at
 from cotree.watch.page import page
@@ -177,11 +178,12 @@ def animate(
     n_bodies = len(first.motion.geometry)
     frames = choose_frames(float(shown.t[0]), float(shown.t[-1]), fps, speed, n_bodies)
     p = model.parameter_array(result.parameter_values)
-    coordinates = coordinates_at(shown, model, first.system, p, frames.times)
-    values = Evaluator(first.motion, p, frames.times, coordinates)
-    stage = set_stage(first, values, view)
-    meshes = visual_meshes(first.scene.origin, stage.places, trust_paths=trust_paths)
-    draft = draft_scene(first, values, stage, meshes)
+    with forming:
+        coordinates = coordinates_at(shown, model, first.system, p, frames.times)
+        values = Evaluator(first.motion, p, frames.times, coordinates)
+        stage = set_stage(first, values, view)
+        meshes = visual_meshes(first.scene.origin, stage.places, trust_paths=trust_paths)
+        draft = draft_scene(first, values, stage, meshes)
     note = "" if result.success else f"stopped early at t = {shown.t[-1]:.6g} s"
     return Animation(draft.drawing(first.scene.name, note, frames))
 

@@ -1,0 +1,71 @@
+"""What threads share: made at its first use, by one of them while the others wait.
+
+Everything that a call changes belongs to the call or to its thread. What stays is made once: a
+library of C is compiled, derivatives that few ask for are formed. Forming makes nodes, whose
+numbers an arena hands out in order, so that one thread at a time may do it.
+"""
+
+from __future__ import annotations
+
+import functools
+import threading
+from typing import TYPE_CHECKING, Any, Generic, ParamSpec, TypeVar, overload
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+
+#: Held by whoever makes nodes in an arena that other threads may reach, as those of a compiled
+#: model are. Nothing that waits for a compiler or integrates is done under it.
+forming = threading.RLock()
+
+
+def made_once(make: Callable[_P, _T]) -> Callable[_P, _T]:
+    """Remember what a function gives for its arguments, and let one thread at a time make it.
+
+    ``functools.cache`` lets two threads make the same. ``cache_clear`` forgets everything.
+    """
+    lock, made = threading.RLock(), {}
+
+    @functools.wraps(make)
+    def given(*args: _P.args, **kwargs: _P.kwargs) -> _T:
+        key = (args, tuple(kwargs.items()))
+        if key not in made:
+            with lock:
+                if key not in made:
+                    made[key] = make(*args, **kwargs)
+        return made[key]
+
+    given.cache_clear = made.clear  # type: ignore[attr-defined]
+    return given
+
+
+class formed_once(Generic[_T]):  # a decorator, as cached_property is
+    """A property formed at its first use, by one thread at a time; see :data:`forming`."""
+
+    def __init__(self, form: Callable[[Any], _T]) -> None:
+        self._form = form
+        self._name = ""
+        self.__doc__ = form.__doc__
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    @overload
+    def __get__(self, instance: None, owner: type) -> formed_once[_T]: ...
+
+    @overload
+    def __get__(self, instance: object, owner: type | None = None) -> _T: ...
+
+    def __get__(self, instance: object | None, owner: type | None = None) -> formed_once[_T] | _T:
+        if instance is None:
+            return self
+        kept = instance.__dict__  # where Python finds the value from the second time on
+        if self._name not in kept:
+            with forming:
+                if self._name not in kept:
+                    kept[self._name] = self._form(instance)
+        value: _T = kept[self._name]
+        return value
