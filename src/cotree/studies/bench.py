@@ -12,6 +12,7 @@ import os
 import platform
 import statistics
 import time
+import warnings
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
