@@ -81,7 +81,8 @@ def test_the_ladder_reaches_its_reference_with_sensitivities():
     [
         *[("1", 1.0), ("1k", 1e3), ("2.5MEG", 2.5e6), ("3m", 3e-3), ("10uF", 1e-5)],
         *[("1mil", 25.4e-6), ("5V", 5.0), (".5n", 5e-10), ("-1e3k", -1e6), ("1.1u", 1.1e-6)],
-        *[("1f", 1e-15), ("2g", 2e9), ("7t", 7e12), ("4a", 4e-18), ("1e999", None)],
+        *[("1f", 1e-15), ("2g", 2e9), ("7t", 7e12), ("4aF", 4e-18), ("1e999", None)],
+        *[("1A", 1.0), ("4a", 4.0), ("2.5Amps", 2.5), ("3mA", 3e-3)],
         *[("abc", None), ("1_0", None), ("0x10", None), ("", None), ("1k2", None)],
     ],
 )
@@ -174,6 +175,7 @@ SEVEN = " ".join(f"L{i}" for i in range(7))
         ("V1 a 0 NOISE(1 2)", 2, "no waveform"),
         ("V1 a 0 PWL(0 1 2)", 2, "pairs of a time and a value"),
         ("V1 a 0 PULSE(0 1)", 2, "there is no .tran"),
+        ("V1 a 0 AM(1 0 1k)", 2, "AM needs two numbers"),
         ("L1 a 0 1\nL2 b 0 1\nK1 L1 L2 .5\nK2 L2 L1 .5", 5, "'l2' is coupled twice to 'l1'"),
         ("L1 a 0 1\nL2 b 0 1\nK1 L1 L1 .5", 4, "'l1' is coupled twice to 'l1'"),
         ("L1 a 0 1\nK1 L1 .5", 3, "needs two inductors or more"),
@@ -399,3 +401,42 @@ def test_a_transistor_that_conducts_without_a_voltage_keeps_its_digits():
     scene.output("i", "M.id")
     found = scene.compile().output_values(0.0, [])[0]
     assert found == pytest.approx(2e-3 * (4e-9 - 0.5e-18), rel=1e-15)
+
+
+def test_letters_that_simulators_read_differently_are_told_with_their_line():
+    scene = read("title\nI1 0 a 1A\nR1 a 0 {2a*3}\nC1 a 0 5aF\nR2 a 0 1mA\nRamp a A 2\nR3 A 0 1")
+    assert scene.parameters["I1"].value == 1.0
+    told = [note for note in scene.origin.notes if "letter a" in note]
+    assert [note[:8] for note in told] == ["a.cir:2:", "a.cir:3:", "a.cir:4:"]
+    assert "'1A' is taken as in amperes" in told[0]
+    assert "'5aF' is taken as 1e-18" in told[2]
+
+
+#: What the rows give at 97 us and 911 us with ``.tran 1u``, by formulas of ngspice's manual; times
+#: and frequencies of zero are not given ones, and the first delay of EXP is then a step, too.
+WAVES = {
+    "EXP(0 1 0 100u 500u 100u)": [
+        1 - np.exp(-0.96),
+        1 - np.exp(-9.10) - (1 - np.exp(-4.11)),
+    ],
+    "EXP(0 1)": [np.exp(-95) - np.exp(-96), 0.0],
+    "EXP(0 1 100u 0 300u 0)": [0.0, 0.0],
+    "PULSE(0 1 50u 0 0 0 0)": [1.0, 1.0],
+    "SIN(1 1 0)": [1.0, 1.0],
+    "SFFM(1 2 3k 0.5 1k 30 60)": [
+        1 + 2 * np.sin(2 * np.pi * 3e3 * t + np.pi / 6 + 0.5 * np.sin(2e3 * np.pi * t + np.pi / 3))
+        for t in (97e-6, 911e-6)
+    ],
+    "AM(2 3 1k 20k 50u)": [
+        2 * (3 + np.sin(2e3 * np.pi * t)) * np.sin(4e4 * np.pi * t) for t in (47e-6, 861e-6)
+    ],
+}
+
+
+@pytest.mark.parametrize("row", WAVES)
+def test_waveforms_with_their_defaults(row):
+    for end, value in zip(("97u", "911u"), WAVES[row], strict=True):
+        scene = read(f"title\nV1 a 0 {row}\nR1 a 0 1\n.tran 1u {end}\n")
+        scene.output("a", "a.v")
+        found = scene.compile().output_values(scene.defaults.t_end, [])
+        assert found[0] == pytest.approx(value, rel=1e-9, abs=1e-12)

@@ -96,7 +96,8 @@ class Writer(Generic[_Scene]):
             raise self.error(1, "no elements: is the first line the title?")
         self._begin()
         changed = {**self.names.changed, **self.parameter_names.changed}
-        self.scene.origin = Origin(self.where, tuple(self._notes(changed)), changed)
+        notes = [*self._notes(changed), *top.remarks]
+        self.scene.origin = Origin(self.where, tuple(notes), changed)
         return self.scene
 
     def guarded(self, line: int, act: Callable[[], Any]) -> Any:

@@ -1,4 +1,7 @@
-"""Waveforms of independent sources: DC, SIN, PULSE, PWL, EXP."""
+"""Waveforms of independent sources: DC, SIN, PULSE, PWL, EXP, SFFM, AM.
+
+Numbers that are not given or zero take the defaults that ngspice has.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ from cotree.readers.spice_values import is_zero, read_number, text_of
 if TYPE_CHECKING:
     from cotree.readers.spice_values import Scope, Value
 
-_WAVEFORMS = {"sin": 6, "pulse": 7, "pwl": 20_000, "exp": 6}
+_WAVEFORMS = {"sin": 6, "pulse": 7, "pwl": 20_000, "exp": 6, "sffm": 7, "am": 5}
 _DEGREE = "0.017453292519943295"  # rad
 
 
@@ -71,8 +74,8 @@ def read_source(words: tuple[str, ...], scope: Scope, times: Times, where: str) 
             rest = rest[count:]
         elif is_given or (key.isalpha() and scope.find(key) is None):
             raise SceneError(
-                f"{where}: '{shown(word)}' is no waveform that is known here: DC, SIN, PULSE, PWL "
-                "and EXP are"
+                f"{where}: '{shown(word)}' is no waveform that is known here: DC, SIN, PULSE, PWL, "
+                "EXP, SFFM and AM are"
             )
         else:
             constant, is_given = scope.value(word, where), True
@@ -89,7 +92,7 @@ def _waveform(key: str, words: tuple[str, ...], scope: Scope, times: Times, wher
     values = [scope.value(word, where) for word in words]
     if len(values) < 2:
         raise SceneError(f"{where}: {key.upper()} needs two numbers and more")
-    return {"sin": _sine, "pulse": _pulse, "exp": _exponential}[key](values, times, where)
+    return _MADE[key](values, times, where)
 
 
 def _piecewise(numbers: list[float], where: str) -> Source:
@@ -104,29 +107,47 @@ def _piecewise(numbers: list[float], where: str) -> Source:
 def _or_else(
     values: list[Value], place: int, default: float | None, what: str, where: str
 ) -> Value:
-    """Give a number of a waveform, or its default, where it is not there."""
-    if place < len(values):
+    """Give a number of a waveform, or its default, where it is not there or zero."""
+    if place < len(values) and not is_zero(values[place]):
         return values[place]
     if default is None:
         raise SceneError(f"{where}: {what} is not given, and there is no .tran to take it from")
     return default
 
 
+def _rest(values: list[Value], places: range) -> list[Value]:
+    """Give numbers that are zero where they are not given."""
+    return [values[place] if place < len(values) else 0.0 for place in places]
+
+
+def _once(times: Times) -> float | None:
+    """Give the frequency of one period in a run."""
+    return None if not times.stop else 1.0 / times.stop
+
+
+def _turn(frequency: Value, time: str, phase: Value) -> str:
+    """Write an angle that grows with time, from a phase in degrees on."""
+    angle = "" if is_zero(phase) else f" + {text_of(phase)}*{_DEGREE}"
+    return f"2*pi*{text_of(frequency)}*{time}{angle}"
+
+
+def _since(delay: Value) -> str:
+    return "t" if is_zero(delay) else f"max(0, t - {text_of(delay)})"
+
+
 def _sine(values: list[Value], times: Times, where: str) -> Source:
-    inverse = None if not times.stop else 1.0 / times.stop
-    frequency = _or_else(values, 2, inverse, "the frequency of SIN", where)
-    delay, decay, phase = (_or_else(values, i, 0.0, "", where) for i in (3, 4, 5))
-    angle = f"{text_of(phase)}*{_DEGREE}"
+    frequency = _or_else(values, 2, _once(times), "the frequency of SIN", where)
+    delay, decay, phase = _rest(values, range(3, 6))
     if not is_zero(decay):
-        passed = "t" if is_zero(delay) else f"max(0, t - {text_of(delay)})"
-        turn = f"2*pi*{text_of(frequency)}*{passed} + {angle}"
+        passed = _since(delay)
+        turn = _turn(frequency, passed, phase)
         wave = f"{text_of(values[1])}*exp(-{text_of(decay)}*{passed})*sin({turn})"
         return Source("", {"value": f"{text_of(values[0])} + {wave}"})
     fields: dict[str, Any] = {"offset": values[0], "amplitude": values[1], "frequency": frequency}
     if not is_zero(delay):
         fields["delay"] = delay
     if not is_zero(phase):
-        fields["phase"] = angle
+        fields["phase"] = f"{text_of(phase)}*{_DEGREE}"
     return Source("sine", fields)
 
 
@@ -136,11 +157,7 @@ def _pulse(values: list[Value], times: Times, where: str) -> Source:
         fields["delay"] = values[2]
     for place, name in ((3, "rise"), (4, "fall")):
         # An edge of no length is as long as the simulator prints.
-        given = values[place] if place < len(values) else 0.0
-        edge = times.step if is_zero(given) else given
-        if edge is None:
-            raise SceneError(f"{where}: the {name} of PULSE is not given, and there is no .tran")
-        fields[name] = edge
+        fields[name] = _or_else(values, place, times.step, f"the {name} of PULSE", where)
     fields["width"] = _or_else(values, 5, times.stop, "the width of PULSE", where)
     if len(values) > 6 and not is_zero(values[6]):
         fields["period"] = values[6]
@@ -149,13 +166,12 @@ def _pulse(values: list[Value], times: Times, where: str) -> Source:
 
 def _exponential(values: list[Value], times: Times, where: str) -> Source:
     low, high = text_of(values[0]), text_of(values[1])
-    first = _or_else(values, 2, 0.0, "", where)
+    # Its manual says that the first delay is zero where it is left out; ngspice takes the step.
+    first = _or_else(values, 2, times.step, "the delay of EXP", where)
     rise = _or_else(values, 3, times.step, "the time constant of EXP", where)
-    if len(values) > 4:
-        second = values[4]
-    else:
-        step = _or_else(values, 4, times.step, "the second delay of EXP", where)
-        second = f"{text_of(first)} + {text_of(step)}"
+    second = _or_else(values, 4, times.step, "the second delay of EXP", where)
+    if len(values) < 5 or is_zero(values[4]):
+        second = f"{text_of(first)} + {text_of(second)}"
     fall = _or_else(values, 5, times.step, "the second time constant of EXP", where)
 
     def since(begin: Value, constant: Value) -> str:
@@ -163,6 +179,34 @@ def _exponential(values: list[Value], times: Times, where: str) -> Source:
 
     up, down = f"({high} - {low})*{since(first, rise)}", f"({low} - {high})*{since(second, fall)}"
     return Source("", {"value": f"{low} + {up} + {down}"})
+
+
+def _frequency_modulated(values: list[Value], times: Times, where: str) -> Source:
+    carrier = _or_else(values, 2, _once(times), "the carrier of SFFM", where)
+    signal = _or_else(values, 4, _once(times), "the frequency of SFFM", where)
+    index, _, phase, inner = _rest(values, range(3, 7))
+    swing = f"{text_of(index)}*sin({_turn(signal, 't', inner)})"
+    wave = f"{text_of(values[1])}*sin({_turn(carrier, 't', phase)} + {swing})"
+    return Source("", {"value": f"{text_of(values[0])} + {wave}"})
+
+
+def _amplitude_modulated(values: list[Value], times: Times, where: str) -> Source:
+    del times
+    if len(values) < 4:
+        raise SceneError(f"{where}: AM needs two numbers, a frequency and that of its carrier")
+    signal, carrier = values[2:4]
+    passed = _since(*_rest(values, range(4, 5)))
+    swing = f"({text_of(values[1])} + sin({_turn(signal, passed, 0.0)}))"
+    return Source("", {"value": f"{text_of(values[0])}*{swing}*sin({_turn(carrier, passed, 0.0)})"})
+
+
+_MADE = {
+    "sin": _sine,
+    "pulse": _pulse,
+    "exp": _exponential,
+    "sffm": _frequency_modulated,
+    "am": _amplitude_modulated,
+}
 
 
 def edge_of(source: Source, is_voltage: bool) -> tuple[str, dict[str, Any]]:

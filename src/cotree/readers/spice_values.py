@@ -27,6 +27,7 @@ _TOKEN = re.compile(
     r"|(?P<sign>\*\*|[-+*/^(),]))",
     re.ASCII,
 )
+_ATTO = re.compile(rf"(?<![\w.]){_DIGITS}([aA][A-Za-z]*)(?!\w)", re.ASCII)
 _SUFFIXES = {
     **{"t": 1e12, "g": 1e9, "meg": 1e6, "k": 1e3, "mil": 25.4e-6, "m": 1e-3},
     **{"u": 1e-6, "µ": 1e-6, "n": 1e-9, "p": 1e-12, "f": 1e-15, "a": 1e-18},
@@ -44,8 +45,16 @@ def read_number(word: str) -> float | None:
     return value if math.isfinite(value) else None
 
 
+def _is_ampere(letters: str) -> bool:
+    """Whether a number ends with a unit that looks like the factor atto."""
+    small = letters.lower()
+    return small == "a" or small.startswith("amp")
+
+
 def _scaled(digits: str, letters: str) -> float:
     small = letters.lower()
+    if _is_ampere(letters):
+        return float(digits)
     suffix = next((s for s in ("meg", "mil") if small.startswith(s)), small[:1])
     if suffix not in _SUFFIXES:
         return float(digits)
@@ -65,10 +74,21 @@ class Scope:
         By name in small letters: numbers, or texts of expressions.
     outer : Scope or None
         Where names are looked up that are not here.
+    remarks : list of str
+        Of the outermost: what is to be told of the file.
     """
 
     values: dict[str, Value] = field(default_factory=dict)
     outer: Scope | None = None
+    remarks: list[str] = field(default_factory=list)
+
+    def remark(self, text: str) -> None:
+        """Note something for whoever reads the file, once."""
+        scope = self
+        while scope.outer is not None:
+            scope = scope.outer
+        if text not in scope.remarks:
+            scope.remarks.append(text)
 
     def find(self, name: str) -> Value | None:
         """Look a parameter up, inside first."""
@@ -87,6 +107,7 @@ class Scope:
         SceneError
             If it is none of these; the message begins with ``where``.
         """
+        self._check_unit(word, where)
         number = read_number(word)
         if number is not None:
             return number
@@ -108,6 +129,16 @@ class Scope:
         if isinstance(value, str):
             raise SceneError(f"{where}: '{shown(word)}' must be a number without parameters")
         return value
+
+    def _check_unit(self, word: str, where: str) -> None:
+        """Note what simulators do not agree on: whether the letter a is a unit or a factor."""
+        for match in _ATTO.finditer(word):
+            is_ampere = _is_ampere(match[1])
+            meaning = "in amperes" if is_ampere else "1e-18 of its unit"
+            self.remark(
+                f"{where}: '{shown(match[0])}' is taken as {meaning}; some simulators take the "
+                "letter a for 1e-18 everywhere, some nowhere: write the power of ten"
+            )
 
     def _expression(self, body: str) -> Value:
         made, at = [], 0
