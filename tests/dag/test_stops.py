@@ -6,13 +6,13 @@ import math
 
 import pytest
 
+from cotree.dag.corners import stop_times
 from cotree.dag.nodes import Dag
 from cotree.dag.stops import (
     acts_in_part,
     find_longest_steps,
     find_stops,
     longest_step,
-    stop_times,
 )
 from cotree.scene.expressions import parse
 

@@ -104,6 +104,6 @@ CASCADES = {
 }
 
 
-def whole_pattern(equations, factors):
+def whole_pattern(equations, factors, timed=()):
     """Take no sensitivity to vanish; in the place of ``reached_states``."""
     return tuple(tuple(range(len(equations.states))) for _ in equations.sensitivities)

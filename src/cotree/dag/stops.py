@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import product
+from itertools import chain, product
 from typing import TYPE_CHECKING
 
 from cotree.dag.evaluate import evaluate
@@ -39,9 +39,6 @@ _SHARES = 32.0
 #: What may be more lines than this, one after another, is left to the error test.
 _MOST_PIECES = 16
 
-#: A run is not cut more often than this: a period far below the span is a mistake in units.
-_MOST = 10_000_000
-
 
 @dataclass(frozen=True)
 class Stop:
@@ -55,11 +52,14 @@ class Stop:
         Of parameters; None for one time only.
     starts : bool
         Whether there are none before ``first``, k from zero on.
+    along : tuple of (Node, Node)
+        How ``first`` and the period change along each of some directions.
     """
 
     first: Node
     period: Node | None = None
     starts: bool = False
+    along: tuple[tuple[Node, Node], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -96,16 +96,21 @@ def find_stops(dag: Dag, roots: Iterable[Node]) -> tuple[Stop, ...]:
     roots : iterable of Node
         The values.
     """
+    return tuple(dict.fromkeys(chain.from_iterable(stops_within(dag, roots).values())))
+
+
+def stops_within(dag: Dag, roots: Iterable[Node]) -> dict[Node, tuple[Stop, ...]]:
+    """List the same for each node among the values that looks at something."""
     order = reachable(roots)
     if not any(node.op in _LOOKING for node in order):
-        return ()
+        return {}
     pieces = _all_pieces(dag, order)
-    found: dict[Stop, None] = {}
+    found: dict[Node, tuple[Stop, ...]] = {}
     for node in order:
         if node.op in _LOOKING:
-            for line in pieces.get(node.args[0], ()):
-                found |= dict.fromkeys(_stops(node, line))
-    return tuple(found)
+            own = (_stops(node, line) for line in pieces.get(node.args[0], ()))
+            found[node] = tuple(dict.fromkeys(chain.from_iterable(own)))
+    return found
 
 
 def find_longest_steps(dag: Dag, roots: Iterable[Node]) -> tuple[Node, ...]:
@@ -242,59 +247,18 @@ def _stops(node: Node, line: _Line) -> list[Stop]:
     return [Stop(first, period, line.count.starts) for first in firsts]
 
 
-def stop_times(
-    stops: Sequence[Stop], values: Mapping[Node, float], low: float, high: float
-) -> list[float]:
-    """List the times of some stops within a span, ascending.
-
-    Parameters
-    ----------
-    stops : sequence of Stop
-        The stops.
-    values : mapping of Node to float
-        Values of the parameters' symbols.
-    low, high : float
-        The span, both ends left out.
-
-    Raises
-    ------
-    ValueError
-        If a period is so short that there are too many.
-    """
-    found: set[float] = set()
-    for stop in stops:
-        first, period = _number(stop.first, values), _number(stop.period, values)
-        if not math.isfinite(first):
-            continue
-        if stop.period is None or not math.isfinite(period) or period == 0.0:
-            found.add(first)
-            continue
-        ends = sorted((at - first) / period for at in (low, high))
-        start, end = math.ceil(ends[0]), math.floor(ends[1])
-        start = max(start, 0) if stop.starts else start
-        if end - start > _MOST:
-            raise ValueError(
-                f"a period of {period:.6g} s passes {end - start} times in the span: it is too "
-                "short for this run; check its unit"
-            )
-        found |= {first + k * period for k in range(start, end + 1)}
-    kept: list[float] = []
-    for at in sorted(at for at in found if low < at < high):
-        if not kept or at - kept[-1] > SAME * max(abs(at), abs(kept[-1])):
-            kept.append(at)
-    return kept
-
-
 def longest_step(limits: Iterable[Node], values: Mapping[Node, float]) -> float:
-    """Give the least of some limits, infinity where there is none; see :func:`stop_times`."""
-    sizes = [abs(_number(limit, values)) for limit in limits]
+    """Give the least of some limits, which are nodes of parameters; infinity for none."""
+    sizes = [abs(value_of(limit, values)) for limit in limits]
     return min((size for size in sizes if size > 0.0), default=math.inf)
 
 
-def _number(node: Node | None, values: Mapping[Node, float]) -> float:
-    """Evaluate a node; nan where it has no value."""
+def value_of(node: Node | None, values: Mapping[Node, float]) -> float:
+    """Evaluate a node of parameters; nan where it has no value."""
     if node is None:
         return math.nan
+    if node.value is not None:
+        return node.value
     try:
         return float(evaluate([node], values)[0])
     except (ArithmeticError, ValueError):

@@ -30,7 +30,7 @@ from cotree.codegen.integrators import (
 from cotree.codegen.newton import newton_context, render_newton
 from cotree.codegen.printer_c import literal
 from cotree.codegen.render import render, render_model
-from cotree.dag.evaluate import evaluate
+from cotree.dag.stops import value_of
 from cotree.errors import CodegenError, SceneError, nearest
 from cotree.files import target_path
 from cotree.model.kernels import PythonKernels
@@ -307,9 +307,16 @@ def _stop_rows(program: Program) -> list[str]:
     values = {symbols.symbol("p", i): v for i, v in enumerate(program.layout.parameter_values)}
     rows = set()
     for stop in (stop for own in program.stops.values() for stop in own):
-        first = evaluate([stop.first], values)[0]
-        period = 0.0 if stop.period is None else abs(evaluate([stop.period], values)[0])
-        rows.add((first, period, float(stop.starts)))
+        first = value_of(stop.first, values)
+        if not math.isfinite(first):
+            continue
+        period = value_of(stop.period, values)
+        sign = math.copysign(1.0, period)
+        slopes = [value_of(d, values) for pair in stop.along for d in pair]
+        if not math.isfinite(period) or period == 0.0:
+            period, slopes[1::2] = 0.0, [0.0] * len(stop.along)
+        slopes[1::2] = [sign * d for d in slopes[1::2]]
+        rows.add((first, abs(period), float(stop.starts), *slopes))
     return [f"{{{', '.join(map(literal, row))}}}" for row in sorted(rows)]
 
 

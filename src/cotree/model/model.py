@@ -22,10 +22,11 @@ from cotree.scene.description import check_number
 from cotree.sharing import formed_once
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Container, Mapping
+    from collections.abc import Callable, Container, Iterable, Mapping
 
     from scipy.sparse import csc_matrix
 
+    from cotree.dag.corners import Corner
     from cotree.model.kernels import Kernels, NativeModel
     from cotree.program import Layout, Program
     from cotree.program.counts import OperationCount
@@ -115,14 +116,18 @@ class CompiledModel(Structure):
         """The scene's parameter values, shape (n_parameters,)."""
         return np.array(self.layout.parameter_values, dtype=float)
 
-    def stop_times(
-        self, p: Array, span: tuple[float, float], replaced: Container[str] = ()
-    ) -> list[float]:
-        """List when inputs and rates jump or have kinks; see :meth:`Program.stop_times`."""
-        return self._program.stop_times(p.tolist(), min(span), max(span), replaced)
+    def corners(
+        self,
+        p: Array,
+        span: tuple[float, float],
+        replaced: Container[str] = (),
+        others: Iterable[float] = (),
+    ) -> list[Corner]:
+        """List when inputs and rates jump or have kinks; see :meth:`Program.corners`."""
+        return self._program.corners(p.tolist(), (min(span), max(span)), replaced, others)
 
     def longest_step(self, p: Array, replaced: Container[str] = ()) -> float:
-        """Give the longest step that passes over nothing, [s]; see :meth:`stop_times`."""
+        """Give the longest step that passes over nothing, [s]; see :meth:`corners`."""
         return self._program.longest_step(p.tolist(), replaced)
 
     @property

@@ -6,6 +6,7 @@ from dataclasses import replace
 from itertools import accumulate, chain
 from typing import TYPE_CHECKING, TypeVar
 
+from cotree.dag.corners import stops_along
 from cotree.dag.stops import acts_in_part, find_longest_steps, find_stops
 from cotree.dag.traverse import substitute, symbols_in
 from cotree.equations import Quantity, spread
@@ -17,12 +18,18 @@ from cotree.program.kernels import KERNELS
 from cotree.program.program import Kernel, Layout, Program
 from cotree.program.projection import constraint_quantities, projection_kernels
 from cotree.program.reduced import reduced_kernels
-from cotree.program.sensitivity_pattern import pack_rates, reached_states, without_vanishing
+from cotree.program.sensitivity_pattern import (
+    pack_rates,
+    reached_states,
+    timed_by,
+    without_vanishing,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from cotree.dag.nodes import Dag, Node
+    from cotree.dag.stops import Stop
     from cotree.equations import Equations
     from cotree.formulation.elimination import Solver
 
@@ -46,9 +53,11 @@ def lower(equations: Equations) -> Program:
     """
     _check_sensitivities(equations)
     factors, solved = solve_unknowns(equations)
-    reached = reached_states(equations, factors)
-    equations = without_vanishing(equations, reached)
     rates = substitute(equations.rates, solved)
+    n_outputs, n_events = len(equations.outputs), len(equations.events)
+    watched = substitute(equations.output_values[n_outputs : n_outputs + n_events], solved)
+    reached = reached_states(equations, factors, timed_by(equations, rates, watched))
+    equations = without_vanishing(equations, reached)
     outputs = substitute(equations.output_values, solved)
     zero, n, m = equations.dag.zero, len(equations.states), len(equations.outputs)
     mapped = map_rates(equations, factors, solved, rates, reached)
@@ -95,7 +104,7 @@ def lower(equations: Equations) -> Program:
         layout,
         {name: Kernel(spec, tuple(results[name]), {}) for name, spec in KERNELS.items()},
         tuple(guard.named(names) for guard in equations.guards),
-        _of_time(equations, [*rates, *results["events"]], find_stops),
+        _timed(equations, _of_time(equations, [*rates, *results["events"]], find_stops)),
         # A long step would pass over what events look at, too, where it is driven by a sine.
         _of_time(equations, [*rates, *results["events"]], find_longest_steps)
         if acts_in_part(rates) or results["events"]
@@ -120,6 +129,14 @@ def _of_time(
     for quantity, value in zip(equations.inputs, equations.input_values, strict=True):
         found[quantity.name] = find(equations.dag, [value])
     return {name: own for name, own in found.items() if own}
+
+
+def _timed(
+    equations: Equations, stops: Mapping[str, tuple[Stop, ...]]
+) -> dict[str, tuple[Stop, ...]]:
+    """Differentiate the times of stops along each sensitivity."""
+    seeds = [row.seed for row in equations.sensitivities]
+    return {name: stops_along(own, seeds) for name, own in stops.items()}
 
 
 def _check_sensitivities(equations: Equations) -> None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
-from cotree.dag.stops import longest_step, stop_times
+from cotree.dag.corners import find_corners
+from cotree.dag.stops import longest_step
 from cotree.dag.traverse import reachable, symbols_in
 from cotree.errors import SolveError
 from cotree.program.counts import OperationCount, count_operations
@@ -16,6 +17,7 @@ from cotree.program.machine import by_need
 if TYPE_CHECKING:
     from collections.abc import Container, Iterable, Mapping, Sequence
 
+    from cotree.dag.corners import Corner
     from cotree.dag.nodes import Dag, Node
     from cotree.dag.stops import Stop
     from cotree.equations import EventRow, Guard, Quantity, RedundantRow
@@ -185,7 +187,7 @@ class Program:
         Checked by ``prepare``.
     stops : mapping of str to tuple of Stop
         When each input, by its name, has a jump or a kink in the scene; and when anything else
-        that the rates are made of has, by the empty name.
+        that the rates are made of has, by the empty name; along each sensitivity.
     longest_steps : mapping of str to tuple of Node
         What steps should not be longer than while each input is the scene's own, likewise.
     """
@@ -197,19 +199,25 @@ class Program:
     stops: Mapping[str, tuple[Stop, ...]] = field(default_factory=dict)
     longest_steps: Mapping[str, tuple[Node, ...]] = field(default_factory=dict)
 
-    def stop_times(
-        self, p: Sequence[float], low: float, high: float, replaced: Container[str] = ()
-    ) -> list[float]:
+    def corners(
+        self,
+        p: Sequence[float],
+        span: tuple[float, float],
+        replaced: Container[str] = (),
+        others: Iterable[float] = (),
+    ) -> list[Corner]:
         """List the times within a span where integration stops, for values of the parameters.
 
         Parameters
         ----------
         p : sequence of float
             Values of the parameters.
-        low, high : float
-            The span, both ends left out.
+        span : tuple of float
+            Two times, ascending.
         replaced : container of str
             Inputs that a run gives otherwise.
+        others : iterable of float
+            Further times, which depend on no parameter.
 
         Raises
         ------
@@ -218,13 +226,17 @@ class Program:
         """
         stops = [stop for name, own in self.stops.items() if name not in replaced for stop in own]
         try:
-            values = _parameters([node for stop in stops for node in (stop.first, stop.period)], p)
-            return stop_times(stops, values, low, high)
+            nodes = [
+                node
+                for stop in stops
+                for node in (stop.first, stop.period, *chain.from_iterable(stop.along))
+            ]
+            return find_corners(stops, _parameters(nodes, p), *span, others)
         except ValueError as error:
             raise SolveError(str(error)) from None
 
     def longest_step(self, p: Sequence[float], replaced: Container[str] = ()) -> float:
-        """Give the longest step that passes over nothing, [s]; see :meth:`stop_times`."""
+        """Give the longest step that passes over nothing, [s]; see :meth:`corners`."""
         limits = [
             limit
             for name, own in self.longest_steps.items()

@@ -4,15 +4,18 @@ In: equations and their factorised matrix. Out: for each parameter the states th
 and the equations without the sensitivities that vanish. Beginning with the states whose initial
 value or rate has the parameter in it, a state is reached where its rate depends on one that is.
 Algebraic unknowns are reached together where equations connect them, and what a constraint or an
-event moves where that depends on the parameter.
+event moves where that depends on the parameter. Where a parameter decides when a rate has a kink
+or jumps, it reaches that state, even if nothing changes with it between such times.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from cotree.dag.traverse import reachable, substitute
+from cotree.dag.corners import stops_along
+from cotree.dag.stops import find_stops, stops_within
+from cotree.dag.traverse import dependent, reachable, substitute
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -28,7 +31,9 @@ _CONSTANT: _Part = (0, True)
 _ZERO: _Part = (0, False)
 
 
-def reached_states(equations: Equations, factors: Solver) -> tuple[tuple[int, ...], ...]:
+def reached_states(
+    equations: Equations, factors: Solver, timed: Sequence[Timed]
+) -> tuple[tuple[int, ...], ...]:
     """Tell which states depend on each parameter of sensitivity.
 
     Parameters
@@ -37,6 +42,8 @@ def reached_states(equations: Equations, factors: Solver) -> tuple[tuple[int, ..
         The equations.
     factors : Solver
         Their factorised matrix.
+    timed : sequence of Timed
+        What looks at times that each sensitivity moves; see :func:`timed_by`.
 
     Returns
     -------
@@ -56,13 +63,61 @@ def reached_states(equations: Equations, factors: Solver) -> tuple[tuple[int, ..
     directions = [_Direction(row, parts, solving, n) for row in rows]
     groups = _connected([part for along in directions for part in along.rates.items()], equations)
     found = []
-    for along in directions:
+    for along, own in zip(directions, timed, strict=True):
         along.connect(groups)
-        reached = along.reached(())
-        while not reached.issuperset(moved := _moved(equations, parts, along, reached)):
+        reached = along.reached(own.states)
+        while not reached.issuperset(
+            moved := _moved(equations, parts, along, reached, own.is_event)
+        ):
             reached = along.reached(reached | moved)
         found.append(tuple(sorted(reached)))
     return tuple(found)
+
+
+@dataclass(frozen=True)
+class Timed:
+    """What looks at times that a parameter moves.
+
+    Attributes
+    ----------
+    states : set of int
+        The states whose rates do.
+    is_event : bool
+        Whether what some event looks at does.
+    """
+
+    states: set[int]
+    is_event: bool
+
+
+def timed_by(equations: Equations, rates: Sequence[Node], watched: Sequence[Node]) -> list[Timed]:
+    """Tell what looks at times that each sensitivity moves.
+
+    Parameters
+    ----------
+    equations : Equations
+        The equations.
+    rates, watched : sequences of Node
+        The rates of the states, and what events look at, unknowns eliminated.
+    """
+    dag, rows, roots = equations.dag, equations.sensitivities, [*rates, *watched]
+    given = dict(zip(equations.input_symbols, equations.input_values, strict=True))
+    looking = {
+        **stops_within(dag, roots),
+        **{symbol: find_stops(dag, [value]) for symbol, value in given.items()},
+    }
+    order = reachable(roots) if any(looking.values()) else []
+    found = []
+    for row in rows:
+        moved = [
+            node
+            for node, own in looking.items()
+            if any(not d.is_zero for stop in stops_along(own, [row.seed]) for d in stop.along[0])
+        ]
+        depending = dependent(order, moved) if moved else set()
+        states = {i for i, rate in enumerate(rates) if rate in depending}
+        found.append(Timed(states, not depending.isdisjoint(watched)))
+    return found
 
 
 class _Parts:
@@ -174,7 +229,9 @@ def _connected(rates: Iterable[tuple[int, _Part]], equations: Equations) -> list
     return [list(_places(mask)) for mask in masks]
 
 
-def _moved(equations: Equations, parts: _Parts, along: _Direction, reached: set[int]) -> set[int]:
+def _moved(
+    equations: Equations, parts: _Parts, along: _Direction, reached: set[int], is_timed: bool
+) -> set[int]:
     """Give the states that constraints and events move in a way that depends on the parameter."""
     row, constraints = along.row, equations.constraints
     n_coordinates, n_speeds = equations.n_coordinates, equations.n_speeds
@@ -188,7 +245,7 @@ def _moved(equations: Equations, parts: _Parts, along: _Direction, reached: set[
     place = len(equations.outputs) + len(equations.events)
     depending = {k for k, node in row.outputs.items() if along.depends(node, reached)}
     # One event may make others happen at its own time.
-    is_timed = any(k in depending for k in range(len(equations.outputs), place))
+    is_timed = is_timed or any(k in depending for k in range(len(equations.outputs), place))
     for event in equations.events:
         end = place + len(event.targets) + event.is_impact
         targets = dict(zip(event.targets, range(place, end), strict=False))

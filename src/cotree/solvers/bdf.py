@@ -18,7 +18,7 @@ from cotree.codegen.integrators import sundials_declarations, sundials_files
 from cotree.codegen.sundials import SUNDIALS_FUNCTIONS, SUNDIALS_VERSION, WITH_SENSITIVITIES
 from cotree.model.kernels import SINGULAR
 from cotree.sharing import made_once
-from cotree.solvers.drive import segments
+from cotree.solvers.corners import TURNED, segments, turning
 from cotree.solvers.engine import Job, build_engine
 from cotree.solvers.evaluate import FAILED
 from cotree.solvers.messages import ROUNDING_LEVEL
@@ -227,6 +227,8 @@ class SundialsJob(Job):
         status, c = int(self.job.status), self._memory
         if status in BY_STATUS:
             return self._verdict(problem, BY_STATUS[status])
+        if status == TURNED:
+            return turning(problem, float(self.job.t), int(self.job.turned))
         known = _REASONS | _OWN_REASONS[self._sundials.method]
         reason = known.get(status, f"flag {status}")
         reasons = [f"SUNDIALS says: {reason}" if status < 0 else reason]

@@ -13,7 +13,6 @@ start anew from the projected value if it differs by more than the tolerance.
 from __future__ import annotations
 
 import contextlib
-import itertools
 import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -23,9 +22,10 @@ import numpy as np
 from cotree.quiet import without_warnings
 from cotree.solvers.augmented import augmented_tolerances
 from cotree.solvers.base import Drift, Statistics, Trajectory
+from cotree.solvers.corners import Turns, segments
 from cotree.solvers.evaluate import BUDGET_SPENT, FAILED, Evaluator, IntegrationStopError
 from cotree.solvers.events import Watch
-from cotree.solvers.messages import ROUNDING_LEVEL, summary
+from cotree.solvers.messages import ROUNDING_LEVEL, told
 from cotree.solvers.packed import packed
 from cotree.solvers.passage import Passage
 from cotree.solvers.progress import Progress
@@ -87,6 +87,7 @@ def drive(problem: Problem, method: str, start: StartStepper) -> Trajectory:
             status, reason = stop.status, stop.reason
             run.keep_last_point()
     evaluator = run.evaluator
+    cause = evaluator.not_finite if reason else ""
     statistics = Statistics(
         method=method,
         nfev=evaluator.nfev,
@@ -100,7 +101,7 @@ def drive(problem: Problem, method: str, start: StartStepper) -> Trajectory:
         t=np.array(run.times),
         z=np.array(run.columns).reshape(len(run.columns), width).T.copy(),
         status=status,
-        message=_message(problem, method, run, reason),
+        message=told(problem, method, run.t, reason, cause, run.passage.summary()),
         statistics=statistics,
         drift=run.drift(),
         events=() if run.watch is None else tuple(run.watch.happened),
@@ -114,6 +115,7 @@ class _Run:
         self.problem = problem
         self.progress = progress
         self.evaluator = Evaluator(problem)
+        self.turns = Turns(self.evaluator)
         self.t = float(problem.t_span[0])
         self.z = np.array(problem.z0, dtype=np.float64)
         self.times: list[float] = []
@@ -136,6 +138,7 @@ class _Run:
         evaluator.open_segment(start, end)
         # A jump of an input may leave the motion of the segment before off the constraints.
         self.z = evaluator.project(start, self.z)
+        self._turn(start)
         evaluator.settle(start, self.z)
         self._look_at_start()
         self._keep_start()
@@ -185,6 +188,21 @@ class _Run:
                     nlu_before = self.nlu
         finally:
             self.nlu = nlu_before + stepper.nlu
+        if end != self.problem.t_span[1]:
+            self.turns.leave(end, self.z)
+
+    def _turn(self, t: float) -> None:
+        """Let sensitivities jump at a breakpoint; what is kept there is what holds behind it."""
+        turned = self.turns.enter(t, self.z)
+        if turned is not self.z and self.times and self.times[-1] == t:
+            self._keep_again(t, turned)
+        self.z = turned
+
+    def _keep_again(self, t: float, z: FloatArray) -> None:
+        """Store something in place of what was stored last."""
+        for kept in (self.times, self.columns, self.residuals):
+            del kept[-1:]
+        self._keep(t, z)
 
     def _look_at_start(self) -> None:
         """Let happen what happens at the start of a segment."""
@@ -193,7 +211,10 @@ class _Run:
             return
         is_first = self.t == float(self.problem.t_span[0]) and not self.times
         n_before = len(watch.happened)
-        self.z = (watch.begin if is_first else watch.resume)(self.t, self.z)
+        if is_first:
+            self.z = watch.begin(self.t, self.z)
+        else:
+            self.z = watch.resume(self.t, self.z, self.turns.slopes(self.t))
         if len(watch.happened) > n_before:
             self._keep_after(self.t)
 
@@ -210,9 +231,7 @@ class _Run:
         assert self.watch is not None
         is_kept = bool(self.times) and self.times[-1] == t
         if is_kept:
-            for kept in (self.times, self.columns, self.residuals):
-                del kept[-1:]
-            self._keep(t, self.z)
+            self._keep_again(t, self.z)
         for at in self._wanted_until(t):
             if at != t or not is_kept:
                 self._keep(at, self.z)
@@ -377,23 +396,3 @@ class _Run:
         limit = self.problem.max_steps
         if limit is not None and self.problem.steps_taken + self.n_steps >= limit:
             raise IntegrationStopError(BUDGET_SPENT, f"the limit of {limit} steps is reached")
-
-
-def segments(problem: Problem) -> list[tuple[float, float]]:
-    """Cut the span at the breakpoints inside it."""
-    start, end = (float(t) for t in problem.t_span)
-    low, high = min(start, end), max(start, end)
-    inside = sorted({float(b) for b in problem.breakpoints if low < b < high})
-    if problem.direction < 0:
-        inside.reverse()
-    corners = [start, *inside, end]
-    return list(itertools.pairwise(corners))
-
-
-def _message(problem: Problem, method: str, run: _Run, reason: str) -> str:
-    cause = run.evaluator.not_finite if reason else ""
-    why = f"{reason}; {cause}" if cause and cause not in reason else reason
-    sentences = summary(problem, method, run.t, why)
-    if run.passage.crossed:
-        sentences.insert(1, run.passage.summary())
-    return " ".join(sentences)

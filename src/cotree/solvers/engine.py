@@ -12,9 +12,11 @@ import numpy as np
 
 from cotree.build import BuildOptions, find_toolchain, obtain_library
 from cotree.codegen.integrators import engine_files, job_declarations
+from cotree.dag.corners import Corner
 from cotree.errors import BuildError
 from cotree.sharing import made_once
 from cotree.solvers.augmented import augmented_tolerances
+from cotree.solvers.corners import TURNED, turn_tolerances, turning
 from cotree.solvers.events import Occurrence
 from cotree.solvers.messages import ROUNDING_LEVEL
 from cotree.solvers.problem import describe_entry
@@ -156,6 +158,9 @@ class Job:
         self.z = np.array(problem.z0, dtype=np.float64)
         job.z, job.t, job.entry = self._doubles(self.z), corners[0], -1
         self.job = job
+        job.is_start_sharp = int(corners[0] in problem.breakpoints)
+        job.is_end_sharp = int(corners[-1] in problem.breakpoints)
+        self._let_turn(problem, corners)
         job.memory = self._make_memory(problem)
         if newton is not None:
             job.newton = self._ffi.cast("void *", newton.address)
@@ -217,6 +222,8 @@ class Job:
         status, entry = int(self.job.status), int(self.job.entry)
         if status in BY_STATUS:
             return self._verdict(problem, BY_STATUS[status])
+        if status == TURNED:
+            return turning(problem, float(self.job.t), int(self.job.turned))
         if entry >= 0:
             name = describe_entry(problem, int(self._places[entry]))
             return f"the derivative of {name} is not finite ahead"
@@ -225,8 +232,8 @@ class Job:
     @property
     def is_final(self) -> bool:
         """Tell whether it failed for a reason that another method would meet, too."""
-        name = BY_STATUS.get(int(self.job.status), UNCERTAIN[0])
-        return name not in UNCERTAIN
+        status = int(self.job.status)
+        return status == TURNED or BY_STATUS.get(status, UNCERTAIN[0]) not in UNCERTAIN
 
     @property
     def has_spent_events(self) -> bool:
@@ -240,6 +247,16 @@ class Job:
             Occurrence(int(row[1]), float(row[0]), row[2 + m : 2 + m + n], row[-n:], row[2 : 2 + m])
             for row in self.records[: self.job.n_records].copy()
         )
+
+    def _let_turn(self, problem: Problem, corners: Sequence[float]) -> None:
+        """Say how the times of corners depend on the parameters, where any does."""
+        if not problem.n_sensitivities or problem.shifts.keys().isdisjoint(corners[:-1]):
+            return
+        still = Corner(0.0, *((0.0,) * problem.n_sensitivities,) * 2)
+        rows = [problem.shifts.get(t, still) for t in corners]
+        self.job.slopes = self._doubles(np.array([row.slopes for row in rows]))
+        self.job.spreads = self._doubles(np.array([row.spreads for row in rows]))
+        self.job.turn_tolerances = self._doubles(turn_tolerances(problem))
 
     def _verdict(self, problem: Problem, name: str) -> str:
         """Say why an event ended it."""

@@ -114,10 +114,10 @@ class Watch:
         starting = np.flatnonzero(at_zero & (self._direction != 0) & (moving == self._direction))
         return self._happen(t, z, [int(i) for i in starting], moving)
 
-    def resume(self, t: float, z: FloatArray) -> FloatArray:
-        """Look at a breakpoint: what jumps through zero there happens, at a fixed time."""
+    def resume(self, t: float, z: FloatArray, slopes: FloatArray) -> FloatArray:
+        """Look at a breakpoint: what jumps through zero there happens; its time has slopes."""
         self._look(t, z)
-        return self._happen(t, z, [], -self._side)
+        return self._happen(t, z, [], -self._side, slopes)
 
     def find(self, stepper: Stepper, t: float, z: FloatArray, end: float) -> Located | None:
         """Find the first crossing within the last step, which began at t with z; else go on."""
@@ -235,11 +235,17 @@ class Watch:
         near &= (rates * self._side < 0.0) & (np.abs(g) <= soon * np.abs(rates))
         return [(stepper.t, int(i), float(self._side[i])) for i in np.flatnonzero(near)]
 
-    def _happen(self, t: float, z: FloatArray, events: list[int], way: FloatArray) -> FloatArray:
+    def _happen(
+        self,
+        t: float,
+        z: FloatArray,
+        events: list[int],
+        way: FloatArray,
+        t_p: FloatArray | None = None,
+    ) -> FloatArray:
         """Let events happen, each moving its ``way``, then those that these make happen."""
         fired: list[int] = []
         speed = np.abs(self._events.rates(t, z))
-        t_p: FloatArray | None = None
         if events:  # what is at zero passes it, whether it is an event in that direction or not
             passing = np.abs(self._events.values(t, z)) <= self._band
             self._side = np.where(passing, way, self._side)

@@ -44,3 +44,12 @@ def _rounding_of_time(problem: Problem, t: float) -> str:
         f"Near t = {t:.17g} times are {spacing:.2g} s apart, too far for the steps that are "
         "needed: let the run begin nearer to t = 0."
     )
+
+
+def told(problem: Problem, method: str, t: float, reason: str, cause: str, passage: str) -> str:
+    """Say the same with what caused a failure, and what was passed on the way."""
+    why = f"{reason}; {cause}" if cause and cause not in reason else reason
+    sentences = summary(problem, method, t, why)
+    if passage:
+        sentences.insert(1, passage)
+    return " ".join(sentences)

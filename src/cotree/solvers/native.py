@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 
 from cotree.solvers.base import Drift, Statistics, Trajectory
-from cotree.solvers.drive import segments
+from cotree.solvers.corners import segments
 from cotree.solvers.engine import Job, load_engine
 from cotree.solvers.evaluate import BUDGET_SPENT, FAILED
 from cotree.solvers.messages import summary

@@ -7,7 +7,7 @@ parameter by parameter, so each block of ``n_states`` entries obeys the same sta
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -17,10 +17,11 @@ from cotree.errors import SolveError
 from cotree.tolerances import rtol_fault
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from scipy.sparse import csc_matrix
 
+    from cotree.dag.corners import Corner
     from cotree.equations import EventRow
     from cotree.solvers.engine import Native
 
@@ -82,7 +83,10 @@ class Problem:
         Whether sensitivities take part in the error test.
     breakpoints : tuple of float
         Times where the right-hand side jumps or has a kink, [s]; integration restarts there, so
-        no pulse between two of them is stepped over. Those outside the span are ignored.
+        no pulse between two of them is stepped over. Those outside the span are ignored; where an
+        end of it is one, nothing beyond it is seen.
+    shifts : mapping of float to Corner
+        How times among these, and the start, depend on the parameters of sensitivity.
     names, parameters : tuple of str
         Names of the states and of the parameters of sensitivity, for messages; empty for none.
     max_step : float
@@ -139,6 +143,7 @@ class Problem:
     scales: FloatArray | None = None
     error_test_sensitivities: bool = True
     breakpoints: tuple[float, ...] = ()
+    shifts: Mapping[float, Corner] = field(default_factory=dict)
     names: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
     max_step: float = float("inf")

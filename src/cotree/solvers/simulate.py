@@ -99,6 +99,7 @@ def simulate(
     is_held = settings.project and bool(model.layout.constraints)
     projection = Projection(model, p, u) if is_held else None
     t_span, jacobian = _span(settings.t_span), model.bound_jacobian(p)
+    corners = model.corners(p, t_span, settings.inputs, signals.breakpoints)
     problem = Problem(
         rhs=_rhs(model, p, u),
         jacobian=lambda t, y: jacobian(t, y, u(t)),
@@ -111,7 +112,8 @@ def simulate(
         atol=check_number(settings.atol, "atol"),
         error_test_sensitivities=settings.error_test_sensitivities,
         scales=_scales(model, values, settings.scales),
-        breakpoints=(*model.stop_times(p, t_span, settings.inputs), *signals.breakpoints),
+        breakpoints=tuple(corner.t for corner in corners),
+        shifts={corner.t: corner for corner in corners if any(corner.slopes + corner.spreads)},
         names=model.states,
         parameters=model.sensitivities,
         max_step=_max_step(model, p, settings),
