@@ -68,13 +68,12 @@ def _load(path: str, cdef: str) -> LoadedLibrary:
             "was built on another system, and check that compiler and Python are of one "
             "architecture."
         ) from error
-    # Names are looked up at first use, where a library of something else would be a riddle.
-    for name in dir(lib):
-        try:
-            getattr(lib, name)
-        except AttributeError:
-            raise BuildError(
-                f"The compiled library '{path}' has no '{name}', so that it is not what its name "
-                "says; run clear_cache()."
-            ) from None
+    # Names are looked up at first use, where a library of something else would be a riddle. An engine
+    # declares what it calls in other libraries, too: one that has none of its names is foreign.
+    names = [name for name in dir(lib) if not hasattr(lib, name)]
+    if names and len(names) == len(dir(lib)):
+        raise BuildError(
+            f"The compiled library '{path}' has no '{names[0]}', so that it is not what its name "
+            "says; run clear_cache()."
+        )
     return LoadedLibrary(ffi, lib)
