@@ -68,8 +68,8 @@ def _load(path: str, cdef: str) -> LoadedLibrary:
             "was built on another system, and check that compiler and Python are of one "
             "architecture."
         ) from error
-    # Names are looked up at first use, where a library of something else would be a riddle. An engine
-    # declares what it calls in other libraries, too: one that has none of its names is foreign.
+    # Names are looked up at first use, where a library of something else would be a riddle. An
+    # engine declares what it calls in other libraries, too: one without any name is foreign.
     names = [name for name in dir(lib) if not hasattr(lib, name)]
     if names and len(names) == len(dir(lib)):
         raise BuildError(
