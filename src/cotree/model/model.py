@@ -117,14 +117,10 @@ class CompiledModel(Structure):
         return np.array(self.layout.parameter_values, dtype=float)
 
     def corners(
-        self,
-        p: Array,
-        span: tuple[float, float],
-        replaced: Container[str] = (),
-        others: Iterable[float] = (),
+        self, p: Array, span: tuple[float, float], given: Container[str], others: Iterable[float]
     ) -> list[Corner]:
         """List when inputs and rates jump or have kinks; see :meth:`Program.corners`."""
-        return self._program.corners(p.tolist(), (min(span), max(span)), replaced, others)
+        return self._program.corners(p.tolist(), (min(span), max(span)), given, others)
 
     def longest_step(self, p: Array, replaced: Container[str] = ()) -> float:
         """Give the longest step that passes over nothing, [s]; see :meth:`corners`."""
