@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.build import BuildOptions
 from cotree.errors import ParameterError
-from cotree.model.algebraic import solve_states
-from cotree.model.arrays import as_array
 from cotree.operating import OperatingModel
 from cotree.program.counts import Operations
 from cotree.readers import load_source
 from cotree.scene.description import SceneDescription, check_number
 from cotree.scene.tunable import keep_tunable, listed_names
-from cotree.sharing import formed_once, forming
+from cotree.sharing import forming
 from cotree.solvers.simulate import Settings, simulate
 
 if TYPE_CHECKING:
@@ -25,7 +23,6 @@ if TYPE_CHECKING:
     from cotree.export.c_project import CProject
     from cotree.export.equations import SymbolicEquations
     from cotree.export.graph_report import GraphReport
-    from cotree.model.linearize import Linearization, Linearizer
     from cotree.pipeline import Compiled
     from cotree.scene.graphs import TreeChoice
     from cotree.solvers import Result
@@ -324,46 +321,6 @@ class Model(OperatingModel):
         result = simulate(self, settings, self.layout.units)
         built = self.times.get("compile", 0.0) + result.times["compile"]
         return replace(result, times={**self.times, **result.times, "compile": built}, model=self)
-
-    @formed_once
-    def _linearizer(self) -> Linearizer:
-        from cotree.model.linearize import Linearizer
-
-        return Linearizer.of(self.first_graph)
-
-    def linearize(
-        self, t: float = 0.0, y: Any = None, p: Any = None, u: Any = None
-    ) -> Linearization:
-        """Linearise about a state: x' = A x + B u, y = C x + D u for small deviations.
-
-        Parameters
-        ----------
-        t : float
-            Time, [s].
-        y : array_like, shape (n_states,), optional
-            States, of which algebraic unknowns are guesses; the initial ones where absent.
-        p, u : array_like, shapes (n_parameters,) and (n_inputs,), optional
-            Parameters and inputs; the scene's where absent.
-
-        Returns
-        -------
-        Linearization
-            ``A``, ``B``, ``C``, ``D`` with the names of states, inputs and outputs. The states of
-            a scene with constraints are not independent; A keeps deviations that satisfy the
-            constraints satisfying them.
-
-        Raises
-        ------
-        ParameterError
-            If an array has the wrong shape.
-        SingularSystemError
-            If the mass matrix is singular there.
-        """
-        p = self.default_parameters if p is None else as_array(p, (len(self.parameters),), "p")
-        self.check_parameters(p)
-        y = self.start(t, p).y if y is None else as_array(y, (len(self.states),), "the states")
-        u = self.input_values(t, p) if u is None else as_array(u, (len(self.inputs),), "inputs")
-        return self._linearizer.at(float(t), solve_states(self, float(t), p, u, y), p, u)
 
     def write(
         self, directory: str | Path, integrator: str = "dopri5", step: float | None = None

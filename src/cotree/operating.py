@@ -4,6 +4,8 @@ The operating point is the solution of another scene, whose storages are at rest
 (:mod:`cotree.scene.standstill`). It has no states: all that it needs is the search for algebraic
 unknowns, with its limited junctions, conductances beside them and growing sources. Its sensitivity
 graphs give the sensitivities of the start.
+
+What a model does about a state, linearised, stands here too.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.errors import Error, ParameterError, SingularSystemError
+from cotree.model.algebraic import solve_states
 from cotree.model.arrays import as_array
 from cotree.model.kernels import PythonKernels
 from cotree.model.model import CompiledModel
@@ -25,6 +28,7 @@ from cotree.sharing import formed_once
 if TYPE_CHECKING:
     from cotree.formulation.first_graph import FirstGraph
     from cotree.model.kernels import Kernels
+    from cotree.model.linearize import Linearization, Linearizer
     from cotree.program import Program
     from cotree.scene.description import SceneDescription
 
@@ -111,3 +115,52 @@ class OperatingModel(CompiledModel):
                     f"the rate of '{name}' is not finite at the initial state: check its initial "
                     "value, and the inertia and the laws that act on it"
                 )
+
+    @formed_once
+    def _linearizer(self) -> Linearizer:
+        from cotree.model.linearize import Linearizer
+
+        return Linearizer.of(self.first_graph)
+
+    def linearize(
+        self, t: float = 0.0, y: Any = None, p: Any = None, u: Any = None, *, reduced: bool = False
+    ) -> Linearization:
+        """Linearise about the motion through a state: z' = A z + B u, y = C z + D u.
+
+        Parameters
+        ----------
+        t : float
+            Time, [s].
+        y : array_like, shape (n_states,), optional
+            States, of which algebraic unknowns are guesses; the initial ones where absent.
+        p, u : array_like, shapes (n_parameters,) and (n_inputs,), optional
+            Parameters and inputs; the scene's where absent.
+        reduced : bool
+            In independent deviations, as many as there are freedoms of position and of speed: what
+            eigenvalues of a scene with constraints or quaternions are to be taken of. All states
+            otherwise, which constraints make dependent.
+
+        Returns
+        -------
+        Linearization
+            ``A``, ``B``, ``C``, ``D`` with names, ``basis`` and ``is_steady``. Deviations of the
+            states that satisfy the constraints to first order go on doing so along the motion: with
+            the constraints' gradient G and their basis N, G A N + G' N = 0, where G' is how the
+            motion turns G. The reduced A has that in it, by ``basis``.
+
+        Raises
+        ------
+        ParameterError
+            If an array has the wrong shape.
+        SingularSystemError
+            If the mass matrix is singular there.
+        """
+        from cotree.model.linearize import Instant
+
+        p = self.default_parameters if p is None else as_array(p, (len(self.parameters),), "p")
+        self.check_parameters(p)
+        t, follows = float(t), u is None
+        y = self.start(t, p).y if y is None else as_array(y, (len(self.states),), "the states")
+        u = self.input_values(t, p) if u is None else as_array(u, (len(self.inputs),), "inputs")
+        y = solve_states(self, t, p, u, y)
+        return self._linearizer.about(self, Instant(t, y, p, u, follows), reduced=reduced)

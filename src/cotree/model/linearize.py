@@ -1,12 +1,13 @@
 """Linearisation of a model about a state, by the sensitivity graphs of its states and inputs.
 
 In: equations, their derivatives along inputs, and numbers. Out: x' = A x + B u, y = C x + D u for
-small deviations. Algebraic unknowns are eliminated.
+small deviations, of all states or of independent ones. Algebraic unknowns are eliminated.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,9 +17,10 @@ from cotree.dag.evaluate import evaluate
 from cotree.dag.several import results
 from cotree.dag.traverse import reachable, substitute, symbols_in
 from cotree.equations import spread
-from cotree.errors import SingularSystemError
+from cotree.errors import Error, SingularSystemError
 from cotree.formulation.elimination import solve_unknowns
-from cotree.model.algebraic import eliminated
+from cotree.model.algebraic import eliminated, solve_states
+from cotree.model.deviations import Point, Reduced, is_same, is_still, reduce
 from cotree.sensitivity.graphs import form_equations, input_columns
 
 if TYPE_CHECKING:
@@ -27,21 +29,45 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Node
     from cotree.equations import Derivative, Equations
     from cotree.formulation.first_graph import FirstGraph
+    from cotree.model.model import CompiledModel
 
 Array = npt.NDArray[np.float64]
+
+#: How far to follow a motion, in the state that moves most, to see whether it stays the same.
+_ASIDE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Instant:
+    """Where to linearise: time, states, parameters, inputs, and whether these are the scene's."""
+
+    t: float
+    y: Array
+    p: Array
+    u: Array
+    follows: bool
 
 
 @dataclass(frozen=True, eq=False)
 class Linearization:
-    """A linear system about a state: x' = A x + B u, y = C x + D u.
+    """A linear system about a motion: z' = A z + B u, y = C z + D u for small deviations.
 
     Attributes
     ----------
     A, B, C, D : ndarray
-        Shapes (n_states, n_states), (n_states, n_inputs), (n_outputs, n_states) and
-        (n_outputs, n_inputs); units follow from those of states, inputs and outputs.
+        Shapes (n, n), (n, n_inputs), (n_outputs, n) and (n_outputs, n_inputs) with n deviations;
+        units follow from those of states, inputs and outputs.
     states, inputs, outputs : tuple of str
-        Names along the axes; the states are those that have rates.
+        Names along the axes. Of the full form: the states that have rates. Of the reduced one:
+        those that are independent; rotations where a quaternion stands for them, ``EDGE.turn_x``
+        to ``turn_z`` along the axes of the edge's first node and their rates, ``turn_x_dot``.
+    basis : ndarray, shape (n_states, n)
+        The deviations of all states that have rates for a unit of each z: the unit matrix in the
+        full form.
+    is_steady : bool
+        Whether the motion through the point is steady: whatever the independent deviations depend
+        on stays as it is, so that the reduced A is constant and its eigenvalues tell stability.
+        About any other motion they do not: the system holds at this instant.
     """
 
     A: Array
@@ -51,6 +77,20 @@ class Linearization:
     states: tuple[str, ...]
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
+    basis: Array
+    is_steady: bool
+
+    def summary(self) -> str:
+        """Say in a sentence what it is about, and what its eigenvalues tell."""
+        size = f"{len(self.states)} deviations, {len(self.inputs)} inputs"
+        if not self.is_steady:
+            return (
+                f"{size}, about no steady motion in these coordinates: A holds at this instant and "
+                "changes along the motion, and its eigenvalues do not tell stability"
+            )
+        if len(self.states) == len(self.basis):
+            return f"{size}, about a steady motion"
+        return f"{size}, about a steady motion: the eigenvalues of A tell stability"
 
 
 class Linearizer:
@@ -58,17 +98,36 @@ class Linearizer:
 
     def __init__(self, equations: Equations, input_columns: Sequence[Derivative]) -> None:
         self._equations = equations
-        self._nodes = _solved(equations, (*equations.columns, *input_columns))
-        solves = [node for node in reachable(self._nodes) if node.op == "solve"]
+        self._nodes, rates = _solved(equations, (*equations.columns, *input_columns))
+        rows = equations.constraints
+        with_value = [i for i, value in enumerate(rows.values) if value is not None]
+        held = [
+            node
+            for column in equations.columns
+            for node in (*(column.held[i] for i in with_value), *column.held_rates)
+        ]
+        self._n_values = len(with_value)
+        self._others = [*rates, *held]
+        found = reachable([*self._nodes, *self._others])
+        solves = [node for node in found if node.op == "solve"]
         self._accepted = [results(node, node.data.size + 2)[-1] for node in solves]
-        self._symbols = symbols_in([*self._nodes, *self._accepted])
+        self._symbols = symbols_in([*self._nodes, *self._others, *self._accepted])
+        #: Whether time itself stands in the equations, or in the scene's inputs.
+        self.is_timed = equations.dag.symbol("t", 0) in found
+        self.has_timed_inputs = equations.dag.symbol("t", 0) in reachable(equations.input_values)
 
     @classmethod
     def of(cls, first: FirstGraph) -> Linearizer:
         """Form the equations of a scene and their derivatives."""
         return cls(form_equations(first, ()), input_columns(first))
 
-    def at(self, t: float, y: Sequence[float] | Array, p: Array, u: Array) -> Linearization:
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the states that have rates."""
+        n = len(self._equations.states) - self._equations.n_algebraic
+        return tuple(state.name for state in self._equations.states[:n])
+
+    def at(self, t: float, y: Sequence[float] | Array, p: Array, u: Array) -> Point:
         """Evaluate them.
 
         Parameters
@@ -85,24 +144,90 @@ class Linearizer:
         """
         equations = self._equations
         values = self._values(t, y, p, u)
-        found = evaluate([*self._nodes, *self._accepted], values)
-        numbers = np.array([float(np.real(v)) for v in found[: len(self._nodes)]])
-        if not all(found[len(self._nodes) :]):
+        found = evaluate([*self._nodes, *self._others, *self._accepted], values)
+        numbers = np.array([float(np.real(v)) for v in found[: len(found) - len(self._accepted)]])
+        if not all(found[len(numbers) :]):
             raise SingularSystemError("the mass matrix is singular at this state")
         n, m, k = len(equations.states), len(equations.inputs), len(equations.outputs)
-        whole = numbers.reshape(n + m, n + k).T
+        whole, others = np.split(numbers, [len(self._nodes)])
+        whole = whole.reshape(n + m, n + k).T
+        rates, held = np.split(others, [n])
+        held = held.reshape(n, -1).T if n else held.reshape(0, 0)
         if equations.n_algebraic:
             n -= equations.n_algebraic
             whole = _without_algebraic(whole, n, equations)
-        return Linearization(
+        return Point(
+            y=np.array(y[:n], dtype=float),
+            rates=rates[:n],
             A=whole[:n, :n].copy(),
             B=whole[:n, n:].copy(),
             C=whole[n:, :n].copy(),
             D=whole[n:, n:].copy(),
-            states=tuple(state.name for state in equations.states[:n]),
+            held=held[: self._n_values, :n],
+            held_rates=held[self._n_values :, :n],
+            n_coordinates=equations.n_coordinates,
+            n_speeds=equations.n_speeds,
+            turns=self._turns,
+        )
+
+    @cached_property
+    def _turns(self) -> dict[int, int]:
+        """Places of the angular velocities that go with each quaternion."""
+        equations, names = self._equations, list(self.states)
+        symbols = [state.symbol for state in equations.states]
+        return {
+            symbols.index(symbols_of_edge[0]): names.index(f"{edge}.w1")
+            for edge, symbols_of_edge in equations.constraints.quaternions
+        }
+
+    def about(self, model: CompiledModel, at: Instant, *, reduced: bool) -> Linearization:
+        """Linearise about the motion through a point; see :meth:`cotree.Model.linearize`."""
+        point = self.at(at.t, at.y, at.p, at.u)
+        found = reduce(point, self.states)
+        equations = self._equations
+        return Linearization(
+            A=found.A if reduced else point.A,
+            B=found.B if reduced else point.B,
+            C=found.C if reduced else point.C,
+            D=point.D,
+            states=found.names if reduced else self.states,
             inputs=tuple(row.name for row in equations.inputs),
             outputs=tuple(row.name for row in equations.outputs),
+            basis=found.basis if reduced else np.eye(len(point.y)),
+            is_steady=is_still(found, point) and self._stays(model, at, point, found),
         )
+
+    def _stays(self, model: CompiledModel, at: Instant, point: Point, here: Reduced) -> bool:
+        """Whether the equations remain the same along what moves, and as time goes by."""
+        fastest = float(np.max(np.abs(point.rates), initial=0.0))
+        follows = self.has_timed_inputs and at.follows
+        if not (fastest or self.is_timed or follows):
+            return True
+        step = _ASIDE / max(fastest, 1.0)
+        u = model.input_values(at.t + step, at.p) if at.follows else at.u
+        y = at.y.copy()
+        y[: len(point.y)] = self._moved(point, at, step)
+        try:
+            y = solve_states(model, at.t + step, at.p, u, y)
+            there = self.at(at.t + step, y, at.p, u)
+        except (Error, ArithmeticError, ValueError):
+            return False
+        later = reduce(there, self.states, here.names)
+        return is_still(later, there) and is_same(here, later)
+
+    def _moved(self, point: Point, at: Instant, step: float) -> Array:
+        """Follow the motion for a moment, by the classical method of fourth order."""
+        n, u, y = len(point.y), at.u, at.y
+        slopes = [point.rates]
+        for share in (0.5, 0.5, 1.0):
+            aside = y.copy()
+            aside[:n] += share * step * slopes[-1]
+            values = self._values(at.t + share * step, aside, at.p, u)
+            rates = evaluate(self._others[: len(self._equations.states)], values)
+            slopes.append(np.array([float(np.real(v)) for v in rates[:n]]))
+        a, b, c, d = slopes
+        moved: Array = y[:n] + step / 6.0 * (a + 2.0 * b + 2.0 * c + d)
+        return moved
 
     def _values(
         self, t: float, y: Sequence[float] | Array, p: Array, u: Array
@@ -134,8 +259,8 @@ def _without_algebraic(whole: Array, cut: int, equations: Equations) -> Array:
     return eliminated(moved, np.asarray(inverse, dtype=np.float64))
 
 
-def _solved(equations: Equations, columns: Sequence[Derivative]) -> list[Node]:
-    """Form the derivatives of the rates and of the outputs along each column."""
+def _solved(equations: Equations, columns: Sequence[Derivative]) -> tuple[list[Node], list[Node]]:
+    """Form the derivatives of the rates and of the outputs along each column, and the rates."""
     factors, solved = solve_unknowns(equations)
     zero, n, k = equations.dag.zero, len(equations.states), len(equations.outputs)
     found: list[Node] = []
@@ -144,4 +269,4 @@ def _solved(equations: Equations, columns: Sequence[Derivative]) -> list[Node]:
         tangents = dict(zip(equations.unknown_tangents, factors.solve(forcing), strict=True))
         rows = [*spread(column.rates, n, zero), *spread(column.outputs, k, zero)]
         found += substitute(rows, {**solved, **tangents})
-    return found
+    return found, substitute(equations.rates, solved)

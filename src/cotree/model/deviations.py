@@ -1,0 +1,263 @@
+"""Independent deviations from a motion that keep its constraints, and whether it is steady.
+
+Along a motion x(t) small deviations follow dx' = A dx. Those that satisfy the constraints to first
+order are N z, with as many z as the motion has freedoms; they go on doing so, C A N + C' N = 0 with
+the gradient C of the constraints along the motion. Hence
+
+    z' = N^+ (A N - N') z + N^+ B u,
+
+where N' counts: constraints of a moving mechanism turn. Here N = T S. T writes changes of
+quaternions as rotation vectors, and those of angular velocities, along the axes of the frame that
+the quaternion turns against, so that a wheel that spins about a fixed axle changes nothing; its
+rate is known. S gives dependent deviations by independent ones, which are deviations of their own:
+their rows in S' vanish, and S' need not be known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import qr
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+Array = npt.NDArray[np.float64]
+
+#: Pivots of constraints, rows of length one, below this are redundant.
+_RANK = 1e-10
+#: Entries of a row below this share of its largest are what is left of a cancellation.
+_ROUNDING = 1e-10
+#: Rates below this, beside the largest or one, are zero to what a steady motion is known to.
+_STILL = 1e-6
+#: A change of the equations along the motion below this share is none.
+_SAME = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A model linearised about a state, as its equations stand.
+
+    Attributes
+    ----------
+    y, rates : ndarray, shape (n_states,)
+        The state and its rates, of states that have rates.
+    A, B, C, D : ndarray
+        Slopes of rates and outputs by states and inputs.
+    held, held_rates : ndarray, shapes (n_values, n_states) and (n_constraints, n_states)
+        Slopes of what constraints hold, and of its rates; norms of quaternions do not count.
+    n_coordinates, n_speeds : int
+        How many of the states, which come first, are coordinates, and how many follow as speeds.
+    turns : mapping of int to int
+        The first of three angular velocities by the first of the four places of its quaternion.
+    """
+
+    y: Array
+    rates: Array
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    held: Array
+    held_rates: Array
+    n_coordinates: int
+    n_speeds: int
+    turns: Mapping[int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    """A linear system in independent deviations z, dx = basis z.
+
+    Attributes
+    ----------
+    A, B, C, D : ndarray
+        z' = A z + B u, y = C z + D u.
+    basis : ndarray, shape (n_states, n_z)
+        The deviation of every state for a unit of each.
+    rates : ndarray, shape (n_z,)
+        How fast the motion itself goes along each.
+    names : tuple of str
+        The states, or rotations ``EDGE.turn_x`` and their rates ``EDGE.turn_x_dot``.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    basis: Array
+    rates: Array
+    names: tuple[str, ...]
+
+
+def reduce(point: Point, names: Sequence[str], chosen: Sequence[str] | None = None) -> Reduced:
+    """Take a linear system to independent deviations.
+
+    Parameters
+    ----------
+    point : Point
+        The system.
+    names : sequence of str
+        Of its states.
+    chosen : sequence of str, optional
+        Which deviations are independent; as the constraints leave them best where absent.
+    """
+    if not point.turns and not len(point.held_rates):
+        unit = np.eye(len(point.y))
+        return Reduced(point.A, point.B, point.C, point.D, unit, point.rates, tuple(names))
+    turn, turn_rate, back, own_names = _deviations(point, names)
+    values, rates = _sized(point.held @ turn), _sized(point.held_rates @ turn)
+    held, n = np.vstack([values, rates]), turn.shape[1]
+    if chosen is not None:
+        free = np.array([own_names.index(name) for name in chosen], dtype=int)
+    else:
+        # Positions first: a position that followed from speeds would do so badly at low ones.
+        cut = point.n_coordinates - len(point.turns)
+        end = cut + point.n_speeds
+        free = np.array(
+            [
+                *_independent(values[:, :cut]),
+                *(cut + i for i in _independent(rates[:, cut:end])),
+                *range(end, n),
+            ],
+            dtype=int,
+        )
+    bound = np.setdiff1d(np.arange(n), free)
+    spread = np.zeros((n, len(free)))
+    spread[free] = np.eye(len(free))
+    if len(bound):
+        spread[bound] = -np.linalg.lstsq(held[:, bound], held[:, free], rcond=_RANK)[0]
+    basis = turn @ spread
+    along = back[free]
+    return Reduced(
+        A=along @ (point.A @ basis - turn_rate @ spread),
+        B=along @ point.B,
+        C=point.C @ basis,
+        D=point.D,
+        basis=basis,
+        rates=along @ point.rates,
+        names=tuple(own_names[i] for i in free),
+    )
+
+
+def _sized(rows: Array) -> Array:
+    """Give rows the length one, and leave those out that are nothing but rounding."""
+    lengths = np.linalg.norm(rows, axis=1)
+    kept = lengths > _RANK * np.max(lengths, initial=0.0)
+    found: Array = rows[kept] / lengths[kept, None]
+    return found
+
+
+def _independent(rows: Array) -> list[int]:
+    """Choose columns that the others follow from best."""
+    n = rows.shape[1]
+    if not rows.size:
+        return list(range(n))
+    triangle, order = qr(rows, mode="r", pivoting=True)
+    diagonal = np.abs(np.diag(triangle))
+    rank = int(np.count_nonzero(diagonal > _RANK * diagonal[0]))
+    return sorted(order[rank:].tolist())
+
+
+def _deviations(point: Point, names: Sequence[str]) -> tuple[Array, Array, Array, list[str]]:
+    """Write changes of quaternions as rotation vectors: T, T', a left inverse, their names."""
+    n = len(point.y)
+    columns: list[tuple[Array, Array, Array, str]] = []
+    turned = {
+        place for q, w in point.turns.items() for place in (*range(q, q + 4), *range(w, w + 3))
+    }
+    for i in range(n):
+        if i in point.turns:
+            columns += _rotation(point, i, names[i].rpartition(".")[0])
+        elif i in point.turns.values():
+            first = next(q for q, w in point.turns.items() if w == i)
+            columns += _rotation_rate(point, first, i, names[i].rpartition(".")[0])
+        elif i not in turned:
+            unit = np.eye(n)[i]
+            columns.append((unit, np.zeros(n), unit, names[i]))
+    empty = np.zeros((n, 0))
+    turn, rate, back = (
+        np.array([column[k] for column in columns]).T if columns else empty for k in range(3)
+    )
+    return turn, rate, back.T, [column[3] for column in columns]
+
+
+def _rotation(point: Point, at: int, edge: str) -> list[tuple[Array, Array, Array, str]]:
+    """Change a quaternion by a rotation about each axis of the frame that it turns against."""
+    own = slice(at, at + 4)
+    q, rate = point.y[own], point.rates[own]
+    found = []
+    for k, axis in enumerate("xyz"):
+        along, change, back = (np.zeros(len(point.y)) for _ in range(3))
+        along[own], change[own] = 0.5 * _premultiplied(k, q), 0.5 * _premultiplied(k, rate)
+        back[own] = 4.0 * along[own] / (q @ q)
+        found.append((along, change, back, f"{edge}.turn_{axis}"))
+    return found
+
+
+def _rotation_rate(
+    point: Point, at: int, speed: int, edge: str
+) -> list[tuple[Array, Array, Array, str]]:
+    """Change angular velocities, which are along turned axes, along those that do not turn."""
+    own = slice(speed, speed + 3)
+    turned = _matrix(point.y[at : at + 4])
+    w = point.y[own]
+    found = []
+    for k, axis in enumerate("xyz"):
+        along, change = np.zeros(len(point.y)), np.zeros(len(point.y))
+        along[own], change[own] = turned[k], np.cross(turned[k], w)  # a' = a x w in turned axes
+        found.append((along, change, along, f"{edge}.turn_{axis}_dot"))
+    return found
+
+
+def _premultiplied(axis: int, q: Array) -> Array:
+    """Multiply a unit vector, as a quaternion, by another."""
+    unit, zero = np.eye(3)[axis], float(q[0])
+    return np.array([-unit @ q[1:], *(zero * unit + np.cross(unit, q[1:]))])
+
+
+def _matrix(q: Array) -> Array:
+    """Give the axes of the turned frame, in columns, by those of the frame it turns against."""
+    q = q / np.linalg.norm(q)
+    a, v = q[0], q[1:]
+    across = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+    found: Array = (a * a - v @ v) * np.eye(3) + 2.0 * np.outer(v, v) + 2.0 * a * across
+    return found
+
+
+def core(system: Reduced) -> npt.NDArray[np.int_]:
+    """List the deviations that others depend on, those that nothing depends on left out in turn.
+
+    The positions of a vehicle on a plane are left out, then its heading, and how far wheels have
+    turned: a motion along them changes no equation. What is left out adds eigenvalues of zero.
+    """
+    scale = np.maximum(
+        _ROUNDING * np.max(np.abs(system.A), axis=1, initial=0.0),
+        1e-3 * _ROUNDING * np.max(np.abs(system.A), initial=0.0),
+    )
+    matters = np.abs(system.A) > scale[:, None]
+    kept = np.arange(len(system.A))
+    while True:
+        found = kept[np.any(matters[np.ix_(kept, kept)], axis=0)]
+        if len(found) == len(kept):
+            return kept
+        kept = found
+
+
+def is_still(system: Reduced, point: Point) -> bool:
+    """Whether a motion stays where it is, but for what nothing depends on."""
+    rates = np.abs(system.rates[core(system)])
+    return bool(
+        np.max(rates, initial=0.0) <= _STILL * max(1.0, np.max(np.abs(point.rates), initial=0.0))
+    )
+
+
+def is_same(first: Reduced, second: Reduced) -> bool:
+    """Whether two linear systems are the same in what others depend on."""
+    own = np.ix_(core(first), core(first))
+    size = np.max(np.abs(first.A[own]), initial=0.0)
+    change = np.max(np.abs(first.A[own] - second.A[own]), initial=0.0)
+    return bool(change <= _SAME * max(size, 1e-300))
