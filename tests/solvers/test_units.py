@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import cotree
-from cotree.model.lengths import as_velocities, length_of_turns
+from cotree.model.lengths import length_of_turns
 from cotree.solvers import Projection
 
 UNITS = {"metre": 1.0, "kilogram": 1.0, "second": 1.0}
@@ -52,7 +52,7 @@ def _values(model, p):
 def test_rank_is_free_of_units(shape, n, tree):
     model = linkage(shape).compile(tree=tree, optimize="-O0")
     found = []
-    for unit in (1e-3, 0.1, 1.0):
+    for unit in (1e-3, 1.0, 1e3):
         for name in UNITS:
             projection, z = _values(model, model.parameter_array({name: unit}))
             found.append((projection.singular(0.0, z), projection.redundant(0.0, z)))
@@ -80,4 +80,3 @@ def test_lengths_of_turns():
     rows = np.array([[1.0, -2.0], [0.5, -1.0], [0.0, 1.0], [1.0, -1e-16]])
     turns = np.array([False, True])
     assert length_of_turns(rows, ["a", "b", "c", "d"], turns) == 2.0
-    assert np.array_equal(as_velocities(rows, ["a", "b", "c", "d"], turns)[0], [1.0, -1.0])

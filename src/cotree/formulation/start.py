@@ -105,8 +105,8 @@ class Condition:
 
     Attributes
     ----------
-    name : str
-        ``edge.coordinate`` or its rate.
+    name, unit : str
+        ``edge.coordinate`` or its rate, and its unit.
     measure : Measure
         Of the coordinate.
     is_rate : bool
@@ -118,6 +118,7 @@ class Condition:
     """
 
     name: str
+    unit: str
     measure: Measure
     is_rate: bool
     given: Node
@@ -153,11 +154,13 @@ def start_conditions(
                 f"the tree ({system.trees.listed()}); give initial values of "
                 "branches, or name a tree that holds it"
             )
-        coordinates = [n for step in edge.component.motion_space for n, _ in step.coordinates]
+        steps = edge.component.motion_space
+        rates = {n: unit for step in steps for n, unit in step.rates}
+        units = {n: unit for step in steps for n, unit in step.coordinates} | rates
         gradient = tuple(along_speeds(motion, measure.pull(view)))
         node = value.lower(system.dag, system.of_parameters)
-        is_rate = name not in coordinates
-        found.append(Condition(f"{edge.name}.{name}", measure, is_rate, node, gradient))
+        own = f"{edge.name}.{name}"
+        found.append(Condition(own, units[name], measure, name in rates, node, gradient))
     return tuple(found)
 
 

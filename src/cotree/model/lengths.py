@@ -1,7 +1,7 @@
 """The length that makes a turn and a shift comparable, from gradients of constraints alone.
 
-In: gradients by speeds, some of them angular. Out: gradients by the same speeds as velocities, so
-that lengths and angles between them are those of a scene of any size, in any unit of length.
+In: gradients by speeds, some of them angular. Out: the length by which a turn counts as a shift, so
+that lengths and angles between gradients are those of a scene of any size, in any unit of length.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from cotree.program import Layout
 
@@ -20,6 +20,13 @@ Array = npt.NDArray[np.float64]
 
 # Parts of gradients below this share of the others are rounding.
 _ROUNDING_PART = 1e-12
+
+# Where all levers are shorter than this, [m], they are rounding: of hinges in one line, say.
+_NO_LENGTH = 1e-9
+
+# Lever arms vanish in one position and are large in others: some are looked at, with joints turned
+# by so many radians.
+_POSITIONS, _TURNED = 3, 0.5
 
 
 def turning_speeds(layout: Layout) -> npt.NDArray[np.bool_]:
@@ -37,12 +44,61 @@ def gradient_groups(layout: Layout) -> list[tuple[str, str]]:
     return [(edge, row.unit) for edge, row in zip(layout.constraint_edges, rates, strict=True)]
 
 
+def scene_length(
+    layout: Layout,
+    gradient: Callable[[Array], Array],
+    groups: Sequence[tuple[str, str]],
+    y: Array,
+    gaps: Sequence[float] | Array = (),
+) -> float:
+    """Give how far constraints reach in a scene: what a turn moves for what a shift does.
+
+    Parameters
+    ----------
+    layout : Layout
+        The model's.
+    gradient : callable
+        ``gradient(y)`` gives the gradients, shape (n_rows, n_speeds).
+    groups : sequence of (str, str)
+        Edge and unit of each row.
+    y : ndarray, shape (n_states,)
+        States to look around at.
+    gaps : array_like
+        How far constraints are from being satisfied, [m].
+
+    Returns
+    -------
+    float
+        [m]; where no constraint has turns and shifts, the longest lever, or how far things are.
+    """
+    rng, turns = np.random.default_rng(0), turning_speeds(layout)
+    rows = np.vstack([gradient(_turned(layout, y, rng)) for _ in range(_POSITIONS)])
+    places = [(i, *group) for i in range(_POSITIONS) for group in groups]
+    shifts = np.array([row.unit == "m" for row in layout.states[: layout.n_coordinates]])
+    far = float(np.max(np.abs([*y[: len(shifts)][shifts], *gaps]), initial=0.0))
+    found = length_of_turns(rows, places, turns)
+    if found > _ROUNDING_PART * far:
+        return found
+    of_length = [unit.startswith("m") for *_, unit in places]
+    longest = max(float(np.max(np.abs(rows[of_length][:, turns]), initial=0.0)), far)
+    return longest if longest > _NO_LENGTH else 1.0
+
+
+def _turned(layout: Layout, y: Array, rng: np.random.Generator) -> Array:
+    """Turn all joints a little."""
+    y = y.copy()
+    for i, row in enumerate(layout.states[: layout.n_coordinates]):
+        y[i] += _TURNED * rng.standard_normal() * (row.unit != "m")
+    for first in layout.quaternions:
+        y[first : first + 4] /= np.linalg.norm(y[first : first + 4])
+    return y
+
+
 def length_of_turns(rows: Array, groups: Sequence[object], turns: npt.NDArray[np.bool_]) -> float:
-    """Give how far a constraint's gradients reach: what a turn moves for what a shift does.
+    """Give what a turn moves for what a shift does, in the middle of all gradients.
 
     The quotient of both parts of a row is a length whatever the row's own unit. Rows of one edge
-    are taken together, since axes across which a joint holds are arbitrary; of all edges the
-    middle one decides, so that none at a dead point does.
+    are taken together, since axes across which a joint holds are arbitrary.
 
     Parameters
     ----------
@@ -56,7 +112,7 @@ def length_of_turns(rows: Array, groups: Sequence[object], turns: npt.NDArray[np
     Returns
     -------
     float
-        [m]; one where no row has both parts, so that its size does not matter.
+        [m]; zero where no row has both parts.
     """
     squares: dict[object, Array] = {}
     for row, group in zip(rows, groups, strict=True):
@@ -66,10 +122,4 @@ def length_of_turns(rows: Array, groups: Sequence[object], turns: npt.NDArray[np
     seen = parts > _ROUNDING_PART**2 * np.max(parts, axis=0, initial=0.0)
     turned, shifted = parts[np.all(seen, axis=1)].T
     lengths = np.sort(np.sqrt(turned / shifted))
-    return float(lengths[len(lengths) // 2]) if lengths.size else 1.0
-
-
-def as_velocities(rows: Array, groups: Sequence[object], turns: npt.NDArray[np.bool_]) -> Array:
-    """Give gradients by speeds that are all velocities, shape (n_rows, n_speeds)."""
-    length = length_of_turns(rows, groups, turns)
-    return np.asarray(rows / np.where(turns, length, 1.0), dtype=np.float64)
+    return float(lengths[len(lengths) // 2]) if lengths.size else 0.0

@@ -187,7 +187,7 @@ class CompiledModel(Structure):
         for wanted in self.sensitivities:
             if wanted in self.states:  # an initial value that may change is no initial value
                 kept.add(self.states.index(wanted))
-        start = consistent_start(self, t, p, y, s, kept)
+        start = consistent_start(self, t, p, y, s, kept, is_probe=_is_probe)
         if _is_probe:
             return start
         y, s = start.y, start.s

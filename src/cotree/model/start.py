@@ -1,20 +1,22 @@
 """The consistent start: initial states and sensitivities that satisfy every constraint.
 
 What the user gave is kept, and the rest follows by Gauss-Newton steps of least length. Where that
-cannot be but the given values are nearly consistent, everything moves a little, with a warning;
-else the start is refused with the residual of each joint.
+cannot be but the given values are nearly consistent, they move as little as they can, with a
+warning; else the start is refused with the residual of each joint. Sensitivities are derivatives of
+what is done: what was given moves with a parameter, too, where nothing else can follow it.
 """
 
 from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 import numpy.typing as npt
 
 from cotree.errors import ParameterError
+from cotree.model.finder import RANK, Finder
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -31,8 +33,9 @@ _MET = 1e-11
 #: Those below this are nothing but rounding.
 _ROUNDING = 1e-15
 
-#: Given values whose residual is below this share of their size are meant to be nearly consistent.
-_NEARLY = 0.05
+#: Given values that would have to move by more than this contradict each other: radians, lengths
+#: of the scene, or shares of the largest speed.
+_FARTHEST = 0.1
 
 #: Given values that change by more than this are worth a word.
 _NOTICED = 1e-4
@@ -40,8 +43,15 @@ _NOTICED = 1e-4
 #: How far, and how often, to look aside where constraints have no gradient.
 _ASIDE, _TRIES = 0.1, 4
 
-#: Singular values below this share of the largest are redundant constraints.
-_RANK = 1e-10
+#: No step turns by more than this, [rad], which might leave the branch, nor shifts by so many
+#: lengths of the scene.
+_LONGEST = 0.5
+
+#: Derivatives of residuals below this share of themselves, and this of what they are sums of, are
+#: made up for.
+_FOLLOWED, _ROUNDING_OF_SUMS = 1e-8, 1e-13
+
+_LEVELS = ("positions", "velocities")
 
 
 @dataclass(frozen=True)
@@ -71,6 +81,7 @@ def consistent_start(
     kept: Collection[int],
     *,
     is_initial: bool = True,
+    is_probe: bool = False,
 ) -> Start:
     """Move initial states and sensitivities onto the constraints.
 
@@ -87,23 +98,24 @@ def consistent_start(
     kept : collection of int
         The states that the user gave.
     is_initial : bool
-        Whether initial values of what is no state are to hold, too; later on they do not.
+        Whether initial values of what is no state are to hold, too, and what was given may be
+        mended; later on neither.
+    is_probe : bool
+        Whether only the states are wanted, next to a start that was found.
 
     Raises
     ------
     ParameterError
-        If the given values violate a constraint that nothing else can mend.
+        If the given values violate a constraint that nothing else can mend, or the start has no
+        derivative by a parameter.
     """
     if not model.layout.constraints and not model.layout.start_rows:
         return Start(y, s)
-    finder = _Finder(model, t, p, frozenset(kept), is_initial)
-    given = y
-    y = finder.normalised(y)
-    y = finder.settle(y, 0)
-    y = finder.settle(y, 1)
-    if model.sensitivities:
-        s = finder.sensitivities(y, s)
-    return Start(y, s, finder.is_chosen(given, y))
+    search = _Search(model, t, p, y, frozenset(kept), is_initial, is_probe)
+    found = search.settle(search.settle(search.finder.normalised(y), 0), 1)
+    if model.sensitivities and not is_probe:
+        s = search.sensitivities(found, s)
+    return Start(found, s, search.is_chosen(y, found))
 
 
 def start_by_differences(
@@ -133,260 +145,190 @@ def start_by_differences(
     return np.where(model.sensitivity_pattern, s, 0.0)  # of what does not depend, rounding is left
 
 
-class _Finder:
-    """The residuals of one start, at the levels of position (0) and velocity (1)."""
+class _Search:
+    """Looks for one start."""
 
     def __init__(
-        self, model: CompiledModel, t: float, p: Array, kept: frozenset[int], is_initial: bool
+        self,
+        model: CompiledModel,
+        t: float,
+        p: Array,
+        y: Array,
+        kept: frozenset[int],
+        is_initial: bool,
+        is_probe: bool,
     ) -> None:
-        layout = model.layout
-        self.model, self.t, self.p, self.kept = model, t, p, kept
-        self.n_coordinates = layout.n_coordinates
-        self.n_speeds = layout.n_speeds
-        #: Places of the states of each level.
-        self.own = (
-            slice(0, self.n_coordinates),
-            slice(self.n_coordinates, self.n_coordinates + self.n_speeds),
-        )
-        self.n_rows = len(layout.constraint_edges)
-        self.n_norms = len(layout.quaternions)
-        names = [row.name for row in layout.constraints]
-        self.n_values = len(names) - self.n_rows - self.n_norms
-        rates = names[self.n_values : self.n_values + self.n_rows]
-        self.with_value = list(layout.value_rows)
-        is_rate = layout.start_is_rate if is_initial else ()
-        self.conditions = [
-            [i for i, rate in enumerate(is_rate) if rate == bool(level)] for level in (0, 1)
-        ]
-        self.names = [
-            [*names[: self.n_values], *(layout.start_rows[i] for i in self.conditions[0])],
-            [*rates, *(layout.start_rows[i] for i in self.conditions[1])],
-        ]
-        self.columns = [self._free(level) for level in (0, 1)]
-
-    def _free(self, level: int) -> list[int]:
-        """List the directions of motion that nothing given fixes."""
-        if level == 1:
-            states = range(self.own[1].start, self.own[1].stop)
-            return [i for i, state in enumerate(states) if state not in self.kept]
-        return [i for i, group in enumerate(self.groups()) if not self.kept.intersection(group)]
-
-    def groups(self) -> list[tuple[int, ...]]:
-        """List the coordinates that each speed moves."""
-        found: list[tuple[int, ...]] = []
-        state = 0
-        while state < self.n_coordinates:
-            if state in self.model.layout.quaternions:
-                found += [tuple(range(state, state + 4))] * 3
-                state += 4
-            else:
-                found.append((state,))
-                state += 1
-        return found
-
-    def _places(self, level: int) -> slice:
-        """Say where the constraints of a level stand among the results of their kernel."""
-        if level == 0:
-            return slice(0, self.n_values)
-        return slice(self.n_values, self.n_values + self.n_rows)
-
-    def _call(self, name: str, y: Array, s: Array | None = None) -> Array:
-        kernel = self.model.bound(name, self.p)
-        along = np.zeros(0) if s is None else np.ascontiguousarray(s.T).ravel()
-        return kernel(self.t, y, along, None).copy()
-
-    def residual(self, y: Array, level: int) -> Array:
-        """Evaluate what is to be zero at a level."""
-        held = self._call("constraints", y) if self.model.layout.constraints else np.zeros(0)
-        own = held[self._places(level)]
-        start = self._call("start", y) if self.model.layout.start_rows else np.zeros(0)
-        return np.concatenate([own, start[self.conditions[level]]])
-
-    def gradient(self, y: Array, level: int) -> Array:
-        """Evaluate its derivatives by the directions of motion."""
-        rows = np.zeros((0, self.n_speeds))
-        if self.n_rows:
-            rows = self._call("gradient", y).reshape(self.n_rows, self.n_speeds)
-            rows = rows[self.with_value] if level == 0 else rows
-        start = np.zeros((0, self.n_speeds))
-        if self.model.layout.start_rows:
-            start = self._call("start_gradient", y).reshape(-1, self.n_speeds)
-        return np.vstack([rows, start[self.conditions[level]]])
-
-    def normalised(self, y: Array) -> Array:
-        """Give quaternions the norm one.
-
-        Raises
-        ------
-        ParameterError
-            If one is zero.
-        """
-        y = y.copy()
-        for first in self.model.layout.quaternions:
-            length = float(np.linalg.norm(y[first : first + 4]))
-            if not length > 0.0:
-                raise ParameterError(
-                    f"the initial quaternion from '{self.model.states[first]}' on is zero: give "
-                    "it a length, or angles"
-                )
-            y[first : first + 4] /= length
-        return y
-
-    def moved(self, y: Array, step: Array, level: int) -> Array:
-        """Move coordinates or speeds along directions of motion."""
-        y = y.copy()
-        if level == 1:
-            y[self.own[1]] += step
-            return y
-        y[: self.n_coordinates] += self.shift(y, step)
-        return self.normalised(y)
-
-    def shift(self, y: Array, step: Array) -> Array:
-        """Give the change of the coordinates for a step along the directions of motion."""
-        change = np.zeros(self.n_coordinates)
-        i = 0
-        for group in dict.fromkeys(self.groups()):
-            if len(group) == 1:
-                change[group[0]] = step[i]
-                i += 1
-                continue
-            q0, q1, q2, q3 = y[list(group)]
-            turn = np.array([[-q1, -q2, -q3], [q0, -q3, q2], [q3, q0, -q1], [-q2, q1, q0]])
-            change[list(group)] = 0.5 * turn @ step[i : i + 3]
-            i += 3
-        return change
+        self.model, self.p = model, p
+        self.finder = Finder(model, t, p, y, kept, is_initial=is_initial)
+        self._mends, self._is_probe = is_initial, is_probe
+        self._mended = [False, False]
 
     def settle(self, y: Array, level: int) -> Array:
         """Solve one level, keeping what was given; mend nearly consistent values."""
-        size = 1.0 + float(np.max(np.abs(y), initial=0.0))
-        found, residual = self._iterate(y, level, self.columns[level], self.n_all(level))
-        rng = np.random.default_rng(0)
-        for _ in range(_TRIES if level == 0 and self.columns[0] else 0):
+        finder, size = self.finder, self.finder.size(y, level)
+        found, residual = self._iterate(y, level)
+        rng, free = np.random.default_rng(0), finder.columns[level]
+        for _ in range(_TRIES if level == 0 and free else 0):
             if residual <= _MET * size:
                 break
             # Where a gradient vanishes, as that of a length does across it, a step aside shows it.
-            aside = np.zeros(self.n_speeds)
-            aside[self.columns[0]] = _ASIDE * rng.standard_normal(len(self.columns[0]))
-            other = self._iterate(self.moved(y, aside, 0), 0, self.columns[0], self.n_all(0))
+            aside = np.zeros(finder.n_speeds)
+            aside[free] = _ASIDE * rng.standard_normal(len(free))
+            other = self._iterate(finder.moved(y, aside, 0), 0)
             if other[1] < residual:
                 found, residual = other
         if residual <= _MET * size:
             return found
-        everything = list(range(self.n_speeds))
-        given = float(np.max(np.abs(self.residual(found, level)), initial=0.0))
-        if given <= _NEARLY * size:
-            found, residual = self._iterate(found, level, everything, self.n_constraints(level))
-            if residual <= _MET * size:
-                self._tell(y, found, level)
-                return found
-        self._refuse(found, level)
-        raise AssertionError  # unreachable
+        mended, residual = found, np.inf
+        if self._mends and len(free) < finder.n_speeds:
+            mended, residual = self._iterate(found, level, mends=True)
+        if not residual <= _MET * size:
+            self._refuse(found, level)
+        self._mended[level] = True
+        if not self._is_probe:
+            self._check_mended(y, found, mended, level)
+        return mended
 
-    def _tell(self, y: Array, found: Array, level: int) -> None:
-        """Say what was given and had to change."""
-        places = range(self.own[level].start, self.own[level].stop)
-        moved = [i for i in places if i in self.kept and abs(found[i] - y[i]) > _NOTICED]
+    def _iterate(self, y: Array, level: int, *, mends: bool = False) -> tuple[Array, float]:
+        """Take Gauss-Newton steps of least length until the residual no longer shrinks."""
+        finder = self.finder
+        best, smallest = y, finder.distance(y, level)
+        size = finder.size(y, level)
+        for _ in range(_LARGEST_ITERATIONS):
+            if not (finder.columns[level] or mends) or smallest <= _ROUNDING * size:
+                break
+            rows = finder.gradient(y, level)
+            target = finder.residual(y, level) / finder.sizes[level]
+            if not np.all(np.isfinite(rows)) or not np.all(np.isfinite(target)):
+                break
+            if np.max(np.abs(rows if mends else rows[:, finder.columns[level]])) < RANK:
+                break  # nothing moves what is left
+            step = finder.step(rows, target, level, mends=mends)
+            length = float(np.max(np.abs(step)))
+            if level == 0 and length > _LONGEST:
+                step *= _LONGEST / length
+            y = finder.moved(y, step, level)
+            distance = finder.distance(y, level)
+            if distance < smallest:
+                best, smallest = y, distance
+            elif smallest < 1e-9:
+                break
+        return best, smallest
+
+    def _check_mended(self, y: Array, found: Array, mended: Array, level: int) -> None:
+        """Say what was given and had to change; refuse what is no small change."""
+        finder = self.finder
+        places = range(finder.own[level].start, finder.own[level].stop)
+        change = np.abs(finder.scaled(mended, level) - finder.scaled(y, level))
+        if level == 1:
+            change /= float(np.max(np.abs(finder.scaled(mended, 1)), initial=0.0)) or 1.0
+        moved = [
+            (i, change[i - places.start])
+            for i in places
+            if i in finder.kept and change[i - places.start] > _NOTICED
+        ]
+        names = ", ".join(
+            f"'{self.model.states[i]}' from {y[i]:.6g} to {mended[i]:.6g}" for i, _ in moved[:6]
+        )
+        if any(far > _FARTHEST for _, far in moved):
+            self._refuse(found, level, f". The nearest that do not would move {names}")
         if moved:
-            names = ", ".join(
-                f"'{self.model.states[i]}' from {y[i]:.6g} to {found[i]:.6g}" for i in moved[:6]
-            )
             warnings.warn(
                 f"initial values were changed to satisfy the constraints: {names}",
                 RuntimeWarning,
                 stacklevel=6,
             )
 
-    def n_all(self, level: int) -> int:
-        """Count the rows of a level."""
-        return len(self.names[level])
-
-    def n_constraints(self, level: int) -> int:
-        """Count the rows of a level that are constraints."""
-        return self.n_all(level) - len(self.conditions[level])
-
-    def _iterate(
-        self, y: Array, level: int, columns: list[int], n_rows: int
-    ) -> tuple[Array, float]:
-        """Take Gauss-Newton steps of least length until the residual no longer shrinks."""
-        best, smallest = y, float(np.max(np.abs(self.residual(y, level)[:n_rows]), initial=0.0))
-        longest = 0.5
-        scale = 1.0 + float(np.max(np.abs(y), initial=0.0))
-        for _ in range(_LARGEST_ITERATIONS):
-            if not columns or not n_rows or smallest <= _ROUNDING * scale:
-                break
-            rows = self.gradient(y, level)[:n_rows, columns]
-            step = np.zeros(self.n_speeds)
-            target = self.residual(y, level)[:n_rows]
-            if not np.all(np.isfinite(rows)) or not np.all(np.isfinite(target)):
-                break
-            if np.max(np.abs(rows)) < _RANK:  # nothing moves what is left
-                break
-            step[columns] = -np.linalg.lstsq(rows, target, rcond=_RANK)[0]
-            length = float(np.max(np.abs(step)))
-            if level == 0 and length > longest:  # angles: a long step may leave the branch
-                step *= longest / length
-            y = self.moved(y, step, level)
-            size = float(np.max(np.abs(self.residual(y, level)[:n_rows]), initial=0.0))
-            if size < smallest:
-                best, smallest = y, size
-            elif smallest < 1e-9:
-                break
-        return best, smallest
-
-    def _refuse(self, y: Array, level: int) -> None:
-        residual = self.residual(y, level)
+    def _refuse(self, y: Array, level: int, nearest: str = "") -> NoReturn:
+        residual = self.finder.residual(y, level)
         order = np.argsort(-np.nan_to_num(np.abs(residual), nan=np.inf))[:6]
-        worst = [i for i in order if not abs(residual[i]) <= 1e-10]
-        listed = ", ".join(f"{self.names[level][i]} = {residual[i]:.3g}" for i in worst)
-        what = "positions" if level == 0 else "velocities"
+        worst = [i for i in order if not abs(residual[i]) <= 1e-10 * self.finder.sizes[level][i]]
+        listed = ", ".join(f"{self.finder.rows[level][i].name} = {residual[i]:.3g}" for i in worst)
         raise ParameterError(
-            f"the initial {what} violate the constraints and what was given leaves no way to mend "
-            f"that; residuals: {listed}. Change initial values or lengths of these joints, or give "
-            "fewer initial values"
+            f"the initial {_LEVELS[level]} violate the constraints and what was given leaves no "
+            f"way to mend that; residuals: {listed}{nearest}. Change initial values or lengths of "
+            "these joints, or give fewer initial values"
         )
 
     def is_chosen(self, given: Array, y: Array) -> bool:
         """Whether the least of several moves was taken."""
-        for level, places in enumerate(self.own):
-            if np.max(np.abs(y[places] - given[places]), initial=0.0) <= _MET:
+        finder = self.finder
+        for level in (0, 1):
+            change = finder.scaled(y, level) - finder.scaled(given, level)
+            if np.max(np.abs(change), initial=0.0) <= _MET * finder.size(y, level):
                 continue
-            columns = self.columns[level]
-            if not columns:  # all that was given moved a little
+            columns = finder.columns[level]
+            if self._mended[level]:
                 return True
-            rows = self.gradient(y, level)[:, columns]
-            if len(columns) > np.linalg.matrix_rank(rows, tol=_RANK * max(1.0, np.abs(rows).max())):
+            rows = finder.gradient(y, level)[:, columns]
+            size = max(1.0, float(np.max(np.abs(rows), initial=0.0)))
+            if len(columns) > np.linalg.matrix_rank(rows, tol=RANK * size):
                 return True
         return False
 
     def sensitivities(self, y: Array, s: Array) -> Array:
-        """Let the sensitivities of what was not given follow from the constraints."""
-        s = s.copy()
+        """Let sensitivities follow from the constraints as the states do.
+
+        Raises
+        ------
+        ParameterError
+            If no motion makes up for what a parameter changes of the constraints.
+        """
+        s, finder = s.copy(), self.finder
         for first in self.model.layout.quaternions:
             q = y[first : first + 4]
             s[first : first + 4] -= np.outer(q, q @ s[first : first + 4])
-        m = s.shape[1]
         for level in (0, 1):
-            d = self._residual_sensitivity(y, s, level)
-            columns = self.columns[level]
-            rows = self.gradient(y, level)[:, columns]
-            step = np.zeros((self.n_speeds, m))
-            if columns and len(rows):
-                step[columns] = -np.linalg.lstsq(rows, d, rcond=_RANK)[0]
+            d, rows = finder.residual_sensitivity(y, s, level), finder.gradient(y, level)
+            if not d.size:
+                continue
+            step = finder.step(rows, d, level, mends=False)
+            if self._mends:
+                step = self._mended_derivatives(rows, d, step, level, self._rounding(rows, s))
             if level == 1:
-                s[self.own[1]] += step
+                s[finder.own[1]] += step * finder.units[:, None]
             else:
-                for j in range(m):
-                    s[: self.n_coordinates, j] += self.shift(y, step[:, j])
+                for j in range(s.shape[1]):
+                    s[: finder.n_coordinates, j] += finder.shift(y, step[:, j])
         return s
 
-    def _residual_sensitivity(self, y: Array, s: Array, level: int) -> Array:
-        """Evaluate the sensitivities of the residuals, shape (n_rows, n_parameters)."""
-        m = s.shape[1]
-        own = np.zeros((0, m))
-        if self.model.layout.constraints:
-            whole = self._call("constraint_sensitivity", y, s).reshape(m, -1).T
-            own = whole[self._places(level)]
-        start = np.zeros((0, m))
-        if self.model.layout.start_rows:
-            start = self._call("start_sensitivity", y, s).reshape(m, -1).T
-        return np.vstack([own, start[self.conditions[level]]])
+    def _mended_derivatives(
+        self, rows: Array, d: Array, step: Array, level: int, rounding: Array
+    ) -> Array:
+        """Let what was given move, too, along parameters that the rest cannot follow."""
+        allowed = _FOLLOWED * np.max(np.abs(d), axis=0) + rounding
+        missed = np.max(np.abs(d + rows @ step), axis=0) > allowed
+        if not np.any(missed):
+            return step
+        step = np.where(missed, self.finder.step(rows, d, level, mends=True), step)
+        left = d + rows @ step
+        shares = np.max(np.abs(left), axis=0) / allowed
+        if np.any(shares > 1.0):
+            j = int(np.argmax(shares))
+            self._refuse_derivative(left[:, j], level, j)
+        return step
+
+    def _rounding(self, rows: Array, s: Array) -> Array:
+        """Bound what rounding leaves of residuals' derivatives that vanish, shape (m,)."""
+        finder = self.finder
+        largest = [
+            np.max(np.abs(np.array([finder.scaled(column, level) for column in s.T])), axis=1)
+            for level in (0, 1)
+        ]
+        values = dict(zip(self.model.parameters, np.abs(self.p), strict=True))
+        own = np.array([1.0 / (values.get(name) or 1.0) for name in self.model.sensitivities])
+        reach = max(1.0, float(np.max(np.abs(rows), initial=0.0)))
+        return np.asarray(_ROUNDING_OF_SUMS * (reach * np.maximum(*largest) + own))
+
+    def _refuse_derivative(self, left: Array, level: int, j: int) -> NoReturn:
+        rows = self.finder.rows[level]
+        least = 0.1 * float(np.max(np.abs(left)))
+        order = [i for i in np.argsort(-np.abs(left))[:4] if abs(left[i]) > least]
+        named = ", ".join(f"'{rows[i].name}'" for i in order)
+        raise ParameterError(
+            f"the start has no derivative by '{self.model.sensitivities[j]}': it changes the "
+            f"{_LEVELS[level]} that the constraints ask for, and no motion follows to first order: "
+            f"{named} would be violated. Constraints depend on each other there: begin elsewhere, "
+            "let all that has to change with it depend on that parameter, or compile without this "
+            "sensitivity"
+        )

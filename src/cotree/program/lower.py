@@ -257,6 +257,7 @@ def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
         ),
         given=tuple(state.is_given for state in equations.states),
         start_rows=tuple(row.name for row in equations.constraints.start_rows),
+        start_units=tuple(row.unit for row in equations.constraints.start_rows),
         start_is_rate=equations.constraints.start_is_rate,
         redundant=equations.constraints.redundant,
         uses_multipliers=tuple(

@@ -102,6 +102,8 @@ class Layout:
         Whether the scene gives the initial value of each state.
     start_rows : tuple of str
         What the start is to satisfy besides: initial values of what is no state.
+    start_units : tuple of str
+        Their units.
     start_is_rate : tuple of bool
         Whether each is a rate.
     redundant : tuple of RedundantRow
@@ -134,6 +136,7 @@ class Layout:
     quaternions: tuple[int, ...]
     given: tuple[bool, ...]
     start_rows: tuple[str, ...]
+    start_units: tuple[str, ...]
     start_is_rate: tuple[bool, ...]
     uses_multipliers: tuple[bool, ...]
     events: tuple[EventRow, ...] = ()

@@ -42,7 +42,7 @@ def gather_constraints(first: FirstGraph) -> ConstraintSet:
             for step in steps
             if isinstance(step.kind, FreeRotation)
         ),
-        start_rows=tuple(Quantity(row.name) for row in first.conditions),
+        start_rows=tuple(Quantity(row.name, row.unit) for row in first.conditions),
         start_is_rate=tuple(row.is_rate for row in first.conditions),
         start_values=(
             *(

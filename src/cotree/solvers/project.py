@@ -10,9 +10,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from cotree.errors import SolveError
-from cotree.model.lengths import as_velocities, gradient_groups, turning_speeds
+from cotree.model.lengths import gradient_groups, scene_length, turning_speeds
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -72,7 +73,7 @@ class Projection:
         self._n_states = len(model.states)
         self._u = u
         self._edges = model.layout.constraint_edges
-        self._layout = model.layout
+        self._layout, self._reach = model.layout, 0.0
         self._gradient = model.bound("gradient", p) if self._edges else None
         self._residual = model.bound("constraints", p)
         self._step = model.bound("projection", p)
@@ -113,14 +114,33 @@ class Projection:
 
         They are those of a scene of any size, so that what is decided by them is, too.
         """
-        assert self._gradient is not None
-        x, s = z[: self._n_states], z[self._n_states :]
-        rows = np.array(self._gradient(t, x, s, self._u(t))).reshape(len(self._edges), -1)
+        rows = self._gradients(t, z)
         seen = np.linalg.norm(rows, axis=1) > _ROUNDING_ROW * np.max(np.abs(rows), initial=1.0)
         rows[~seen] = 0.0
-        rows = as_velocities(rows, gradient_groups(self._layout), turning_speeds(self._layout))
+        rows[:, self._turns] /= self._length(t, z)
         rows[seen] /= np.linalg.norm(rows[seen], axis=1, keepdims=True)
         return rows
+
+    def _gradients(self, t: float, z: FloatArray) -> FloatArray:
+        """Give the gradients of the constraints by the speeds, shape (n_rows, n_speeds)."""
+        assert self._gradient is not None
+        x, s = z[: self._n_states], z[self._n_states :]
+        return np.array(self._gradient(t, x, s, self._u(t))).reshape(len(self._edges), -1)
+
+    def _length(self, t: float, z: FloatArray) -> float:
+        """Give what a turn counts in shifts, [m], as found where this is asked for first."""
+        if not self._reach:
+            n, groups = self._n_states, gradient_groups(self._layout)
+
+            def gradients(y: FloatArray) -> FloatArray:
+                return self._gradients(t, np.concatenate([y, z[n:]]))
+
+            self._reach = scene_length(self._layout, gradients, groups, z[:n])
+        return self._reach
+
+    @property
+    def _turns(self) -> npt.NDArray[np.bool_]:
+        return turning_speeds(self._layout)
 
     @property
     def has_rows(self) -> bool:

@@ -1,0 +1,269 @@
+"""Residuals of a consistent start, their gradients, and steps that take them away.
+
+In: a model, and states. Out: numbers free of units: shifts count in lengths of the scene, turns in
+radians, constraints in either. So neither steps nor what is decided by them depends on units.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.equations import Quantity
+from cotree.errors import ParameterError
+from cotree.model.lengths import gradient_groups, scene_length, turning_speeds
+
+if TYPE_CHECKING:
+    from cotree.model.model import CompiledModel
+
+Array = npt.NDArray[np.float64]
+
+#: Singular values below this share of the largest are redundant constraints.
+RANK = 1e-10
+
+
+class Finder:
+    """The residuals of one start, at the levels of position (0) and velocity (1).
+
+    Parameters
+    ----------
+    model : CompiledModel
+        The model.
+    t : float
+        Time, [s].
+    p : ndarray, shape (n_parameters,)
+        Parameters.
+    y : ndarray, shape (n_states,)
+        States, which the scene's length is taken from.
+    kept : frozenset of int
+        The states that were given.
+    is_initial : bool
+        Whether initial values of what is no state are to hold, too. Later on they do not, and a
+        metre counts as a radian does, as in what C settles after events.
+    """
+
+    def __init__(
+        self,
+        model: CompiledModel,
+        t: float,
+        p: Array,
+        y: Array,
+        kept: frozenset[int],
+        *,
+        is_initial: bool,
+    ) -> None:
+        layout = model.layout
+        self.model, self.t, self.p, self.kept = model, t, p, kept
+        self.n_coordinates, self.n_speeds = layout.n_coordinates, layout.n_speeds
+        #: Places of the states of each level.
+        self.own = (
+            slice(0, self.n_coordinates),
+            slice(self.n_coordinates, self.n_coordinates + self.n_speeds),
+        )
+        self.n_rows = len(layout.constraint_edges)
+        self.n_values = len(layout.constraints) - self.n_rows - len(layout.quaternions)
+        self.conditions = [
+            [i for i, rate in enumerate(layout.start_is_rate) if is_initial and rate == bool(level)]
+            for level in (0, 1)
+        ]
+        start = [Quantity(*row) for row in zip(layout.start_rows, layout.start_units, strict=True)]
+        #: What is to be zero at each level.
+        self.rows = [
+            [*layout.constraints[self._places(level)], *(start[i] for i in self.conditions[level])]
+            for level in (0, 1)
+        ]
+        self.columns = [self._free(level) for level in (0, 1)]
+        self.turns = turning_speeds(layout)
+        self.length = self._length(y) if is_initial else 1.0
+        #: What one of each speed, or of each coordinate's change, is in the states' units.
+        self.units = np.where(self.turns, 1.0, self.length)
+        #: What one of each residual is in its own unit.
+        self.sizes = [
+            np.array([self.length if row.unit.startswith("m") else 1.0 for row in rows])
+            for rows in self.rows
+        ]
+
+    def _length(self, y: Array) -> float:
+        """Give what lengths of the scene are measured by, [m]."""
+        layout = self.model.layout
+        names = [name.partition(".")[0] for name in layout.start_rows]
+        groups = [*gradient_groups(layout), *zip(names, layout.start_units, strict=True)]
+        of_length = [row.unit.startswith("m") for row in self.rows[0]]
+        return scene_length(layout, self._gradient, groups, y, self.residual(y, 0)[of_length])
+
+    def _shifts(self) -> npt.NDArray[np.bool_]:
+        """Tell which coordinates are lengths."""
+        rows = self.model.layout.states[: self.n_coordinates]
+        return np.array([row.unit == "m" for row in rows], dtype=np.bool_)
+
+    def _free(self, level: int) -> list[int]:
+        """List the directions of motion that nothing given fixes."""
+        if level == 1:
+            states = range(self.own[1].start, self.own[1].stop)
+            return [i for i, state in enumerate(states) if state not in self.kept]
+        return [i for i, group in enumerate(self.groups()) if not self.kept.intersection(group)]
+
+    def groups(self) -> list[tuple[int, ...]]:
+        """List the coordinates that each speed moves."""
+        found: list[tuple[int, ...]] = []
+        state = 0
+        while state < self.n_coordinates:
+            if state in self.model.layout.quaternions:
+                found += [tuple(range(state, state + 4))] * 3
+                state += 4
+            else:
+                found.append((state,))
+                state += 1
+        return found
+
+    def _places(self, level: int) -> slice:
+        """Say where the constraints of a level stand among the results of their kernel."""
+        if level == 0:
+            return slice(0, self.n_values)
+        return slice(self.n_values, self.n_values + self.n_rows)
+
+    def _call(self, name: str, y: Array, s: Array | None = None) -> Array:
+        kernel = self.model.bound(name, self.p)
+        along = np.zeros(0) if s is None else np.ascontiguousarray(s.T).ravel()
+        return kernel(self.t, y, along, None).copy()
+
+    def scaled(self, y: Array, level: int) -> Array:
+        """Give coordinates, or speeds, free of units of length."""
+        if level == 1:
+            return np.asarray(y[self.own[1]] / self.units)
+        return np.asarray(y[self.own[0]] / np.where(self._shifts(), self.length, 1.0))
+
+    def size(self, y: Array, level: int) -> float:
+        """Give the size of the states that residuals of a level are made of, at least 1."""
+        found = [self.scaled(y, own) for own in range(level + 1)]
+        return 1.0 + float(np.max(np.abs(np.concatenate(found)), initial=0.0))
+
+    def residual(self, y: Array, level: int) -> Array:
+        """Evaluate what is to be zero at a level, each in its own unit."""
+        held = self._call("constraints", y) if self.model.layout.constraints else np.zeros(0)
+        own = held[self._places(level)]
+        start = self._call("start", y) if self.model.layout.start_rows else np.zeros(0)
+        return np.concatenate([own, start[self.conditions[level]]])
+
+    def distance(self, y: Array, level: int) -> float:
+        """Give the largest residual of a level, free of units; not finite where one is not."""
+        return float(np.max(np.abs(self.residual(y, level) / self.sizes[level]), initial=0.0))
+
+    def _gradient(self, y: Array) -> Array:
+        """Evaluate the derivatives of all rates by the speeds, those of the start last."""
+        rows = np.zeros((0, self.n_speeds))
+        if self.n_rows:
+            rows = self._call("gradient", y).reshape(self.n_rows, self.n_speeds)
+        if not self.model.layout.start_rows:
+            return rows
+        return np.vstack([rows, self._call("start_gradient", y).reshape(-1, self.n_speeds)])
+
+    def gradient(self, y: Array, level: int) -> Array:
+        """Evaluate the derivatives of residuals by the directions of motion, free of units."""
+        rows = self._gradient(y)
+        values = list(self.model.layout.value_rows) if level == 0 else list(range(self.n_rows))
+        rows = rows[[*values, *(self.n_rows + i for i in self.conditions[level])]]
+        return np.asarray(rows * self.units / self.sizes[level][:, None])
+
+    def normalised(self, y: Array) -> Array:
+        """Give quaternions the norm one.
+
+        Raises
+        ------
+        ParameterError
+            If one is zero.
+        """
+        y = y.copy()
+        for first in self.model.layout.quaternions:
+            length = float(np.linalg.norm(y[first : first + 4]))
+            if not length > 0.0:
+                raise ParameterError(
+                    f"the initial quaternion from '{self.model.states[first]}' on is zero: give "
+                    "it a length, or angles"
+                )
+            y[first : first + 4] /= length
+        return y
+
+    def moved(self, y: Array, step: Array, level: int) -> Array:
+        """Move coordinates or speeds along directions of motion, by a step free of units."""
+        y = y.copy()
+        if level == 1:
+            y[self.own[1]] += step * self.units
+            return y
+        y[: self.n_coordinates] += self.shift(y, step)
+        return self.normalised(y)
+
+    def shift(self, y: Array, step: Array) -> Array:
+        """Give the change of the coordinates for a step, free of units, along the directions."""
+        step = step * self.units
+        change = np.zeros(self.n_coordinates)
+        i = 0
+        for group in dict.fromkeys(self.groups()):
+            if len(group) == 1:
+                change[group[0]] = step[i]
+                i += 1
+                continue
+            q0, q1, q2, q3 = y[list(group)]
+            turn = np.array([[-q1, -q2, -q3], [q0, -q3, q2], [q3, q0, -q1], [-q2, q1, q0]])
+            change[list(group)] = 0.5 * turn @ step[i : i + 3]
+            i += 3
+        return change
+
+    def step(self, rows: Array, target: Array, level: int, *, mends: bool) -> Array:
+        """Find the least step that takes residuals away, or as much of them as can be.
+
+        Parameters
+        ----------
+        rows : ndarray, shape (n_rows, n_speeds)
+            Their gradient, free of units.
+        target : ndarray, shape (n_rows,) or (n_rows, m)
+            The residuals.
+        level : int
+            Whose.
+        mends : bool
+            Whether what was given moves, too: the least of that, whatever the rest does.
+
+        Returns
+        -------
+        ndarray, shape (n_speeds,) or (n_speeds, m)
+        """
+        step = np.zeros((self.n_speeds, *target.shape[1:]))
+        free = self.columns[level]
+        if mends:
+            given = [i for i in range(self.n_speeds) if i not in set(free)]
+            across = _across(rows[:, free])
+            step[given] = -_least(across @ rows[:, given], across @ target)
+            target = target + rows @ step
+        step[free] = -_least(rows[:, free], target)
+        return step
+
+    def residual_sensitivity(self, y: Array, s: Array, level: int) -> Array:
+        """Evaluate the derivatives of the residuals, free of units, shape (n_rows, m)."""
+        m = s.shape[1]
+        own = np.zeros((0, m))
+        if self.model.layout.constraints:
+            whole = self._call("constraint_sensitivity", y, s).reshape(m, -1).T
+            own = whole[self._places(level)]
+        start = np.zeros((0, m))
+        if self.model.layout.start_rows:
+            start = self._call("start_sensitivity", y, s).reshape(m, -1).T
+        found = np.vstack([own, start[self.conditions[level]]])
+        return np.asarray(found / self.sizes[level][:, None])
+
+
+def _least(rows: Array, target: Array) -> Array:
+    """Solve rows @ step = target by the least step, in the sense of least squares."""
+    if not rows.size:
+        return np.zeros((rows.shape[1], *target.shape[1:]))
+    return np.asarray(np.linalg.lstsq(rows, target, rcond=RANK)[0], dtype=np.float64)
+
+
+def _across(rows: Array) -> Array:
+    """Give the combinations of rows that vanish, orthonormal, shape (n, n_rows)."""
+    if not rows.size:
+        return np.eye(len(rows))
+    left, values, _ = np.linalg.svd(rows)
+    rank = int(np.sum(values > RANK * values[0]))
+    return np.asarray(left[:, rank:].T, dtype=np.float64)
