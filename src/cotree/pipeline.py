@@ -33,6 +33,7 @@ from cotree.scene.graphs import (
     separate_trees,
 )
 from cotree.scene.inertias import impossible_inertias
+from cotree.scene.jumps import with_jumps
 from cotree.sensitivity.graphs import form_equations
 from cotree.version import ABI_VERSION
 
@@ -204,7 +205,10 @@ def compile_scene(
         If no body has the inertia of an edge, or there is no compiler.
     """
     marks = [time.perf_counter()]
-    first, equations, alternatives = formulate(scene, sensitivities, tree, baumgarte, check_numbers)
+    acting = with_jumps(scene)  # equations for people, and those of operating points, keep them
+    first, equations, alternatives = formulate(
+        acting, sensitivities, tree, baumgarte, check_numbers
+    )
     for sentence in impossible_inertias(scene):
         warnings.warn(sentence, RuntimeWarning, stacklevel=3)  # whoever asked for the model
     marks.append(time.perf_counter())

@@ -92,6 +92,7 @@ class EventContext:
     name_literal: str
     direction: int
     is_stop: bool
+    is_jump: bool
     n_kept: int
     n_targets: int
     targets: list[str]
@@ -255,6 +256,7 @@ def _hybrid_context(layout: Layout) -> HybridContext:
             c_string(row.name),
             row.direction,
             row.is_stop,
+            row.is_jump,
             len(row.targets) - (layout.n_speeds if row.is_impact else 0),
             len(row.targets),
             wrapped(map(str, row.targets)),

@@ -113,6 +113,17 @@ def stops_within(dag: Dag, roots: Iterable[Node]) -> dict[Node, tuple[Stop, ...]
     return found
 
 
+def is_cut(node: Node) -> bool:
+    """Tell whether all that a value of time and parameters does in time is lines, or none.
+
+    Integration then stops where something that looks at it changes.
+    """
+    order = reachable([node])
+    pieces = _all_pieces(node.dag, order)
+    time = [item for item in order if item.op == "symbol" and item.data[0] == "t"]
+    return all(item in pieces for item in dependent(order, time))
+
+
 def find_longest_steps(dag: Dag, roots: Iterable[Node]) -> tuple[Node, ...]:
     """List the longest step for each sine of time, as nodes of parameters, of either sign.
 

@@ -276,6 +276,8 @@ class EventRow:
     is_impact : bool
         Whether an impulse changes all speeds; the coefficient of restitution then follows the new
         values.
+    is_jump : bool
+        Whether it sets the mode that stands for a jump inside an expression.
     """
 
     name: str
@@ -283,6 +285,7 @@ class EventRow:
     is_stop: bool
     targets: tuple[int, ...]
     is_impact: bool
+    is_jump: bool = False
 
 
 @dataclass(frozen=True)

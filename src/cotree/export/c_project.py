@@ -330,6 +330,7 @@ def _start_lines(program: Program) -> list[str]:
     """Write the consistent start at the program's parameter values, where it has to be found."""
     layout = program.layout
     is_sought = layout.constraints or layout.start_rows or layout.n_algebraic
+    is_sought = is_sought or any(row.is_jump for row in layout.events)
     if not layout.states or not (is_sought or layout.redundant):
         return []
     # A few evaluations need no compiler, which a machine that only writes C may not have.

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from cotree.dag.traverse import substitute, symbols_in
 from cotree.equations import EventRow
 from cotree.errors import SceneError, nearest
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
+    from cotree.dag.nodes import Node
     from cotree.equations import State
     from cotree.formulation.system import System
     from cotree.scene.description import SceneDescription
@@ -60,4 +63,35 @@ def _bind(event: Event, system: System, states: Sequence[State]) -> EventRow:
         event.is_stop,
         tuple(places[target] for target in event.set),
         event.restitution is not None,
+        event.is_jump,
     )
+
+
+def started(
+    states: Sequence[State], jumps: Mapping[str, Node], system: System
+) -> tuple[State, ...]:
+    """Begin the modes of jumps with what these are at the initial values of the states, at t = 0.
+
+    Where that takes more than parameters, as what algebraic equations give does, they begin with
+    zero; :meth:`cotree.model.model.CompiledModel.start` then finds what they are.
+    """
+    if not jumps:
+        return tuple(states)
+    of_time = dict(zip(system.inputs.values(), system.input_values, strict=True))
+    known = {state.symbol: state.initial for state in states} | {system.time: system.dag.zero}
+    for state in states:
+        if state.name in jumps:
+            known[state.symbol] = _at_start(jumps[state.name], of_time, known)
+    return tuple(
+        replace(state, initial=known[state.symbol]) if state.name in jumps else state
+        for state in states
+    )
+
+
+def _at_start(value: Node, of_time: Mapping[Node, Node], known: Mapping[Node, Node]) -> Node:
+    try:
+        (found,) = substitute(substitute([value], of_time), known)
+    except (ArithmeticError, ValueError):  # a constant without a value: what follows is refused
+        return value.dag.zero
+    is_known = all(symbol.data[0] == "p" for symbol in symbols_in([found]))
+    return found if is_known else value.dag.zero

@@ -18,7 +18,7 @@ from cotree.errors import ExpressionError
 from cotree.formulation.across import accelerate, move
 from cotree.formulation.augmented import augmented_mass_matrix
 from cotree.formulation.deep_trees import LateMatrix, is_deep
-from cotree.formulation.events import bind_events
+from cotree.formulation.events import bind_events, started
 from cotree.formulation.laws import applied_laws
 from cotree.formulation.lumping import lump
 from cotree.formulation.networks.attached import attach_network
@@ -183,6 +183,7 @@ def form_first_graph(
     balanced = balance(motion, loaded, view.across)
     observer = Observer(view, loaded, balanced, applied, observed)
     states = (*_states(scene, system), *system.modes, *(network.states if network else ()))
+    outputs = form_outputs(observer, scene)
     return FirstGraph(
         scene=whole,
         motion=motion,
@@ -210,14 +211,14 @@ def form_first_graph(
             *idle_guards,
             *(network.guards if network else ()),
         ),
-        states=states,
+        states=started(states, outputs.jumps, system),
         rates=(
             *_kinematic_rates(system),
             *accelerations,
             *(dag.zero for _ in system.modes),
             *(network.rate_values if network else ()),
         ),
-        outputs=form_outputs(observer, scene),
+        outputs=outputs,
         network=network,
         has_far_inertia=bool(attached.slopes),
         events=bind_events(whole, system, states),

@@ -29,11 +29,14 @@ class Outputs:
         Positions and velocities of nodes that they use, by ``node.variable``.
     networks : mapping of str to Node
         Variables of scalar networks that they use, by name.
+    jumps : mapping of str to Node
+        What the modes that stand for jumps inside expressions begin with, by name.
     """
 
     values: tuple[Node, ...]
     across: Mapping[str, Node]
     networks: Mapping[str, Node]
+    jumps: Mapping[str, Node]
 
 
 def form_outputs(observer: Observer, scene: SceneDescription) -> Outputs:
@@ -66,7 +69,12 @@ def form_outputs(observer: Observer, scene: SceneDescription) -> Outputs:
         values += [
             item.lower(system.dag, resolve) for item in event_expressions(scene.events.values())
         ]
-    return Outputs(tuple(values), across, observer.networks)
+        jumps = {
+            mode.name: mode.initial.lower(system.dag, resolve)
+            for mode in scene.modes.values()
+            if mode.is_jump
+        }
+    return Outputs(tuple(values), across, observer.networks, jumps)
 
 
 def _place(name: str) -> tuple[int, int] | None:

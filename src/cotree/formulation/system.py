@@ -295,7 +295,13 @@ def _modes(
 ) -> tuple[State, ...]:
     """Give every mode its symbol, after those of the coordinates and speeds."""
     return tuple(
-        State(mode.name, "", dag.symbol("x", n_before + i), mode.initial.lower(dag, resolve))
+        State(
+            mode.name,
+            "",
+            dag.symbol("x", n_before + i),
+            # Those of jumps follow from the states; see :func:`cotree.formulation.events.started`.
+            dag.zero if mode.is_jump else mode.initial.lower(dag, resolve),
+        )
         for i, mode in enumerate(scene.modes.values())
     )
 

@@ -16,6 +16,7 @@ from cotree.model.arrays import as_array
 from cotree.model.junctions import Junctions
 from cotree.model.packing import whole_kernel
 from cotree.model.redundant import check_redundant
+from cotree.model.settle import settle_jumps
 from cotree.model.start import Start, consistent_start, start_by_differences
 from cotree.model.structure import Structure
 from cotree.scene.description import check_number
@@ -194,7 +195,7 @@ class CompiledModel(Structure):
         if start.is_chosen and self.sensitivities:
             s = start_by_differences(self, t, p, initial or {}, start)
         u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
-        y, s = solve_start(self, t, p, u, y, s)
+        y, s = settle_jumps(self, t, p, u, *solve_start(self, t, p, u, y, s))
         if self.layout.redundant:
             check_redundant(self, t, p, u, Start(y, s), set(initial or {}))
         return Start(y, s, start.is_chosen)

@@ -61,13 +61,14 @@ def reached_states(
     parts = _Parts([node for row in (*rows, *motion) for node in _nodes_of(row)], bits)
     solving = _solving(equations, factors)
     directions = [_Direction(row, parts, solving, n) for row in rows]
+    choosers = _choosers(equations)
     groups = _connected([part for along in directions for part in along.rates.items()], equations)
     found = []
     for along, own in zip(directions, timed, strict=True):
         along.connect(groups)
         reached = along.reached(own.states)
         while not reached.issuperset(
-            moved := _moved(equations, parts, along, reached, own.is_event)
+            moved := _moved(equations, parts, along, choosers, reached, own.is_event)
         ):
             reached = along.reached(reached | moved)
         found.append(tuple(sorted(reached)))
@@ -229,8 +230,41 @@ def _connected(rates: Iterable[tuple[int, _Part]], equations: Equations) -> list
     return [list(_places(mask)) for mask in masks]
 
 
+def _choosers(equations: Equations) -> dict[int, set[int]]:
+    """Give the states whose rates look at what events set, by what is set.
+
+    A selection, a sign or a floor has no derivative by what it looks at, and yet another value
+    once that has jumped.
+    """
+    targets = {target for event in equations.events for target in event.targets}
+    if any(event.is_impact for event in equations.events):
+        first = equations.n_coordinates
+        targets.update(range(first, first + equations.n_speeds))
+    if not targets:
+        return {}
+    mask = {equations.states[target].symbol: 1 << target for target in targets}
+    matrix = equations.matrix if isinstance(equations.matrix, tuple) else ()
+    solved = [*equations.forcing, *(entry for row in matrix for entry in row)]
+    for node in reachable(solved):
+        mask[node] = mask.get(node, 0) | _either((mask[arg], False) for arg in node.args)[0]
+    whole = _either((mask[node], False) for node in solved)[0]
+    mask |= dict.fromkeys(equations.unknowns, whole)
+    for node in reachable(equations.rates):
+        mask[node] = mask.get(node, 0) | _either((mask[arg], False) for arg in node.args)[0]
+    users: dict[int, set[int]] = {target: set() for target in targets}
+    for i, rate in enumerate(equations.rates):
+        for target in _places(mask[rate]):
+            users[target].add(i)
+    return users
+
+
 def _moved(
-    equations: Equations, parts: _Parts, along: _Direction, reached: set[int], is_timed: bool
+    equations: Equations,
+    parts: _Parts,
+    along: _Direction,
+    choosers: Mapping[int, set[int]],
+    reached: set[int],
+    is_timed: bool,
 ) -> set[int]:
     """Give the states that constraints and events move in a way that depends on the parameter."""
     row, constraints = along.row, equations.constraints
@@ -257,7 +291,7 @@ def _moved(
             moved |= {
                 target for target, k in targets.items() if _moves(equations, parts, target, k)
             }
-            moved |= along.users(targets)
+            moved |= along.users(targets).union(*(choosers[target] for target in targets))
         place = end
     return moved
 

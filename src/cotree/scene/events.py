@@ -25,11 +25,16 @@ EVENT_FIELDS = ("when", "direction", "set", "stop", "impact")
 
 @dataclass(frozen=True)
 class Mode:
-    """A number that only events change: name, initial value, meaning."""
+    """A number that only events change: name, initial value, meaning.
+
+    One that stands for what jumps inside an expression begins with the value of that: ``initial``
+    is then one of the states.
+    """
 
     name: str
     initial: Expression
     doc: str = ""
+    is_jump: bool = False
 
 
 @dataclass(frozen=True)
@@ -50,6 +55,8 @@ class Event:
         Whether the run ends there.
     restitution : Expression or None
         Of an impact: the rate of ``when`` after it over that before, with its sign changed.
+    is_jump : bool
+        Whether it stands for a jump inside an expression.
     """
 
     name: str
@@ -58,6 +65,7 @@ class Event:
     set: Mapping[str, Expression]
     is_stop: bool
     restitution: Expression | None
+    is_jump: bool = False
 
     @property
     def expressions(self) -> tuple[Expression, ...]:

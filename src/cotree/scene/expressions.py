@@ -252,6 +252,23 @@ def _check_condition(tree: ast.expr, names: set[str], depth: int) -> None:
             )
 
 
+def names_in(tree: ast.expr) -> frozenset[str]:
+    """List the names in a checked tree: parameters, inputs, ``t`` and dotted ones."""
+    found: set[str] = set()
+    waiting: list[ast.AST] = [tree]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.Attribute):
+            found.add(_dotted(node))
+        elif isinstance(node, ast.Name):
+            found.add(node.id)
+        elif isinstance(node, ast.Call):
+            waiting += node.args
+        else:
+            waiting += ast.iter_child_nodes(node)
+    return frozenset(found)
+
+
 def _dotted(tree: ast.expr) -> str:
     """Give ``edge.variable`` or ``edge.port.variable``; nothing for other trees."""
     match tree:

@@ -96,6 +96,9 @@ class _ReducedEvents:
         after, t_p = self.inner.apply(i, t, self.reduction.complete(t, z), time_sensitivity)
         return self.reduction.without(after), t_p
 
+    def is_due(self, i: int, t: float, z: FloatArray) -> bool:
+        return self.inner.is_due(i, t, self.reduction.complete(t, z))
+
 
 class _Reduction:
     """The callables of a reduced problem; it is mutable and belongs to one integration.

@@ -263,7 +263,7 @@ class Job:
         assert problem.events is not None  # whose status it is
         rows, c = problem.events.rows, self.job
         events = [rows[c.event].name]
-        if name == "endless":
+        if name in ("endless", "slides"):
             events = [row.name for i, row in enumerate(rows) if c.has_fired[i]]
         return verdict(name, events, float(c.event_time), float(c.event_detail))
 

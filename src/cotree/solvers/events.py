@@ -44,6 +44,9 @@ _IN_A_ROW, _SAME_RATIO, _LEFT = 8, 0.02, 1e-6
 # As many are enough to call by its name what has become too small for the tolerance.
 _A_FEW = 3
 
+# Values that two orders of jumps lead to are the same within this share.
+_SAME = 1e-8
+
 # So often one event may make others happen at the same time.
 _MOST_ROUNDS = 50
 
@@ -94,6 +97,7 @@ class Watch:
         self._has_sensitivities = problem.n_sensitivities > 0
         n = len(events.rows)
         self._direction = np.array([row.direction for row in events.rows])
+        self._is_jump = np.array([row.is_jump for row in events.rows])
         self._g = np.zeros(n)
         #: The sign of each value since it last passed zero; zero where it has not left it.
         self._side = np.zeros(n)
@@ -142,8 +146,18 @@ class Watch:
             if not is_ahead:
                 return located  # the step went wrong: it is taken anew, without an event
         self._g = looked.g[-1]
-        self._side = np.where(np.abs(self._g) > self._band, np.sign(self._g), self._side)
+        left = np.abs(self._g) > self._band
+        for j in np.flatnonzero(left & (self._side == 0.0) & self._is_jump):
+            self._check_left(int(j), stepper)
+        self._side = np.where(left, np.sign(self._g), self._side)
         return None
+
+    def _check_left(self, i: int, stepper: Stepper) -> None:
+        """Refuse what rested at a jump and went to a side where its mode should be another one."""
+        if np.sign(self._g[i]) == self._direction[i]:
+            t = self._evaluator.inside(stepper.t)
+            if self._events.is_due(i, t, stepper.z):
+                raise self._refusal("leaves", i, stepper.t)
 
     def _passing(self, located: Located) -> list[int]:
         """List what is at zero on its way through.
@@ -244,6 +258,7 @@ class Watch:
         t_p: FloatArray | None = None,
     ) -> FloatArray:
         """Let events happen, each moving its ``way``, then those that these make happen."""
+        self._check_order(t, z, [i for i in events if self._is_jump[i]])
         fired: list[int] = []
         speed = np.abs(self._events.rates(t, z))
         if events:  # what is at zero passes it, whether it is an event in that direction or not
@@ -259,6 +274,7 @@ class Watch:
             side = self._sides(t, z, fired, speed)
             crossed = side * self._side < 0.0
             crossed &= (self._direction == 0) | (self._direction == side)
+            crossed[self._leaving(t, z, side, is_timed=t_p is not None)] = True
             self._side = np.where(crossed, self._side, side)
             if not np.any(crossed):
                 break
@@ -269,13 +285,40 @@ class Watch:
             fired.append(i)
             self._side[i] = self._sides(t, z, fired, speed)[i]
         else:
-            names = [self._events.rows[i].name for i in sorted(set(fired))]
-            raise IntegrationStopError(FAILED, verdict("endless", names, t))
+            rows = [self._events.rows[i] for i in sorted(set(fired))]
+            why = "slides" if all(row.is_jump for row in rows) else "endless"
+            raise IntegrationStopError(FAILED, verdict(why, [row.name for row in rows], t))
         for i in fired:
             self._check_rest(i, t, z, way[i], speed[i])
         if fired:
             self._flight = np.abs(self._g)
         return z
+
+    def _leaving(self, t: float, z: FloatArray, side: FloatArray, *, is_timed: bool) -> list[int]:
+        """List which values rested at a jump, and now leave to a side with another mode.
+
+        Something happened to them, or a breakpoint is there, or it is only found now.
+        """
+        left = self._is_jump & (self._side == 0.0) & (side != 0.0) & (side == self._direction)
+        due = [int(i) for i in np.flatnonzero(left) if self._events.is_due(int(i), t, z)]
+        if due and self._has_sensitivities and not is_timed:
+            raise self._refusal("leaves", due[0], t)
+        return due
+
+    def _check_order(self, t: float, z: FloatArray, jumps: list[int]) -> None:
+        """Refuse jumps at once where it matters which comes first: nothing has sensitivities."""
+        if len(jumps) < 2 or not self._has_sensitivities:
+            return
+        ends = []
+        for order in (jumps, jumps[::-1]):
+            end = z
+            for i in order:
+                end, _ = self._events.apply(i, self._evaluator.inside(t), end, None)
+            ends.append(end)
+        size = np.max(np.abs(ends), axis=0)
+        atol = float(np.min(self._evaluator.problem.atol))
+        if np.any(np.abs(ends[0] - ends[1]) > _SAME * size + atol):
+            raise self._refusal("parts", jumps[0], t)
 
     def _sides(self, t: float, z: FloatArray, fired: list[int], speed: FloatArray) -> FloatArray:
         """Say on which side of zero values are, those at zero by where they move."""

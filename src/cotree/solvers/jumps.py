@@ -26,6 +26,10 @@ if TYPE_CHECKING:
     from cotree.solvers.problem import FloatArray
 
 
+# Rates on both sides of a jump that differ by a smaller share are the same.
+_SAME_RATE = 1e-12
+
+
 class ModelEvents:
     """The events of a model at fixed parameters; see :class:`cotree.solvers.problem.Events`.
 
@@ -116,6 +120,51 @@ class ModelEvents:
             before[targets] = rates[n_events:][own]
         after, found = self._settled(row, t, after, moved, before, t_p)
         return np.concatenate([after, found.ravel()]), t_p
+
+    def check_start(self, t: float, z: FloatArray) -> None:
+        """Refuse sensitivities where an expression jumps right at the start.
+
+        Raises
+        ------
+        SolveError
+            If a parameter moves the start off the jump, to either side of it.
+        """
+        if not self._m or not any(row.is_jump for row in self.rows):
+            return
+        values = self.values(t, z)
+        along = self._along(t, z[: self._n], z[self._n :], self._u(t)).reshape(self._m, -1).copy()
+        for i, row in enumerate(self.rows):
+            moving = np.flatnonzero(along[:, i])
+            if not row.is_jump or values[i] != 0.0 or not moving.size:
+                continue
+            if self._has_jump(row.targets[0], t, z):
+                raise SolveError(
+                    f"'{row.name}' happens right at the start, t = {t:.6g}, and "
+                    f"'{self._model.sensitivities[int(moving[0])]}' moves the start off it, to "
+                    "either side: there is no derivative; begin aside of the jump, or compile "
+                    "without this sensitivity"
+                )
+
+    def _has_jump(self, mode: int, t: float, z: FloatArray) -> bool:
+        """Tell whether rates change with a mode that stands for a jump."""
+        y, u = z[: self._n], self._u(t)
+        s = z[self._n :].reshape(self._m, self._n).T
+        new = self._jumps(t, y, z[self._n :], u).copy()
+        rates = []
+        for own, row in zip(self._own, self.rows, strict=True):
+            if row.targets == (mode,):
+                other = y.copy()
+                other[mode] = new[own][0]
+                other, _ = solve_start(self._model, t, self._p, u, other, s)
+                rates.append(self._rhs(t, other, np.zeros(0), u).copy())
+        spread = np.ptp(rates, axis=0)
+        return bool(np.any(spread > _SAME_RATE * np.max(np.abs(rates), axis=0)))
+
+    def is_due(self, i: int, t: float, z: FloatArray) -> bool:
+        """Tell whether an event that sets one mode would change it."""
+        (target,) = self.rows[i].targets
+        new = self._jumps(t, z[: self._n], z[self._n :], self._u(t))[self._own[i]]
+        return bool(new[0] != z[target])
 
     def _derivatives(self, t: float, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Give the rates of all states, algebraic unknowns too, and the kernel's at these."""

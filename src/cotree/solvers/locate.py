@@ -108,6 +108,10 @@ class Guarded:
         """Let one happen."""
         return self._call(lambda t, z: self._events.apply(i, t, z, time_sensitivity), t, z)
 
+    def is_due(self, i: int, t: float, z: FloatArray) -> bool:
+        """Tell whether one would change the mode that it sets."""
+        return self._call(lambda t, z: self._events.is_due(i, t, z), t, z)
+
     def _call(
         self, function: Callable[[float, FloatArray], _Answer], t: float, z: FloatArray
     ) -> _Answer:

@@ -47,6 +47,10 @@ class Events(Protocol):
     ) -> tuple[FloatArray, FloatArray]:
         """Let one happen: give z after it, and how its time depends on the parameters."""
 
+    def is_due(self, i: int, t: float, z: FloatArray) -> bool:
+        """Tell whether one that stands for a jump would change the mode that it sets."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class Problem:

@@ -100,12 +100,16 @@ def simulate(
     projection = Projection(model, p, u) if is_held else None
     t_span, jacobian = _span(settings.t_span), model.bound_jacobian(p)
     corners = model.corners(p, t_span, settings.inputs, signals.breakpoints)
+    z0 = _start(model, t_span[0], p, settings.initial, u)
+    events = ModelEvents(model, p, u, is_held) if model.layout.events else None
+    if events is not None:
+        events.check_start(t_span[0], z0)
     problem = Problem(
         rhs=_rhs(model, p, u),
         jacobian=lambda t, y: jacobian(t, y, u(t)),
         n_states=len(model.states),
         n_sensitivities=len(model.sensitivities),
-        z0=_start(model, t_span[0], p, settings.initial, u),
+        z0=z0,
         t_span=t_span,
         t_eval=_times(settings.t_eval),
         rtol=check_number(settings.rtol, "rtol"),
@@ -128,7 +132,7 @@ def simulate(
         state_rhs=_state_rhs(model, p, u),
         sparse_jacobian=_sparse_jacobian(model, p, u),
         **_native(model, p, signals),
-        events=ModelEvents(model, p, u, is_held) if model.layout.events else None,
+        events=events,
         places=_places(model),
     )
     warn_of_tolerances(problem)

@@ -25,6 +25,15 @@ VERDICTS = {
     "mode hold what chatters",
     "endless": "events {event} make each other happen without end at t = {t:.10g}: let a mode hold "
     "what chatters",
+    "slides": "{event} at t = {t:.10g}: from either side the motion is driven back to where this "
+    "jumps, so it neither crosses nor leaves; write a law that does not jump there (tanh for "
+    "sign), or let a mode of your own hold what sticks",
+    "leaves": "{event} at t = {t:.10g}: what rested where this jumps leaves there, and which way, "
+    "and when, depends on the side: begin aside of the jump, or let a mode of your own hold what "
+    "sticks",
+    "parts": "{event} and others jump at once at t = {t:.10g}, and what follows depends on which "
+    "comes first, so nothing has sensitivities there: change a parameter, or compile without "
+    "sensitivities",
     "spends": "the limit of {detail:g} events is reached",
     "stops": "event {event} ends the run",
     "fails": "the equations of the events cannot be evaluated at t = {t:.10g}",
@@ -42,6 +51,9 @@ BY_STATUS = {
     27: "accumulates",
     28: "chatters",
     29: "endless",
+    30: "slides",
+    31: "leaves",
+    32: "parts",
 }
 
 #: Those that another way to solve for what follows from constraints might avoid.

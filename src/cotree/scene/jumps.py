@@ -1,0 +1,399 @@
+"""What jumps with the state, inside expressions, as modes and events.
+
+In: a scene whose fields hold ``sign``, ``floor``, ``mod`` or comparisons of what moves. Out: a
+scene that says the same with a mode in the place of each, and with the events that change it, so
+that one mechanism locates every jump, begins anew there and lets sensitivities jump.
+
+A step then sees the branch that it began on and nothing of the other, however far it reaches. What
+looks at time and parameters alone, along lines of time, is left as it is: its times are known
+before a run, see :mod:`cotree.dag.stops`. So is what has a corner but no jump, as ``v*sign(v)``,
+wherever both values are seen to be one: states' sensitivities are continuous there.
+"""
+
+from __future__ import annotations
+
+import ast
+import copy
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from cotree.dag.nodes import Dag
+from cotree.dag.stops import is_cut
+from cotree.dag.traverse import reachable, substitute
+from cotree.scene.events import Event, Mode
+from cotree.scene.expressions import COMPARISONS, Expression, names_in
+
+if TYPE_CHECKING:
+    from cotree.dag.nodes import Node
+    from cotree.scene.description import Edge, SceneDescription
+
+# A longer text makes no name that a reader takes in.
+_LONGEST_NAME = 60
+
+#: What jumps, by its name in expressions; ``mod`` does where its floor does.
+_JUMPING = ("sign", "floor", "mod", "where")
+
+
+def with_jumps(scene: SceneDescription) -> SceneDescription:
+    """Replace what jumps with the state by modes and events.
+
+    Parameters
+    ----------
+    scene : SceneDescription
+        A scene.
+
+    Returns
+    -------
+    SceneDescription
+        The same scene where nothing jumps; else another one, with more modes and events.
+    """
+    if not any(_may_jump(expression) for expression in _acting(scene)):
+        return scene
+    return _Rewriting(scene).scene
+
+
+def _may_jump(expression: Expression) -> bool:
+    """Tell from the text whether anything in an expression might jump."""
+    return any(f"{name}(" in expression.text.replace(" ", "") for name in _JUMPING)
+
+
+def _acting(scene: SceneDescription) -> list[Expression]:
+    """List the expressions that act on the motion, or may."""
+    found = [*scene.outputs.values(), *(event.when for event in scene.events.values())]
+    for edge in scene.edges.values():
+        found += [item for value in edge.fields.values() for item in _expressions(value)]
+    return found
+
+
+def _expressions(value: Any) -> list[Expression]:
+    """List the expressions of a field."""
+    if isinstance(value, Expression):
+        return [value]
+    return [item for part in value for item in _expressions(part)]
+
+
+class _Rewriting:
+    """One scene, written anew.
+
+    Attributes
+    ----------
+    scene : SceneDescription
+        The new one.
+    """
+
+    def __init__(self, scene: SceneDescription) -> None:
+        self._old = scene
+        self._modes: dict[str, Mode] = {}
+        self._events: dict[str, Event] = {}
+        #: The mode of each text: what reads the same is the same.
+        self._known: dict[str, str] = {}
+        self.scene = copy.copy(scene)
+        self.scene.edges = {name: self._edge(edge) for name, edge in scene.edges.items()}
+        events = {
+            name: replace(event, when=self._expression(event.when, is_watched=True))
+            for name, event in scene.events.items()
+        }
+        used = self._used()
+        self.scene.outputs = {
+            name: self._expression(item) if name in used else item
+            for name, item in scene.outputs.items()
+        }
+        self.scene.modes = {**scene.modes, **self._modes}
+        # What changes a mode comes before what may look at it.
+        self.scene.events = {**self._events, **events}
+
+    def _used(self) -> set[str]:
+        """List the outputs that fields and events are made of."""
+        outputs = self._old.outputs
+        read = [item.names for edge in self._old.edges.values() for item in _of_edge(edge)]
+        read += [event.when.names for event in self._old.events.values()]
+        waiting = [name for names in read for name in names if name in outputs]
+        found: set[str] = set()
+        while waiting:
+            name = waiting.pop()
+            if name not in found:
+                found.add(name)
+                waiting += [other for other in outputs[name].names if other in outputs]
+        return found
+
+    def _edge(self, edge: Edge) -> Edge:
+        constant = {field.name for field in edge.component.fields if field.constant}
+        fields = {
+            name: value if name in constant else self._value(value)
+            for name, value in edge.fields.items()
+        }
+        return replace(edge, fields=fields) if fields != edge.fields else edge
+
+    def _value(self, value: Any) -> Any:
+        if isinstance(value, Expression):
+            return self._expression(value)
+        return tuple(self._value(part) for part in value)
+
+    def _expression(self, expression: Expression, *, is_watched: bool = False) -> Expression:
+        """Write an expression anew.
+
+        What an event looks at may jump at known times: it is then looked at just there, as it
+        stands.
+        """
+        if not _may_jump(expression) or (is_watched and not self._moves(expression.names)):
+            return expression
+        whole = copy.deepcopy(expression.tree)
+        kept = frozenset(id(part) for part in _jumps_in(whole) if _has_only_corner(whole, part))
+        tree = _Tree(self, expression.where, kept).visit(whole)
+        if ast.dump(tree) == ast.dump(expression.tree):
+            return expression
+        return Expression(expression.text, expression.where, tree, names_in(tree))
+
+    def _moves(self, names: frozenset[str]) -> bool:
+        """Tell whether anything but time and parameters is among some names."""
+        return any(name not in self._old.parameters and name not in ("t", "pi") for name in names)
+
+    def is_located(self, *looked_at: ast.expr) -> bool:
+        """Tell whether what looks at some values jumps where nothing else knows."""
+        names = frozenset(name for tree in looked_at for name in names_in(tree))
+        if self._moves(names):
+            return True
+        if "t" not in names:
+            return False
+        return not all(is_cut(self._lowered(tree)) for tree in looked_at)
+
+    def _lowered(self, tree: ast.expr) -> Any:
+        """Form the node of an expression of time and parameters."""
+        symbols = self._symbols
+        return Expression("", "", tree, names_in(tree)).lower(symbols["t"].dag, symbols.__getitem__)
+
+    @cached_property
+    def _symbols(self) -> dict[str, Any]:
+        dag = Dag()
+        names = enumerate(self._old.parameters)
+        return {"t": dag.symbol("t", 0), **{name: dag.symbol("p", i) for i, name in names}}
+
+    def mode(
+        self,
+        text: str,
+        call: ast.expr,
+        where: str,
+        rows: tuple[tuple[int, ast.expr, ast.expr], ...],
+    ) -> ast.expr:
+        """Give the mode that stands for a call.
+
+        Parameters
+        ----------
+        text : str
+            How a user wrote it.
+        call : ast.expr
+            What it stands for.
+        where : str
+            What that belongs to.
+        rows : tuple of (int, ast.expr, ast.expr)
+            Of each event: its direction, what it looks at, and what the mode becomes. The mode
+            itself is the name "".
+        """
+        if text not in self._known:
+            name = self._new_name(text)
+            self._known[text] = name
+            self._modes[name] = Mode(name, _made(call, where), where, is_jump=True)
+            for direction, looked_at, value in rows:
+                event = f"{name} {'up' if direction > 0 else 'down'}"
+                when, new = (
+                    _made(_Renamed(name).visit(copy.deepcopy(tree)), where)
+                    for tree in (looked_at, value)
+                )
+                self._events[event] = Event(
+                    event,
+                    when,
+                    direction,
+                    {name: new},
+                    is_stop=False,
+                    restitution=None,
+                    is_jump=True,
+                )
+        return ast.Name(self._known[text])
+
+    def _new_name(self, text: str) -> str:
+        short = text if len(text) <= _LONGEST_NAME else f"{text[: _LONGEST_NAME - 3]}..."
+        name, n = short, 1
+        while name in self._modes:
+            n += 1
+            name = f"{short} ({n})"
+        return name
+
+
+def _of_edge(edge: Edge) -> list[Expression]:
+    return [item for value in edge.fields.values() for item in _expressions(value)]
+
+
+def _made(tree: ast.expr, where: str) -> Expression:
+    return Expression(ast.unparse(tree), where, tree, names_in(tree))
+
+
+class _Renamed(ast.NodeTransformer):
+    """Puts the name of a mode in the place of the empty one."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        """Rename."""
+        return ast.Name(self._name) if node.id == "" else node
+
+
+_ITSELF = ast.Name("")
+_HALF = ast.Constant(0.5)
+
+
+def _less(a: ast.expr, b: ast.expr) -> ast.expr:
+    return ast.BinOp(a, ast.Sub(), b)
+
+
+def _plus(a: ast.expr, b: ast.expr) -> ast.expr:
+    return ast.BinOp(a, ast.Add(), b)
+
+
+def _floor(a: ast.expr) -> ast.expr:
+    return ast.Call(ast.Name("floor"), [a], [])
+
+
+def _constant(value: float) -> ast.expr:
+    return ast.Constant(value) if value >= 0 else ast.UnaryOp(ast.USub(), ast.Constant(-value))
+
+
+def _jumps_in(tree: ast.expr) -> list[ast.expr]:
+    """List the signs and the comparisons of two values in a tree."""
+    return [
+        node
+        for node in ast.walk(tree)
+        if (
+            isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Name)
+            and node.func.id == "sign"
+        )
+        or (isinstance(node, ast.Compare) and len(node.ops) == 1)
+    ]
+
+
+def _has_only_corner(whole: ast.expr, part: ast.expr) -> bool:
+    """Tell whether an expression is seen to have one value wherever a part of it jumps.
+
+    What the part looks at is put to zero in the difference of both values, or solved for one of
+    its terms: that is a proof where nothing is left. Anything else passes for a jump.
+    """
+    dag = Dag()
+    symbols = {name: dag.symbol("x", i) for i, name in enumerate(sorted(names_in(whole)))}
+
+    def lowered(tree: ast.expr) -> Node:
+        return Expression("", "", tree, names_in(tree)).lower(dag, symbols.__getitem__)
+
+    sides: list[ast.expr]
+    if isinstance(part, ast.Compare):
+        looked_at = _less(part.left, part.comparators[0])
+        sides = [ast.Compare(_HALF, [op], [_HALF]) for op in (ast.GtE(), ast.Gt())]
+    else:
+        assert isinstance(part, ast.Call)
+        looked_at = part.args[0]
+        sides = [_constant(1.0), _constant(-1.0)]
+    try:
+        above, below = (lowered(_Replaced(part, side).visit(whole)) for side in sides)
+        difference = above - below
+        for solution in _solutions(lowered(looked_at)):
+            if substitute([difference], solution)[0].is_zero:
+                return True
+    except (ArithmeticError, ValueError):  # it has no value somewhere: nothing is proved
+        return False
+    return False
+
+
+def _solutions(value: Node) -> list[dict[Node, Node]]:
+    """List ways to say in a substitution that a value is zero."""
+    dag = value.dag
+    found = [{value: dag.zero}]
+    if value.op in ("add", "sub"):
+        a, b = value.args
+        for one, other in ((a, b), (b, a)):
+            if one.value is None and one not in reachable([other]):
+                found.append({value: dag.zero, one: -other if value.op == "add" else other})
+    return found
+
+
+class _Replaced(ast.NodeTransformer):
+    """Gives a tree with one part replaced; what is on the way there is made anew."""
+
+    def __init__(self, part: ast.expr, by: ast.expr) -> None:
+        self._part, self._by = part, by
+
+    def visit(self, node: ast.AST) -> Any:
+        """Replace."""
+        return self._by if node is self._part else super().visit(copy.copy(node))
+
+    def generic_visit(self, node: ast.AST) -> ast.AST:
+        """Copy the lists of a node before what is in them changes."""
+        for name, value in ast.iter_fields(node):
+            if isinstance(value, list):
+                setattr(node, name, list(value))
+        return super().generic_visit(node)
+
+
+class _Tree(ast.NodeTransformer):
+    """Writes what jumps in one expression anew, from the inside out."""
+
+    def __init__(self, scene: _Rewriting, where: str, kept: frozenset[int]) -> None:
+        self._scene, self._where, self._kept = scene, where, kept
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
+        """Leave ``edge.coordinate`` as it is."""
+        return node
+
+    def visit_Call(self, node: ast.Call) -> ast.expr:
+        """Put modes in the place of signs and floors."""
+        assert isinstance(node.func, ast.Name)  # it was checked when it was parsed
+        node.args = [self.visit(arg) for arg in node.args]
+        if node.func.id == "mod":
+            a, b = node.args
+            ratio = ast.BinOp(a, ast.Div(), b)
+            if self._scene.is_located(ratio):
+                return _less(a, ast.BinOp(b, ast.Mult(), self._floor(ratio)))
+        if node.func.id == "floor" and self._scene.is_located(node.args[0]):
+            return self._floor(node.args[0])
+        if id(node) in self._kept:
+            return node
+        if node.func.id == "sign" and self._scene.is_located(node.args[0]):
+            looked_at = node.args[0]
+            rows = [(side, looked_at, _constant(float(side))) for side in (1, -1)]
+            return self._scene.mode(ast.unparse(node), node, self._where, tuple(rows))
+        return node
+
+    def _floor(self, value: ast.expr) -> ast.expr:
+        """Count up where a value comes to the next whole number, down where it falls below its own.
+
+        What the count becomes is read from the value, rounded to where it passes.
+        """
+        up = (1, _less(_less(value, _ITSELF), ast.Constant(1.0)), _floor(_plus(value, _HALF)))
+        lower = ast.UnaryOp(ast.USub(), _floor(_less(_HALF, value)))
+        down = (-1, _less(value, _ITSELF), _less(lower, ast.Constant(1.0)))
+        call = _floor(value)
+        return self._scene.mode(ast.unparse(call), call, self._where, (up, down))
+
+    def visit_Compare(self, node: ast.Compare) -> ast.expr:
+        """Put a mode in the place of each comparison: one where it holds, else zero."""
+        sides = [self.visit(side) for side in (node.left, *node.comparators)]
+        if id(node) in self._kept:
+            return ast.Compare(sides[0], node.ops, sides[1:])
+        parts = [
+            self._comparison(ast.Compare(a, [op], [b]))
+            for a, op, b in zip(sides[:-1], node.ops, sides[1:], strict=True)
+        ]
+        return parts[0] if len(parts) == 1 else ast.BoolOp(ast.And(), parts)
+
+    def _comparison(self, node: ast.Compare) -> ast.expr:
+        a, b = node.left, node.comparators[0]
+        is_larger, _ = COMPARISONS[type(node.ops[0])]
+        excess = _less(a, b) if is_larger else _less(b, a)
+        if not self._scene.is_located(excess):
+            return node
+        holds = [ast.Constant(1.0), ast.Constant(0.0)]
+        rows = ((1, excess, holds[0]), (-1, excess, holds[1]))
+        # Its value at the start is that of a conditional; the name is the comparison itself.
+        conditional = ast.Call(ast.Name("where"), [node, *holds], [])
+        mode = self._scene.mode(ast.unparse(node), conditional, self._where, rows)
+        return ast.Compare(mode, [ast.Gt()], [_HALF])

@@ -1,0 +1,328 @@
+"""Signs, floors, remainders and conditionals of states are located; sensitivities jump there."""
+
+from __future__ import annotations
+
+import math
+import warnings
+
+import mpmath
+import numpy as np
+import pytest
+
+from cotree import Scene
+from cotree.errors import SolveError
+
+pytestmark = pytest.mark.compiler
+
+TIGHT = {"rtol": 1e-10, "atol": 1e-12}
+METHODS = ["dopri5", "dop853", "rodas5", "rodas4", "cvode", "ida", "Radau", "LSODA"]
+
+
+def _charged(voltage: str, capacitance: float | str = 1.0, **values: float) -> Scene:
+    """A capacitor behind a resistor and a source."""
+    scene = Scene("charged")
+    for name, value in values.items():
+        scene.parameter(name, value)
+    scene.edge("V", "voltage_source", "a", "ground", voltage=voltage)
+    scene.edge("R", "resistor", "a", "b", resistance="R")
+    scene.edge("C", "capacitor", "b", "ground", capacitance=capacitance)
+    return scene
+
+
+def _slid(force: str, speed: float = 1.0, **values: float) -> Scene:
+    """A mass of 1 kg under a force."""
+    scene = Scene("slid")
+    for name, value in values.items():
+        scene.parameter(name, value)
+    scene.edge("m", "translational_mass", "ground", "A", mass=1.0, initial={"v": speed})
+    scene.edge("f", "force_source", "ground", "A", force=force)
+    return scene
+
+
+def _along(end, values):
+    """Differentiate a closed form by each of its arguments, to twenty digits."""
+    with mpmath.workdps(40):
+        return {
+            name: float(mpmath.diff(lambda x, n=name: end(**{**values, n: x}), values[name]))
+            for name in values
+        }
+
+
+def _agrees(scene, end, values, t_end, method, name="C.v"):
+    result = scene.compile(list(values)).simulate((0, t_end), method=method, **TIGHT)
+    # Methods of variable order err by some hundred tolerances over their first steps.
+    assert result[name][-1] == pytest.approx(float(end(**values)), rel=1e-7)
+    for parameter, expected in _along(end, values).items():
+        found = result.sensitivity(name, parameter)[-1]
+        assert found == pytest.approx(expected, rel=1e-6, abs=1e-7), parameter
+    return result
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_source_that_its_own_load_switches(method):
+    def end(E, K, c, R):
+        crossed = R * mpmath.log(E / (E - c))
+        return E + K + (c - E - K) * mpmath.exp(-(2 - crossed) / R)
+
+    values = {"E": 2.0, "K": 3.0, "c": 1.0, "R": 1.0}
+    scene = _charged("E + K*(1 + sign(C.v - c))/2", **values)
+    result = _agrees(scene, end, values, 2.0, method)
+    jumps = result.events["sign(C.v - c) up"]
+    assert jumps.t == pytest.approx([math.log(2.0)], rel=1e-8)
+    assert result["sign(C.v - c)"][[0, -1]] == pytest.approx([-1.0, 1.0])
+    # d t/dc of log(E/(E - c))
+    assert result.event_sensitivity("sign(C.v - c) up", "c") == pytest.approx([1.0], rel=1e-6)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_capacitance_that_jumps(method):
+    def end(E, k, c, R):
+        first, second = R * (1.5 - k), R * (1.5 + k)
+        return E + (c - E) * mpmath.exp(-(2 - first * mpmath.log(E / (E - c))) / second)
+
+    values = {"E": 2.0, "k": 0.5, "c": 1.0, "R": 1.0}
+    _agrees(_charged("E", "1.5 + k*sign(C.v - c)", **values), end, values, 2.0, method)
+
+
+@pytest.mark.parametrize("text", ["E + K*floor(C.v/c)", "E + K*(C.v - mod(C.v, c))/c"])
+def test_steps_of_a_level(text):
+    """C.v' = E + K n - C.v between n c and (n + 1) c, passed three times."""
+
+    def end(E, K, c, R):
+        t, v, n = mpmath.mpf(0), mpmath.mpf(0), 0
+        while True:
+            drive = E + K * n
+            crossed = t + R * mpmath.log((drive - v) / (drive - (n + 1) * c))
+            if crossed > 1:
+                return drive + (v - drive) * mpmath.exp(-(1 - t) / R)
+            t, v, n = crossed, (n + 1) * c, n + 1
+
+    values = {"E": 2.0, "K": 0.4, "c": 0.43, "R": 1.1}
+    result = _agrees(_charged(text, **values), end, values, 1.0, "auto")
+    assert len(result.events["floor(C.v / c) up"].t) == 3
+    assert not len(result.events["floor(C.v / c) down"].t)
+
+
+def test_a_level_that_is_passed_down_again():
+    """A swing s = 0.9 cos(w t) is counted in whole halves."""
+    scene = Scene("count")
+    scene.parameter("w", 1.3)
+    scene.edge("m", "translational_mass", "ground", "A", mass=1.0)
+    spring = {"stiffness": "w**2", "initial": {"s": 0.9}}
+    scene.edge("s", "translational_spring", "ground", "A", **spring)
+    scene.edge("I", "current_source", "ground", "b", current="floor(2*s.s)")
+    scene.edge("C", "capacitor", "b", "ground", capacitance=1.0)
+    result = scene.compile(["w"]).simulate((0, 4.0), **TIGHT)
+
+    def end(w):
+        # It is 1, 0, -1, -2 between the angles where 1.8 cos is 1, 0, -1, and back.
+        turns = [mpmath.acos(level / mpmath.mpf("1.8")) for level in (1, 0, -1)]
+        turns += [2 * mpmath.pi - turn for turn in reversed(turns)]
+        levels, total, last = [1, 0, -1, -2, -1, 0, 1], mpmath.mpf(0), mpmath.mpf(0)
+        for level, angle in zip(levels, [*turns, mpmath.inf], strict=True):
+            upto = min(angle / w, mpmath.mpf(4))
+            total += level * (upto - last)
+            last = upto
+        return total
+
+    assert result["C.v"][-1] == pytest.approx(float(end(mpmath.mpf("1.3"))), rel=1e-8)
+    expected = _along(end, {"w": mpmath.mpf("1.3")})["w"]
+    assert result.sensitivity("C.v", "w")[-1] == pytest.approx(expected, rel=1e-7)
+
+
+def test_conditions_of_states_and_time():
+    """Charged by E within 0.2 < v <= c before t = 0.9, else by K."""
+
+    def end(E, K, c, R):
+        v, t = mpmath.mpf(0), mpmath.mpf(0)
+        for drive, level in ((K, mpmath.mpf("0.2")), (E, c)):
+            t += R * mpmath.log((drive - v) / (drive - level))
+            v = level
+        return K + (v - K) * mpmath.exp(-(2 - t) / R)
+
+    values = {"E": 2.0, "K": 3.0, "c": 1.0, "R": 1.0}
+    scene = _charged("where(0.2 < C.v <= c and t < 0.9, E, K)", **values)
+    result = _agrees(scene, end, values, 2.0, "auto")
+    assert set(result.events) == {
+        f"{name} {way}" for name in ("0.2 < C.v", "C.v <= c") for way in ("up", "down")
+    }
+
+
+@pytest.mark.parametrize("method", ["dop853", "rodas5", "cvode", "Radau"])
+def test_dry_friction_swings_with_exact_sensitivities(method):
+    """Half a turn after half a turn about a centre that the friction shifts."""
+
+    def end(k, F):
+        w = mpmath.sqrt(k)
+        n = int(mpmath.floor(w * 8 / mpmath.pi))
+        size = 1 - (2 * n + 1) * F / k
+        return (-1) ** n * (size * mpmath.cos(w * 8 - n * mpmath.pi) + F / k)
+
+    values = {"k": 1.7, "F": 0.02}
+    scene = Scene("swing")
+    for name, value in values.items():
+        scene.parameter(name, value)
+    scene.edge("m", "translational_mass", "ground", "A", mass=1.0)
+    spring = {"stiffness": "k", "initial": {"s": 1.0}}
+    scene.edge("s", "translational_spring", "ground", "A", **spring)
+    scene.edge("f", "force_source", "ground", "A", force="-F*sign(m.v)")
+    _agrees(scene, end, values, 8.0, method, "s.s")
+
+
+@pytest.mark.parametrize("method", ["dop853", "rodas5", "cvode", "Radau", "LSODA"])
+@pytest.mark.parametrize("sensitivities", [[], ["F"]])
+def test_what_sticks_stops_with_the_expression(method, sensitivities):
+    model = _slid("-F*sign(m.v)", F=2.0).compile(sensitivities)
+    with pytest.warns(RuntimeWarning, match=r"'sign\(m.v\) .*driven back to where this jumps"):
+        result = model.simulate((0, 2.0), method=method, **TIGHT)
+    assert result.status < 0
+    assert result.t[-1] == pytest.approx(0.5, rel=1e-6)
+
+
+@pytest.mark.parametrize("method", ["dop853", "rodas5", "Radau"])
+def test_what_rests_at_a_jump_stays_or_stops(method):
+    rests = _slid("-F*sign(m.v)", 0.0, F=2.0).compile().simulate((0, 1.0), method=method)
+    assert rests.status == 0
+    assert not np.any(rests["m.v"])
+    for force in ("5*t", "5*max(0, t - 0.4)", "5*t**3"):
+        model = _slid(f"{force} - F*sign(m.v)", 0.0, F=2.0).compile()
+        with pytest.warns(RuntimeWarning, match=r"'sign\(m.v\) up'.*driven back to where this"):
+            assert model.simulate((0, 1.0), method=method).status < 0
+    # Nothing shows at the start that a force will act; later it is found to have done so.
+    model = _slid("5*exp(-1/(1e-9 + t)**2) - F*sign(m.v)", 0.0, F=2.0).compile()
+    with pytest.warns(RuntimeWarning, match=r"'sign\(m.v\) .*where this jumps"):
+        assert model.simulate((0, 1.0), method=method).status < 0
+
+
+@pytest.mark.parametrize("method", ["dop853", "rodas5", "Radau"])
+def test_what_rests_is_pushed_off_at_a_corner_of_a_force(method):
+    """v = (5 - F) (t - d)."""
+    scene = _slid("where(t >= d, 5, 0) - F*sign(m.v)", 0.0, F=2.0, d=1.0)
+    result = scene.compile(["F", "d"]).simulate((0, 2.5), method=method, **TIGHT)
+    assert result["m.v"][-1] == pytest.approx(4.5, rel=1e-9)
+    assert result.sensitivity("m.v", "F")[-1] == pytest.approx(-1.5, rel=1e-9)
+    assert result.sensitivity("m.v", "d")[-1] == pytest.approx(-3.0, rel=1e-9)
+
+
+def test_a_start_on_a_jump_has_sensitivities_along_it_only():
+    scene = _charged("E + K*sign(C.v)", E=2.0, K=1.0, R=1.0)
+    result = scene.compile(["K", "R"]).simulate((0, 1.0), **TIGHT)
+    assert result["C.v"][-1] == pytest.approx(3 * (1 - math.exp(-1)), rel=1e-9)
+    assert result.sensitivity("C.v", "K")[-1] == pytest.approx(1 - math.exp(-1), rel=1e-8)
+    with pytest.raises(SolveError, match=r"'sign\(C.v\) up' happens right at the start.*'C.v'"):
+        scene.compile(["C.v"]).simulate((0, 1.0))
+    # A corner has one derivative.
+    corner = _charged("E + K*C.v*sign(C.v)", E=2.0, K=0.5, R=1.0)
+    result = corner.compile(["C.v"]).simulate((0, 1.0), **TIGHT)
+    assert result.sensitivity("C.v", "C.v")[-1] == pytest.approx(math.exp(-0.5), rel=1e-8)
+
+
+@pytest.mark.parametrize("method", ["auto", "Radau"])
+def test_jumps_at_once_that_come_apart_have_no_derivative(method):
+    """At 1.5 both levels are passed: with c a little larger one comes later than the other."""
+    scene = _charged("E + K*floor(C.v/c) + K*floor(C.v/0.3)", E=2.0, K=0.3, c=0.25, R=1.0)
+    result = scene.compile(["E"]).simulate((0, 1.0), method=method, **TIGHT)
+    assert result.status == 0  # they stay at once where E changes
+    with pytest.warns(RuntimeWarning, match=r"'floor\(C.v / c\) up' and others jump at once"):
+        scene.compile(["c"]).simulate((0, 1.0), method=method, **TIGHT)
+    assert scene.compile().simulate((0, 1.0), method=method).status == 0
+
+
+def test_a_jump_of_an_algebraic_unknown():
+    """A divider of two diodes-like laws decides what charges C; against differences."""
+    scene = Scene("divider")
+    for name, value in {"E": 2.0, "c": 0.4, "R": 1.0}.items():
+        scene.parameter(name, value)
+    scene.edge("V", "voltage_source", "a", "ground", voltage="E*t")
+    scene.edge("R1", "resistor", "a", "m", resistance="R")
+    scene.edge("R2", "resistor", "m", "ground", resistance="1 + R2.i**2")
+    scene.edge("I", "current_source", "ground", "b", current="1 + sign(R2.v - c)/2")
+    scene.edge("C", "capacitor", "b", "ground", capacitance=1.0)
+    model = scene.compile(["E", "c", "R"])
+    result = model.simulate((0, 1.0), **TIGHT)
+    for name, value in {"E": 2.0, "c": 0.4, "R": 1.0}.items():
+        ends = [
+            model.simulate((0, 1.0), parameters={name: value * (1 + h)}, **TIGHT)["C.v"][-1]
+            for h in (1e-4, -1e-4)
+        ]
+        # The next term of a difference over 1e-4 is 1e-8 of the value.
+        expected = (ends[0] - ends[1]) / (2e-4 * value)
+        assert result.sensitivity("C.v", name)[-1] == pytest.approx(expected, rel=1e-6, abs=1e-9)
+
+
+def test_a_sign_of_an_input():
+    """A square wave from a sine: 1 V/s up and down again, with sensitivity to its frequency."""
+    scene = Scene("square")
+    scene.parameter("w", 4.0)
+    scene.input("u", "sin(w*t)")
+    scene.edge("I", "current_source", "ground", "b", current="sign(u) + sign(sin(w*t))/2")
+    scene.edge("C", "capacitor", "b", "ground", capacitance=1.0)
+    result = scene.compile(["w"]).simulate((0, 2.0), **TIGHT)
+    # Up to pi/4 and pi/2, from there to 2: v = 1.5 (2 - pi/2) as w t = 8 lies beyond 2 pi.
+    assert result["C.v"][-1] == pytest.approx(1.5 * (2 - math.pi / 2), rel=1e-9)
+    assert result.sensitivity("C.v", "w")[-1] == pytest.approx(1.5 * math.pi / 8, rel=1e-8)
+
+
+def test_an_event_that_looks_at_a_jump_happens_with_it():
+    values = {"E": 2.0, "c": 1.0, "R": 1.0}
+    scene = _charged("E - n", **values)
+    scene.mode("n", 0.0)
+    scene.event("passed", "sign(C.v - c)", direction=1, set={"n": "n + 5"})
+    result = scene.compile(["c"]).simulate((0, 1.0), **TIGHT)
+    assert result.events["passed"].t == pytest.approx([math.log(2.0)], rel=1e-9)
+    assert result.event_sensitivity("passed", "c") == pytest.approx([1.0], rel=1e-8)
+
+
+def test_a_mode_that_only_a_sign_looks_at_moves_sensitivities():
+    """What looks at a mode without a derivative by it has another rate once that has changed."""
+    scene = _charged("E + 3*sign(n - 0.5)", E=2.0, c=0.5, R=1.0)
+    scene.mode("n", 0.8)
+    scene.event("passed", "C.v - c", direction=1, set={"n": 0})
+    result = scene.compile(["c"]).simulate((0, 1.0), **TIGHT)
+    # From 0 to c under 5 V, then under -1 V: d v/dc = 6/(5 - c) exp(-(1 - t)).
+    crossed = math.log(5 / 4.5)
+    expected = 6 / 4.5 * math.exp(-(1 - crossed))
+    assert result.sensitivity("C.v", "c")[-1] == pytest.approx(expected, rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "C.v*sign(C.v)",
+        "sign(C.v - c)*sqrt(abs(C.v - c))",
+        "where(C.v > c, C.v - c, 0)",
+        "where(t < c, E, 0) + sign(t - 3*c) + floor(t/c) + mod(t, c)",
+    ],
+)
+def test_corners_and_known_times_need_no_events(text):
+    """Both values are one where such an expression has its corner, or its times are known."""
+    model = _charged(f"E + c*({text})/9", E=2.0, c=1.0, R=1.0).compile(["c"])
+    assert model.states == ("C.v",)
+
+
+def test_lost_modes_name_what_cannot_agree_at_a_start():
+    scene = Scene("contrary")
+    scene.edge("V", "voltage_source", "a", "ground", voltage=1.0)
+    scene.edge("R1", "resistor", "a", "m", resistance="1 + R1.i**2")
+    scene.edge("R2", "resistor", "m", "ground", resistance="where(m.v > 0.5, 0.1, 10)")
+    scene.edge("C", "capacitor", "a", "b", capacitance=1.0)
+    scene.edge("R3", "resistor", "b", "ground", resistance=1.0)
+    with pytest.raises(SolveError, match=r"no values of 'm.v > 0.5'.* agree with the states"):
+        scene.compile().simulate((0, 1.0))
+
+
+def test_the_scene_itself_stays_as_it_was_written():
+    scene = _charged("E*sign(C.v - 1)", E=2.0, R=1.0)
+    scene.compile()
+    assert "mode" not in scene.summary()
+
+
+def test_a_long_expression_has_a_short_name():
+    text = " + ".join(["C.v*E"] * 30)
+    scene = _charged(f"sign({text} - 1) + sign({text} - 2)", E=2.0, R=1.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        names = scene.compile().states[:2]
+    assert names[0].endswith("...")
+    assert names[1] == f"{names[0]} (2)"
+    assert max(map(len, names)) < 70
