@@ -261,7 +261,8 @@ def values_of(scene):
 def test_elements_side_by_side_are_one_of_the_whole_size(row):
     """Two transistors have twice the charge, and half the resistance."""
     text = (
-        "title\n.param n=3\n.model d D(RS=5 CJO=1p TT=1n)\n.model q NPN(RB=10 CJE=1p TF=1n)\n"
+        "title\n.options gmin=0\n.param n=3\n.model d D(RS=5 CJO=1p TT=1n)\n"
+        ".model q NPN(RB=10 CJE=1p TF=1n)\n"
         ".model n NMOS(KP=1m RD=9 RS=5 CBD=1p CBS=1p CGSO=1n CGDO=1n CGBO=2n IS=1f)\n"
         ".model n2 NMOS(KP=1m RD=4.5 RS=2.5 CBD=2p CBS=2p CGSO=1n CGDO=1n CGBO=4n IS=2f)\n"
     )
@@ -440,3 +441,88 @@ def test_waveforms_with_their_defaults(row):
         scene.output("a", "a.v")
         found = scene.compile().output_values(scene.defaults.t_end, [])
         assert found[0] == pytest.approx(value, rel=1e-9, abs=1e-12)
+
+
+#: Currents [uA] out of sources at collector, base, emitter and substrate with gmin of 1e-6 S and
+#: hardly any junction, of ngspice 39: beside both junctions, and from the substrate to the
+#: collector of npn and the base of pnp transistors.
+LEAKS = {
+    "Q1 c b e s qn": ("3 0 0 -5", [-11.0, 3.0, 0.0, 8.0]),
+    "Q1 c b e qn": ("3 -2 0 0", [-8.0, 7.0, -2.0, 0.0]),
+    "Q1 c b e s qn 3 m=2": ("3 0 0 0", [-12.0, 6.0, 0.0, 6.0]),
+    "Q1 c b e qp": ("-3 2 0 0", [5.0, -9.0, 2.0, 0.0]),
+    "D1 c b d 3 m=2": ("-1 0 0 0", [1.0, -1.0, 0.0, 0.0]),
+}
+
+
+@pytest.mark.parametrize("row", LEAKS)
+def test_conductances_beside_junctions_are_where_ngspice_has_them(row):
+    volts, expected = LEAKS[row]
+    models = ".model qn NPN(IS=1e-20)\n.model qp PNP(IS=1e-20)\n.model d D(IS=1e-20)\n"
+    nodes = list(zip("cbes", volts.split(), strict=True))
+    # Nodes that the device leaves out hang on resistors of no current.
+    rows = "".join(f"V{n} {n} 0 {v}\nR{n} {n} {n}x 1\n" for n, v in nodes)
+    scene = read(f"title\n.options gmin=1e-6\n{models}{rows}{row}\n")
+    for node in "cbes":
+        scene.output(f"at_{node}", f"V{node}.i")
+    model = scene.compile()
+    found = 1e6 * model.output_values(0.0, model.start().y)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+
+
+def test_zero_exponents_and_shares_are_zero():
+    """The capacitance of M = 0 is constant, that of FC = 0 straight from no voltage on."""
+    rows = {"M=0": lambda v: 1.0, "FC=0": lambda v: 1 + 0.5 * v, "": lambda v: (1 - v) ** -0.5}
+    for given, capacity in rows.items():
+        model = f".model d D(IS=1e-30 CJO=1n {given})"
+        scene = read(f"title\n{model}\nI1 0 a 1u\nD1 a 0 d\n.options gmin=0\n.tran 1 1 uic\n")
+        rate = scene.compile().rhs(0.0, [0.3])[0]
+        assert rate == pytest.approx(1e3 / capacity(0.3), rel=1e-9), given
+
+
+def test_a_substrate_has_a_charge():
+    model = ".model q NPN(IS=1e-20 CJS=2p MJS=0.5 VJS=0.8)"
+    scene = read(f"title\n{model}\nI1 c 0 1u\nQ1 c 0 0 s q\nVs s 0 -1\n.tran 1 1 uic\n")
+    rate = scene.compile().rhs(0.0, [-2.0])[0]
+    # One microampere, less the conductances of two volts here and one there.
+    expected = (1e-6 - 2e-12 - 1e-12) / (2e-12 / np.sqrt(1 + 2 / 0.8))
+    assert abs(rate) == pytest.approx(expected, rel=1e-5)
+    scene = cotree.Scene("three")
+    with pytest.raises(cotree.SceneError, match="name its substrate as the fourth node"):
+        scene.edge(
+            **{"name": "Q", "type": "bjt_npn", "saturation_current": 1e-15},
+            **{"forward_gain": 9.0, "substrate_capacitance": 1e-12},
+        )
+
+
+LONG_TAIL = (
+    "title\n.model q NPN(IS=1e-15 BF=100 RB=100 TF=0.5n{more})\nVcc cc 0 10\nVee ee 0 -10\n"
+    "Vin in 0 PULSE(-2 2 100n 1n 1n 400n 1u)\nRc1 cc c1 5k\nRc2 cc c2 5k\nQ1 c1 in e q\n"
+    "Q2 c2 0 e q\nQ3 c2 0 e q\nRe e ee 5k\n.tran 1n {end}\n"
+)
+
+
+@pytest.mark.parametrize("method", ["rodas5", "ida", pytest.param("BDF", marks=pytest.mark.slow)])
+def test_charges_in_transit_alone_do_not_stop_a_run(method):
+    """A long-tailed pair that switches: its transistors have no capacitance of their own."""
+    scene = read(LONG_TAIL.format(more="", end="620n"))
+    assert "be_capacitance" in scene.edges["Q2"].fields
+    assert any("transit times and no capacitance of be" in note for note in scene.origin.notes)
+    scene.output("c2", "c2.v")
+    ends = []
+    for more in ("", " CJE=1e-17"):
+        scene = read(LONG_TAIL.format(more=more, end="620n"))
+        scene.output("c2", "c2.v")
+        by = method if not more else "rodas5"
+        result = scene.compile().simulate((0, 6.2e-7), [0, 5.03e-7, 6.2e-7], by, rtol=1e-7)
+        assert result.success, result.message
+        ends.append(result["c2"])
+    # Three times the least capacitance or a third of it moves nothing: 1e-4 of 10 V in the edge.
+    np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-3)
+
+
+def test_a_transit_time_with_an_early_voltage_is_read():
+    """Its charge depends on the collector, whose junction is given a capacitance, too."""
+    scene = read(LONG_TAIL.format(more=" VAF=50", end="10n"))
+    assert {"be_capacitance", "bc_capacitance"} <= scene.edges["Q1"].fields.keys()
+    assert scene.compile().simulate().success

@@ -21,9 +21,9 @@ from cotree.components.junctions import (
     depletion_capacity,
     depletion_fields,
     extras,
-    is_absent,
     junction_current,
     symbol,
+    without_absent,
 )
 from cotree.components.law import Law
 from cotree.components.ports import optional, resistive, value
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 _DOMAIN = "electrical"
 
 _FORWARD, _REVERSE = depletion_fields("be", 0.75, 0.33), depletion_fields("bc", 0.75, 0.33)
+_SUBSTRATE = depletion_fields("substrate", 0.75, 0.0)
 
 #: What adds a term to the laws, or a port.
 _EXTRAS = (
@@ -57,6 +58,7 @@ _EXTRAS = (
     _REVERSE[0],
     optional("forward_transit_time", "s", "charge per current forwards", 0.0, "nonnegative"),
     optional("reverse_transit_time", "s", "charge per current backwards", 0.0, "nonnegative"),
+    _SUBSTRATE[0],
 )
 
 FIELDS = (
@@ -69,6 +71,7 @@ FIELDS = (
     optional("bc_recombination_ideality", "1", "factor of V for it", 2.0, "positive"),
     *_FORWARD[1:],
     *_REVERSE[1:],
+    *_SUBSTRATE[1:],
     FORWARD_SHARE,
 )
 
@@ -76,7 +79,8 @@ _CHARGES = {
     "be": {"be_capacitance", "forward_transit_time"},
     "bc": {"bc_capacitance", "reverse_transit_time"},
 }
-_OF_BASE_CHARGE = {
+#: Fields by which the charge of the base depends on both voltages.
+BASE_CHARGE = {
     "forward_early_voltage",
     "reverse_early_voltage",
     "forward_knee_current",
@@ -86,8 +90,10 @@ _RESISTANCES = ("base_resistance", "collector_resistance", "emitter_resistance")
 
 
 @lru_cache(maxsize=256)
-def _transistor(name: str, doc: str, sign: int, has: frozenset[str]) -> Component:
-    """Make a transistor with the terms of some fields."""
+def _transistor(
+    name: str, doc: str, sign: int, has: frozenset[str], has_substrate: bool
+) -> Component:
+    """Make a transistor with the terms of some fields, of three nodes or four."""
     inner = {
         row.partition("_")[0]: f"inner_{row.partition('_')[0]}"
         for row in _RESISTANCES
@@ -100,6 +106,10 @@ def _transistor(name: str, doc: str, sign: int, has: frozenset[str]) -> Componen
         laws.port("bc", "be", (base, collector)),
         *(resistive(_DOMAIN, f"{end}_resistance", end, (end, at)) for end, at in inner.items()),
     ]
+    terminals: tuple[str, ...] = ("collector", "base", "emitter")
+    if has_substrate:
+        terminals = (*terminals, "substrate")
+        ports.append(laws.substrate(("substrate", collector if sign > 0 else base)))
     return Component(
         name,
         Role.NETWORK,
@@ -107,12 +117,12 @@ def _transistor(name: str, doc: str, sign: int, has: frozenset[str]) -> Componen
         fields=FIELDS,
         domains=(_DOMAIN,),
         ports=tuple(ports),
-        terminals=("collector", "base", "emitter"),
-        measures=_measures(inner),
+        terminals=terminals,
+        measures=_measures(inner, sign if has_substrate else 0),
     )
 
 
-def _measures(inner: Mapping[str, str]) -> tuple[Measure, ...]:
+def _measures(inner: Mapping[str, str], substrate: int) -> tuple[Measure, ...]:
     """Give currents into the terminals, and voltages between them."""
 
     def drop(sign: int, end: str) -> tuple[tuple[int, str, str], ...]:
@@ -120,9 +130,12 @@ def _measures(inner: Mapping[str, str]) -> tuple[Measure, ...]:
 
     # What flows from a terminal to its inner node; the emitter's drop is taken backwards.
     be, bc = (1, "across", "be"), (1, "across", "bc")
+    # From the substrate it flows to the collector of npn transistors, to the base of pnp ones.
+    own: dict[int, tuple[tuple[int, str, str], ...]] = {substrate: ((-1, "through", "substrate"),)}
+    own[0] = ()
     return (
-        Measure("ib", "A", ((1, "through", "be"), (1, "through", "bc"))),
-        Measure("ic", "A", ((-1, "through", "bc"),)),
+        Measure("ib", "A", ((1, "through", "be"), (1, "through", "bc"), *own.get(-1, ()))),
+        Measure("ic", "A", ((-1, "through", "bc"), *own.get(1, ()))),
         Measure("ie", "A", ((-1, "through", "be"),)),
         Measure("vbe", "V", (*drop(1, "base"), be, *drop(-1, "emitter"))),
         Measure("vbc", "V", (*drop(1, "base"), bc, *drop(-1, "collector"))),
@@ -212,6 +225,23 @@ class _Laws:
             between=between,
         )
 
+    def substrate(self, between: tuple[str, str]) -> Terminal:
+        """Make the port of the junction from the substrate, which never conducts forwards."""
+        v, storage, kind = symbol("across"), None, Kind.DISSIPATOR
+        if "substrate_capacitance" in self.has:
+            kind = Kind.ACROSS_STORAGE
+            storage = Law.of(depletion_capacity(v, "substrate", share=0))
+        leakage = symbol("leakage") * v if "leakage" in self.has else 0 * v
+        return Terminal(
+            _DOMAIN,
+            kind,
+            "substrate",
+            through=Law.of(leakage),
+            storage=storage,
+            is_passive=False,
+            between=between,
+        )
+
     def _of_port(self, expression: Any, own: str, other: str) -> Any:
         names = {own: "across", other: f"across_{other}"}
         return expression.subs({self.voltage[at]: self.sign * symbol(names[at]) for at in names})
@@ -234,15 +264,20 @@ def bipolar(name: str, doc: str, sign: int, plain: Component) -> Adapt:
         edge: str, nodes: Sequence[object], given: Mapping[str, Any]
     ) -> tuple[Component, Sequence[object], Mapping[str, Any]]:
         has = extras(_EXTRAS, given)
-        rest = {key: item for key, item in given.items() if key in has or not is_absent(item)}
-        if not has:
+        rest = without_absent(_EXTRAS, given)
+        has_substrate = len(nodes) == len(plain.terminals) + 1
+        if "substrate_capacitance" in has and not has_substrate:
+            raise SceneError(
+                f"edge '{edge}' has a substrate_capacitance: name its substrate as the fourth node"
+            )
+        if not has and not has_substrate:
             return plain, nodes, rest
-        is_coupled = "forward_transit_time" in has and has & _OF_BASE_CHARGE
+        is_coupled = "forward_transit_time" in has and has & BASE_CHARGE
         if is_coupled and not has & _CHARGES["bc"]:
             raise SceneError(
                 f"edge '{edge}' has a forward_transit_time and a charge of the base that the "
                 "collector's voltage changes: give a bc_capacitance, too"
             )
-        return _transistor(name, doc, sign, has), nodes, rest
+        return _transistor(name, doc, sign, has, has_substrate), nodes, rest
 
     return adapt

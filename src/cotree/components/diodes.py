@@ -15,9 +15,9 @@ from cotree.components.junctions import (
     depletion_capacity,
     depletion_fields,
     extras,
-    is_absent,
     junction_current,
     symbol,
+    without_absent,
 )
 from cotree.components.law import Law
 from cotree.components.ports import optional, resistive, value
@@ -113,7 +113,7 @@ def _adapted(
 ) -> tuple[Component, Sequence[object], Mapping[str, Any]]:
     """Take the terms that the scene gives fields of."""
     has = extras(_EXTRAS, given)
-    rest = {key: item for key, item in given.items() if key in has or not is_absent(item)}
+    rest = without_absent(_EXTRAS, given)
     return (_diode(has) if has else DIODE), nodes, rest
 
 

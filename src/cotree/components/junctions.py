@@ -30,7 +30,7 @@ def junction_current(voltage: Any, saturation_current: Any, thermal_voltage: Any
     return saturation_current * (sympy.exp(voltage / thermal_voltage) - 1)
 
 
-def depletion_capacity(voltage: Any, prefix: str) -> Any:
+def depletion_capacity(voltage: Any, prefix: str, share: Any = None) -> Any:
     """Give C (1 - v/V)^-m, and beyond the share F of V the tangent to it.
 
     The base of the power is held above 1 - F, so that neither it nor its derivatives are ever
@@ -42,12 +42,14 @@ def depletion_capacity(voltage: Any, prefix: str) -> Any:
         Of the junction.
     prefix : str
         Of the fields; see :func:`depletion_fields`.
+    share : sympy expression, optional
+        F; the field ``forward_share`` where absent.
     """
     import sympy
 
     names = ("capacitance", "potential", "grading")
     capacitance, potential, grading = (symbol(f"{prefix}_{name}") for name in names)
-    share = symbol("forward_share")
+    share = symbol("forward_share") if share is None else share
     over = sympy.Max(0, voltage / potential - share)
     base = 1 - voltage / potential + over
     return capacitance * base ** (-grading) * (1 + grading * over / (1 - share))
@@ -70,6 +72,12 @@ FORWARD_SHARE = optional(
 def extras(fields: tuple[Field, ...], given: Mapping[str, Any]) -> frozenset[str]:
     """List which of some fields a scene gives as anything but the number zero."""
     return frozenset(row.name for row in fields if not is_absent(given.get(row.name)))
+
+
+def without_absent(fields: tuple[Field, ...], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Leave out those of some fields that add nothing, and fields of no value."""
+    absent = {row.name for row in fields} - extras(fields, given)
+    return {key: item for key, item in given.items() if key not in absent and item is not None}
 
 
 def is_absent(value: Any) -> bool:

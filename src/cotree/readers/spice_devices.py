@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from cotree.components.bipolar import BASE_CHARGE
 from cotree.components.windings import WINDINGS
 from cotree.readers.spice_couplings import coupled_fields
 from cotree.readers.spice_lines import settings, shown, split_settings
@@ -185,6 +186,7 @@ def _diode(place: Place, line: Line) -> None:
     words, given = parts(place, line, {"area", "m", "ic"}, range(3, 6))
     model = place.model(words[2], "d", line)
     fields = device_fields(model, _area(place, line, words[3:], given), place.sheet.gmin)
+    _hold_charges(place, line, fields)
     nodes = [place.node(word) for word in words[:2]]
     initial: dict[str, Any] = {}
     is_state = {"junction_capacitance", "transit_time"} & fields.keys()
@@ -200,10 +202,46 @@ def _bipolar(place: Place, line: Line) -> None:
     words, given = parts(place, line, {"area", "m"}, range(4, 8))
     at = 3 if place.has_model(words[3]) or len(words) == 4 else 4
     model = place.model(words[at], "q", line)
-    fields = device_fields(model, _area(place, line, words[at + 1 :], given), place.sheet.gmin)
-    if at == 4:  # no current flows into the substrate: nothing of it is modelled
-        place.node(words[3])
-    place.add(line.words[0], model.component, [place.node(word) for word in words[:3]], fields)
+    area, gmin = _area(place, line, words[at + 1 :], given), place.sheet.gmin
+    fields = device_fields(model, area, scaled(gmin, _count(place, line, given)) if gmin else 0.0)
+    _hold_charges(place, line, fields)
+    nodes = [place.node(word) for word in words[:3]]
+    substrate = place.node(words[3] if at == 4 else "0")
+    if {"leakage", "substrate_capacitance"} & fields.keys():
+        nodes.append(substrate)
+    place.add(line.words[0], model.component, nodes, fields)
+
+
+#: Charges in transit, and the capacitance of the junction that they need beside them.
+_TRANSITS = {
+    "transit_time": "junction_capacitance",
+    "forward_transit_time": "be_capacitance",
+    "reverse_transit_time": "bc_capacitance",
+}
+
+#: Capacitance that junctions are given where their models have transit times only, in farads per
+#: second of the run: a milliampere takes a volt from it in a ten-millionth of the run. Without
+#: any, what the charge leaves at once is a voltage that no step can follow.
+_LEAST_CAPACITANCE = 5e-11
+
+
+def _hold_charges(place: Place, line: Line, fields: dict[str, Value]) -> None:
+    """Give junctions with a transit time a capacitance, where a run is long and it has none."""
+    if not place.sheet.times.stop:
+        return
+    least = _LEAST_CAPACITANCE * place.sheet.times.stop
+    wanted = [capacity for transit, capacity in _TRANSITS.items() if transit in fields]
+    is_modulated = fields.keys() & BASE_CHARGE and "forward_transit_time" in fields
+    if is_modulated and "bc_capacitance" not in wanted:
+        wanted.append("bc_capacitance")
+    missing = [capacity for capacity in wanted if capacity not in fields]
+    if missing:
+        fields |= dict.fromkeys(missing, least)
+        place.scope.remark(
+            f"{place.at(line)}: {shown(line.words[0])} has transit times and no capacitance of "
+            f"{' and '.join(name.partition('_')[0] for name in missing)}: {least:.3g} F is put "
+            "there"
+        )
 
 
 def _field_effect(place: Place, line: Line) -> None:

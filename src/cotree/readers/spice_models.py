@@ -80,6 +80,9 @@ _BIPOLAR = {
     "vjc": Row(0.75, "bc_potential", "", "V"),
     "mjc": Row(0.33, "bc_grading"),
     "fc": Row(0.5, "forward_share"),
+    "cjs": Row(0.0, "substrate_capacitance", "*", "F"),
+    "vjs": Row(0.75, "substrate_potential", "", "V"),
+    "mjs": Row(0.0, "substrate_grading"),
     "tf": Row(0.0, "forward_transit_time", "", "s"),
     "tr": Row(0.0, "reverse_transit_time", "", "s"),
 }
@@ -114,6 +117,9 @@ _ALIASES = {
         "me": "mje",
         "pc": "vjc",
         "mc": "mjc",
+        "ccs": "cjs",
+        "ps": "vjs",
+        "ms": "mjs",
     },
     "m": {"vt0": "vto"},
 }
@@ -197,13 +203,14 @@ def _check_temperature(name: str, value: Value, where: str) -> None:
         raise SceneError(f"{where}: tnom must be 27: nothing is scaled with temperature here")
 
 
-def device_fields(model: DeviceModel, area: Value, gmin: float) -> dict[str, Value]:
+def device_fields(model: DeviceModel, area: Value, gmin: Value) -> dict[str, Value]:
     """Give the fields of a diode or a bipolar transistor of a model."""
     fields: dict[str, Value] = {}
     for name, row in _TABLES[model.letter].items():
         value = model.values[name]
-        # What is zero is not there: resistances, charges, and voltages and currents without end.
-        if row.field and not is_zero(value):
+        # What is zero is not there: resistances, charges, and voltages and currents without end;
+        # but for what has another default, such as an exponent of the doping.
+        if row.field and not (is_zero(value) and row.default == 0.0):
             fields[row.field] = scaled(value, area, row.area) if row.area else value
     ideality = model.values.get("n", 1.0)
     fields["thermal_voltage"] = scaled(ideality, THERMAL_VOLTAGE)
