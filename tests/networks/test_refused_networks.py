@@ -70,6 +70,11 @@ CASES = {
         FormulationError,
         ("V1", "jumps"),
     ),
+    "a capacitor across what jumps wherever a sine is zero": (
+        network(("V1", "a", G, "sign(sin(t))"), ("C1", "a", G, 1)),
+        FormulationError,
+        ("V1", "jumps"),
+    ),
     "a resistance of zero": (
         network(("V1", "a", G, 1), ("R1", "a", G, 0)),
         ParameterError,

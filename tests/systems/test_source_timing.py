@@ -331,3 +331,70 @@ def test_a_parameter_that_only_times_a_jump_reaches_states():
     model = scene.compile(["d"])
     reached = dict(zip(model.states, model.sensitivity_pattern[:, 0], strict=True))
     assert reached == {"C.v": True, "C9.v": False}
+
+
+#: Sources that do not jump.
+TIED = [
+    "max(sin(t), 0)",
+    "min(t, 1.5)",
+    "abs(mod(t, 2) - 1)",
+    "sign(t**2 - 1)*(t**2 - 1)",
+    "exp(-max(0, t - 0.3))",
+]
+
+
+@pytest.mark.parametrize("waveform", TIED)
+def test_a_source_with_corners_may_have_capacitors_tied_to_it(waveform):
+    scene = cotree.Scene("tied")
+    scene.edge("V", "voltage_source", "a", "ground", voltage=waveform)
+    scene.edge("C1", "capacitor", "a", "b", capacitance=0.5)
+    scene.edge("C2", "capacitor", "b", "ground", capacitance=0.25)
+    scene.edge("R", "resistor", "b", "ground", resistance=1.0)
+    scene.output("u", "V.v")
+    scene.output("v", "C2.v")
+    result = scene.compile().simulate((0, 2), np.linspace(0, 2, 4001), rtol=1e-10, atol=1e-12)
+    # v' = (V'/2 - v)/0.75: integrated by parts, V is needed but not its rate.
+    t, u = result.t, result["u"]
+    kernel = np.exp((t - t[-1]) / 0.75)
+    integrand = u * kernel / 0.75
+    smooth = np.sum(0.5 * (integrand[1:] + integrand[:-1]) * np.diff(t))
+    start = (result["v"][0] - 2.0 / 3.0 * u[0]) * kernel[0]
+    expected = start + 2.0 / 3.0 * (u[-1] - smooth)
+    # The trapezoidal rule errs by h**2/12 u''/0.75 T, and at kinks by h**2 times the kink.
+    assert result["v"][-1] == pytest.approx(expected, abs=1e-6)
+
+
+def test_parameters_that_make_a_tied_source_jump_are_refused():
+    scene = cotree.Scene("tied")
+    scene.parameter("P", 2.0)
+    pulse = {"delay": 1.0, "rise": 0.1, "width": 0.5, "fall": 0.1}
+    scene.edge("V", "pulse_voltage", "a", "ground", high=5.0, period="P", **pulse)
+    scene.edge("C1", "capacitor", "a", "ground", capacitance=0.5)
+    scene.output("i", "C1.i")
+    model = scene.compile()
+    # A period that cuts the pulse off makes the source fall at once.
+    with pytest.raises(cotree.errors.ParameterError, match=r"'V' jumps.*'P'"):
+        model.simulate((0, 3), parameters={"P": 0.6})
+
+
+@pytest.mark.parametrize("method", ["rodas5", "rodas4", "Radau"])
+def test_an_end_at_a_corner(method):
+    """Corners at 5, 10, 15 and 20 s of a stiff filter, whose rates change within rounding of t."""
+    scene = cotree.Scene("stiff")
+    timing = {"delay": 5.0, "rise": 5.0, "width": 5.0, "fall": 5.0, "period": 20.0}
+    for name, value in timing.items():
+        scene.parameter(name, value)
+    pulse = {name: name for name in timing}
+    scene.edge("V", "pulse_voltage", "a", "ground", high=1.0, **pulse)
+    scene.edge("R", "resistor", "a", "b", resistance=1e-4)
+    scene.edge("C", "capacitor", "b", "ground", capacitance=1.0)
+    model = scene.compile(list(timing))
+    for t_end in (60.0, np.nextafter(60.0, 0.0), np.nextafter(60.0, 99.0), 57.0):
+        result = model.simulate((0, t_end), method=method, rtol=1e-10)
+        assert result.status == 0
+    # On its way down: v' = -1/5 since 55 s, which all but the period move to later.
+    moved = {"delay": 0.2, "rise": 0.2, "width": 0.2, "fall": 2.0 / 25.0, "period": 0.4}
+    for name, expected in moved.items():
+        # 1e-4 s behind the source, and two fifths down.
+        found = result.sensitivity("C.v", name)[-1]
+        assert found == pytest.approx(expected, abs=1e-4), name

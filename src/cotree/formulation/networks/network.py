@@ -191,7 +191,7 @@ def form_network(
         tuple(states),
         solved,
         (*rates, *solved.residuals),
-        tuple(guards),
+        (*guards, *terminals.guards.values()),
         observed,
         tuple(row for row in redundant if row.variable not in solved.algebraic),
     )

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 from cotree.components import Kind, integral_of
+from cotree.dag.continuity import are_seen, margins, may_jump
 from cotree.dag.derivative import tangents
-from cotree.dag.traverse import reachable, symbols_in
+from cotree.dag.traverse import symbols_in
 from cotree.domains import DOMAINS
+from cotree.equations import Guard
 from cotree.errors import FormulationError
 from cotree.formulation.networks.derived import (
     across_residual,
@@ -56,6 +58,8 @@ class Terminals:
         The symbol of time.
     couplings : mapping of str to Coupling
         The motion of the ports that act on a multibody system.
+    guards : dict of Node to Guard
+        What parameters must satisfy, so that nothing jumps whose rate was asked for so far.
     """
 
     ports: Mapping[str, Port]
@@ -66,6 +70,7 @@ class Terminals:
     measured: Mapping[Node, Variable]
     time: Node
     couplings: Mapping[str, Coupling]
+    guards: dict[Node, Guard] = field(default_factory=dict)
 
     def is_branch(self, name: str) -> bool:
         """Say whether a port's edge is in the tree of across variables."""
@@ -154,7 +159,7 @@ class Terminals:
             raise _higher_index(port)
         else:
             return Unknown(("residual_across", name))
-        return self._lawful(port, rate_of(law) if rate else law)
+        return self._lawful(port, self._rate_of_law(port, law) if rate else law)
 
     def _through(self, name: str, rate: str) -> Rule:
         port = self.ports[name]
@@ -173,7 +178,7 @@ class Terminals:
             raise _higher_index(port)
         else:
             return Unknown(("residual_through", name))
-        return self._lawful(port, rate_of(law) if rate else law)
+        return self._lawful(port, self._rate_of_law(port, law) if rate else law)
 
     def torn(self, variable: Variable) -> Unknown | None:
         """Make an unknown of a variable that has an equation of its own; None for sums."""
@@ -257,7 +262,6 @@ class Terminals:
         one = self.time.dag.one
         moving: dict[Node, Node] = {self.time: one}
         rates: dict[Node, Variable] = {}
-        jumps = any(item.op in ("select", "sign", "floor") for item in reachable([node]))
         is_known = True
         for symbol in symbols_in([node]):
             if symbol in self._changing:
@@ -266,14 +270,56 @@ class Terminals:
                 rates[moving[symbol]] = (f"{quantity}_rate", name)
             elif symbol.data[0] not in ("p", "t"):
                 is_known = False
-        if jumps or not is_known:
-            reason = "jumps" if jumps else "depends on an input or on multibody states"
-            raise FormulationError(
-                f"{field} of edge '{edge}' {reason}, but storages are tied to it such that its "
-                "rate of change is needed: give a smooth expression of t, parameters and states "
-                f"of networks, or add {self._remedy(edge)} between"
-            )
+        what = f"{field} of edge '{edge}'"
+        if not is_known:
+            raise self._is_no_rate(edge, what, "depends on an input or on multibody states")
+        self._ask_to_be_continuous(edge, what, node)
         return tangents([node], moving)[0], rates
+
+    def _is_no_rate(self, edge: str, what: str, reason: str) -> FormulationError:
+        return FormulationError(f"{what} {self._refused(edge, reason)}")
+
+    def _refused(self, edge: str, reason: str) -> str:
+        return (
+            f"{reason}, but storages are tied to it such that its rate of change is needed: give "
+            "an expression of t, parameters and states of networks that does not jump, or add "
+            f"{self._remedy(edge)} between"
+        )
+
+    def _ask_to_be_continuous(self, edge: str, what: str, node: Node) -> None:
+        """Refuse what jumps; where parameters decide it, guard them.
+
+        Raises
+        ------
+        FormulationError
+            If it jumps.
+        """
+        dag, changing = self.time.dag, [self.time, *self._changing]
+        symbols = symbols_in([node])
+        of_time = all(symbol.data[0] in ("p", "t") for symbol in symbols)
+        if not (of_time and are_seen(dag, node, [self.time])):
+            if may_jump(node, changing, self.time):
+                raise self._is_no_rate(edge, what, "jumps")
+            return
+        breach = self._refused(edge, "jumps")
+        for margin in margins(dag, node, self.time):
+            if margin.value is None:
+                self.guards[margin] = Guard(margin, what, False, breach)
+            elif not margin.value >= 0.0:
+                raise self._is_no_rate(edge, what, "jumps")
+
+    def _rate_of_law(self, port: Port, law: Law) -> Law:
+        """Differentiate a law; a waveform must not jump."""
+        known = {
+            name: self.time if name == "t" else self.fields.get((port.edge.name, name))
+            for name in law.arguments
+        }
+        if port.kind in (Kind.ACROSS_SOURCE, Kind.THROUGH_SOURCE) and None not in known.values():
+            value = law.value(self.time.dag, {name: v for name, v in known.items() if v})
+            if value not in known.values():  # else it is a field, which is looked at by itself
+                what = f"{port.edge.component.name} '{port.edge.name}'"
+                self._ask_to_be_continuous(port.edge.name, what, value)
+        return rate_of(law)
 
     def _remedy(self, edge: str) -> str:
         port = next(port for port in self.ports.values() if port.edge.name == edge)

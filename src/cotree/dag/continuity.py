@@ -1,0 +1,180 @@
+"""Whether values that depend on time jump: told from their limits on both sides.
+
+In: a node of time, parameters and further symbols. Out: for times that are lines of parameters
+(:mod:`cotree.dag.stops`), nodes that are negative where the value jumps; for other conditions,
+whether it jumps along random motions, at random values of the parameters.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from typing import TYPE_CHECKING
+
+from cotree.dag.evaluate import evaluate
+from cotree.dag.stops import find_stops, stops_within
+from cotree.dag.traverse import reachable, substitute, symbols_in
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from cotree.dag.nodes import Dag, Node
+
+# What may jump where it looks at zero or a whole number.
+_JUMPING = frozenset({"select", "sign", "floor"})
+
+# How far on both sides of its time a value is looked at, as a share of that time: some thousand
+# roundings, and less than any edge that double precision resolves well. At zero, [s].
+_NEAR, _NEAR_ZERO = 1e-12, 1e-18
+
+# A value that changes by as many times what it changes by beside as far a way is no slope, and one
+# that changes by less than this share of its size is rounding.
+_STEEP, _ROUNDING = 10.0, 1e-10
+
+# Times are sampled from the first to the last of these, on both sides of zero: neighbours differ by
+# a sixth. So many motions are looked at.
+_SHORTEST, _LONGEST, _N_TIMES, _N_MOTIONS = 1e-12, 1e6, 270, 3
+
+
+def margins(dag: Dag, value: Node, time: Node) -> list[Node]:
+    """Give nodes of parameters that are negative where a value jumps at one of its stops.
+
+    Parameters
+    ----------
+    dag : Dag
+        Its arena.
+    value : Node
+        A node of time and parameters.
+    time : Node
+        The symbol of time.
+    """
+    found: dict[Node, None] = {}
+    for stop in find_stops(dag, [value]):
+        times = [stop.first]
+        if stop.period is not None:
+            times.append(stop.first + stop.period)
+        for at in times:
+            way = _NEAR * dag.function("abs", at) + _NEAR_ZERO
+            sides = [at - 3.0 * way, at - way, at + way, at + 3.0 * way]
+            a, b, c, d = (substitute([value], {time: side})[0] for side in sides)
+            found[_margin(dag, (a, b, c, d))] = None
+    return list(found)
+
+
+def _margin(dag: Dag, values: Sequence[Node]) -> Node:
+    """Compare the change in the middle of four values with that beside it, and with rounding."""
+
+    def size(node: Node) -> Node:
+        return dag.function("abs", node)
+
+    a, b, c, d = values
+    allowed = _STEEP * (size(b - a) + size(d - c)) + _ROUNDING * (size(b) + size(c))
+    return allowed - size(c - b)
+
+
+def are_seen(dag: Dag, value: Node, moving: Sequence[Node]) -> bool:
+    """Tell whether all conditions that a value may jump at have stops.
+
+    Parameters
+    ----------
+    dag : Dag
+        Its arena.
+    value : Node
+        The value.
+    moving : sequence of Node
+        The symbols that change during a run.
+    """
+    known = stops_within(dag, [value])
+    return all(known.get(node) for node in _conditions(value, moving))
+
+
+def _conditions(value: Node, moving: Sequence[Node]) -> list[Node]:
+    """List what may jump and looks at something that changes."""
+    found = [node for node in reachable([value]) if node.op in _JUMPING]
+    return [node for node in found if not set(symbols_in(node.args[:1])).isdisjoint(moving)]
+
+
+def may_jump(value: Node, moving: Sequence[Node], time: Node) -> bool:
+    """Tell whether a value jumps along some motion, or has a condition that none of them meets.
+
+    Parameters
+    ----------
+    value : Node
+        The value.
+    moving : sequence of Node
+        The symbols that change during a run.
+    time : Node
+        The symbol of time.
+    """
+    conditions = _conditions(value, moving)
+    numbers = random.Random(1)
+    met: set[Node] = set()
+    for _ in range(_N_MOTIONS):
+        motion = _motion([value], moving, time, numbers)
+        for condition in conditions:
+            for t in _crossings(condition, motion):
+                met.add(condition)
+                if _jumps(value, motion, t):
+                    return True
+    return len(met) < len(conditions)
+
+
+def _motion(
+    roots: Sequence[Node], moving: Sequence[Node], time: Node, numbers: random.Random
+) -> Callable[[float], Mapping[Node, float]]:
+    """Make random lines of what changes, and random numbers of parameters."""
+    symbols = [symbol for symbol in symbols_in(roots) if symbol is not time]
+    starts = {symbol: numbers.uniform(0.3, 2.0) for symbol in symbols}
+    rates = {
+        symbol: numbers.uniform(-1.0, 1.0) if symbol in set(moving) else 0.0 for symbol in symbols
+    }
+
+    def at(t: float) -> Mapping[Node, float]:
+        return {time: t} | {s: start + rates[s] * t for s, start in starts.items()}
+
+    return at
+
+
+def _value(node: Node, motion: Callable[[float], Mapping[Node, float]], t: float) -> float:
+    """Evaluate a node along a motion; nan where it has no value."""
+    try:
+        return float(evaluate([node], motion(t))[0])
+    except (ArithmeticError, ValueError):
+        return math.nan
+
+
+def _crossings(
+    condition: Node, motion: Callable[[float], Mapping[Node, float]], most: int = 4
+) -> list[float]:
+    """Find times where a condition changes, to rounding, the first few."""
+    looked = condition.args[0]
+
+    def side(t: float) -> float:
+        value = _value(looked, motion, t)
+        if math.isnan(value):
+            return value
+        return math.floor(value) if condition.op == "floor" else math.copysign(1.0, value)
+
+    ratio = (_LONGEST / _SHORTEST) ** (1.0 / _N_TIMES)
+    ahead = [_SHORTEST * ratio**k for k in range(_N_TIMES)]
+    times = [*(-t for t in reversed(ahead)), 0.0, *ahead]
+    sides = [side(t) for t in times]
+    found: list[float] = []
+    for i in range(len(times) - 1):
+        a, b, before = times[i], times[i + 1], sides[i]
+        if len(found) == most:
+            break
+        if before == sides[i + 1] or math.isnan(before) or math.isnan(sides[i + 1]):
+            continue
+        while a < (middle := 0.5 * (a + b)) < b:
+            a, b = (middle, b) if side(middle) == before else (a, middle)
+        found.append(b)
+    return found
+
+
+def _jumps(value: Node, motion: Callable[[float], Mapping[Node, float]], t: float) -> bool:
+    """Compare the values on both sides of a time; see :func:`margins`."""
+    way = _NEAR * abs(t) + _NEAR_ZERO
+    a, b, c, d = (_value(value, motion, t + k * way) for k in (-3.0, -1.0, 1.0, 3.0))
+    allowed = _STEEP * (abs(b - a) + abs(d - c)) + _ROUNDING * (abs(b) + abs(c))
+    return not abs(c - b) <= allowed
