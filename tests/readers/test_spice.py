@@ -526,3 +526,33 @@ def test_a_transit_time_with_an_early_voltage_is_read():
     scene = read(LONG_TAIL.format(more=" VAF=50", end="10n"))
     assert {"be_capacitance", "bc_capacitance"} <= scene.edges["Q1"].fields.keys()
     assert scene.compile().simulate().success
+
+
+@pytest.mark.parametrize("uic", ["", " uic"])
+@pytest.mark.parametrize("sign", ["", "-"])
+def test_windings_of_one_flux_are_the_limit_of_close_ones(sign, uic):
+    """K = 1 is met as 1 - k is, 1e-6 and then 1e-7 of what flows at the loads."""
+    text = (
+        "title\nV1 a 0 SIN(3 10 1k)\nR1 a p 10\nL1 p 0 10m ic=0.02\nL2 s 0 40m ic=0.003\n"
+        f"L3 0 q 2.5m\nK1 L1 L2 {sign}{{k}}\nK2 L1 L3 {{k}}\nK3 L2 L3 {sign}{{k}}\nRl s 0 500\n"
+        f"Rq q 0 50\nCl s 0 100n\n.tran 2u 2.3m 0 2u{uic}\n"
+    )
+    ends = []
+    for k in ("1", "0.999999", "0.9999999"):
+        scene = read(text.replace("{k}", k))
+        for node in "psq":
+            scene.output(f"at_{node}", f"{node}.v")
+        result = scene.compile().simulate((0, 2.3e-3), [0, 1e-3, 2.3e-3], rtol=1e-10, atol=1e-13)
+        ends.append(np.array([result[name][1:] for name in scene.outputs]))
+    kinds = {edge.component.name for edge in read(text.replace("{k}", "1")).edges.values()}
+    assert "transformer" in kinds
+    assert "coupled_inductors" not in kinds
+    far, near = (np.max(np.abs(end - ends[0])) for end in ends[1:])
+    assert near == pytest.approx(far / 10, rel=0.05)
+    assert near < 1e-5
+
+
+def test_one_flux_with_others_less_close_is_refused():
+    rows = "L1 a 0 1\nL2 b 0 1\nL3 c 0 1\nK1 L1 L2 1\nK2 L2 L3 0.5\n"
+    with pytest.raises(cotree.SceneError, match=r"a\.cir:\d: windings that are coupled completely"):
+        read(f"title\n{rows}")

@@ -90,6 +90,41 @@ def _in_order(lines: dict[_Key, Line]) -> dict[_Key, Line]:
     return dict(sorted(lines.items(), key=lambda item: item[1].number))
 
 
+def complete_signs(place: Place, coupled: Coupled) -> dict[str, float] | None:
+    """Give the sign of each winding against the first, where all share all of their flux.
+
+    Returns
+    -------
+    dict of str to float, or None
+        None where no coupling is 1 or -1 as a number.
+
+    Raises
+    ------
+    SceneError
+        If only some are, or their signs contradict each other.
+    """
+    values = {
+        pair: (place.scope.value(line.words[-1], place.at(line)), line)
+        for pair, line in coupled.couplings.items()
+    }
+    complete = {pair: value for pair, (value, _) in values.items() if value in (1.0, -1.0)}
+    if not complete:
+        return None
+    first, *others = coupled.inductors
+    signs = {first: 1.0} | {name: complete.get(frozenset((first, name)), 0.0) for name in others}
+    for a, b in combinations(coupled.inductors, 2):
+        pair = frozenset((a, b))
+        if complete.get(pair, 0.0) != signs[a] * signs[b] or not signs[a] * signs[b]:
+            line = values[pair][1] if pair in values else next(iter(coupled.couplings.values()))
+            raise place.sheet.error(
+                line.number,
+                f"windings that are coupled completely have no flux but one, by which '{shown(a)}' "
+                f"and '{shown(b)}' are coupled, too: give all of their couplings as 1 or -1, or "
+                "all smaller",
+            )
+    return signs
+
+
 def coupled_fields(
     place: Place, coupled: Coupled, windings: Mapping[str, tuple[list[str], Any]]
 ) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.components.bipolar import BASE_CHARGE
 from cotree.components.windings import WINDINGS
-from cotree.readers.spice_couplings import coupled_fields
+from cotree.readers.spice_couplings import complete_signs, coupled_fields
 from cotree.readers.spice_lines import settings, shown, split_settings
 from cotree.readers.spice_models import bulk_fields, channel_fields, device_fields
 from cotree.readers.spice_polynomials import add_polynomial, current_of, has_polynomial
@@ -14,8 +14,9 @@ from cotree.readers.spice_sources import Source, edge_of, read_source
 from cotree.readers.spice_values import checked_names, is_zero, scaled, text_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
+    from cotree.readers.spice_couplings import Coupled
     from cotree.readers.spice_lines import Line
     from cotree.readers.spice_models import DeviceModel
     from cotree.readers.spice_place import Place
@@ -110,8 +111,8 @@ def _coupling(place: Place, line: Line) -> None:
     if line.key != coupled.first:
         return
     windings: dict[str, tuple[list[str], Value]] = {}
-    initial: dict[str, Any] = {}
-    for port, (name, inductor) in zip(WINDINGS, coupled.inductors.items(), strict=False):
+    initial: dict[str, dict[str, Any]] = {}
+    for name, inductor in coupled.inductors.items():
         words, given = parts(place, inductor, {"l", "ic"}, range(2, 4))
         if (len(words) == 3) == ("l" in given):
             raise place.sheet.error(
@@ -121,9 +122,41 @@ def _coupling(place: Place, line: Line) -> None:
         windings[name] = [place.node(node) for node in words[:2]], value
         start = initial_value(place, inductor, words, given, "l")
         if start:
-            initial[port] = start
+            initial[name] = start
+    signs = complete_signs(place, coupled)
+    if signs is not None:
+        _one_flux(place, coupled, windings, initial, signs)
+        return
     fields = coupled_fields(place, coupled, windings)
-    place.add(line.words[0], "coupled_inductors", (), fields, initial)
+    ports = dict(zip(windings, WINDINGS, strict=False))
+    begin = {ports[name]: start for name, start in initial.items()}
+    place.add(line.words[0], "coupled_inductors", (), fields, begin)
+
+
+def _one_flux(
+    place: Place,
+    coupled: Coupled,
+    windings: Mapping[str, tuple[list[str], Value]],
+    initial: Mapping[str, dict[str, Any]],
+    signs: Mapping[str, float],
+) -> None:
+    """Add windings of one flux: the first as an inductor, ideal transformers from it to others.
+
+    What the inductor carries is what the first winding would with the others open: the sum of the
+    currents, each by the root of its inductance.
+    """
+    (first, (nodes, own)), *others = windings.items()
+    start = [text_of(initial[first]["i"])] if first in initial else []
+    for name, (_, value) in others:
+        if name in initial:
+            root = f"sqrt({text_of(value)}/{text_of(own)})"
+            start.append(f"{text_of(signs[name])}*{root}*{text_of(initial[name]['i'])}")
+    begin = {"i": " + ".join(start)} if start else {}
+    place.add(coupled.inductors[first].words[0], "inductor", nodes, {"inductance": own}, begin)
+    for name, (pair, value) in others:
+        ratio = f"{text_of(signs[name])}*sqrt({text_of(own)}/{text_of(value)})"
+        fields = {"primary": nodes, "secondary": pair, "ratio": ratio}
+        place.add(coupled.inductors[name].words[0], "transformer", (), fields)
 
 
 def _independent(place: Place, line: Line) -> None:
