@@ -37,6 +37,13 @@ _LANDING = frozenset({"RK45", "DOP853", "Radau"})
 _one_at_a_time = threading.RLock()
 
 
+# The cosine of corrections that go against what is left, and how much shorter a step is then.
+_TURNED, _SHORTER = 0.7, 0.2
+
+# Steps of so few units in the last place get nowhere.
+_STEPS_OF_ROUNDING = 16
+
+
 @dataclass(frozen=True)
 class ScipySolver:
     """One of SciPy's initial value methods.
@@ -102,7 +109,40 @@ class ScipyStepper:
 
     def step(self, t_bound: float) -> str:
         """Take one step, not past ``t_bound``."""
+        while True:
+            t, z = self.t, self.z
+            reason = self._try_step(t_bound)
+            if reason or self._method != "Radau" or not self._is_turned(t, z):
+                return reason
+            first = _SHORTER * abs(self.t - t)
+            self.t, self.z = t, z
+            if first <= _STEPS_OF_ROUNDING * np.spacing(abs(self.t)):
+                return ROUNDING_LEVEL
+            self._nlu_before = self.nlu
+            self._solver = self._make(first)
+
+    def _is_turned(self, t: float, z: FloatArray) -> bool:
+        """Tell whether a step is short of what its rates ask for because a mode grows fast.
+
+        Newton's method corrects by what is left of the equations, solved with I - h J / 2 or its
+        like. Where modes decay that goes the same way; with a mode that grows it goes the other
+        way, is as small, and nothing is seen to be left.
+        """
         solver = self._solver
+        step = self.t - t
+        left = 0.5 * step * (self._rates + solver.f) - (self.z - z)
+        size = np.maximum(np.abs(z), np.abs(self.z))
+        weights = 1.0 / (solver.atol + solver.rtol * size)
+        seen = np.abs(left * weights) > 1.0
+        if not np.any(seen):
+            return False
+        solved = _solve(solver.J, 0.5 * step, left)
+        pair = (left * weights)[seen], (solved * weights)[seen]
+        return bool(np.vdot(*pair) < -_TURNED * np.linalg.norm(pair[0]) * np.linalg.norm(pair[1]))
+
+    def _try_step(self, t_bound: float) -> str:
+        solver = self._solver
+        self._rates = getattr(solver, "f", self.z)
         self._interpolant = None
         if self.lands:
             # The one-step methods read the bound afresh at each step. LSODA copies it at the
@@ -141,17 +181,32 @@ class ScipyStepper:
             # The derivative at the end of a step is the first stage of the next one.
             self._solver.t, self._solver.y, self._solver.f = self.t, z, dz
 
-    def _make(self) -> Any:
+    def _make(self, opening: float | None = None) -> Any:
         import scipy.integrate
 
         evaluator = self._evaluator
         rtol, atol = augmented_tolerances(evaluator.problem)
         options: dict[str, Any] = {"max_step": evaluator.problem.max_step}
         if self._method in ("Radau", "BDF"):
-            options["jac"] = evaluator.sized_jacobian
+            options |= {"jac": evaluator.sized_jacobian, "first_step": opening}
         elif self._method == "LSODA":
             options["jac"] = evaluator.dense_jacobian
             options["first_step"] = first_step(evaluator, self.t, self.z, self._t_end, (rtol, atol))
         return getattr(scipy.integrate, self._method)(
             evaluator.rhs, self.t, self.z, self._t_end, rtol=rtol, atol=atol, **options
         )
+
+
+def _solve(jacobian: Any, share: float, left: FloatArray) -> FloatArray:
+    """Solve with I - share J; zeros where that is singular."""
+    try:
+        if isinstance(jacobian, np.ndarray):
+            matrix = np.eye(len(left)) - share * jacobian
+            return np.asarray(np.linalg.solve(matrix, left), dtype=np.float64)
+        from scipy.sparse import csc_matrix, identity
+        from scipy.sparse.linalg import splu
+
+        sparse = csc_matrix(identity(len(left), format="csc") - share * jacobian)
+        return np.asarray(splu(sparse).solve(left), dtype=np.float64)
+    except (np.linalg.LinAlgError, RuntimeError):
+        return np.zeros_like(left)
