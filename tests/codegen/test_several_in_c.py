@@ -115,7 +115,7 @@ def test_the_solution_of_a_consistent_singular_system_is_one_in_c_too(made_up, l
     kernels.prepare(np.array([*a.ravel(), *b]))
     with pytest.raises(SingularSystemError):
         kernels("outputs", 0.0, np.ones(1), NONE, NONE)
-    found = kernels._calls["outputs"][2]  # what the refused call has written
+    found = kernels._own.bound["outputs"][2]  # what the refused call has written
     assert found[3] == rank == 2
     assert found[4] == 0.0
     # The third unknown is the rest of a cancellation: zero in either of them.

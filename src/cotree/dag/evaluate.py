@@ -45,7 +45,8 @@ def evaluate(
     KeyError
         If a symbol has no value.
     ArithmeticError, ValueError
-        If an operation is undefined at these values (division by zero, square root of a negative).
+        If an operation on complex numbers is undefined at these values. Those on floats give
+        infinities and nan, as C does.
     """
     functions = {name: getattr(row, numbers) for name, row in OPERATIONS.items()}
     known: dict[Node, Any] = {}

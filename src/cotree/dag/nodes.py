@@ -23,6 +23,17 @@ _ODD = frozenset({"sin", "tan", "asin", "atan", "sinh", "tanh", "erf", "sign"})
 _EVEN = frozenset({"cos", "cosh", "abs"})
 
 
+def _folded(name: str, *values: float) -> float:
+    """Evaluate an operation on constants, and refuse what is not finite: a mistake in a text."""
+    found: float = _REAL[name](*values)
+    if not math.isfinite(found):
+        text = f"{name}({', '.join(f'{value:.10g}' for value in values)}) is {found}"
+        if math.isnan(found):
+            raise ValueError(f"math domain error: {text}")
+        raise OverflowError(f"math range error: {text}")
+    return found
+
+
 class Node:
     """One scalar value of a :class:`Dag`.
 
@@ -313,7 +324,7 @@ class Dag:
         power = exponent.value
         if power is not None:
             if a.value is not None:
-                return self.constant(_REAL["pow"](a.value, power))
+                return self.constant(_folded("pow", a.value, power))
             if power == int(power) and abs(power) <= 64:
                 return self._integer_power(a, int(power))
             if power == 0.5:
@@ -333,10 +344,16 @@ class Dag:
         return result
 
     def function(self, name: str, *args: Node) -> Node:
-        """Form a function of :data:`OPERATIONS`, folding constants and signs."""
-        values = [arg.value for arg in args]
-        if None not in values:
-            return self.constant(_REAL[name](*values))
+        """Form a function of :data:`OPERATIONS`, folding constants and signs.
+
+        Raises
+        ------
+        ValueError, OverflowError
+            If its value at constants is not a number, or infinite.
+        """
+        values = [arg.value for arg in args if arg.value is not None]
+        if len(values) == len(args):
+            return self.constant(_folded(name, *values))
         if args[0].op == "neg":
             if name in _ODD:
                 return self.neg(self.function(name, args[0].args[0]))

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cotree.dag import ieee
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -32,7 +34,8 @@ class Operation:
     arity : int
         Number of arguments.
     real, complex_, array : callable
-        Evaluation on floats, on complex numbers and on numpy arrays.
+        Evaluation on floats, on complex numbers and on numpy arrays. That on floats never raises:
+        it follows C (:mod:`cotree.dag.ieee`).
     c : str
         The C expression, with ``{0}``, ``{1}``, ... for its arguments.
     is_call : bool
@@ -95,25 +98,32 @@ def _array_select(condition: Scalar, accepted: Scalar, refused: Scalar) -> Scala
     return np.where(np.real(condition) >= 0.0, accepted, refused)
 
 
+def _array_sign(x: Scalar) -> Scalar:
+    """Give zero for nan, as C does, where NumPy gives nan."""
+    return np.subtract(np.real(x) > 0.0, np.real(x) < 0.0, dtype=float)
+
+
 def _arithmetic(name: str, arity: int, function: Callable[..., Scalar], c: str) -> Operation:
     return Operation(name, arity, function, function, function, c, is_call=False)
 
 
-def _function(name: str, c_name: str | None = None) -> Operation:
+def _function(name: str, real: Callable[[float], float] | None = None) -> Operation:
     array = getattr(np, {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}.get(name, name))
-    return Operation(
-        name, 1, getattr(math, name), getattr(cmath, name), array, f"{c_name or name}({{0}})"
-    )
+    real = real or ieee.total(getattr(math, name))
+    return Operation(name, 1, real, getattr(cmath, name), array, f"{name}({{0}})")
 
 
 _ROWS = (
     _arithmetic("add", 2, operator.add, "{0} + {1}"),
     _arithmetic("sub", 2, operator.sub, "{0} - {1}"),
     _arithmetic("mul", 2, operator.mul, "{0} * {1}"),
-    _arithmetic("div", 2, operator.truediv, "{0} / {1}"),
+    Operation(
+        "div", 2, ieee.divide, operator.truediv, operator.truediv, "{0} / {1}", is_call=False
+    ),
     _arithmetic("neg", 1, operator.neg, "-{0}"),
     *(_function(name) for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan")),
-    *(_function(name) for name in ("sinh", "cosh", "tanh", "exp", "log")),
+    *(_function(name) for name in ("sinh", "cosh", "tanh", "exp")),
+    _function("log", ieee.logarithm),
     Operation("erf", 1, math.erf, _complex_erf, _array_erf, "erf({0})"),
     Operation("abs", 1, abs, _complex_abs, np.abs, "fabs({0})"),
     Operation(
@@ -121,12 +131,12 @@ _ROWS = (
         1,
         _sign,
         _complex_sign,
-        np.sign,
+        _array_sign,
         "(double)(({0} > 0.0) - ({0} < 0.0))",
     ),
-    Operation("floor", 1, lambda x: float(math.floor(x)), _complex_floor, np.floor, "floor({0})"),
+    Operation("floor", 1, ieee.floor, _complex_floor, np.floor, "floor({0})"),
     Operation("atan2", 2, math.atan2, _complex_atan2, np.arctan2, "atan2({0}, {1})"),
-    Operation("pow", 2, math.pow, operator.pow, np.power, "pow({0}, {1})"),
+    Operation("pow", 2, ieee.power, operator.pow, np.power, "pow({0}, {1})"),
     Operation(
         "select",
         3,

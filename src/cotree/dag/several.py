@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.dag.linear_map import LinearMap
+from cotree.dag.operations import OPERATIONS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -168,14 +169,15 @@ def _evaluate_table(table: Table, values: Sequence[Any]) -> Sequence[Any]:
         return [table.y[0], 0.0]
     if place >= table.x[-1]:
         return [table.y[-1], 0.0]
-    k = bisect.bisect_right(table.x, place) - 1
+    # Like C, of nan take the first piece, which then gives nan.
+    k = 0 if math.isnan(place) else bisect.bisect_right(table.x, place) - 1
     slope = (table.y[k + 1] - table.y[k]) / (table.x[k + 1] - table.x[k])
     return [table.y[k] + slope * (x - table.x[k]), slope]
 
 
 def _evaluate_sines(_: int, angles: Sequence[Any]) -> Sequence[Any]:
     if all(isinstance(angle, float) for angle in angles):
-        return [*map(math.sin, angles), *map(math.cos, angles)]
+        return [*map(OPERATIONS["sin"].real, angles), *map(OPERATIONS["cos"].real, angles)]
     return [*map(np.sin, angles), *map(np.cos, angles)]
 
 

@@ -270,7 +270,4 @@ def value_of(node: Node | None, values: Mapping[Node, float]) -> float:
         return math.nan
     if node.value is not None:
         return node.value
-    try:
-        return float(evaluate([node], values)[0])
-    except (ArithmeticError, ValueError):
-        return math.nan
+    return float(evaluate([node], values)[0])

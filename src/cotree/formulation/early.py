@@ -44,11 +44,9 @@ def check_numbers(first: FirstGraph) -> None:
     system = first.system
     names = [name for name, row in first.scene.parameters.items() if row.tunable]
     for guard in first.guards:
-        try:
-            number = system.at_scene(guard.value)
-        except (ArithmeticError, ValueError):  # undefined here: no guard accepts nan
-            number = np.nan
-        guard.named(names).check(number)
+        number = system.at_scene(guard.value)
+        # Infinities, too, are mistakes here, and no guard accepts nan.
+        guard.named(names).check(number if np.isfinite(number) else np.nan)
     if all(first.is_safe[: len(system.speeds)]):
         return
     motion = _motion_without_inertia(first)
@@ -82,12 +80,12 @@ def _motion_without_inertia(first: FirstGraph) -> Array | None:
     random = np.random.default_rng(0)
     motion = None
     for _ in range(_N_TRIED):
-        try:
-            least = _carried(first)
-            found = evaluate(entries, _random_state(first, symbols, random))
-        except (ArithmeticError, ValueError):
+        least = _carried(first)
+        with np.errstate(all="ignore"):
+            found = np.array(evaluate(entries, _random_state(first, symbols, random)), dtype=float)
+        if not (np.all(np.isfinite(found)) and np.all(np.isfinite(least))):
             return None
-        motion = _null_vector(np.array(found, dtype=float).reshape(-1, n), least)
+        motion = _null_vector(found.reshape(-1, n), least)
         if motion is None:
             return None
     return motion

@@ -170,10 +170,8 @@ def _minors(tensor: Matrix, what: str, at_scene: Callable[[Node], float]) -> lis
 
 
 def _is_met(guard: Guard, at_scene: Callable[[Node], float]) -> bool:
-    try:
-        return at_scene(guard.value) >= 0.0
-    except (ArithmeticError, ValueError):
-        return True  # where it has no value the guard says so
+    number = at_scene(guard.value)
+    return number >= 0.0 or not math.isfinite(number)  # where it has no value the guard says so
 
 
 def rotation_matrix(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:

@@ -12,6 +12,7 @@ at the scene's values, makes the pivots of all joints that move it unsafe.
 
 from __future__ import annotations
 
+import math
 from itertools import chain
 from typing import TYPE_CHECKING
 
@@ -173,10 +174,7 @@ def _below(clusters: Clusters, outer: Sequence[int]) -> set[int]:
 
 
 def _is_positive(node: Node, value: Callable[[Node], float]) -> bool:
-    try:
-        return value(node) > 0.0
-    except (ArithmeticError, ValueError):
-        return False
+    return bool(0.0 < value(node) < math.inf)
 
 
 def _by_cluster(clusters: Clusters) -> list[list[Branch]]:

@@ -166,10 +166,7 @@ class Point:
         size = len(z) + len(e)
         values = self._values | dict(zip(self._free, [*z.tolist(), *e.tolist()], strict=True))
         results = self._results.copy()
-        try:
-            results[self._places] = evaluate(self._roots, values, order=self._order)
-        except (ArithmeticError, ValueError):
-            results[self._places] = np.nan
+        results[self._places] = evaluate(self._roots, values, order=self._order)
         return results[:size], results[size:].reshape(size, size).T.copy()
 
 

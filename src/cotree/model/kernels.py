@@ -6,7 +6,6 @@ to keep it. Buffers and prepared parameters belong to the thread that calls: eac
 
 from __future__ import annotations
 
-import math
 import threading
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -220,11 +219,7 @@ def check_guards(guards: Sequence[Guard], p: Array) -> None:
     """
     values = {node: float(p[node.data[1]]) for node in symbols_in([g.value for g in guards])}
     for guard in guards:
-        try:
-            (number,) = evaluate([guard.value], values)
-        except (ArithmeticError, ValueError):  # undefined here: no guard accepts nan
-            number = math.nan
-        guard.check(number)
+        guard.check(evaluate([guard.value], values)[0])
 
 
 class _OwnNumbers(threading.local):
@@ -268,10 +263,8 @@ class PythonKernels:
             kind, position = node.data
             values[node] = float(known[kind][position])
         roots = [*plan.results, *plan.accepted]
-        try:
+        with np.errstate(all="ignore"):
             found: list[float] = evaluate(roots, values, order=plan.order)
-        except (ArithmeticError, ValueError):  # C would go on with nan
-            return [math.nan] * len(plan.results)
         if not all(found[len(plan.results) :]):
             raise _singular(self._program.layout)
         return found[: len(plan.results)]

@@ -144,10 +144,12 @@ class Linearizer:
         """
         equations = self._equations
         values = self._values(t, y, p, u)
-        found = evaluate([*self._nodes, *self._others, *self._accepted], values)
+        with np.errstate(all="ignore"):
+            found = evaluate([*self._nodes, *self._others, *self._accepted], values)
         numbers = np.array([float(np.real(v)) for v in found[: len(found) - len(self._accepted)]])
         if not all(found[len(numbers) :]):
             raise SingularSystemError("the mass matrix is singular at this state")
+        self._check_finite(numbers[: len(self._nodes)])
         n, m, k = len(equations.states), len(equations.inputs), len(equations.outputs)
         whole, others = np.split(numbers, [len(self._nodes)])
         whole = whole.reshape(n + m, n + k).T
@@ -228,6 +230,21 @@ class Linearizer:
         a, b, c, d = slopes
         moved: Array = y[:n] + step / 6.0 * (a + 2.0 * b + 2.0 * c + d)
         return moved
+
+    def _check_finite(self, numbers: Array) -> None:
+        """Refuse derivatives that there are none of, by name."""
+        wrong = np.flatnonzero(~np.isfinite(numbers))
+        if wrong.size:
+            equations = self._equations
+            states = [state.name for state in equations.states]
+            rows = [*states, *(output.name for output in equations.outputs)]
+            columns = [*states, *(row.name for row in equations.inputs)]
+            column, row = divmod(int(wrong[0]), len(rows))
+            what = "the rate of" if row < len(states) else "output"
+            raise SingularSystemError(
+                f"the derivative of {what} '{rows[row]}' by '{columns[column]}' is "
+                f"{numbers[wrong[0]]} at this state: linearise about another one"
+            )
 
     def _values(
         self, t: float, y: Sequence[float] | Array, p: Array, u: Array

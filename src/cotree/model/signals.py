@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -118,9 +117,6 @@ def _function_of_time(value: Expression | Table, parameters: Mapping[str, float]
     order = reachable([node])
 
     def signal(t: float) -> float:
-        try:
-            return float(evaluate([node], {time: t}, order=order)[0])
-        except (ArithmeticError, ValueError):  # compiled inputs go on with nan, and so does this
-            return math.nan
+        return float(evaluate([node], {time: t}, order=order)[0])
 
     return signal
