@@ -231,7 +231,7 @@ class Model(OperatingModel):
         method: str | None = None,
         rtol: float | None = None,
         atol: float | None = None,
-        parameters: Mapping[str, float] | None = None,
+        parameters: Any = None,
         initial: Mapping[str, float] | None = None,
         inputs: Mapping[str, Any] | None = None,
         *,
@@ -258,7 +258,7 @@ class Model(OperatingModel):
             ``cvodes``, ``cvodes-simultaneous`` and ``idas`` (SUNDIALS), or ``auto``.
         rtol, atol : float, optional
             Relative and absolute tolerance.
-        parameters : mapping of str to float, optional
+        parameters : mapping of str to float, or array_like of shape (n_parameters,), optional
             Values in place of the scene's.
         initial : mapping of str to float, optional
             Initial values of states in place of the scene's; they depend on no parameter.
@@ -306,7 +306,7 @@ class Model(OperatingModel):
             method=method or defaults.method,
             rtol=defaults.rtol if rtol is None else rtol,
             atol=defaults.atol if atol is None else atol,
-            parameters=parameters or {},
+            parameters=parameters,
             initial=initial or {},
             inputs=inputs or {},
             error_test_sensitivities=error_test_sensitivities,

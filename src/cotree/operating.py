@@ -134,7 +134,8 @@ class OperatingModel(CompiledModel):
         y : array_like, shape (n_states,), optional
             States, of which algebraic unknowns are guesses; the initial ones where absent.
         p, u : array_like, shapes (n_parameters,) and (n_inputs,), optional
-            Parameters and inputs; the scene's where absent.
+            Parameters, which may be a mapping of names to values, and inputs; the scene's where
+            absent.
         reduced : bool
             In independent deviations, as many as there are freedoms of position and of speed: what
             eigenvalues of a scene with constraints or quaternions are to be taken of. All states
@@ -157,7 +158,7 @@ class OperatingModel(CompiledModel):
         """
         from cotree.model.linearize import Instant
 
-        p = self.default_parameters if p is None else as_array(p, (len(self.parameters),), "p")
+        p = self.parameter_array(p)
         self.check_parameters(p)
         t, follows = float(t), u is None
         y = self.start(t, p).y if y is None else as_array(y, (len(self.states),), "the states")

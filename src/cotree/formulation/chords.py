@@ -27,8 +27,9 @@ from cotree.formulation.measures import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
+    from cotree.components import MotionStep
     from cotree.dag.nodes import Node
     from cotree.dag.vector import Vector
     from cotree.formulation.across import Motion
@@ -191,7 +192,12 @@ def whole_angle(motion: Motion, edge: BoundEdge) -> Angle:
 
 def joint_angle(motion: Motion, edge: BoundEdge) -> Angle:
     """Measure the rotation of a chord joint about its axis; in space, between -pi and pi."""
-    ends, axis = chord_ends(motion, edge), _axis_of(edge)
+    return _angle_about(motion, edge, _axis_of(edge))
+
+
+def _angle_about(motion: Motion, edge: BoundEdge, axis: Vector) -> Angle:
+    """Measure the rotation of an edge's second node about an axis of its first."""
+    ends = chord_ends(motion, edge)
     reference = plane_axes(axis)[0]
     return Angle(
         ends,
@@ -226,11 +232,16 @@ def node_angle(motion: Motion, point: Point, plane: str) -> Node:
     return total
 
 
-def chord_measure(motion: Motion, edge: BoundEdge, name: str) -> Measure | None:
-    """Measure a coordinate or a rate of a chord joint by name; None where there is none such."""
+def chord_measure(
+    motion: Motion, edge: BoundEdge, name: str, space: Sequence[MotionStep] = ()
+) -> Measure | None:
+    """Measure a coordinate or a rate of a chord by name; None where there is none such.
+
+    ``space`` is the motion space of a body, were it a branch; joints have their own.
+    """
     ends = chord_ends(motion, edge)
     units = vector.identity(motion.system.dag)
-    for step in edge.component.motion_space:
+    for step in space or edge.component.motion_space:
         if isinstance(step, FreeRotation):
             rates = [rate for rate, _ in step.rates]
             if name in rates:
@@ -241,6 +252,8 @@ def chord_measure(motion: Motion, edge: BoundEdge, name: str) -> Measure | None:
         if not step.rotates:
             axis = (dict(zip("xyz", units, strict=True)) | dict(edge.vectors))[step.axis]
             return AxisLength(ends, carried_by(motion, ends, 0, axis))
+        if edge.component.role is Role.BODY:
+            return _angle_about(motion, edge, units["xyz".index(step.axis)])
         if edge.component.name != "universal":
             return joint_angle(motion, edge)
     return None

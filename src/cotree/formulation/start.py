@@ -22,6 +22,7 @@ from cotree.formulation.pulls import along_speeds
 from cotree.formulation.system import bind
 from cotree.scene.expressions import Expression
 from cotree.scene.graphs import joint_branches
+from cotree.scene.motion_spaces import motion_spaces
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -128,7 +129,7 @@ class Condition:
 def start_conditions(
     scene: SceneDescription, motion: Motion, view: FirstView
 ) -> tuple[Condition, ...]:
-    """List what the scene gives for coordinates of joints that are chords.
+    """List what the scene gives for coordinates of joints and bodies that are chords.
 
     Raises
     ------
@@ -142,19 +143,21 @@ def start_conditions(
         for name, value in edge.initial.items()
         if not _is_state(system, edge.name, name)
     ]
-    placing = joint_branches(scene).branches if given else ()
+    if not given:
+        return ()
+    placing, spaces = joint_branches(scene).branches, motion_spaces(scene).of
     found = []
     for edge, name, value in given:
         if name in _TURN and edge.name in placing:
             continue  # the bodies start there
-        measure = chord_measure(motion, system.edges[edge.name], name)
+        steps = spaces[edge.name]
+        measure = chord_measure(motion, system.edges[edge.name], name, steps)
         if measure is None or name in _TURN or not isinstance(value, Expression):
             raise SceneError(
                 f"initial {name} of edge '{edge.name}' cannot be used: the edge is a chord in "
                 f"the tree ({system.trees.listed()}); give initial values of "
                 "branches, or name a tree that holds it"
             )
-        steps = edge.component.motion_space
         rates = {n: unit for step in steps for n, unit in step.rates}
         units = {n: unit for step in steps for n, unit in step.coordinates} | rates
         gradient = tuple(along_speeds(motion, measure.pull(view)))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from cotree.errors import ParameterError
+from cotree.errors import ParameterError, nearest
+from cotree.scene.description import check_number
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,3 +30,17 @@ def as_array(value: Any, shape: Sequence[int], what: str) -> Array:
             f"{what} must be an array of shape {tuple(shape)}, not of shape {array.shape}"
         )
     return array
+
+
+def as_parameters(values: Any, names: Sequence[str], defaults: Array) -> Array:
+    """Make the array of parameters of some by name, of an array of all, or of nothing."""
+    if values is not None and not isinstance(values, Mapping):
+        return as_array(values, (len(names),), "the parameters")
+    p = defaults.copy()
+    for name, value in (values or {}).items():
+        if name not in names:
+            raise ParameterError(
+                f"the model has no tunable parameter '{name}'{nearest(name, names)}"
+            )
+        p[names.index(name)] = check_number(value, f"parameter '{name}'")
+    return p

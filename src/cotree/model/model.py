@@ -12,7 +12,7 @@ import numpy.typing as npt
 from cotree.dag.traverse import symbols_in
 from cotree.errors import ParameterError, nearest
 from cotree.model.algebraic import solve_start
-from cotree.model.arrays import as_array
+from cotree.model.arrays import as_array, as_parameters
 from cotree.model.junctions import Junctions
 from cotree.model.packing import whole_kernel
 from cotree.model.redundant import check_redundant
@@ -47,7 +47,8 @@ class CompiledModel(Structure):
     """Kernels of a scene with their names, called with numpy arrays.
 
     Every method takes parameters ``p`` and inputs ``u`` as arrays in the order of
-    :attr:`parameters` and :attr:`inputs`; None takes the scene's values. Results are fresh arrays.
+    :attr:`parameters` and :attr:`inputs`; None takes the scene's values. Parameters may be a
+    mapping of names to values, too: the others are the scene's. Results are fresh arrays.
     Several threads may call the same model at the same time, with other parameters each.
     """
 
@@ -152,7 +153,7 @@ class CompiledModel(Structure):
         ----------
         t : float
             Start time, [s].
-        p : array_like, shape (n_parameters,), optional
+        p : array_like, shape (n_parameters,), or mapping of str to float, optional
             Parameters.
         initial : mapping of str to float, optional
             Initial values of states in place of the scene's; they depend on no parameter. Those
@@ -174,8 +175,7 @@ class CompiledModel(Structure):
         SingularSystemError
             If the algebraic equations do not determine them.
         """
-        p = self.default_parameters if p is None else p
-        p = as_array(p, (len(self.parameters),), "the parameters")
+        p = self.parameter_array(p)
         y, s = self.initial_values(t, p, u)
         kept = {i for i, is_given in enumerate(self.layout.given) if is_given}
         for name, value in (initial or {}).items():
@@ -213,22 +213,21 @@ class CompiledModel(Structure):
         """Evaluate what is zero on a motion, shape (n_constraints,); see :attr:`constraints`."""
         return self._at("constraints", t, y, p, None)
 
-    def parameter_array(self, values: Mapping[str, float] | None = None) -> Array:
-        """Give the parameter array with some values replaced by name.
+    def parameter_array(self, values: Any = None) -> Array:
+        """Give the parameter array, as every call that takes parameters does.
+
+        Parameters
+        ----------
+        values : mapping of str to float, or array_like of shape (n_parameters,), optional
+            Values in place of the scene's by name, or all of them.
 
         Raises
         ------
         ParameterError
-            If a name is not a tunable parameter or a value is not a finite number.
+            If a name is not a tunable parameter, a value is not a finite number, or an array has
+            the wrong shape.
         """
-        p = self.default_parameters
-        for name, value in (values or {}).items():
-            if name not in self.parameters:
-                raise ParameterError(
-                    f"the model has no tunable parameter '{name}'{nearest(name, self.parameters)}"
-                )
-            p[self.parameters.index(name)] = check_number(value, f"parameter '{name}'")
-        return p
+        return as_parameters(values, self.parameters, self.default_parameters)
 
     def initial(self, p: Any = None) -> Array:
         """Give the initial states, shape (n_states,), for parameters ``p``."""
@@ -254,7 +253,7 @@ class CompiledModel(Structure):
             Time, [s].
         y : array_like, shape (n_states,)
             States.
-        p : array_like, shape (n_parameters,), optional
+        p : array_like, shape (n_parameters,), or mapping of str to float, optional
             Parameters.
         u : array_like, shape (n_inputs,), optional
             Inputs. Where the scene's own input depends on a parameter, so do sensitivities.
@@ -386,8 +385,7 @@ class CompiledModel(Structure):
 
     def _prepare(self, p: Any) -> None:
         """Prepare for parameters, unless they are those of this thread's last call."""
-        values = self.default_parameters if p is None else p
-        values = as_array(values, (len(self.parameters),), "the parameters")
+        values = self.parameter_array(p)
         own = self._own
         if own.prepared is not None and np.array_equal(values, own.prepared):
             return

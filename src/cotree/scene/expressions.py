@@ -15,13 +15,14 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
+from cotree.dag.nodes import Dag
 from cotree.errors import ExpressionError, nearest
 from cotree.quiet import without_warnings
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from cotree.dag.nodes import Dag, Node
+    from cotree.dag.nodes import Node
 
 _LONGEST = 4000  # characters; keeps the parser's own recursion bounded
 _DEEPEST = 100  # nesting levels
@@ -91,6 +92,13 @@ class Expression:
             sign = 1.0
         return sign * float(tree.value) if isinstance(tree, ast.Constant) else None  # type: ignore[arg-type]
 
+    @property
+    def is_zero(self) -> bool:
+        """Whether the value is zero whatever its names stand for, as that of ``0*L`` is."""
+        if self.number is not None:
+            return self.number == 0.0
+        return _vanishes(self)
+
     def lower(self, dag: Dag, resolve: Callable[[str], Node]) -> Node:
         """Turn the expression into a node.
 
@@ -112,6 +120,16 @@ class Expression:
             if isinstance(error, ExpressionError):
                 raise ExpressionError(f"{self.where}: {error}") from None
             raise ExpressionError(f"{self.where}: '{self.text}' has no value: {error}") from None
+
+
+@lru_cache(maxsize=1024)
+def _vanishes(expression: Expression) -> bool:
+    """Fold an expression of symbols; what cannot be folded does not vanish."""
+    dag, places = Dag(), {name: i for i, name in enumerate(sorted(expression.names))}
+    try:
+        return expression.lower(dag, lambda name: dag.symbol("p", places[name])).is_zero
+    except ExpressionError:
+        return False  # said where it is used
 
 
 def parse(value: object, where: str) -> Expression:

@@ -131,7 +131,7 @@ def _is_turned_within(edge: Edge, n: int) -> bool:
     if not isinstance(rows[0], tuple):  # type: ignore[index]
         return _is_normal(_vector(edge, "rotation"), n)
     entries = [rows[i][j] for i, j in _off_plane(n)]  # type: ignore[index]
-    return all(_is_zero(entry) for entry in entries)
+    return all(entry.is_zero for entry in entries)
 
 
 def _is_inertia_within(edge: Edge, n: int) -> bool:
@@ -142,7 +142,7 @@ def _is_inertia_within(edge: Edge, n: int) -> bool:
     rows = edge.fields["inertia"]
     if not isinstance(rows[0], tuple):  # type: ignore[index]
         return True
-    return all(_is_zero(rows[i][j]) for i, j in _off_plane(n))  # type: ignore[index]
+    return all(rows[i][j].is_zero for i, j in _off_plane(n))  # type: ignore[index]
 
 
 def _off_plane(n: int) -> list[tuple[int, int]]:
@@ -154,12 +154,8 @@ def _vector(edge: Edge, name: str) -> Sequence[Expression]:
     return edge.fields[name]  # type: ignore[return-value]
 
 
-def _is_zero(entry: Expression) -> bool:
-    return entry.number == 0.0
-
-
 def _is_within(components: Sequence[Expression], n: int) -> bool:
-    return _is_zero(components[n])
+    return components[n].is_zero
 
 
 def _is_normal(components: Sequence[Expression], n: int) -> bool:
@@ -167,4 +163,4 @@ def _is_normal(components: Sequence[Expression], n: int) -> bool:
 
 
 def _all_zero(entries: Iterable[Expression]) -> bool:
-    return all(_is_zero(entry) for entry in entries)
+    return all(entry.is_zero for entry in entries)

@@ -51,7 +51,7 @@ class Settings:
     method: str = "auto"
     rtol: float = 1e-8
     atol: float = 1e-10
-    parameters: Mapping[str, float] = field(default_factory=dict)
+    parameters: Any = None
     initial: Mapping[str, float] = field(default_factory=dict)
     inputs: Mapping[str, Any] = field(default_factory=dict)
     error_test_sensitivities: bool = True
@@ -206,7 +206,7 @@ def _check_settings(settings: Settings) -> None:
     """Refuse settings of the wrong kind, by name."""
     if not isinstance(settings.method, str):
         raise SolveError(f"method is {settings.method!r}: give a name in quotes")
-    for name in ("parameters", "initial", "inputs", "scales"):
+    for name in ("initial", "inputs", "scales"):
         if not isinstance(getattr(settings, name), Mapping):
             raise ParameterError(f"{name} must be a mapping of names to values")
     if settings.time_limit is not None:

@@ -112,7 +112,10 @@ class Experiment:
         return difference / (above - below)
 
     def _values(self, key: str) -> dict[str, float]:
-        return dict(self.settings.get(key, {}))
+        if key != "parameters":
+            return dict(self.settings.get(key) or {})
+        p = self.model.parameter_array(self.settings.get(key))
+        return dict(zip(self.model.parameters, p.tolist(), strict=True))
 
 
 def quantities(result: Result) -> Array:
