@@ -502,7 +502,9 @@ LONG_TAIL = (
 )
 
 
-@pytest.mark.parametrize("method", ["rodas5", "ida", pytest.param("BDF", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "method", ["rodas5", *(pytest.param(n, marks=pytest.mark.slow) for n in ("ida", "BDF"))]
+)
 def test_charges_in_transit_alone_do_not_stop_a_run(method):
     """A long-tailed pair that switches: its transistors have no capacitance of their own."""
     scene = read(LONG_TAIL.format(more="", end="620n"))
