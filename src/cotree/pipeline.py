@@ -205,7 +205,8 @@ def compile_scene(
         If no body has the inertia of an edge, or there is no compiler.
     """
     marks = [time.perf_counter()]
-    acting = with_jumps(scene)  # equations for people, and those of operating points, keep them
+    # Equations for people, and those of operating points, keep jumps as they are.
+    acting = with_jumps(scene, has_sensitivities=bool(sensitivities))
     first, equations, alternatives = formulate(
         acting, sensitivities, tree, baumgarte, check_numbers
     )

@@ -75,6 +75,9 @@ class Law:
         import sympy
 
         divided = sympy.simplify(self.expression / sympy.Symbol(name, real=True))
+        # What SymPy leaves open just at zero is what it is beside it.
+        divided = divided.replace(sympy.Ne, lambda *_: sympy.true)
+        divided = divided.replace(sympy.Eq, lambda *_: sympy.false)
         made = Law(self.function)
         made.__dict__["expression"] = divided  # in place of what the function gives
         return made

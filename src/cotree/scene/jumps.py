@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.dag.nodes import Dag
 from cotree.dag.stops import is_cut
-from cotree.dag.traverse import reachable, substitute
+from cotree.scene.branches import check_located, may_branch, with_branches
+from cotree.scene.corners import has_only_corner, jumps_in
 from cotree.scene.events import Event, Mode
 from cotree.scene.expressions import COMPARISONS, Expression, names_in
 
 if TYPE_CHECKING:
-    from cotree.dag.nodes import Node
     from cotree.scene.description import Edge, SceneDescription
 
 # A longer text makes no name that a reader takes in.
@@ -35,20 +35,31 @@ _LONGEST_NAME = 60
 _JUMPING = ("sign", "floor", "mod", "where")
 
 
-def with_jumps(scene: SceneDescription) -> SceneDescription:
+def with_jumps(scene: SceneDescription, *, has_sensitivities: bool) -> SceneDescription:
     """Replace what jumps with the state by modes and events.
 
     Parameters
     ----------
     scene : SceneDescription
         A scene.
+    has_sensitivities : bool
+        Whether what no event can stand for is to be refused: its sensitivities would not jump.
 
     Returns
     -------
     SceneDescription
         The same scene where nothing jumps; else another one, with more modes and events.
+
+    Raises
+    ------
+    SceneError
+        If a law of a user's force element jumps, and sensitivities are asked for.
     """
-    if not any(_may_jump(expression) for expression in _acting(scene)):
+    if has_sensitivities:
+        for edge in scene.edges.values():
+            check_located(edge)
+    has_laws = any(may_branch(edge) for edge in scene.edges.values())
+    if not has_laws and not any(_may_jump(expression) for expression in _acting(scene)):
         return scene
     return _Rewriting(scene).scene
 
@@ -123,7 +134,13 @@ class _Rewriting:
             name: value if name in constant else self._value(value)
             for name, value in edge.fields.items()
         }
-        return replace(edge, fields=fields) if fields != edge.fields else edge
+        if fields != edge.fields:
+            edge = replace(edge, fields=fields)
+        return with_branches(edge, self._rewritten) if may_branch(edge) else edge
+
+    def _rewritten(self, tree: ast.expr, where: str) -> ast.expr:
+        found: ast.expr = _Tree(self, where, frozenset()).visit(copy.deepcopy(tree))
+        return found
 
     def _value(self, value: Any) -> Any:
         if isinstance(value, Expression):
@@ -139,7 +156,7 @@ class _Rewriting:
         if not _may_jump(expression) or (is_watched and not self._moves(expression.names)):
             return expression
         whole = copy.deepcopy(expression.tree)
-        kept = frozenset(id(part) for part in _jumps_in(whole) if _has_only_corner(whole, part))
+        kept = frozenset(id(part) for part in jumps_in(whole) if has_only_corner(whole, part))
         tree = _Tree(self, expression.where, kept).visit(whole)
         if ast.dump(tree) == ast.dump(expression.tree):
             return expression
@@ -257,81 +274,6 @@ def _floor(a: ast.expr) -> ast.expr:
 
 def _constant(value: float) -> ast.expr:
     return ast.Constant(value) if value >= 0 else ast.UnaryOp(ast.USub(), ast.Constant(-value))
-
-
-def _jumps_in(tree: ast.expr) -> list[ast.expr]:
-    """List the signs and the comparisons of two values in a tree."""
-    return [
-        node
-        for node in ast.walk(tree)
-        if (
-            isinstance(node, ast.Call)
-            and isinstance(node.func, ast.Name)
-            and node.func.id == "sign"
-        )
-        or (isinstance(node, ast.Compare) and len(node.ops) == 1)
-    ]
-
-
-def _has_only_corner(whole: ast.expr, part: ast.expr) -> bool:
-    """Tell whether an expression is seen to have one value wherever a part of it jumps.
-
-    What the part looks at is put to zero in the difference of both values, or solved for one of
-    its terms: that is a proof where nothing is left. Anything else passes for a jump.
-    """
-    dag = Dag()
-    symbols = {name: dag.symbol("x", i) for i, name in enumerate(sorted(names_in(whole)))}
-
-    def lowered(tree: ast.expr) -> Node:
-        return Expression("", "", tree, names_in(tree)).lower(dag, symbols.__getitem__)
-
-    sides: list[ast.expr]
-    if isinstance(part, ast.Compare):
-        looked_at = _less(part.left, part.comparators[0])
-        sides = [ast.Compare(_HALF, [op], [_HALF]) for op in (ast.GtE(), ast.Gt())]
-    else:
-        assert isinstance(part, ast.Call)
-        looked_at = part.args[0]
-        sides = [_constant(1.0), _constant(-1.0)]
-    try:
-        above, below = (lowered(_Replaced(part, side).visit(whole)) for side in sides)
-        difference = above - below
-        for solution in _solutions(lowered(looked_at)):
-            if substitute([difference], solution)[0].is_zero:
-                return True
-    except (ArithmeticError, ValueError):  # it has no value somewhere: nothing is proved
-        return False
-    return False
-
-
-def _solutions(value: Node) -> list[dict[Node, Node]]:
-    """List ways to say in a substitution that a value is zero."""
-    dag = value.dag
-    found = [{value: dag.zero}]
-    if value.op in ("add", "sub"):
-        a, b = value.args
-        for one, other in ((a, b), (b, a)):
-            if one.value is None and one not in reachable([other]):
-                found.append({value: dag.zero, one: -other if value.op == "add" else other})
-    return found
-
-
-class _Replaced(ast.NodeTransformer):
-    """Gives a tree with one part replaced; what is on the way there is made anew."""
-
-    def __init__(self, part: ast.expr, by: ast.expr) -> None:
-        self._part, self._by = part, by
-
-    def visit(self, node: ast.AST) -> Any:
-        """Replace."""
-        return self._by if node is self._part else super().visit(copy.copy(node))
-
-    def generic_visit(self, node: ast.AST) -> ast.AST:
-        """Copy the lists of a node before what is in them changes."""
-        for name, value in ast.iter_fields(node):
-            if isinstance(value, list):
-                setattr(node, name, list(value))
-        return super().generic_visit(node)
 
 
 class _Tree(ast.NodeTransformer):

@@ -1,0 +1,236 @@
+"""What jumps, or branches, in laws that users registered: as modes and events, like expressions.
+
+In: an edge of a scalar component whose law holds ``sign``, ``floor`` or comparisons of what moves.
+Out: the same edge with a law of one more field for each, in whose place a mode stands. Corners of
+a ``Piecewise`` become events, too: what is smooth on either side is then integrated as such.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from cotree.components import OWN, Law
+from cotree.components.component import Field
+from cotree.components.terminal import integral_of
+from cotree.domains import DOMAINS
+from cotree.errors import SceneError
+from cotree.scene.corners import has_only_corner, jumps_in
+from cotree.scene.expressions import FUNCTIONS, Expression
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from cotree.components import Terminal
+    from cotree.scene.description import Edge
+
+#: Writes a jump anew, given what a tree belongs to: a mode's name, or the tree itself.
+Rewrite = Callable[[ast.expr, str], ast.expr]
+
+_LAWS = ("across", "through", "storage")
+
+
+def branches(law: Law | None) -> bool:
+    """Tell whether a law jumps or branches anywhere."""
+    import sympy
+
+    kinds = (sympy.Piecewise, sympy.sign, sympy.floor, sympy.ceiling, sympy.Mod, sympy.Heaviside)
+    return law is not None and law.expression.has(*kinds)
+
+
+def may_branch(edge: Edge) -> bool:
+    """Tell whether a law of an edge is a user's, and branches; laws of ours have no jumps."""
+    component = edge.component
+    laws = [component.law, *(getattr(port, name) for port in component.ports for name in _LAWS)]
+    return component.name not in OWN and any(branches(law) for law in laws)
+
+
+def check_located(edge: Edge) -> None:
+    """Refuse a user's force element whose law jumps: no event stands for that.
+
+    Raises
+    ------
+    SceneError
+        If it does, but for corners and jumps at known times.
+    """
+    law = edge.component.law
+    if edge.component.name in OWN or law is None or not branches(law):
+        return
+    names: dict[str, ast.expr] = {name: ast.Name(name) for name in law.arguments}
+    tree = to_tree(plain_jumps(law.expression), names)
+    parts = [] if tree is None else jumps_in(tree)
+    is_certain = tree is not None and not any(
+        isinstance(node, ast.Name) and node.id == "floor" for node in ast.walk(tree)
+    )
+    if is_certain and all(has_only_corner(tree, part) for part in parts if tree is not None):
+        return
+    raise SceneError(
+        f"the law of edge '{edge.name}', of type '{edge.component.name}', jumps, and sensitivities "
+        "would not know of it: let a field of the edge jump in its place, which becomes an event, "
+        "or compile without sensitivities"
+    )
+
+
+def with_branches(edge: Edge, rewrite: Rewrite) -> Edge:
+    """Put modes in the place of what branches in the laws of a scalar component.
+
+    Parameters
+    ----------
+    edge : Edge
+        An edge for which :func:`may_branch` is true.
+    rewrite : callable
+        Gives the tree that takes the place of a jump: a mode, or the jump itself.
+    """
+    fields: dict[str, Expression] = {}
+    ports = []
+    for i, port in enumerate(edge.component.ports):
+        names = _names(edge, port, i)
+        changed: dict[str, Any] = {
+            name: _branched(law, names, edge, rewrite, fields)
+            for name in _LAWS
+            if branches(law := getattr(port, name))
+        }
+        ports.append(replace(port, **changed))
+    if not fields:
+        return edge
+    rows = tuple(Field(name, "", "", required=True, constant=False) for name in fields)
+    component = replace(edge.component, ports=tuple(ports), fields=(*edge.component.fields, *rows))
+    return replace(edge, component=component, fields={**edge.fields, **fields})
+
+
+def _names(edge: Edge, port: Terminal, place: int) -> dict[str, ast.expr]:
+    """Say what the arguments of a port's law are called in expressions."""
+    found: dict[str, ast.expr] = {"t": ast.Name("t")}
+    for other in edge.component.ports:
+        row = DOMAINS[other.domain]
+        for quantity, symbol in (("across", row.across_symbol), ("through", row.through_symbol)):
+            own = _dotted(edge.name, other.port, symbol)
+            if other is port:
+                found[quantity] = own
+            if other.port:
+                found[f"{quantity}_{other.port}"] = own
+    integral = integral_of(port)
+    if integral is not None:
+        found["stretch"] = _dotted(edge.name, port.port, integral.name)
+    ends = edge.ports[place]
+    for name, node in (("potential_head", ends.head), ("potential_tail", ends.tail)):
+        symbol = DOMAINS[port.domain].across_symbol
+        found[name] = ast.Constant(0.0) if node == "ground" else _dotted(node, "", symbol)
+    for name, value in edge.fields.items():
+        if isinstance(value, Expression):
+            found[name] = value.tree
+    return found
+
+
+def _dotted(first: str, port: str, last: str) -> ast.expr:
+    own: ast.expr = ast.Name(first)
+    return ast.Attribute(ast.Attribute(own, port) if port else own, last)
+
+
+def _branched(
+    law: Law,
+    names: Mapping[str, ast.expr],
+    edge: Edge,
+    rewrite: Rewrite,
+    fields: dict[str, Expression],
+) -> Law:
+    """Write one law anew; its new arguments are added to the fields."""
+    import sympy
+
+    where = f"the law of edge '{edge.name}'"
+    whole, known, kept = plain_jumps(law.expression), dict(names), set()
+    while True:
+        found = [
+            atom
+            for atom in whole.atoms(sympy.sign, sympy.floor, sympy.core.relational.Relational)
+            if atom not in kept
+        ]
+        if not found:
+            return Law.of(whole)
+        atom = min(found, key=lambda item: (sympy.count_ops(item), str(item)))
+        is_upper = isinstance(atom, (sympy.Ge, sympy.Gt))
+        tree = to_tree(atom.negated if is_upper else atom, known)
+        mode = None if tree is None else rewrite(tree, where)
+        mode = mode.left if isinstance(mode, ast.Compare) else mode
+        if not isinstance(mode, ast.Name):
+            kept.add(atom)  # of parameters, of known times, or of what has no name
+            continue
+        name = next((n for n, value in fields.items() if value.text == mode.id), "")
+        if not name:
+            name = f"jump_{len(fields)}"
+            while name in edge.fields:
+                name += "_"
+            fields[name] = Expression(mode.id, where, mode, frozenset([mode.id]))
+        known[name] = mode
+        symbol = sympy.Symbol(name, real=True)
+        if isinstance(atom, sympy.core.relational.Relational):
+            holds = symbol > sympy.Rational(1, 2)
+            kept |= {holds, holds.negated}
+            whole = whole.xreplace({atom: sympy.Not(holds) if is_upper else holds})
+        else:
+            whole = whole.xreplace({atom: symbol})
+
+
+def plain_jumps(expression: Any) -> Any:
+    """Write a law with no jumps but signs, floors and comparisons."""
+    import sympy
+
+    return (
+        expression.replace(sympy.Mod, lambda a, b: a - b * sympy.floor(a / b))
+        .replace(sympy.ceiling, lambda a: -sympy.floor(-a, evaluate=False))
+        .replace(sympy.Heaviside, lambda a, *_: sympy.Piecewise((1, a > 0), (0, True)))
+    )
+
+
+_COMPARED = {"StrictLessThan": ast.Lt, "LessThan": ast.LtE, "StrictGreaterThan": ast.Gt}
+_COMPARED["GreaterThan"] = ast.GtE
+
+
+def to_tree(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
+    """Write a SymPy expression as a tree of the grammar of expressions; None where it has none."""
+    import sympy
+
+    if expression.is_Symbol:
+        return names.get(expression.name)
+    if getattr(expression, "is_number", False):
+        value = float(expression)
+        return (
+            ast.Constant(value) if value >= 0.0 else ast.UnaryOp(ast.USub(), ast.Constant(-value))
+        )
+    if isinstance(expression, sympy.Piecewise):
+        return _conditional(expression, names)
+    args = [to_tree(arg, names) for arg in expression.args]
+    if None in args:
+        return None
+    trees = [arg for arg in args if arg is not None]
+    kind = type(expression).__name__
+    if kind in _COMPARED:
+        return ast.Compare(trees[0], [_COMPARED[kind]()], [trees[1]])
+    if kind in ("And", "Or"):
+        return ast.BoolOp(ast.And() if kind == "And" else ast.Or(), trees)
+    if kind == "Not":
+        return ast.UnaryOp(ast.Not(), trees[0])
+    if expression.is_Pow:
+        return ast.BinOp(trees[0], ast.Pow(), trees[1])
+    if expression.is_Add or expression.is_Mul:
+        whole = trees[0]
+        for tree in trees[1:]:
+            whole = ast.BinOp(whole, ast.Add() if expression.is_Add else ast.Mult(), tree)
+        return whole
+    function = {"Abs": "abs", "Max": "max", "Min": "min"}.get(kind, kind)
+    if FUNCTIONS.get(function) != len(trees):
+        return None
+    return ast.Call(ast.Name(function), trees, [])
+
+
+def _conditional(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
+    """Write branches as conditionals, one within the other."""
+    whole = to_tree(expression.args[-1][0], names)
+    for value, condition in reversed(expression.args[:-1]):
+        own, holds = to_tree(value, names), to_tree(condition, names)
+        if own is None or holds is None or whole is None:
+            return None
+        whole = ast.Call(ast.Name("where"), [holds, own, whole], [])
+    return whole
