@@ -24,7 +24,7 @@ from cotree.solvers.result import EventTimes, Result
 from cotree.solvers.select import integrate
 from cotree.solvers.sweep import sweep
 from cotree.solvers.timely import timely
-from cotree.solvers.trust import warn_of_result, warn_of_tolerances
+from cotree.solvers.trust import warn_of_redundancy, warn_of_result, warn_of_tolerances
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -149,6 +149,7 @@ def simulate(
     y = trajectory.z[:n]
     s = trajectory.z[n:].reshape(m, n, len(trajectory.t)).transpose(1, 0, 2)
     redundant = _redundant(model, projection, trajectory)
+    warn_of_redundancy(problem, trajectory, redundant)
     outputs, output_s, inputs = sweep(model, p, u, trajectory.t, trajectory.z)
     if redundant and model.sensitivities:
         _leave_out(model, output_s)

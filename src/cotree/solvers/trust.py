@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cotree.solvers.methods import METHODS
 from cotree.tolerances import LOOSE_RTOL, loose_rtol
 
 if TYPE_CHECKING:
@@ -19,6 +20,13 @@ if TYPE_CHECKING:
 
 # Corrections beyond this many times the tolerance are none of integration.
 _LARGEST_CORRECTION = 1e5
+
+# Nor are those beyond this, unless the tolerance is as loose.
+_LARGE_CORRECTION = 1e-2
+
+# Methods with a memory see redundant constraints off which they predict: Bricard's mechanism goes
+# another way at 1e-3, and is off by a thousand tolerances at 1e-5.
+_ROUGH = 1e-6
 
 # From these functions up to the caller of ``Model.simulate``.
 _CALLER = 5
@@ -37,6 +45,17 @@ def warn_of_result(problem: Problem, trajectory: Trajectory) -> None:
         _warn(_corrected(problem, trajectory.drift))
 
 
+def warn_of_redundancy(problem: Problem, trajectory: Trajectory, redundant: int) -> None:
+    """Warn where constraints are redundant and a method with a memory follows them roughly."""
+    method = trajectory.statistics.method
+    is_rough = problem.rtol > _ROUGH and METHODS[method].multistep
+    if trajectory.status == 0 and redundant and is_rough:
+        _warn(
+            f"constraints are redundant, which {method} follows with errors of many tolerances "
+            f"where rtol is above {_ROUGH:g}: give a tighter one, or take dopri5 or dop853"
+        )
+
+
 def _untested(problem: Problem, trajectory: Trajectory) -> str:
     """Compare the absolute tolerance with what the states ever were."""
     n = problem.n_states - problem.n_algebraic
@@ -53,7 +72,8 @@ def _untested(problem: Problem, trajectory: Trajectory) -> str:
 
 def _corrected(problem: Problem, drift: Drift) -> str:
     """Compare what projection did to the states with the tolerance."""
-    allowed = _LARGEST_CORRECTION * max(problem.rtol, float(np.min(problem.atol)), 1e-12)
+    tolerance = max(problem.rtol, float(np.min(problem.atol)), 1e-12)
+    allowed = min(_LARGEST_CORRECTION * tolerance, max(_LARGE_CORRECTION, 10.0 * tolerance))
     if drift.correction <= allowed:
         return ""
     return (

@@ -1,0 +1,76 @@
+"""Redundant loops at loose tolerances: a projection far beyond the tolerance is a failed step."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import cotree
+
+# Corners of Bricard's mechanism, a way along six edges of a cube; hinges stand across both rods.
+CORNERS = [(0, 0, 0), (1, 0, 0), (1, -1, 0), (1, -1, 1), (0, -1, 1), (0, 0, 1)]
+AXES = [(0, 1, 0), (0, 0, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 0)]
+TIMES = np.linspace(0.0, 12.0, 25)
+
+
+@pytest.fixture(scope="module")
+def model() -> cotree.Model:
+    """Five rods of 1 m and 1 kg and the ground, six hinges, one of six conditions redundant."""
+    scene, node = cotree.Scene("bricard", gravity=[0, -9.81, 0]), "ground"
+    for i in range(5):
+        rod = np.subtract(CORNERS[i + 1], CORNERS[i])
+        initial = {"theta": 0.0, "theta_dot": 0.0} if i == 0 else {}
+        scene.edge(f"j{i}", "revolute", node, f"A{i}", axis=list(AXES[i]), initial=initial)
+        scene.edge(f"c{i}", "arm", f"A{i}", f"C{i}", vector=(rod / 2).tolist())
+        scene.edge(f"r{i}", "arm", f"A{i}", f"B{i}", vector=rod.tolist())
+        inertia = np.where(rod == 0, 1.0 / 12.0, 1e-4).tolist()
+        scene.edge(f"m{i}", "rigid_body", "ground", f"C{i}", mass=1.0, inertia=inertia)
+        node = f"B{i}"
+    scene.edge("base", "arm", "ground", "E", vector=list(CORNERS[5]))
+    scene.edge("j5", "revolute", node, "E", axis=list(AXES[5]))
+    scene.output("energy", "energy.kinetic + energy.potential")
+    for axis in "xyz":
+        scene.output(f"p3{axis}", f"B2.{axis}")
+    return scene.compile(optimize="-O0")
+
+
+@pytest.fixture(scope="module")
+def places(model: cotree.Model) -> np.ndarray:
+    """Where P3 goes, by dop853 at 1e-10, of whose energy no step loses anything."""
+    result = model.simulate((0, 12), TIMES, "dop853", 1e-10, 1e-12, throw=True)
+    assert np.ptp(result["energy"]) < 1e-7
+    return np.array([result[f"p3{axis}"] for axis in "xyz"])
+
+
+@pytest.mark.parametrize(
+    ("method", "rtol", "metres", "joules"),
+    [
+        # A projection took P3 1.8 m and 4.3 J away in one step; what is left are errors of steps.
+        ("dopri5", 1e-3, 0.05, 0.4),
+        ("rkf45", 1e-3, 0.2, 0.7),
+        ("dop853", 1e-3, 1e-4, 1e-3),
+        ("dopri5", 1e-4, 1e-3, 1e-3),
+    ],
+)
+def test_no_step_goes_another_way(
+    model: cotree.Model, places: np.ndarray, method: str, rtol: float, metres: float, joules: float
+) -> None:
+    result = model.simulate((0, 12), TIMES, method, rtol, rtol, throw=True)
+    found = np.array([result[f"p3{axis}"] for axis in "xyz"])
+    assert np.max(np.abs(found - places)) < metres
+    assert np.ptp(result["energy"]) < joules
+    assert result.drift.correction < 10 * rtol  # and not 1.0
+
+
+def test_a_method_of_scipys_says_that_it_went_far(model: cotree.Model) -> None:
+    with pytest.warns(RuntimeWarning, match="projection onto the constraints moved the states"):
+        model.simulate((0, 12), TIMES, "RK45", 1e-3, 1e-3)
+
+
+@pytest.mark.parametrize("method", ["cvode", "ida", "BDF", "LSODA"])
+def test_methods_with_a_memory_say_that_they_follow_roughly(
+    model: cotree.Model, method: str
+) -> None:
+    with pytest.warns(RuntimeWarning, match=f"constraints are redundant, which {method} follows"):
+        model.simulate((0, 0.2), [0.2], method, 1e-4, 1e-4)
+    assert model.simulate((0, 0.2), [0.2], method, 1e-6, 1e-6).success
