@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -102,8 +103,10 @@ class Scene(SceneDescription):
         if rate < 0.0:
             raise ParameterError(f"baumgarte is {rate}: it must not be negative")
         options = BuildOptions(optimize=optimize, native=native)
+        begun = time.perf_counter()
         model = Model(compile_scene(described, names, tree, options, rate), described)
         model.check_start()
+        model.times["start"] = time.perf_counter() - begun - sum(model.times.values())
         for name in model.unreached:
             warnings.warn(
                 f"no state or output depends on parameter '{name}': its sensitivities are all zero",
@@ -193,6 +196,8 @@ class Model(OperatingModel):
     def __init__(self, compiled: Compiled, scene: SceneDescription) -> None:
         super().__init__(compiled.program, compiled.kernels, scene, compiled.first)
         self._compiled = compiled
+        #: Seconds spent in each stage: formulate, generate, compile, start.
+        self.times: dict[str, float] = dict(compiled.times)
 
     @property
     def source(self) -> str:
@@ -203,11 +208,6 @@ class Model(OperatingModel):
     def cached(self) -> bool:
         """Whether the library was compiled before."""
         return self._compiled.cached
-
-    @property
-    def times(self) -> Mapping[str, float]:
-        """Seconds spent in each stage: formulate, generate, compile."""
-        return self._compiled.times
 
     @property
     def operations(self) -> Operations:

@@ -6,7 +6,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Iterable, Mapping
+    from collections.abc import Container, Iterable, Mapping, Sequence
 
     from cotree.dag.nodes import Node
 
@@ -66,6 +66,29 @@ def substitute(roots: Iterable[Node], replacement: Mapping[Node, Node]) -> list[
             if made is not node:
                 new[node] = made
     return [new.get(root, root) for root in roots]
+
+
+def symbols_of_each(roots: Sequence[Node]) -> list[list[Node]]:
+    """List the symbols that each root depends on, in one walk over all of them.
+
+    What each value depends on is a number with a bit for each symbol.
+    """
+    walk = reachable(roots)
+    symbols = [node for node in walk if node.op == "symbol"]
+    masks = {node: 1 << i for i, node in enumerate(symbols)}
+    for node in walk:
+        if node.args:
+            mask = 0
+            for arg in node.args:
+                mask |= masks.get(arg, 0)
+            masks[node] = mask
+    known: dict[int, list[Node]] = {}
+    for root in roots:
+        mask = masks.get(root, 0)
+        if mask not in known:
+            digits = bin(mask)[:1:-1]  # the lowest first
+            known[mask] = [symbols[i] for i, digit in enumerate(digits) if digit == "1"]
+    return [known[masks.get(root, 0)] for root in roots]
 
 
 def symbols_in(roots: Iterable[Node]) -> list[Node]:

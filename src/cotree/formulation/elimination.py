@@ -7,13 +7,14 @@ for any number of right-hand sides by substitution.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from heapq import heapify, heappop, heappush
 from typing import TYPE_CHECKING, Protocol
 
 from cotree.dag.several import RANK_TOLERANCE, SolveShape, solve
 from cotree.formulation.articulated import SMALLEST_SHARE, factorise_tree
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from cotree.dag.nodes import Dag, Node
     from cotree.equations import Equations, Link
@@ -79,11 +80,46 @@ def factorise(
     """
     n = len(matrix)
     rows = {i: {j: matrix[i][j] for j in range(n) if not matrix[i][j].is_zero} for i in range(n)}
+    order, columns, inverses = _eliminated(dag, rows, {i for i in range(n) if is_safe[i]})
+    core = tuple(sorted(rows))
+    with dag.labelled("elimination"):
+        core_sizes = _core_sizes(dag, matrix, rows, sizes)
+    return Factors(
+        dag,
+        order,
+        columns,
+        inverses,
+        core,
+        core_sizes,
+        tuple(tuple(rows[i].get(j, dag.zero) for j in core) for i in core),
+        sum(i < n - len(sizes) for i in core),
+    )
+
+
+def factorise_definite(dag: Dag, matrix: Sequence[Mapping[int, Node]]) -> Factors:
+    """Factorise a symmetric, positive definite matrix of which only the nonzeros are given."""
+    rows = {i: dict(row) for i, row in enumerate(matrix)}
+    order, columns, inverses = _eliminated(dag, rows, set(rows))
+    return Factors(dag, order, columns, inverses, (), (), (), 0)
+
+
+def _eliminated(
+    dag: Dag, rows: dict[int, dict[int, Node]], left: set[int]
+) -> tuple[tuple[int, ...], tuple[dict[int, Node], ...], tuple[Node, ...]]:
+    """Eliminate the unknowns of ``left``; give their order, multipliers and inverse pivots.
+
+    What remains of the others is left in ``rows``.
+    """
     order, columns, inverses = [], [], []
-    left = {i for i in range(n) if is_safe[i]}
+    # Ties go to the last, which lies farthest out in the tree and fills in least. Entries whose
+    # count has changed since are passed over.
+    waiting = [(len(rows[i]), -i) for i in left]
+    heapify(waiting)
     while left:
-        # Ties go to the last, which lies farthest out in the tree and fills in least.
-        k = min(left, key=lambda i: (len(rows[i]), -i))
+        count, negative = heappop(waiting)
+        k = -negative
+        if k not in left or len(rows[k]) != count:
+            continue
         left.remove(k)
         pivot_row = rows.pop(k)
         pivot = pivot_row.pop(k)
@@ -97,22 +133,12 @@ def factorise(
                         continue
                     updated = rows[i].get(j, dag.zero) - multiplier * entry
                     rows[i][j] = rows[j][i] = updated
+        for i in multipliers:
+            heappush(waiting, (len(rows[i]), -i))
         order.append(k)
         columns.append(multipliers)
         inverses.append(inverse)
-    core = tuple(sorted(rows))
-    with dag.labelled("elimination"):
-        core_sizes = _core_sizes(dag, matrix, rows, sizes)
-    return Factors(
-        dag,
-        tuple(order),
-        tuple(columns),
-        tuple(inverses),
-        core,
-        core_sizes,
-        tuple(tuple(rows[i].get(j, dag.zero) for j in core) for i in core),
-        sum(i < n - len(sizes) for i in core),
-    )
+    return tuple(order), tuple(columns), tuple(inverses)
 
 
 def _core_sizes(

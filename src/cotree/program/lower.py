@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from cotree.dag.corners import stops_along
 from cotree.dag.stops import acts_in_part, find_longest_steps, find_stops
-from cotree.dag.traverse import substitute, symbols_in
+from cotree.dag.traverse import dependent, reachable, substitute, symbols_in
 from cotree.equations import Quantity, spread
 from cotree.errors import ParameterError
 from cotree.formulation.elimination import solve_unknowns
@@ -223,7 +223,8 @@ def _compress(columns: Sequence[Mapping[int, Node]]) -> tuple[list[int], list[in
 
 def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
     n_coordinates, n_speeds = equations.n_coordinates, equations.n_speeds
-    multipliers = set(equations.unknowns[n_speeds:])
+    observed = equations.output_values[: len(equations.outputs)]
+    on_multipliers = dependent(reachable(observed), equations.unknowns[n_speeds:])
     states: tuple[Quantity, ...] = tuple(Quantity(s.name, s.unit) for s in equations.states)
     return Layout(
         name=equations.name,
@@ -260,9 +261,6 @@ def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
         start_units=tuple(row.unit for row in equations.constraints.start_rows),
         start_is_rate=equations.constraints.start_is_rate,
         redundant=equations.constraints.redundant,
-        uses_multipliers=tuple(
-            not multipliers.isdisjoint(symbols_in([node]))
-            for node in equations.output_values[: len(equations.outputs)]
-        ),
+        uses_multipliers=tuple(node in on_multipliers for node in observed),
         events=event_quantities(equations),
     )

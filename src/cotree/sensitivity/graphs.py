@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from cotree.dag.derivative import tangents
-from cotree.dag.traverse import substitute
+from cotree.dag.traverse import substitute, symbols_of_each
 from cotree.equations import Derivative, Equations, Quantity
 from cotree.errors import ParameterError, nearest
 from cotree.formulation.observed import observed_unit
@@ -48,7 +48,7 @@ def differentiate(
     support : Support
         Shared by all directions.
     """
-    reach = _Reach.of(first, support)
+    reach = _Reach.of(first)
     if first.network is None:
         return [
             _along(first, name, row, support, reach, {}, {}) for name, row in directions.items()
@@ -90,17 +90,17 @@ class _Reach:
     starts: tuple[Node, ...]
 
     @classmethod
-    def of(cls, first: FirstGraph, support: Support) -> _Reach:
-        outputs = _by_symbol(first.outputs.values, support)
+    def of(cls, first: FirstGraph) -> _Reach:
+        outputs = _by_symbol(first.outputs.values)
         moving = {i for symbol in first.unknowns for i in outputs.get(symbol, ())}
         starts = tuple(state.initial for state in first.states)
-        return cls(outputs, _by_symbol(starts, support), tuple(moving), starts)
+        return cls(outputs, _by_symbol(starts), tuple(moving), starts)
 
 
-def _by_symbol(nodes: Sequence[Node], support: Support) -> dict[Node, list[int]]:
+def _by_symbol(nodes: Sequence[Node]) -> dict[Node, list[int]]:
     found: defaultdict[Node, list[int]] = defaultdict(list)
-    for i, node in enumerate(nodes):
-        for symbol in support.of(node):
+    for i, symbols in enumerate(symbols_of_each(nodes)):
+        for symbol in symbols:
             found[symbol].append(i)
     return dict(found)
 

@@ -85,7 +85,8 @@ class Result:
     statistics : Statistics
         Work done by the solver.
     times : mapping of str to float
-        Seconds spent in each stage: formulate, generate, compile, integrate.
+        Seconds spent in each stage: formulate, generate, compile, start (of the
+        model: its operating point, or its initial values), integrate.
     drift : Drift or None
         How well the constraints are held; None where the model has none.
     redundant : int

@@ -8,12 +8,13 @@ branches it couples all those along its f-circuit.
 
 from __future__ import annotations
 
-from collections import defaultdict
 from dataclasses import dataclass
+from math import inf
 from typing import TYPE_CHECKING
 
 from cotree.components import Kind
-from cotree.formulation.elimination import factorise
+from cotree.dag.traverse import symbols_in
+from cotree.formulation.elimination import factorise_definite
 from cotree.formulation.networks.rules import Lawful
 
 if TYPE_CHECKING:
@@ -22,11 +23,8 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
     from cotree.formulation.networks.blocks import Solver
     from cotree.formulation.networks.plan import Block
-    from cotree.formulation.networks.rules import Rule, Tangent, Variable
+    from cotree.formulation.networks.rules import Rule, Variable
     from cotree.formulation.networks.terminals import Terminals
-
-#: A conductance with the parts that it joins, and their signs.
-_Link = tuple["Node", dict[int, int]]
 
 
 @dataclass(frozen=True)
@@ -68,10 +66,9 @@ def factorise_nodal(
     block: Block,
     rules: Mapping[Variable, Rule],
     values: Mapping[Variable, Node],
-    d: Mapping[Variable, Tangent],
-    n_nonzeros: int,
-) -> Solver | None:
-    """Factorise a block in the potentials of its parts.
+    n_nonzeros: float = inf,
+) -> tuple[Solver, frozenset[Variable]] | None:
+    """Factorise the linear equations of a block in the potentials of its parts.
 
     Parameters
     ----------
@@ -79,75 +76,71 @@ def factorise_nodal(
         Knows the trees.
     block : Block
         The block.
-    rules, values, d : mapping
-        Of all variables; the derivatives are along the block's unknowns.
-    n_nonzeros : int
+    rules, values : mapping
+        Of all variables.
+    n_nonzeros : float
         How many entries the equations of the branches have.
 
     Returns
     -------
-    Solver or None
-        None where the block holds anything but one-port resistances of which the unknowns are
-        branches, or where potentials couple no fewer equations.
+    (Solver, frozenset of Variable) or None
+        With the unknowns that are nonlinear: they count as known. None where the block holds
+        anything but one-port resistances of which the unknowns are branches, all chords being
+        linear, or where potentials couple no fewer equations.
     """
-    links = _links(terminals, block, rules, values, d)
-    if links is None:
+    conductances = _conductances(terminals, block, rules, values)
+    if conductances is None:
         return None
-    above = terminals.above([name for _, name in block.unknowns])
-    dag = links[0][0].dag
-    rows: list[dict[int, Node]] = [{} for _ in above]
-    for conductance, along in links:
-        ends: defaultdict[int, int] = defaultdict(int)
-        for i, sign in along.items():
-            own, parent = above[i]
-            ends[i] += sign * own
-            if parent >= 0:
-                ends[parent] -= sign * own
-        for i, a in ends.items():
-            for j, b in ends.items():
-                if a * b:
-                    rows[i][j] = rows[i].get(j, dag.zero) + conductance * float(a * b)
-    if sum(map(len, rows)) >= n_nonzeros:
+    linear = [unknown for unknown in block.unknowns if unknown in conductances]
+    names = [name for _, name in linear]
+    parts = terminals.parts(names) if linear else {}
+    rows: list[dict[int, Node]] = [{} for _ in linear]
+    for (_, name), conductance in conductances.items():
+        port = terminals.ports[name]
+        ends = parts.get(port.head, -1), parts.get(port.tail, -1)
+        if ends[0] == ends[1]:
+            continue
+        signs = [(i, sign) for i, sign in zip(ends, (1, -1), strict=True) if i >= 0]
+        for i, a in signs:
+            for j, b in signs:
+                rows[i][j] = rows[i].get(j, conductance.dag.zero) + conductance * float(a * b)
+    if not linear or sum(map(len, rows)) >= n_nonzeros:
         return None
-    n = range(len(rows))
-    matrix = tuple(tuple(rows[i].get(j, dag.zero) for j in n) for i in n)
-    return _Nodal(dag, factorise(dag, matrix, [True] * len(rows)), tuple(above))
+    dag = conductances[linear[0]].dag
+    solver = _Nodal(dag, factorise_definite(dag, rows), tuple(terminals.above(names)))
+    return solver, frozenset(block.unknowns) - conductances.keys()
 
 
-def _links(
+def _conductances(
     terminals: Terminals,
     block: Block,
     rules: Mapping[Variable, Rule],
     values: Mapping[Variable, Node],
-    d: Mapping[Variable, Tangent],
-) -> list[_Link] | None:
-    """List the conductances, with the unknown branches that make up their across variable."""
-    numbers = {unknown: i for i, unknown in enumerate(block.unknowns)}
-    links: list[_Link] = []
+) -> dict[Variable, Node] | None:
+    """List the conductances of a block's resistances, but of nonlinear branches."""
+    unknowns = set(block.unknowns)
+    symbols = {values[unknown] for unknown in unknowns}
+    found: dict[Variable, Node] = {}
     for quantity, name in (*block.unknowns, *block.inner):
         if quantity in ("path", "flow", "residual_across"):
             continue
-        is_resistance = (
-            quantity in ("across", "through")
-            and terminals.ports[name].kind is Kind.DISSIPATOR
-            and terminals.ports[name].terminal.port == ""
-        )
-        if not is_resistance:
+        port = terminals.ports[name] if quantity in ("across", "through") else None
+        if port is None or port.kind is not Kind.DISSIPATOR or port.terminal.port != "":
             return None
         if quantity == "through":
             continue
-        is_unknown = (quantity, name) in numbers
+        is_unknown = (quantity, name) in unknowns
         if is_unknown != terminals.is_branch(name):
             return None
         law = ("residual_across" if is_unknown else "through", name)
         conductance = _conductance(rules[law], values)
         if conductance is None:
             return None
-        along = {numbers[u]: node.value for u, node in d[quantity, name].items()}  # type: ignore[index]
-        if not all(value in (1.0, -1.0) for value in along.values()):
+        if symbols.isdisjoint(symbols_in([conductance])):
+            found[quantity, name] = conductance
+        elif not is_unknown:
             return None
-        links.append((conductance, {i: int(value) for i, value in along.items() if value}))
-    return links
+    return found
 
 
 def _conductance(rule: Rule, values: Mapping[Variable, Node]) -> Node | None:

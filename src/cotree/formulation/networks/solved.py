@@ -25,6 +25,14 @@ if TYPE_CHECKING:
     from cotree.formulation.networks.terminals import Terminals
 
 
+#: An unknown with its equation.
+_Pair = tuple["Variable", "Variable"]
+
+#: From this many unknowns on, blocks of resistances are solved in potentials without counting what
+#: the branches would take: their derivatives alone grow with the square of the number.
+_MANY = 64
+
+
 @dataclass(frozen=True)
 class SolvedBlock:
     """A block whose linear unknowns have been solved for.
@@ -118,33 +126,29 @@ def _solve_block(
     trial = {**solved.values, **symbols}
     for variable in block.inner:
         trial[variable] = rules[variable].value(dag, trial)
-    # What stands outside the block does not change.
-    d: defaultdict[Variable, Tangent] = defaultdict(dict)
-    d |= {v: {v: dag.one} for v in block.unknowns}
-    _differentiate(solved.plan, block.inner, trial, d, _nothing)
-    pairs = list(zip(block.unknowns, block.residuals, strict=True))
-    bent = {s for _, row in pairs for s in symbols_in(list(d[row].values()))}
-    nonlinear = tuple((u, r) for u, r in pairs if symbols[u] in bent)
-    linear = tuple((u, r) for u, r in pairs if symbols[u] not in bent)
+    pairs = tuple(zip(block.unknowns, block.residuals, strict=True))
+    nodal = None
+    if is_safe and len(pairs) >= _MANY:
+        nodal = factorise_nodal(terminals, block, rules, trial)
+    matrix: list[dict[int, Node]] = []
+    if nodal is None:
+        linear, nonlinear, matrix = _linearise(solved, block, symbols, trial)
+    else:
+        linear = tuple(pair for pair in pairs if pair[0] not in nodal[1])
+        nonlinear = tuple(pair for pair in pairs if pair[0] in nodal[1])
     kept = {u: algebraic_symbol(len(solved.algebraic) + i) for i, (u, _) in enumerate(nonlinear)}
     solved.algebraic.update(kept)
     known = {symbols[u]: symbol for u, symbol in kept.items()}
     rest = substitute(
         [trial[r] for _, r in linear], {**known, **{symbols[u]: dag.zero for u, _ in linear}}
     )
-    rows = [
-        {i: e for i, e in enumerate(d[r].get(u, dag.zero) for u, _ in linear) if not e.is_zero}
-        for _, r in linear
-    ]
-    flat = [(i, j, e) for i, row in enumerate(rows) for j, e in row.items()]
-    entries = substitute([e for _, _, e in flat], known)
-    matrix: list[dict[int, Node]] = [{} for _ in rows]
-    for (i, j, _), entry in zip(flat, entries, strict=True):
-        matrix[i][j] = entry
-    factors = None
-    if is_safe and linear and not nonlinear:
-        factors = factorise_nodal(terminals, block, rules, trial, d, len(flat))
-    factors = factors or factorise_block(dag, matrix, is_safe)
+    if nodal is None:
+        n_nonzeros = sum(map(len, matrix))
+        entries = iter(substitute([e for row in matrix for e in row.values()], known))
+        matrix = [{j: next(entries) for j in row} for row in matrix]
+        if is_safe and linear and not nonlinear:
+            nodal = factorise_nodal(terminals, block, rules, trial, n_nonzeros)
+    factors = nodal[0] if nodal else factorise_block(dag, matrix, is_safe)
     found = factors.solve([-value for value in rest])
     known |= {symbols[u]: value for (u, _), value in zip(linear, found, strict=True)}
     for variable, symbol in symbols.items():
@@ -154,6 +158,34 @@ def _solve_block(
     for _, residual in linear:
         solved.values[residual] = dag.zero
     solved.blocks[block] = SolvedBlock(linear, nonlinear, factors)
+
+
+def _linearise(
+    solved: Solved, block: Block, symbols: Mapping[Variable, Node], trial: Mapping[Variable, Node]
+) -> tuple[tuple[_Pair, ...], tuple[_Pair, ...], list[dict[int, Node]]]:
+    """Tell linear from nonlinear unknowns; give the matrix of the linear equations by the linear.
+
+    Parameters
+    ----------
+    symbols : mapping of Variable to Node
+        Of the block's unknowns.
+    trial : mapping of Variable to Node
+        Values at these.
+    """
+    # What stands outside the block does not change.
+    d: defaultdict[Variable, Tangent] = defaultdict(dict)
+    d |= {v: {v: solved.dag.one} for v in block.unknowns}
+    _differentiate(solved.plan, block.inner, trial, d, _nothing)
+    pairs = list(zip(block.unknowns, block.residuals, strict=True))
+    bent = set(symbols_in([node for _, row in pairs for node in d[row].values()]))
+    nonlinear = tuple((u, r) for u, r in pairs if symbols[u] in bent)
+    linear = tuple((u, r) for u, r in pairs if symbols[u] not in bent)
+    places: dict[Hashable, int] = {u: i for i, (u, _) in enumerate(linear)}
+    matrix: list[dict[int, Node]] = []
+    for _, r in linear:
+        row = {places[u]: entry for u, entry in d[r].items() if u in places and not entry.is_zero}
+        matrix.append(dict(sorted(row.items())))
+    return linear, nonlinear, matrix
 
 
 def _differentiate(

@@ -86,6 +86,10 @@ class Terminals:
         """Give the sign of branches of one tree, and which of them leads to each."""
         return self._topology(branches[0]).above(branches)
 
+    def parts(self, branches: Sequence[str]) -> dict[str, int]:
+        """Cut a tree at some branches; see :meth:`Topology.parts`."""
+        return self._topology(branches[0]).parts(branches)
+
     def rule(self, variable: Variable) -> Rule:
         """Give the rule of a variable."""
         quantity, name = variable

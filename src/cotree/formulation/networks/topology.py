@@ -138,6 +138,17 @@ class Topology:
             found.append((self._signs[name], numbers.get(before.branch, -1)))
         return found
 
+    def parts(self, branches: Sequence[str]) -> dict[str, int]:
+        """Cut the tree at some branches; give each node the number of that which leads to it.
+
+        Nodes that none leads to have the number -1.
+        """
+        numbers = {name: i for i, name in enumerate(branches)}
+        found: dict[str, int] = {}
+        for node, place in self._places.items():  # each after its parent
+            found[node] = numbers.get(place.branch, found.get(place.parent, -1))
+        return found
+
     def cutset(self, branch: str, rate: str) -> Sum:
         """Give a branch's through variable from what flows out beyond it; or its rate."""
         own = self._crossing[branch]
