@@ -51,3 +51,38 @@ def test_a_run_into_the_stretched_position_ends_with_the_last_good_point(method)
     assert not result.success
     assert 0.05 < result.t[-1] < 2.0
     assert np.all(np.isfinite(result.y))
+
+
+def flat_linkage():
+    """A parallelogram in one line, at rest: across it nothing moves, to first order."""
+    scene = cotree.Scene("flat", gravity=[0, -9.81, 0])
+    bars = {"crank": ("A", "B", 1.0), "coupler": ("B2", "C", 1.5), "rocker": ("D2", "C2", 1.0)}
+    for bar, (start, end, length) in bars.items():
+        scene.edge(bar, "arm", start, end, vector=[length, 0, 0])
+        scene.edge(f"m_{bar}", "rigid_body", "ground", end, mass=1.0, inertia=0.1)
+    scene.edge("base", "arm", "ground", "D", vector=[1.5, 0, 0])
+    nodes = {"a": ("ground", "A"), "b": ("B", "B2"), "d": ("D", "D2"), "c": ("C", "C2")}
+    for name, (start, end) in nodes.items():
+        scene.edge(name, "revolute", start, end, axis=[0, 0, 1])
+    return scene
+
+
+@pytest.mark.filterwarnings("ignore:COTREE_COMPILER=none")
+@pytest.mark.parametrize("compiler", [None, "none"])
+def test_a_row_of_zeros_holds_nothing(compiler, monkeypatch):
+    """As in coordinates of bodies, where the same constraint is redundant in that position."""
+    if compiler:
+        monkeypatch.setenv("COTREE_COMPILER", compiler)
+    found = []
+    for tree, names in (
+        (["crank", "coupler", "rocker", "base", "a", "b", "d"], ("a", "d")),
+        (
+            ["crank", "coupler", "rocker", "base", "m_crank", "m_coupler", "m_rocker"],
+            ("m_crank", "m_rocker"),
+        ),
+    ):
+        model = flat_linkage().compile(tree=tree, optimize="-O0")
+        rates = model.rhs(0.0, model.initial_state)
+        found.append([rates[model.states.index(f"{name}.theta_dot")] for name in names])
+    assert np.all(np.isfinite(found))
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-10)

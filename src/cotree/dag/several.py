@@ -153,7 +153,9 @@ def _evaluate_solve(data: SolveShape, values: Sequence[Any]) -> Sequence[Any]:
     reference = complex(values[-1]).real
     rhs = np.array(values[n * n : n * n + n])
     sizes = np.real(np.array(values[n * n + n : -1]))
-    scales = 1.0 / np.sqrt(sizes) if sizes.size else np.ones(n)
+    # A row of nothing but zeros, as of a constraint that nothing moves in one position, stays one.
+    scales = np.where(sizes == 0.0, 0.0, 1.0 / np.sqrt(np.where(sizes == 0.0, 1.0, sizes)))
+    scales = scales if sizes.size else np.ones(n)
     scaled = scales[:, None] * matrix * scales
     solution, rank, is_determined = solve_pivoted(scaled, scales * rhs, reference, data)
     return [*(scales * solution).tolist(), float(rank), float(is_determined)]
