@@ -13,25 +13,13 @@ import math
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from cotree.dag.operations import OPERATIONS
+from cotree.dag.operations import OPERATIONS, folded
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-_REAL = {name: operation.real for name, operation in OPERATIONS.items()}
 _ODD = frozenset({"sin", "tan", "asin", "atan", "sinh", "tanh", "erf", "sign"})
 _EVEN = frozenset({"cos", "cosh", "abs"})
-
-
-def _folded(name: str, *values: float) -> float:
-    """Evaluate an operation on constants, and refuse what is not finite: a mistake in a text."""
-    found: float = _REAL[name](*values)
-    if not math.isfinite(found):
-        text = f"{name}({', '.join(f'{value:.10g}' for value in values)}) is {found}"
-        if math.isnan(found):
-            raise ValueError(f"math domain error: {text}")
-        raise OverflowError(f"math range error: {text}")
-    return found
 
 
 class Node:
@@ -133,11 +121,14 @@ class Dag:
         The constants 0 and 1.
     section : str
         Label given to the nodes made from now on; set it with :meth:`labelled`.
+    origins : dict of Node to str
+        Where some values come from, as "resistance of edge 'R1'", for messages.
     """
 
     def __init__(self) -> None:
         self.nodes: list[Node] = []
         self.section = ""
+        self.origins: dict[Node, str] = {}
         self._interned: dict[Any, Node] = {}
         self.zero = self.constant(0.0)
         self.one = self.constant(1.0)
@@ -153,6 +144,11 @@ class Dag:
             yield
         finally:
             self.section = previous
+
+    def note_origin(self, node: Node, origin: str) -> None:
+        """Remember where a value comes from, the first place if there are several."""
+        if node.args:
+            self.origins.setdefault(node, origin)
 
     def constant(self, value: float) -> Node:
         """Intern a finite number.
@@ -324,7 +320,7 @@ class Dag:
         power = exponent.value
         if power is not None:
             if a.value is not None:
-                return self.constant(_folded("pow", a.value, power))
+                return self.constant(folded("pow", a.value, power))
             if power == int(power) and abs(power) <= 64:
                 return self._integer_power(a, int(power))
             if power == 0.5:
@@ -353,7 +349,7 @@ class Dag:
         """
         values = [arg.value for arg in args if arg.value is not None]
         if len(values) == len(args):
-            return self.constant(_folded(name, *values))
+            return self.constant(folded(name, *values))
         if args[0].op == "neg":
             if name in _ODD:
                 return self.neg(self.function(name, args[0].args[0]))

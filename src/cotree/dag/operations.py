@@ -148,3 +148,20 @@ _ROWS = (
 )
 
 OPERATIONS: dict[str, Operation] = {row.name: row for row in _ROWS}
+
+
+def folded(name: str, *values: float) -> float:
+    """Evaluate an operation on constants, and refuse what is not finite: a mistake in a text.
+
+    Raises
+    ------
+    ValueError, OverflowError
+        If it is not a number, or infinite.
+    """
+    found: float = OPERATIONS[name].real(*values)
+    if not math.isfinite(found):
+        text = f"{name}({', '.join(f'{value:.10g}' for value in values)}) is {found}"
+        if math.isnan(found):
+            raise ValueError(f"math domain error: {text}")
+        raise OverflowError(f"math range error: {text}")
+    return found

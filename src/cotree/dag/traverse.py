@@ -65,6 +65,8 @@ def substitute(roots: Iterable[Node], replacement: Mapping[Node, Node]) -> list[
             made = node.dag.rebuild(node, args)
             if made is not node:
                 new[node] = made
+                if node in node.dag.origins:
+                    node.dag.note_origin(made, node.dag.origins[node])
     return [new.get(root, root) for root in roots]
 
 

@@ -78,6 +78,7 @@ def bind_edge(
             expressions[name] = value
         elif isinstance(value, Expression):
             scalars[name] = value.lower(dag, resolve)
+            dag.note_origin(scalars[name], f"{name} of edge '{edge.name}'")
         elif row.shape is Shape.INERTIA:
             inertia = _inertia(value, dag, resolve)
         elif row.shape is Shape.ROTATION:

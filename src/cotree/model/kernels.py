@@ -19,6 +19,7 @@ from cotree.dag.several import results
 from cotree.dag.traverse import reachable, symbols_in
 from cotree.errors import BuildError, SingularSystemError, SolveError
 from cotree.model.newton import load_newton
+from cotree.model.undefined import why_undefined
 from cotree.program.kernels import KERNELS
 from cotree.sharing import made_once
 from cotree.version import ABI_VERSION
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Node
     from cotree.equations import Guard
     from cotree.model.newton import Newton
-    from cotree.program import Kernel, Layout, Program
+    from cotree.program import Kernel, Program
 
 Array = npt.NDArray[np.float64]
 
@@ -40,7 +41,14 @@ SINGULAR = 1
 _FIELDS = {"inputs": "inputs_of_time", "outputs": "outputs_of_state"}
 
 
-def _singular(layout: Layout) -> SingularSystemError:
+def _singular(program: Program, name: str, known: Mapping[str, Any]) -> SingularSystemError:
+    layout, why = program.layout, why_undefined(program, name, known)
+    if why:
+        at = f" at t = {float(known['t'][0]):.10g}" if "t" in known else ""
+        return SingularSystemError(
+            f"linear equations have no solution{at}, since they hold what is not finite ({why}): "
+            "change what it depends on, or the expression"
+        )
     if not layout.uncertain:
         return SingularSystemError(
             "the linear equations of the networks have no solution, or many, at these values of "
@@ -167,7 +175,7 @@ class CKernels:
         self._library = library  # keeps the code loaded
         self._newton = made_once(lambda: load_newton(program))
         self._model = model
-        self._layout, self._guards = layout, program.guards
+        self._program, self._guards = program, program.guards
         self._can_extend = program.can_extend
         self._own = _OwnBuffers(program, library, model)
 
@@ -179,7 +187,7 @@ class CKernels:
         if status < 0:
             check_guards(self._guards, p)
         if status:
-            raise self._failure(status)
+            raise self._failure(status, "prepare", {"p": bound.p})
 
     def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
         """Evaluate a kernel; see :class:`Kernels`."""
@@ -193,7 +201,8 @@ class CKernels:
             bound.u[: u.size] = u
         status = function(t, *arguments) if is_timed else function(*arguments)
         if status:
-            raise self._failure(status)
+            known = {"t": [t], "x": bound.x, "s": bound.s, "u": bound.u, "p": bound.p}
+            raise self._failure(status, name, known)
         return result
 
     def native(self) -> NativeModel:
@@ -203,9 +212,9 @@ class CKernels:
         p, k = self._own.bound.p.copy(), self._own.bound.k.copy()
         return NativeModel(address, p, k, self._library, self._can_extend, self._newton)
 
-    def _failure(self, status: int) -> Exception:
+    def _failure(self, status: int, name: str, known: Mapping[str, Any]) -> Exception:
         if status == SINGULAR:
-            return _singular(self._layout)
+            return _singular(self._program, name, known)
         return SolveError(f"a kernel of the model failed with status {status}")
 
 
@@ -266,7 +275,7 @@ class PythonKernels:
         with np.errstate(all="ignore"):
             found: list[float] = evaluate(roots, values, order=plan.order)
         if not all(found[len(plan.results) :]):
-            raise _singular(self._program.layout)
+            raise _singular(self._program, name, known)
         return found[: len(plan.results)]
 
 

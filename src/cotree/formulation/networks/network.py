@@ -251,6 +251,7 @@ def _bind_fields(
             resolver = around.of_parameters if row.constant else resolve
             node = value.lower(around.dag, resolver)  # type: ignore[union-attr]
             fields[edge.name, field] = node
+            around.dag.note_origin(node, f"{field} of edge '{edge.name}'")
             if row.sign and not is_varying(node):
                 ask(Guard(node, f"{field} of edge '{edge.name}'", row.sign == "positive"))
         for demand in edge.component.demands:

@@ -1,0 +1,100 @@
+"""Why a kernel has no value at a point: the operation that its nan or infinity comes from.
+
+In: a program and its arguments. Out: a phrase with the operation, its numbers, the field of the
+element that it stands in where that is known, and the time, states, parameters and inputs that it
+depends on.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cotree.dag.evaluate import evaluate
+from cotree.dag.operations import OPERATIONS
+from cotree.dag.traverse import reachable, symbols_in
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cotree.dag.nodes import Node
+    from cotree.program import Layout, Program
+
+#: As many names as a message bears.
+_MOST_NAMES = 6
+
+_SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "**"}
+
+
+def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> str:
+    """Say which operation makes values of a kernel nan or infinite; nothing where none does.
+
+    Parameters
+    ----------
+    program : Program
+        The program.
+    kernel : str
+        A name in ``KERNELS``.
+    known : mapping of str to sequence of float
+        Its arguments by kind, ``t`` as one of one entry, ``p`` among them.
+    """
+    order = reachable(program.kernels[kernel].results)
+    given = {
+        node: float(known[node.data[0]][node.data[1]]) for node in order if node.op == "symbol"
+    }
+    with np.errstate(all="ignore"):
+        values = dict(zip(order, evaluate(order, given, order=order), strict=True))
+    lost = {node for node, value in values.items() if not np.all(np.isfinite(value))}
+    # What is infinite on the way may do no harm; nan does, wherever it goes.
+    wrong = next((node for node in order if np.any(np.isnan(values[node]))), None)
+    if wrong is None:
+        wrong = next((root for root in program.kernels[kernel].results if root in lost), None)
+    if wrong is None:
+        return ""
+    while any(arg in lost for arg in wrong.args):
+        wrong = next(arg for arg in wrong.args if arg in lost)
+    return f"{_place(program, wrong)}{_operation(wrong, values)}{_point(program, wrong, given)}"
+
+
+def _place(program: Program, wrong: Node) -> str:
+    """Name the field of an element that an operation stands in, the smallest there is."""
+    found: list[tuple[int, str]] = []
+    for node, name in program.dag.origins.items():
+        inside = reachable([node])
+        if wrong in inside:
+            found.append((len(inside), name))
+    return f"{min(found)[1]}: " if found else ""
+
+
+def _operation(node: Node, values: Mapping[Node, Any]) -> str:
+    """Write an operation with its numbers, and what it gives."""
+    if node.op == "symbol" or node.op not in OPERATIONS:
+        return f"what is given is {values[node]}"
+    numbers = [f"{values[arg]:.6g}" for arg in node.args]
+    text = f"{node.op}({', '.join(numbers)})"
+    if node.op in _SIGNS:
+        text = f" {_SIGNS[node.op]} ".join(numbers)
+    return f"{text} is {values[node]}"
+
+
+def _point(program: Program, wrong: Node, given: Mapping[Node, float]) -> str:
+    """Name time, states, parameters and inputs that an operation depends on."""
+    layout = program.layout
+    named = [(_name(layout, symbol), given[symbol]) for symbol in symbols_in([wrong])]
+    texts = [f"{name} = {value:.10g}" for name, value in named[:_MOST_NAMES]]
+    if len(named) > _MOST_NAMES:
+        texts.append("...")
+    return f" at {', '.join(texts)}" if texts else ""
+
+
+def _name(layout: Layout, symbol: Node) -> str:
+    kind, place = symbol.data
+    rows: Mapping[str, Sequence[Any]] = {
+        "x": layout.states,
+        "p": layout.parameters,
+        "u": layout.inputs,
+    }
+    if kind == "t":
+        return "t"
+    return f"'{rows[kind][place].name}'" if kind in rows else "a sensitivity"

@@ -1,0 +1,60 @@
+"""What is not a number is named: the element, its operation, and the values that it depends on."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+import cotree
+from cotree.errors import SingularSystemError
+
+pytestmark = [
+    pytest.mark.compiler,
+    pytest.mark.filterwarnings("ignore:COTREE_COMPILER:RuntimeWarning"),
+]
+
+
+def network(q, resistance="sqrt(2.5 - C1.v*q)"):
+    """A network whose equations are solved at run time; a resistance may have no value."""
+    scene = cotree.Scene("network")
+    scene.parameter("q", q)
+    scene.edge("V1", "voltage_source", "a", "ground", voltage=5.0)
+    scene.edge("R1", "resistor", "a", "b", resistance=resistance)
+    scene.edge("R2", "resistor", "b", "ground", resistance=2.0)
+    scene.edge("R3", "resistor", "b", "c", resistance=2.0)
+    scene.edge("C1", "capacitor", "c", "ground", capacitance=1e-3, initial={"v": 1.0})
+    scene.edge("T1", "transformer", "b", "d", ratio=2.0)
+    scene.edge("R4", "resistor", "d", "ground", resistance=3.0)
+    scene.edge("R5", "resistor", "d", "c", resistance=3.0)
+    return scene
+
+
+@pytest.mark.parametrize("compiler", ["", "none"])
+def test_linear_equations_that_hold_nan(monkeypatch, compiler):
+    monkeypatch.setenv("COTREE_COMPILER", compiler)
+    model = network(1.5).compile()
+    assert any(node.op == "solve" for node in model._program.kernels["rhs"].order)
+    assert np.all(np.isfinite(model.rhs(0.3, [1.0])))
+    expected = (
+        "at t = 0.3, since they hold what is not finite (resistance of edge 'R1': sqrt(-0.5) is "
+        "nan at 'q' = 1.5, 'C1.v' = 2)"
+    )
+    with pytest.raises(SingularSystemError, match=re.escape(expected)):
+        model.rhs(0.3, [2.0])
+
+
+def test_a_start_without_a_value():
+    with pytest.raises(SingularSystemError, match=r"resistance of edge 'R1': sqrt\(-0\.5\) is nan"):
+        network(3.0).compile()
+
+
+def test_a_rate_that_is_not_finite_at_the_start():
+    scene = cotree.Scene("root")
+    scene.parameter("a", -1.0)
+    scene.edge("j", "prismatic", "ground", "A", axis=[1, 0, 0], force="log(a + t)/(j.s + 1)")
+    scene.edge("body", "rigid_body", "ground", "A", mass=1.0)
+    expected = r"\(force of edge 'j': log\(-1\) is nan at t = 0, 'a' = -1\)"
+    with pytest.raises(SingularSystemError, match=expected):
+        scene.compile()
