@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
+from reference_scenes import read_reference, scene_of
 
 import cotree
 
@@ -74,3 +77,15 @@ def test_methods_with_a_memory_say_that_they_follow_roughly(
     with pytest.warns(RuntimeWarning, match=f"constraints are redundant, which {method} follows"):
         model.simulate((0, 0.2), [0.2], method, 1e-4, 1e-4)
     assert model.simulate((0, 0.2), [0.2], method, 1e-6, 1e-6).success
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "rtol"), [("rodas4", 1e-9), ("rodas5", 1e-10)])
+def test_no_energy_is_lost_where_links_fall_in_one_line(method: str, rtol: float) -> None:
+    """The N-four-bar with N = 2, whose links first are in one line at t = 0.71 s."""
+    model = scene_of(read_reference("iftomm_a02_fourbar_N2")).compile(optimize="-O0")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of a run that stops there
+        result = model.simulate((0, 1), [0.5, 0.7, 1.0], method, rtol, rtol, max_steps=3000)
+    assert result.success or result.t[-1] > 0.7
+    assert np.ptp(result["energy"]) < 1e-6

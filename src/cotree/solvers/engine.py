@@ -43,6 +43,7 @@ _REASONS = {
     4: "the right-hand side fails",
     5: "the right-hand side is not finite",
     6: "the right-hand side stopped the integration",
+    7: "the projection onto the constraints fails, or moves a step by many tolerances",
 }
 
 
