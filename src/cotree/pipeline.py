@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from cotree.build import BuildOptions, find_toolchain, obtain_library
 from cotree.codegen.context import model_context
 from cotree.codegen.render import cdef, render_model
-from cotree.errors import Error, TopologyError
+from cotree.errors import Error, FormulationError, TopologyError
 from cotree.formulation.early import check_numbers
 from cotree.formulation.networks.network import draw_networks
 from cotree.model.kernels import CKernels, PythonKernels
@@ -128,7 +128,24 @@ def formulate(
     with _no_collection():
         trees = trees_to_try(scene, tree)
         first, alternatives = choose_first_graph(scene, trees, sensitivities, baumgarte, check)
+        _check_corners(first, sensitivities)
         return first, form_equations(first, sensitivities), alternatives
+
+
+def _check_corners(first: FirstGraph, sensitivities: Sequence[str]) -> None:
+    """Refuse sensitivities that would jump at a corner whose time nothing knows."""
+    parameters = first.system.parameters
+    for what, symbols in (first.network.corners if first.network else {}).items():
+        of_time = all(symbol.data[0] in ("p", "t") for symbol in symbols)
+        for name in sensitivities:
+            if of_time and parameters.get(name) not in symbols:
+                continue  # the corner stays where it is
+            raise FormulationError(
+                f"{what} has a corner, and storages are tied to it such that its rate of change "
+                f"is needed: where that jumps, the sensitivity to '{name}' would, too, and when "
+                "is not known; give an expression without corners, or compile without this "
+                "sensitivity"
+            )
 
 
 def trees_to_try(scene: SceneDescription, tree: TreeChoice) -> list[Trees]:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cotree import Scene
-from cotree.errors import SolveError
+from cotree.errors import FormulationError, SolveError
 
 pytestmark = pytest.mark.compiler
 
@@ -326,3 +326,26 @@ def test_a_long_expression_has_a_short_name():
     assert names[0].endswith("...")
     assert names[1] == f"{names[0]} (2)"
     assert max(map(len, names)) < 70
+
+
+@pytest.mark.parametrize(
+    ("voltage", "refused", "allowed"),
+    [
+        ("k*max(C2.v, 0)", ["k", "R", "C2.v"], []),
+        ("max(k*sin(3*w*t), 0)", ["w", "k"], ["R"]),
+    ],
+)
+def test_corners_whose_rate_is_needed_refuse_sensitivities_that_would_jump(
+    voltage, refused, allowed
+):
+    scene = Scene("tied")
+    for name in ("k", "w", "R"):
+        scene.parameter(name, 0.8)
+    scene.edge("V", "voltage_source", "a", "ground", voltage=voltage)
+    scene.edge("C1", "capacitor", "a", "b", capacitance=0.5)
+    scene.edge("R1", "resistor", "b", "ground", resistance="R")
+    scene.edge("C2", "capacitor", "b", "ground", capacitance=0.5, initial={"v": -0.5})
+    for name in refused:
+        with pytest.raises(FormulationError, match=f"voltage of edge 'V' has a corner.*'{name}'"):
+            scene.compile([name])
+    assert scene.compile(allowed).simulate((0, 1.0)).status == 0

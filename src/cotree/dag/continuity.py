@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.evaluate import evaluate
 from cotree.dag.stops import find_stops, stops_within
-from cotree.dag.traverse import reachable, substitute, symbols_in
+from cotree.dag.traverse import dependent, reachable, substitute, symbols_in
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from cotree.dag.nodes import Dag, Node
 
@@ -178,3 +178,23 @@ def _jumps(value: Node, motion: Callable[[float], Mapping[Node, float]], t: floa
     a, b, c, d = (_value(value, motion, t + k * way) for k in (-3.0, -1.0, 1.0, 3.0))
     allowed = _STEEP * (abs(b - a) + abs(d - c)) + _ROUNDING * (abs(b) + abs(c))
     return not abs(c - b) <= allowed
+
+
+def corner_symbols(node: Node, moving: Iterable[Node]) -> frozenset[Node]:
+    """List the symbols that decide when a value has corners; none where it has none.
+
+    Parameters
+    ----------
+    node : Node
+        The value, which does not jump.
+    moving : iterable of Node
+        Time, and the symbols that change with it.
+    """
+    order = reachable([node])
+    changing = dependent(order, moving)
+    looked_at = [
+        item.args[0]
+        for item in order
+        if item.op in ("select", "sign", "abs", "floor", "table") and item.args[0] in changing
+    ]
+    return frozenset(symbols_in(looked_at))

@@ -88,6 +88,8 @@ class Network:
         What outputs and other fields name.
     redundant : tuple of Redundant
         Initial values of what is no state.
+    corners : mapping of str to frozenset of Node
+        Fields whose rates jump at unknown times, and the symbols that decide when.
     """
 
     ports: Mapping[str, Port]
@@ -99,6 +101,7 @@ class Network:
     guards: tuple[Guard, ...]
     observed: Mapping[str, Variable]
     redundant: tuple[Redundant, ...]
+    corners: Mapping[str, frozenset[Node]]
 
     @property
     def watched(self) -> tuple[Variable, ...]:
@@ -194,6 +197,7 @@ def form_network(
         (*guards, *terminals.guards.values()),
         observed,
         tuple(row for row in redundant if row.variable not in solved.algebraic),
+        terminals.corners,
     )
     return network, {name: solved.values[variable] for name, variable in observed.items()}
 

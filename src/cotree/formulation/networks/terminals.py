@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from cotree.components import Kind, integral_of
-from cotree.dag.continuity import are_seen, margins, may_jump
+from cotree.dag.continuity import are_seen, corner_symbols, margins, may_jump
 from cotree.dag.derivative import tangents
 from cotree.dag.traverse import symbols_in
 from cotree.domains import DOMAINS
@@ -60,6 +60,9 @@ class Terminals:
         The motion of the ports that act on a multibody system.
     guards : dict of Node to Guard
         What parameters must satisfy, so that nothing jumps whose rate was asked for so far.
+    corners : dict of str to frozenset of Node
+        What has corners at unknown times, so that its rate, which was asked for, jumps there; with
+        the symbols that decide when.
     """
 
     ports: Mapping[str, Port]
@@ -71,6 +74,7 @@ class Terminals:
     time: Node
     couplings: Mapping[str, Coupling]
     guards: dict[Node, Guard] = field(default_factory=dict)
+    corners: dict[str, frozenset[Node]] = field(default_factory=dict)
 
     def is_branch(self, name: str) -> bool:
         """Say whether a port's edge is in the tree of across variables."""
@@ -304,6 +308,9 @@ class Terminals:
         if not (of_time and are_seen(dag, node, [self.time])):
             if may_jump(node, changing, self.time):
                 raise self._is_no_rate(edge, what, "jumps")
+            looked_at = corner_symbols(node, changing)
+            if looked_at:
+                self.corners[what] = looked_at
             return
         breach = self._refused(edge, "jumps")
         for margin in margins(dag, node, self.time):
