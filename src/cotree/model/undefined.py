@@ -60,7 +60,7 @@ def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> st
 def _place(program: Program, wrong: Node) -> str:
     """Name the field of an element that an operation stands in, the smallest there is."""
     found: list[tuple[int, str]] = []
-    for node, name in program.dag.origins.items():
+    for node, name in list(program.dag.origins.items()):  # others may form nodes meanwhile
         inside = reachable([node])
         if wrong in inside:
             found.append((len(inside), name))
