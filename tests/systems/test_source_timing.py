@@ -206,7 +206,7 @@ def _lifted():
     """A pendulum on a support that is moved: its acceleration has corners."""
     scene = cotree.Scene("lifted", gravity=[0, -9.81, 0])
     scene.parameter("d", 0.6)
-    scene.edge("lift", "prismatic", "ground", "A", axis=[1, 0, 0], motion="max(0, t - d)**3")
+    scene.edge("lift", "prismatic", "ground", "A", axis=[1, 0, 0], motion="max(0, t - d)**2")
     scene.edge("h", "revolute", "A", "B", axis=[0, 0, 1], initial={"theta": 0.3})
     scene.edge("rod", "arm", "B", "C", vector=[0, -0.7, 0])
     scene.edge("bob", "rigid_body", "ground", "C", mass=0.6, inertia=0.01)
@@ -398,3 +398,14 @@ def test_an_end_at_a_corner(method):
         # 1e-4 s behind the source, and two fifths down.
         found = result.sensitivity("C.v", name)[-1]
         assert found == pytest.approx(expected, abs=1e-4), name
+
+
+@pytest.mark.parametrize("motion", ["max(0, t - d)", "sign(t - d)", "abs(sin(3*t))", "mod(t, d)"])
+def test_a_prescribed_motion_whose_speed_jumps_is_refused(motion):
+    """It would take an impulse, which no step of an integration passes on."""
+    scene = cotree.Scene("lifted")
+    scene.parameter("d", 0.6)
+    scene.edge("lift", "prismatic", "ground", "A", axis=[1, 0, 0], motion=motion)
+    scene.edge("body", "rigid_body", "ground", "A", mass=0.6)
+    with pytest.raises(cotree.errors.Error, match="motion of edge 'lift' jumps, or its rate does"):
+        scene.compile()

@@ -15,6 +15,7 @@ from cotree.dag.evaluate import evaluate
 from cotree.dag.several import Table, table
 from cotree.equations import State
 from cotree.errors import ExpressionError, nearest
+from cotree.formulation.continuous import motion_guards
 from cotree.formulation.fields import Resolver, Resolvers, bind_edge, lower_vector
 from cotree.formulation.initial import initial_values
 from cotree.scene.motion_spaces import motion_spaces
@@ -251,7 +252,7 @@ def bind(
     for edge in scene.edges.values():
         with dag.labelled(f"parameters of {edge.name}"):
             edges[edge.name], own = bind_edge(edge, dag, resolvers, at_scene)
-            guards += own
+            guards += [*own, *motion_guards(edges[edge.name], time)]
     return System(
         dag=dag,
         time=time,

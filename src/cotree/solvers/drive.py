@@ -137,8 +137,8 @@ class _Run:
         evaluator = self.evaluator
         evaluator.open_segment(start, end)
         # A jump of an input may leave the motion of the segment before off the constraints.
-        self.z = evaluator.project(start, self.z)
         self._turn(start)
+        self.z = evaluator.project(start, self.z)
         evaluator.settle(start, self.z)
         self._look_at_start()
         self._keep_start()

@@ -1,0 +1,76 @@
+"""What must not jump, because its rate is among the equations: guards, or a refusal."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cotree.components.component import Role
+from cotree.dag.continuity import are_seen, margins, may_jump
+from cotree.dag.derivative import tangents
+from cotree.dag.traverse import symbols_in
+from cotree.equations import Guard
+from cotree.errors import FormulationError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from cotree.dag.nodes import Node
+    from cotree.formulation.fields import BoundEdge
+
+
+def guards_of(
+    value: Node, moving: Sequence[Node], time: Node, what: str, breach: str
+) -> Iterator[Guard]:
+    """Refuse a value that jumps; where parameters decide it, guard them.
+
+    Parameters
+    ----------
+    value : Node
+        The value.
+    moving : sequence of Node
+        The symbols that change during a run, time among them.
+    time : Node
+        The symbol of time.
+    what, breach : str
+        Whose it is, and what is wrong where it jumps, as a sentence.
+
+    Raises
+    ------
+    FormulationError
+        If it jumps.
+    """
+    dag = time.dag
+    of_time = all(symbol.data[0] in ("p", "t") for symbol in symbols_in([value]))
+    if not (of_time and are_seen(dag, value, [time])):
+        if may_jump(value, moving, time):
+            raise FormulationError(f"{what} {breach}")
+        return
+    for margin in margins(dag, value, time):
+        if margin.value is None:
+            yield Guard(margin, what, False, breach)
+        elif not margin.value >= 0.0:
+            raise FormulationError(f"{what} {breach}")
+
+
+_BREACH = (
+    "jumps, or its rate does, which would take an impulse: give an expression of t whose value and "
+    "rate are continuous, such as max(0, t)**2 in place of max(0, t)"
+)
+
+
+def motion_guards(edge: BoundEdge, time: Node) -> Iterator[Guard]:
+    """Refuse prescribed motions, and what constraints are held to, whose speed jumps.
+
+    Raises
+    ------
+    FormulationError
+        If one does.
+    """
+    if edge.component.role not in (Role.JOINT, Role.CONSTRAINT):
+        return
+    for name, value in edge.scalars.items():
+        if edge.component.role is Role.JOINT and name != "motion":
+            continue
+        (rate,) = tangents([value], {time: time.dag.one})
+        for node in (value, rate):
+            yield from guards_of(node, [time], time, f"{name} of edge '{edge.name}'", _BREACH)
