@@ -96,7 +96,7 @@ class ArticulatedFactors:
             return free
         with self.dag.labelled("substitution"):
             rest = [
-                value - _dot(row, free)
+                value - _dot(_entries(row), free)
                 for value, row in zip(rhs[self.n_speeds :], self.border, strict=True)
             ]
             if all(value.is_zero for value in rest):
@@ -104,19 +104,22 @@ class ArticulatedFactors:
             shape = SolveShape(len(rest), 0, tolerance)
             found = solve(self.dag, self.core, rest, self.dag.one, shape, self.sizes)
             multipliers = found[: len(rest)]
-            for i in range(self.n_speeds):
-                for response, multiplier in zip(self.responses, multipliers, strict=True):
-                    free[i] = free[i] - response[i] * multiplier
+            for response, multiplier in zip(self.responses, multipliers, strict=True):
+                for i, entry in _entries(response):
+                    free[i] = free[i] - entry * multiplier
         return [*free, *multipliers]
 
     def _along_tree(self, rhs: Sequence[Node]) -> list[Node]:
         """Solve with the mass matrix: forces inwards, accelerations outwards."""
         dag, zero = self.dag, vector.zeros(self.dag)
-        loads: list[tuple[Vector, Vector]] = [(zero, zero)] * (len(self.links) + 1)
+        nothing = (zero, zero)
+        loads: list[tuple[Vector, Vector]] = [nothing] * (len(self.links) + 1)
         rest = list(rhs)
         with dag.labelled("substitution"):
             for i in range(len(self.links) - 1, -1, -1):
                 link, gates = self.links[i], self.gates[i]
+                if loads[i + 1] is nothing and all(rest[at].is_zero for at in link.speeds):
+                    continue  # a constraint pulls at two of many bodies
                 force, torque = (_up(link, part) for part in loads[i + 1])
                 for speed, gate in zip(_outwards(link), gates, strict=True):
                     at = link.speeds[speed]
@@ -130,8 +133,12 @@ class ArticulatedFactors:
                     torque = vector.add(torque, vector.cross(link.offset, force))
                     loads[link.parent] = (vector.add(known[0], force), torque)
             found = [dag.zero] * len(rest)
-            moved: list[tuple[Vector, Vector]] = [(zero, zero)]
+            moved: list[tuple[Vector, Vector]] = [nothing]
             for link, gates in zip(self.links, self.gates, strict=True):
+                still = moved[link.parent] is nothing
+                if still and all(rest[at].is_zero for at in link.speeds):
+                    moved.append(nothing)
+                    continue
                 linear, angular = moved[link.parent]
                 linear = vector.add(linear, vector.cross(angular, link.offset))
                 for speed, gate in zip(reversed(_outwards(link)), reversed(gates), strict=True):
@@ -189,17 +196,18 @@ def factorise_tree(
     if not border:
         return bare
     responses = tuple(tuple(bare.solve(row)) for row in border)
+    entries = [_entries(row) for row in border]
     with dag.labelled("elimination"):
         n = len(border)
         core = [[dag.zero] * n for _ in range(n)]
         for i in range(n):
             for j in range(i + 1):
-                core[i][j] = core[j][i] = -_dot(border[i], responses[j])
+                core[i][j] = core[j][i] = -_dot(entries[i], responses[j])
         inverses = [dag.zero] * n_speeds
         for link, opened in zip(links, gates, strict=True):
             for speed, gate in zip(_outwards(link), opened, strict=True):
                 inverses[link.speeds[speed]] = gate.inverse
-        natural = [_dot(row, inverses) for row in sizes]
+        natural = [_dot(_entries(row), inverses) for row in sizes]
         diagonal = _sizes(dag, [core[i][i] for i in range(n)], natural)
     rows = tuple(tuple(row) for row in border)
     return ArticulatedFactors(
@@ -227,10 +235,15 @@ def _outwards(link: Link) -> range:
     return range(len(link.speeds) - 1, -1, -1)
 
 
-def _dot(a: Sequence[Node], b: Sequence[Node]) -> Node:
-    total = a[0].dag.zero
-    for x, y in zip(a, b, strict=True):
-        total = total + x * y
+def _entries(row: Sequence[Node]) -> list[tuple[int, Node]]:
+    """List the entries of a row that are not zero, by place."""
+    return [(i, entry) for i, entry in enumerate(row) if not entry.is_zero]
+
+
+def _dot(a: Sequence[tuple[int, Node]], b: Sequence[Node]) -> Node:
+    total = b[0].dag.zero
+    for i, entry in a:
+        total = total + entry * b[i]
     return total
 
 

@@ -33,6 +33,12 @@ class Pull:
     wrenches: tuple[tuple[int, Any, Any], ...] = ()
     efforts: Mapping[int, Any] = field(default_factory=dict)
 
+    @property
+    def entries(self) -> list[Any]:
+        """Everything that it is made of."""
+        of_wrenches = (entry for _, *parts in self.wrenches for part in parts for entry in part)
+        return [*of_wrenches, *self.efforts.values()]
+
     def scaled(self, factor: Any) -> Pull:
         """Multiply by a factor."""
         return Pull(

@@ -7,12 +7,12 @@ initial-value sensitivities differ in their seed only.
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
-from dataclasses import dataclass, replace
+from collections import Counter
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from cotree.dag.derivative import tangents
-from cotree.dag.traverse import substitute, symbols_of_each
+from cotree.dag.traverse import substitute
 from cotree.equations import Derivative, Equations, Quantity
 from cotree.errors import ParameterError, nearest
 from cotree.formulation.observed import observed_unit
@@ -22,6 +22,7 @@ from cotree.sensitivity.across import accelerate_tangent, move_tangent
 from cotree.sensitivity.held import gather_constraints, start_tangents
 from cotree.sensitivity.motion import motion_seed
 from cotree.sensitivity.networks import network_tangents
+from cotree.sensitivity.reach import Reach, rows_touched
 from cotree.sensitivity.seed import Seed, Support
 from cotree.sensitivity.through import balance_tangent
 from cotree.sensitivity.views import TangentView
@@ -48,7 +49,7 @@ def differentiate(
     support : Support
         Shared by all directions.
     """
-    reach = _Reach.of(first)
+    reach = Reach.of(first)
     if first.network is None:
         return [
             _along(first, name, row, support, reach, {}, {}) for name, row in directions.items()
@@ -70,41 +71,6 @@ def differentiate(
     ]
 
 
-@dataclass(frozen=True)
-class _Reach:
-    """Which of many values depend on a symbol, so that a direction looks at no others.
-
-    Attributes
-    ----------
-    outputs, initial : mapping of Node to list of int
-        Places of outputs and initial values, by symbol.
-    moving : tuple of int
-        Places of outputs that depend on unknowns, which every direction may change.
-    starts : tuple of Node
-        The initial values.
-    """
-
-    outputs: Mapping[Node, list[int]]
-    initial: Mapping[Node, list[int]]
-    moving: tuple[int, ...]
-    starts: tuple[Node, ...]
-
-    @classmethod
-    def of(cls, first: FirstGraph) -> _Reach:
-        outputs = _by_symbol(first.outputs.values)
-        moving = {i for symbol in first.unknowns for i in outputs.get(symbol, ())}
-        starts = tuple(state.initial for state in first.states)
-        return cls(outputs, _by_symbol(starts), tuple(moving), starts)
-
-
-def _by_symbol(nodes: Sequence[Node]) -> dict[Node, list[int]]:
-    found: defaultdict[Node, list[int]] = defaultdict(list)
-    for i, symbols in enumerate(symbols_of_each(nodes)):
-        for symbol in symbols:
-            found[symbol].append(i)
-    return dict(found)
-
-
 def _tangents_at(
     nodes: Sequence[Node], places: Iterable[int], seed: Mapping[Node, Node]
 ) -> dict[int, Node]:
@@ -119,7 +85,7 @@ def _along(
     name: str,
     symbols: Mapping[Node, Node],
     support: Support,
-    reach: _Reach,
+    reach: Reach,
     of_networks: Mapping[Node, Node],
     network_rates: Mapping[int, Node],
 ) -> Derivative:
@@ -131,10 +97,17 @@ def _along(
     across = accelerate_tangent(moved, first.view.across, first.view.across.rates)
     view = TangentView(first.view, moved, across)
     residual = balance_tangent(
-        moved, first.loads, first.view.across, first.balance, view, first.applied
+        moved,
+        first.loads,
+        first.view.across,
+        first.balance,
+        view,
+        [first.applied[i] for i in rows_touched(reach.pulled, symbols)],
     )
     rate = first.constraints.baumgarte
-    held = [_held_tangents(view, row.measure, rate) for row in first.constraints.rows]
+    held = [(dag.zero, dag.zero, dag.zero)] * len(first.constraints.rows)
+    for i in rows_touched(reach.held, symbols):
+        held[i] = _held_tangents(view, first.constraints.rows[i].measure, rate)
     with dag.labelled("derivatives of rates and outputs"):
         of_unknowns = dict(zip(first.unknowns, unknown_tangents(first), strict=True))
         n = len(first.rates) - (len(first.network.rates) if first.network else 0)
