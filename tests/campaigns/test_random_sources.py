@@ -1,8 +1,8 @@
 """Random networks and mechanisms with random sources: every sensitivity to their timing.
 
 A case is a scene, a method and a time. Each sensitivity is compared with central differences over
-step sizes, across corners. A refusal with a message is no failure; a wrong number is. ``COTREE_CASES``
-says how many cases there are.
+step sizes, across corners. A refusal with a message is no failure; a wrong number is. The variable
+``COTREE_CASES`` says how many cases there are.
 """
 
 from __future__ import annotations
