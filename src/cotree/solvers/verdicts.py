@@ -51,9 +51,9 @@ BY_STATUS = {
     27: "accumulates",
     28: "chatters",
     29: "endless",
-    30: "slides",
-    31: "leaves",
-    32: "parts",
+    40: "slides",
+    41: "leaves",
+    42: "parts",
 }
 
 #: Those that another way to solve for what follows from constraints might avoid.
