@@ -132,3 +132,24 @@ def test_parameters_are_an_array_or_a_mapping():
         model.rhs(0.0, start.y, {"l": 1.3})
     with pytest.raises(cotree.ParameterError, match="shape"):
         model.simulate((0, 0.5), parameters=[1.0])
+
+
+@pytest.mark.parametrize("level", ["whole", "positions"])
+@pytest.mark.parametrize("tree", TREES)
+def test_a_run_goes_on_from_any_state(tree, level):
+    """What the scene gives of a joint that is no state gives way to a state that a run gives."""
+    model = linkage(a={"theta": 1.5, "theta_dot": 6.0}).compile(tree=TREES[tree])
+    settings = {"rtol": 1e-8, "atol": 1e-10, "method": "DOP853"}
+    first = model.simulate((0.0, 0.1), **settings)
+    given = dict(zip(model.states, first.y[:, -1], strict=True))
+    if level == "positions":  # speeds then begin as the scene says: a turns at 6 rad/s
+        given = {name: value for name, value in given.items() if not name.endswith("_dot")}
+        start = model.start(initial=given)
+        assert start.y[: len(given)] == pytest.approx(first.y[: len(given), -1], abs=1e-9)
+        joint = "a.theta_dot" if tree == "joints" else "m_crank.theta_dot"
+        assert start.y[model.states.index(joint)] == pytest.approx(6.0, abs=1e-9)
+        return
+    rest = model.simulate((0.1, 0.2), initial=given, **settings)
+    whole = model.simulate((0.0, 0.2), **settings)
+    # A hundred tolerances of a step, for the sum of some tens of them.
+    assert rest.y[:, -1] == pytest.approx(whole.y[:, -1], rel=1e-6, abs=1e-6)

@@ -12,6 +12,7 @@ import random
 from typing import TYPE_CHECKING
 
 from cotree.dag.evaluate import evaluate
+from cotree.dag.ieee import floor
 from cotree.dag.stops import find_stops, stops_within
 from cotree.dag.traverse import dependent, reachable, substitute, symbols_in
 
@@ -153,7 +154,7 @@ def _crossings(
         value = _value(looked, motion, t)
         if math.isnan(value):
             return value
-        return math.floor(value) if condition.op == "floor" else math.copysign(1.0, value)
+        return floor(value) if condition.op == "floor" else math.copysign(1.0, value)
 
     ratio = (_LONGEST / _SHORTEST) ** (1.0 / _N_TIMES)
     ahead = [_SHORTEST * ratio**k for k in range(_N_TIMES)]

@@ -39,6 +39,8 @@ class Finder:
         States, which the scene's length is taken from.
     kept : frozenset of int
         The states that were given.
+    anew : frozenset of int
+        Those of them that a run gives in place of the scene's values.
     is_initial : bool
         Whether initial values of what is no state are to hold, too. Later on they do not, and a
         metre counts as a radian does, as in what C settles after events.
@@ -51,6 +53,7 @@ class Finder:
         p: Array,
         y: Array,
         kept: frozenset[int],
+        anew: frozenset[int] = frozenset(),
         *,
         is_initial: bool,
     ) -> None:
@@ -64,8 +67,10 @@ class Finder:
         )
         self.n_rows = len(layout.constraint_edges)
         self.n_values = len(layout.constraints) - self.n_rows - len(layout.quaternions)
+        # A run that gives every coordinate, or every speed, says where all that is no state begins.
+        holds = [is_initial and not anew.issuperset(range(*own.indices(own.stop))) for own in self.own]
         self.conditions = [
-            [i for i, rate in enumerate(layout.start_is_rate) if is_initial and rate == bool(level)]
+            [i for i, rate in enumerate(layout.start_is_rate) if holds[level] and rate == bool(level)]
             for level in (0, 1)
         ]
         start = [Quantity(*row) for row in zip(layout.start_rows, layout.start_units, strict=True)]

@@ -157,7 +157,8 @@ class CompiledModel(Structure):
             Parameters.
         initial : mapping of str to float, optional
             Initial values of states in place of the scene's; they depend on no parameter. Those
-            of algebraic unknowns are guesses.
+            of algebraic unknowns are guesses. Where they are all coordinates, or all speeds, the
+            scene's initial values of joints that are no states give way to them.
         u : array_like, shape (n_inputs,), optional
             Inputs at that time, which algebraic unknowns depend on.
 
@@ -188,7 +189,8 @@ class CompiledModel(Structure):
         for wanted in self.sensitivities:
             if wanted in self.states:  # an initial value that may change is no initial value
                 kept.add(self.states.index(wanted))
-        start = consistent_start(self, t, p, y, s, kept, is_probe=_is_probe)
+        anew = {self.states.index(name) for name in initial or {}}
+        start = consistent_start(self, t, p, y, s, kept, is_probe=_is_probe, anew=anew)
         if _is_probe:
             return start
         y, s = start.y, start.s

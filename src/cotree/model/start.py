@@ -82,6 +82,7 @@ def consistent_start(
     *,
     is_initial: bool = True,
     is_probe: bool = False,
+    anew: Collection[int] = (),
 ) -> Start:
     """Move initial states and sensitivities onto the constraints.
 
@@ -102,6 +103,9 @@ def consistent_start(
         mended; later on neither.
     is_probe : bool
         Whether only the states are wanted, next to a start that was found.
+    anew : collection of int
+        Those of ``kept`` whose values a run gives in place of the scene's. Where they are all
+        coordinates, or all speeds, the scene's initial values of what is no state give way.
 
     Raises
     ------
@@ -111,7 +115,8 @@ def consistent_start(
     """
     if not model.layout.constraints and not model.layout.start_rows:
         return Start(y, s)
-    search = _Search(model, t, p, y, frozenset(kept), is_initial, is_probe)
+    finder = Finder(model, t, p, y, frozenset(kept), frozenset(anew), is_initial=is_initial)
+    search = _Search(model, p, finder, is_initial, is_probe)
     found = search.settle(search.settle(search.finder.normalised(y), 0), 1)
     if model.sensitivities and not is_probe:
         s = search.sensitivities(found, s)
@@ -151,15 +156,12 @@ class _Search:
     def __init__(
         self,
         model: CompiledModel,
-        t: float,
         p: Array,
-        y: Array,
-        kept: frozenset[int],
+        finder: Finder,
         is_initial: bool,
         is_probe: bool,
     ) -> None:
-        self.model, self.p = model, p
-        self.finder = Finder(model, t, p, y, kept, is_initial=is_initial)
+        self.model, self.p, self.finder = model, p, finder
         self._mends, self._is_probe = is_initial, is_probe
         self._mended = [False, False]
 
