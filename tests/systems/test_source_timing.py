@@ -409,3 +409,23 @@ def test_a_prescribed_motion_whose_speed_jumps_is_refused(motion):
     scene.edge("body", "rigid_body", "ground", "A", mass=0.6)
     with pytest.raises(cotree.errors.Error, match="motion of edge 'lift' jumps, or its rate does"):
         scene.compile()
+
+
+@pytest.mark.parametrize("method", ["dop853", "rodas5", "ida", "DOP853"])
+def test_a_corner_whose_time_is_a_small_difference(method):
+    """At 0.864 - 0.860 s, a time whose rounding is that of larger ones, a ramp falls back."""
+    values = {"d": 0.864, "P": 0.86}
+
+    def scene_of():
+        scene = cotree.Scene("small")
+        for name, value in values.items():
+            scene.parameter(name, value)
+        scene.edge("I", "current_source", "ground", "a", current="2.47*mod(t - d, P)")
+        scene.edge("C", "capacitor", "a", "ground", capacitance=0.8)
+        scene.edge("R", "resistor", "a", "ground", resistance=1.1)
+        return scene
+
+    result = scene_of().compile(["d", "P"]).simulate((0, 1.86), method=method, **TIGHT)
+    for name in values:
+        by_difference = _difference(scene_of, values, name, "C.v", 1.86)
+        assert result.sensitivity("C.v", name)[-1] == pytest.approx(by_difference, abs=2e-6), name

@@ -36,11 +36,14 @@ class Corner:
         Its derivative along each direction; empty where it changes along none.
     spreads : tuple of float
         By how much those of all that stops at this time differ.
+    scale : float
+        The first of the times that it repeats, whose rounding it has, [s].
     """
 
     t: float
     slopes: tuple[float, ...] = ()
     spreads: tuple[float, ...] = ()
+    scale: float = 0.0
 
 
 def stops_along(stops: Sequence[Stop], seeds: Sequence[Mapping[Node, Node]]) -> tuple[Stop, ...]:
@@ -125,7 +128,11 @@ def _is_same(a: float, b: float) -> bool:
 def _met(corner: Corner, other: Corner) -> Corner:
     """Note what stops at the same time as something else."""
     rows = zip(corner.spreads, other.spreads, corner.slopes, other.slopes, strict=True)
-    return replace(corner, spreads=tuple(max(s, o, _differ(a, b)) for s, o, a, b in rows))
+    return replace(
+        corner,
+        spreads=tuple(max(s, o, _differ(a, b)) for s, o, a, b in rows),
+        scale=max(corner.scale, other.scale),
+    )
 
 
 def _differ(a: float, b: float) -> float:
@@ -150,6 +157,6 @@ def _corners_of(stop: Stop, values: Mapping[Node, float], low: float, high: floa
             "short for this run; check its unit"
         )
     return [
-        Corner(first + k * period, tuple(a + k * b for a, b in along))
+        Corner(first + k * period, tuple(a + k * b for a, b in along), scale=abs(first))
         for k in range(start, end + 1)
     ]

@@ -159,6 +159,7 @@ class Job:
         self.z = np.array(problem.z0, dtype=np.float64)
         job.z, job.t, job.entry = self._doubles(self.z), corners[0], -1
         self.job = job
+        job.scale = problem.scale
         job.is_start_sharp = int(corners[0] in problem.breakpoints)
         job.is_end_sharp = int(corners[-1] in problem.breakpoints)
         self._let_turn(problem, corners)

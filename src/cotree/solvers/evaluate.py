@@ -80,7 +80,8 @@ class Evaluator:
         # would meet in one step, and the error test would shrink it to nothing.
         # The times of jumps are themselves rounded, hence the margin.
         low, high = self.problem.t_span
-        margin = min(SAME * max(abs(start), abs(end)), 0.25 * abs(end - start))
+        size = max(abs(start), abs(end), self.problem.scale)
+        margin = min(SAME * size, 0.25 * abs(end - start))
         margin = math.copysign(margin, end - start)
         self.margin = margin
         sharp = self.problem.breakpoints

@@ -89,6 +89,8 @@ class Problem:
         Times where the right-hand side jumps or has a kink, [s]; integration restarts there, so
         no pulse between two of them is stepped over. Those outside the span are ignored; where an
         end of it is one, nothing beyond it is seen.
+    scale : float
+        The largest time that breakpoints are made of, whose rounding they have, [s].
     shifts : mapping of float to Corner
         How times among these, and the start, depend on the parameters of sensitivity.
     names, parameters : tuple of str
@@ -147,6 +149,7 @@ class Problem:
     scales: FloatArray | None = None
     error_test_sensitivities: bool = True
     breakpoints: tuple[float, ...] = ()
+    scale: float = 0.0
     shifts: Mapping[float, Corner] = field(default_factory=dict)
     names: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()

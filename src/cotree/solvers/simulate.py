@@ -117,6 +117,7 @@ def simulate(
         error_test_sensitivities=settings.error_test_sensitivities,
         scales=_scales(model, values, settings.scales),
         breakpoints=tuple(corner.t for corner in corners),
+        scale=max(*map(abs, t_span), *(corner.scale for corner in corners)),
         shifts={corner.t: corner for corner in corners if any(corner.slopes + corner.spreads)},
         names=model.states,
         parameters=model.sensitivities,
