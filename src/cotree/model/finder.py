@@ -68,9 +68,15 @@ class Finder:
         self.n_rows = len(layout.constraint_edges)
         self.n_values = len(layout.constraints) - self.n_rows - len(layout.quaternions)
         # A run that gives every coordinate, or every speed, says where all that is no state begins.
-        holds = [is_initial and not anew.issuperset(range(*own.indices(own.stop))) for own in self.own]
+        holds = [
+            is_initial and not anew.issuperset(range(*own.indices(own.stop))) for own in self.own
+        ]
         self.conditions = [
-            [i for i, rate in enumerate(layout.start_is_rate) if holds[level] and rate == bool(level)]
+            [
+                i
+                for i, rate in enumerate(layout.start_is_rate)
+                if holds[level] and rate == bool(level)
+            ]
             for level in (0, 1)
         ]
         start = [Quantity(*row) for row in zip(layout.start_rows, layout.start_units, strict=True)]
