@@ -284,9 +284,11 @@ class _Search:
             d, rows = finder.residual_sensitivity(y, s, level), finder.gradient(y, level)
             if not d.size:
                 continue
-            step = finder.step(rows, d, level, mends=False)
-            if self._mends:
-                step = self._mended_derivatives(rows, d, step, level, self._rounding(rows, s))
+            step, rounding = np.zeros((finder.n_speeds, s.shape[1])), self._rounding(rows, s)
+            for columns, n in self._columns(level):
+                step[:, columns] = self._followed(
+                    rows[:n], d[:n, columns], level, rounding, columns
+                )
             if level == 1:
                 s[finder.own[1]] += step * finder.units[:, None]
             else:
@@ -294,11 +296,30 @@ class _Search:
                     s[: finder.n_coordinates, j] += finder.shift(y, step[:, j])
         return s
 
-    def _mended_derivatives(
-        self, rows: Array, d: Array, step: Array, level: int, rounding: Array
+    def _columns(self, level: int) -> list[tuple[list[int], int]]:
+        """List the columns of sensitivities, each group with the number of rows that hold for it.
+
+        Where the initial value of a state is what changes, what the scene gives of joints that are
+        no states gives way; constraints do not.
+        """
+        finder, names = self.finder, self.model.sensitivities
+        n = len(finder.rows[level])
+        groups: list[tuple[list[int], int]] = [([], n), ([], n - len(finder.conditions[level]))]
+        for j, name in enumerate(names):
+            groups[name in self.model.states][0].append(j)
+        return [group for group in groups if group[0]]
+
+    def _followed(
+        self, rows: Array, d: Array, level: int, rounding: Array, columns: list[int]
     ) -> Array:
-        """Let what was given move, too, along parameters that the rest cannot follow."""
-        allowed = _FOLLOWED * np.max(np.abs(d), axis=0) + rounding
+        """Find the motions that make up for derivatives of residuals.
+
+        What was given moves, too, along parameters that the rest cannot follow.
+        """
+        step = self.finder.step(rows, d, level, mends=False)
+        if not self._mends or not d.size:
+            return step
+        allowed = _FOLLOWED * np.max(np.abs(d), axis=0) + rounding[columns]
         missed = np.max(np.abs(d + rows @ step), axis=0) > allowed
         if not np.any(missed):
             return step
@@ -307,7 +328,7 @@ class _Search:
         shares = np.max(np.abs(left), axis=0) / allowed
         if np.any(shares > 1.0):
             j = int(np.argmax(shares))
-            self._refuse_derivative(left[:, j], level, j)
+            self._refuse_derivative(left[:, j], level, columns[j])
         return step
 
     def _rounding(self, rows: Array, s: Array) -> Array:
