@@ -273,6 +273,8 @@ class _Run:
         self._reach *= _RETREAT
         least = _LEAST_REACH * abs(self.problem.t_span[1] - self.problem.t_span[0])
         if not (stepper.has_memory and self.evaluator.not_finite and self._reach > least):
+            if self.watch is not None and reason == ROUNDING_LEVEL:
+                self.watch.explain(self.t)
             raise IntegrationStopError(FAILED, reason)
         self.evaluator.problem = replace(self.evaluator.problem, max_step=self._reach)
         ahead = self.t + self.problem.direction * self._reach / _RETREAT

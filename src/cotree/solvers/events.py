@@ -372,6 +372,11 @@ class Watch:
         self._refuse_series(i, t, _A_FEW, np.inf)
         raise self._refusal("grazes", i, t)
 
+    def explain(self, t: float) -> None:
+        """Refuse events that accumulate by their name, where steps have become too short."""
+        for i in range(len(self._times)):
+            self._refuse_series(i, t, _A_FEW, np.inf)
+
     def _refuse_series(self, i: int, t: float, n: int, longest: float) -> None:
         """Refuse events whose last n intervals are a geometric series that soon ends."""
         intervals = np.diff(list(self._times[i])[-n - 1 :])
