@@ -373,9 +373,10 @@ class Watch:
         raise self._refusal("grazes", i, t)
 
     def explain(self, t: float) -> None:
-        """Refuse events that accumulate by their name, where steps have become too short."""
-        for i in range(len(self._times)):
-            self._refuse_series(i, t, _A_FEW, np.inf)
+        """Refuse events by their name where they have made steps too short."""
+        for i, times in enumerate(self._times):
+            if len(times) > _A_FEW and t - times[-_A_FEW - 1] <= _LEFT * self._span:
+                raise self._refusal("accumulates", i, t, t)
 
     def _refuse_series(self, i: int, t: float, n: int, longest: float) -> None:
         """Refuse events whose last n intervals are a geometric series that soon ends."""
