@@ -15,7 +15,7 @@ from __future__ import annotations
 import contextlib
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
@@ -181,7 +181,7 @@ class _Run:
                 if not is_short:
                     evaluator.progressed()
                 if short_steps >= _STALL_STEPS:
-                    raise IntegrationStopError(FAILED, ROUNDING_LEVEL)
+                    self._give_up(ROUNDING_LEVEL)
                 if self._is_stuck(stepper, before, bound):
                     crossing = self._crossing(end)
                     stepper = self._start(evaluator, self.t, self.z, crossing)
@@ -273,12 +273,15 @@ class _Run:
         self._reach *= _RETREAT
         least = _LEAST_REACH * abs(self.problem.t_span[1] - self.problem.t_span[0])
         if not (stepper.has_memory and self.evaluator.not_finite and self._reach > least):
-            if self.watch is not None and reason == ROUNDING_LEVEL:
-                self.watch.explain(self.t)
-            raise IntegrationStopError(FAILED, reason)
+            self._give_up(reason)
         self.evaluator.problem = replace(self.evaluator.problem, max_step=self._reach)
         ahead = self.t + self.problem.direction * self._reach / _RETREAT
         return ahead if self.problem.direction * (end - ahead) > 0 else end
+
+    def _give_up(self, reason: str) -> NoReturn:
+        if self.watch is not None and reason == ROUNDING_LEVEL:
+            self.watch.explain(self.t)
+        raise IntegrationStopError(FAILED, reason)
 
     def keep_last_point(self) -> None:
         """Append the last good point, unless it is there."""
