@@ -268,7 +268,8 @@ def test_an_interrupt_reaches_the_main_thread_alone():
 
     def interrupted():
         threading.Timer(0.2, signal.raise_signal, [signal.SIGINT]).start()
-        model.simulate((0.0, 1e5), method="dopri5", rtol=1e-10)
+        # Far more steps than any machine takes before the signal.
+        model.simulate((0.0, 1e9), method="dopri5", rtol=1e-10, max_steps=10**12)
 
     def others():
         deadline = time.perf_counter() + 0.5
