@@ -62,7 +62,7 @@ def test_a_result_without_anything_to_plot():
         {"rtol": "x"},
         {"method": 3},
         {"max_steps": "a"},
-        {"parameters": [1]},
+        {"parameters": 1},
         {"inputs": 3},
     ],
     ids=str,

@@ -244,10 +244,10 @@ class Finder:
         free = self.columns[level]
         if mends:
             given = [i for i in range(self.n_speeds) if i not in set(free)]
-            across = _across(rows[:, free])
-            step[given] = -_least(across @ rows[:, given], across @ target)
+            across = _across(rows[:, free], rows)
+            step[given] = -_least(across @ rows[:, given], across @ target, rows)
             target = target + rows @ step
-        step[free] = -_least(rows[:, free], target)
+        step[free] = -_least(rows[:, free], target, rows)
         return step
 
     def residual_sensitivity(self, y: Array, s: Array, level: int) -> Array:
@@ -264,17 +264,23 @@ class Finder:
         return np.asarray(found / self.sizes[level][:, None])
 
 
-def _least(rows: Array, target: Array) -> Array:
-    """Solve rows @ step = target by the least step, in the sense of least squares."""
-    if not rows.size:
+def _least(rows: Array, target: Array, whole: Array) -> Array:
+    """Solve rows @ step = target by the least step, in the sense of least squares.
+
+    What is rounding beside the whole gradient moves nothing, even where nothing else is free.
+    """
+    least = RANK * float(np.linalg.norm(whole, 2)) if whole.size else 0.0
+    size = float(np.linalg.norm(rows, 2)) if rows.size else 0.0
+    if size <= least:
         return np.zeros((rows.shape[1], *target.shape[1:]))
-    return np.asarray(np.linalg.lstsq(rows, target, rcond=RANK)[0], dtype=np.float64)
+    found = np.linalg.lstsq(rows, target, rcond=max(least / size, RANK))[0]
+    return np.asarray(found, dtype=np.float64)
 
 
-def _across(rows: Array) -> Array:
+def _across(rows: Array, whole: Array) -> Array:
     """Give the combinations of rows that vanish, orthonormal, shape (n, n_rows)."""
     if not rows.size:
         return np.eye(len(rows))
     left, values, _ = np.linalg.svd(rows)
-    rank = int(np.sum(values > RANK * values[0]))
+    rank = int(np.sum(values > RANK * np.linalg.norm(whole, 2)))
     return np.asarray(left[:, rank:].T, dtype=np.float64)
