@@ -265,11 +265,8 @@ class _Run:
         return ahead if problem.direction * (end - ahead) > 0 else end
 
     def _retreat(self, stepper: Stepper, end: float, reason: str) -> float:
-        """Shorten the steps after a failure, and say up to where.
-
-        Methods with a memory, which are told nothing but numbers, give up where a trial step meets
-        what is not a number, or go on without knowing. Others shorten the step themselves.
-        """
+        """Shorten the steps after a failure, and say up to where."""
+        # Methods with a memory give up where a trial step is not finite; others shorten it.
         self._reach *= _RETREAT
         least = _LEAST_REACH * abs(self.problem.t_span[1] - self.problem.t_span[0])
         if not (stepper.has_memory and self.evaluator.not_finite and self._reach > least):
