@@ -38,12 +38,11 @@ def obtain_library(
     BuildError
         If it cannot be compiled or loaded.
     """
-    for _ in range(ATTEMPTS - 1):
+    for attempt in range(1, ATTEMPTS + 1):
         built = build_library(files, **options)
         try:
             return built, load_library(built.path, declarations)
         except BuildError:
-            if built.path.exists():
+            if built.path.exists() or attempt == ATTEMPTS:
                 raise
-    built = build_library(files, **options)
-    return built, load_library(built.path, declarations)
+    raise AssertionError("the last attempt returns or raises")

@@ -156,7 +156,7 @@ class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
 
 
 class _OwnBuffers(threading.local):
-    """What the calling thread hands to C: Python makes it anew for each thread that asks."""
+    """Buffers that the calling thread hands to C; Python makes them anew for each thread."""
 
     def __init__(self, program: Program, library: LoadedLibrary, model: Any) -> None:
         self.bound = _Bound(program, library, model)
@@ -232,7 +232,7 @@ def check_guards(guards: Sequence[Guard], p: Array) -> None:
 
 
 class _OwnNumbers(threading.local):
-    """What the calling thread prepared last: its parameters, and the values that follow."""
+    """Parameters that the calling thread prepared last, and the values that follow."""
 
     p: Array = np.zeros(0)
     prepared: Mapping[Node, float] = MappingProxyType({})

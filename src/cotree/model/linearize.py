@@ -39,7 +39,7 @@ _ASIDE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Instant:
-    """Where to linearise: time, states, parameters, inputs, and whether these are the scene's."""
+    """Point of a linearisation: time, states, parameters and inputs, the scene's or others."""
 
     t: float
     y: Array

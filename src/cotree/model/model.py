@@ -38,7 +38,7 @@ _NONE: Array = np.zeros(0)
 
 
 class _Own(threading.local):
-    """What the kernels are prepared for in the calling thread."""
+    """Parameters that the kernels of the calling thread are prepared for."""
 
     prepared: Array | None = None
 

@@ -77,7 +77,7 @@ def reached_states(
 
 @dataclass(frozen=True)
 class Timed:
-    """What looks at times that a parameter moves.
+    """Conditions that look at times which a parameter moves.
 
     Attributes
     ----------

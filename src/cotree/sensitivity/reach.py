@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Reach:
-    """Which of many values depend on a symbol, so that a direction looks at no others.
+    """Index of the values that depend on each symbol, so that a direction looks at no others.
 
     Attributes
     ----------
