@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from readme_linkage import four_bar
 
 import cotree
 from cotree.errors import SolveError
@@ -215,22 +216,9 @@ def _lifted():
 
 def _driven():
     """A loop that is held by multipliers, with a torque that jumps."""
-    scene = cotree.Scene("driven", gravity=[0, -9.81, 0])
-    scene.parameter("d", 0.6)
-    z = [0, 0, 1]
-    for bar, start, end, length in [
-        ("crank", "A", "B", 1.0),
-        ("coupler", "B2", "C", 2.0),
-        ("rocker", "D2", "C2", 2.0),
-    ]:
-        scene.edge(bar, "arm", start, end, vector=[length, 0, 0])
-        scene.edge(f"m_{bar}", "rigid_body", "ground", end, mass=1.0, inertia=0.1)
-    scene.edge("base", "arm", "ground", "D", vector=[1.5, 0, 0])
     torque = "4*(1 + sign(t - d))"
-    scene.edge("a", "revolute", "ground", "A", axis=z, initial={"theta": 1.5}, torque=torque)
-    scene.edge("b", "revolute", "B", "B2", axis=z)
-    scene.edge("c", "revolute", "C", "C2", axis=z)
-    scene.edge("d4", "revolute", "D", "D2", axis=z)
+    scene = four_bar("driven", initial={"theta": 1.5}, torque=torque)
+    scene.parameter("d", 0.6)
     return scene
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import jointed_scenes
 import numpy as np
 import pytest
+from readme_linkage import four_bar
 
 from cotree import Scene, load
 from cotree.errors import SceneError
@@ -27,24 +28,6 @@ def points_of(model, result, times):
         axes = poses.axes[place.cluster] @ place.turn
         found[name] = (poses.of(place.cluster, place.local), axes)
     return found
-
-
-def four_bar() -> Scene:
-    scene = Scene("four-bar", gravity=[0, -9.81, 0])
-    for bar, start, end, length in [
-        ("crank", "A", "B", 1.0),
-        ("coupler", "B2", "C", 2.0),
-        ("rocker", "D2", "C2", 2.0),
-    ]:
-        scene.edge(bar, "arm", start, end, vector=[length, 0, 0])
-        scene.edge(f"m_{bar}", "rigid_body", "ground", end, mass=1.0, inertia=0.1)
-    scene.edge("base", "arm", "ground", "D", vector=[1.5, 0, 0])
-    start = {"theta": 1.5, "theta_dot": 6.0}
-    scene.edge("a", "revolute", "ground", "A", axis=Z, initial=start)
-    scene.edge("b", "revolute", "B", "B2", axis=Z)
-    scene.edge("c", "revolute", "C", "C2", axis=Z)
-    scene.edge("d", "revolute", "D", "D2", axis=Z)
-    return scene
 
 
 def test_slider_pendulum_is_where_its_coordinates_put_it():
