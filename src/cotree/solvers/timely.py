@@ -38,9 +38,13 @@ def timely(problem: Problem, trajectory: Trajectory) -> Trajectory:
     if _spacing(max(abs(start), abs(end))) <= _FINE * problem.rtol * step:
         return trajectory
     places = np.unique(np.linspace(0, trajectory.t.size - 1, _POINTS).astype(int))
+    # Of a value that passes zero no method has more digits than of what it swings between.
+    largest = np.max(np.abs(trajectory.z[: problem.n_states]), axis=1)
+    allowed = problem.atol + problem.rtol * largest
     with np.errstate(all="ignore"):
         shares = [
-            _share(problem, float(trajectory.t[j]), trajectory.z[:, j].copy(), step) for j in places
+            _share(problem, float(trajectory.t[j]), trajectory.z[:, j].copy(), step, allowed)
+            for j in places
         ]
     shares = [math.sqrt(min(n_steps, _REMEMBERED)) * share for share in shares]
     worst = int(np.argmax(shares))
@@ -60,8 +64,8 @@ def _spacing(t: float) -> float:
     return float(np.spacing(abs(t)))
 
 
-def _share(problem: Problem, t: float, z: FloatArray, step: float) -> float:
-    """Tell what half a spacing of t changes over a step, as a share of the tolerance.
+def _share(problem: Problem, t: float, z: FloatArray, step: float, allowed: FloatArray) -> float:
+    """Tell what half a spacing of t changes over a step, as a share of what is allowed.
 
     Of the changes ahead and back the smaller one is taken: a jump of the rates is at one side.
     """
@@ -75,7 +79,6 @@ def _share(problem: Problem, t: float, z: FloatArray, step: float) -> float:
     except Error:
         return 0.0
     n = problem.n_states - problem.n_algebraic
-    allowed = np.broadcast_to(problem.atol, y.shape) + problem.rtol * np.abs(y)
     sizes = [float(np.sqrt(np.mean(np.square(c[:n] / allowed[:n])))) for c in changes]
     least = min((size for size in sizes if np.isfinite(size)), default=0.0)
     return 0.5 * least * _spacing(t) / ahead
