@@ -38,7 +38,7 @@ def ends(rows, wanted):
     scene = read(RIG.format(rows=rows))
     for i, name in enumerate(wanted):
         scene.output(f"o{i}", name)
-    result = scene.compile().simulate((0, 1e-7), [0, 3e-8, 1e-7], rtol=1e-9, atol=1e-12)
+    result = scene.compile().simulate((0, 1e-7), [0, 3e-8, 1e-7], rtol=1e-11, atol=1e-14)
     assert result.success
     return np.array([result[name] for name in scene.outputs])
 
@@ -58,8 +58,9 @@ def test_tied_terminals_are_those_that_sources_of_no_voltage_tie(row, n):
     apart = "\n".join([" ".join([name, *own, *words[n:]]), *meters])
     currents = {"Q": ("ib", "ic"), "M": ("id",), "D": ("i",)}[name[0]]
     wanted = ["a.v", "b.v", *(f"{name}.{symbol}" for symbol in currents)]
-    # Errors of two runs at 3 V and some milliamperes.
-    np.testing.assert_allclose(ends(row, wanted), ends(apart, wanted), rtol=0, atol=3e-8)
+    # Errors of two runs of a hundred steps at 3 V and some milliamperes: where a junction passes the
+    # share of its potential from which its capacitance goes on straight, steps are worse than that.
+    np.testing.assert_allclose(ends(row, wanted), ends(apart, wanted), rtol=0, atol=1e-9)
 
 
 def test_what_an_edge_from_a_node_to_itself_carries():
