@@ -20,6 +20,11 @@ if TYPE_CHECKING:
     from cotree.equations import Equations, Guard
     from cotree.program import Program
 
+# Workers share the cores. Where each runs small linear algebra on all of them, threads wait for
+# each other, and a decomposition takes ten times as long. Workers inherit this before they load
+# NumPy.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 # A busy machine is no failure of a property.
 settings.register_profile("cotree", deadline=None)
 settings.load_profile("cotree")
