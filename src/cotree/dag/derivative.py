@@ -108,21 +108,62 @@ def tangents(roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[Node]:
     if not roots:
         return []
     zero = roots[0].dag.zero
-    known = {node: d for node, d in seed.items() if d is not zero}
-    several: dict[Node, tuple[Node, ...]] = {}
-    for node in reachable(roots, stop=seed):
-        if node in seed or not node.args:
+    return [row.get(0, zero) for row in tangents_along(roots, [seed])]
+
+
+def tangents_along(
+    roots: Sequence[Node], seeds: Sequence[Mapping[Node, Node]]
+) -> list[dict[int, Node]]:
+    """Differentiate forward along several directions at once, each where anything changes.
+
+    Parameters
+    ----------
+    roots : sequence of Node
+        The values to differentiate.
+    seeds : sequence of mapping of Node to Node
+        For each direction, what :func:`tangents` takes. What one direction seeds, the others hold,
+        unless they seed it, too.
+
+    Returns
+    -------
+    list of dict of int to Node
+        For each root, its derivatives by number of the direction, those that vanish left out.
+
+    Raises
+    ------
+    ArithmeticError
+        If a root calls an external function without partial derivatives.
+    """
+    seeded: dict[Node, dict[int, Node]] = {}
+    for i, seed in enumerate(seeds):
+        for node, d in seed.items():
+            seeded.setdefault(node, {})
+            if not d.is_zero:
+                seeded[node][i] = d
+    known = {node: row for node, row in seeded.items() if row}
+    several: dict[Node, dict[int, tuple[Node, ...]]] = {}
+    for node in reachable(roots, stop=seeded):
+        if node in seeded or not node.args:
             continue
         if node.op == "result":
-            if node.args[0] in several:
-                known[node] = several[node.args[0]][node.data]
-        elif any(arg in known for arg in node.args):
-            d_args = [known.get(arg, zero) for arg in node.args]
+            all_of = several.get(node.args[0], {})
+            row = {i: found[node.data] for i, found in all_of.items()}
+        else:
+            rows = [known.get(arg, {}) for arg in node.args]
+            along = dict.fromkeys(i for row in rows for i in row)
+            if not along:
+                continue
+            zero = node.dag.zero
+            changes = {i: [row.get(i, zero) for row in rows] for i in along}
             if node.op in SEVERAL:
-                several[node] = SEVERAL[node.op].tangent(node, d_args)
-            else:
-                known[node] = _tangent(node, d_args)
-    return [known.get(root, zero) for root in roots]
+                tangent_of = SEVERAL[node.op].tangent
+                several[node] = {i: tangent_of(node, d) for i, d in changes.items()}
+                continue
+            row = {i: _tangent(node, d) for i, d in changes.items()}
+        row = {i: d for i, d in row.items() if not d.is_zero}
+        if row:
+            known[node] = row
+    return [known.get(root, {}) for root in roots]
 
 
 def _tangent(node: Node, d_args: Sequence[Node]) -> Node:

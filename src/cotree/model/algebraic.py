@@ -15,18 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.errors import SingularSystemError, SolveError
-from cotree.model.roots import (
-    Equation,
-    Linear,
-    find_near,
-    find_root,
-    linearise,
-    singular_direction,
-)
+from cotree.model.linear import Linear, Matrix, is_sparse, linearise, singular_direction
+from cotree.model.roots import Equation, find_near, find_root
 from cotree.model.rounding import ROUNDING
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from cotree.model.model import CompiledModel
 
@@ -34,6 +28,7 @@ Array = npt.NDArray[np.float64]
 
 #: ``rates(t, y)`` and ``jacobian(t, y)``; they may give the same buffer at every call.
 Rates = Callable[[float, Array], Array]
+Jacobian = Callable[[float, Array], Matrix]
 
 # An old matrix is given up where it would take more than a few further steps: one of its own point
 # squares the errors.
@@ -53,7 +48,7 @@ class Algebraic:
     rates : callable
         ``rates(t, y)``, shape (n,): x', then g.
     jacobian : callable
-        ``jacobian(t, y)``, shape (n, n): derivatives of these by y.
+        ``jacobian(t, y)``, shape (n, n): derivatives of these by y, full or compressed by rows.
     names : sequence of str
         Names of y.
     n_algebraic : int
@@ -66,7 +61,7 @@ class Algebraic:
     def __init__(
         self,
         rates: Rates,
-        jacobian: Rates,
+        jacobian: Jacobian,
         names: Sequence[str],
         n_algebraic: int,
         improve: Callable[[float, Array], Array | None] = lambda t, y: None,
@@ -105,7 +100,7 @@ class Algebraic:
             linear, is_old = self._linear, True
             if linear is None:
                 linear, is_old = self._refresh(t, y)[1], False
-            step = -linear.inverse.dot(rates[self.cut :])
+            step = -linear.solve(rates[self.cut :])
             size = float(np.maximum.reduce(np.abs(step) * self._weights))
             ratio = 1.0
             if before is not None:
@@ -169,8 +164,8 @@ class Algebraic:
         """
         with np.errstate(all="ignore"):
             z = y[self.cut :].copy()
-            square = self._equation(t, y.copy()).square
-            self._check_index([square(point) for point in (z, *_aside(z))])
+            slope = self._equation(t, y.copy()).by_unknowns
+            self._check_index(slope(point) for point in (z, *_aside(z)))
 
     def _search(self, t: float, y: Array, guess: Array) -> Array:
         """Look far and wide for a solution."""
@@ -180,9 +175,9 @@ class Algebraic:
         self._linear = None
         if not root.is_found:
             points = (root.z, guess[self.cut :], *_aside(root.z))
-            self._check_index([equation.square(z) for z in points])
+            self._check_index(equation.by_unknowns(z) for z in points)
             if not np.any(root.g):  # a double root: it holds, but nothing follows from it
-                self._check_index([equation.square(root.z)])
+                self._check_index([equation.by_unknowns(root.z)])
             raise SolveError(self._complaint(t, root.g))
         return self._rates(t, y)
 
@@ -195,12 +190,12 @@ class Algebraic:
 
         return Equation(
             lambda z: np.array(self._rates(t, at(z))[self.cut :]),
-            lambda z: np.array(self._jacobian(t, at(z))[self.cut :]),
+            lambda z: self._jacobian(t, at(z))[self.cut :].copy(),
             point[: self.cut],
         )
 
-    def linearised(self, t: float, y: Array) -> tuple[Array, Array]:
-        """Give the Jacobian at a solution and the inverse of its last block.
+    def linearised(self, t: float, y: Array) -> tuple[Matrix, Linear]:
+        """Give the Jacobian at a solution, and what solves with its last block.
 
         The Jacobian is a buffer that the next call may change.
 
@@ -209,19 +204,18 @@ class Algebraic:
         UnsolvedError
             If that block is singular.
         """
-        matrix, linear = self._refresh(t, y)
-        return matrix, linear.inverse
+        return self._refresh(t, y)
 
     def reduced(self, t: float, y: Array) -> Array:
         """Give the derivatives of x' by x along the solutions, shape (n_x, n_x)."""
-        matrix, inverse = self.linearised(t, y)
-        return eliminated(matrix, inverse)
+        matrix, linear = self.linearised(t, y)
+        return eliminated(matrix, linear.solve, self.cut)
 
     def residual(self, t: float, y: Array) -> Array:
         """Give what is left of the equations at a point, a fresh array."""
         return np.array(self._rates(t, y)[self.cut :])
 
-    def _refresh(self, t: float, y: Array) -> tuple[Array, Linear]:
+    def _refresh(self, t: float, y: Array) -> tuple[Matrix, Linear]:
         """Form the Jacobian of a point, and what further steps need of it."""
         matrix = self._jacobian(t, y)
         try:
@@ -236,9 +230,9 @@ class Algebraic:
         self._weights = 1.0 / np.maximum(linear.scale, 1e-290)
         return matrix, linear
 
-    def _check_index(self, slopes: Sequence[Array]) -> None:
+    def _check_index(self, slopes: Iterable[Matrix]) -> None:
         """Refuse equations that leave unknowns undetermined at every point given."""
-        involved = singular_direction(np.array(slopes))
+        involved = singular_direction(slopes)
         if involved:
             names = ", ".join(f"'{self._names[self.cut + i]}'" for i in involved)
             raise SingularSystemError(
@@ -268,20 +262,24 @@ def _aside(z: Array) -> tuple[Array, Array]:
     return z + away, z - away
 
 
-def eliminated(matrix: Array, inverse: Array) -> Array:
-    """Eliminate the last unknowns of a matrix, given the inverse of its last diagonal block.
+def eliminated(matrix: Matrix, solve: Callable[[Array], Array], cut: int) -> Array:
+    """Eliminate the last unknowns of a matrix, given what solves with its last diagonal block.
 
     Parameters
     ----------
-    matrix : ndarray, shape (n + n_z, m + n_z)
-    inverse : ndarray, shape (n_z, n_z)
+    matrix : ndarray or sparse matrix, shape (cut + n, m + n)
+    solve : callable
+        ``solve(b)`` for the block of shape (n, n) and columns of shape (n, m).
+    cut : int
+        How many rows come before the block.
 
     Returns
     -------
-    ndarray, shape (n, m)
+    ndarray, shape (cut, m)
     """
-    z = len(inverse)
-    found: Array = matrix[:-z, :-z] - matrix[:-z, -z:] @ (inverse @ matrix[-z:, :-z])
+    full: Array = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
+    n = len(full) - cut
+    found: Array = full[:cut, :-n] - full[:cut, -n:] @ solve(full[cut:, :-n])
     return found
 
 
@@ -322,7 +320,7 @@ def solve_start(
         s[cut:] = 0.0
         along = model.bound("sensitivity_rhs", p)(t, y, s.T.ravel(), u).reshape(s.shape[::-1])
         residual = along[:, cut:].T.copy()
-        s[cut:] = -algebraic.linearised(t, y)[1] @ residual
+        s[cut:] = -algebraic.linearised(t, y)[1].solve(residual)
     return y, s
 
 
@@ -337,16 +335,19 @@ def solve_states(model: CompiledModel, t: float, p: Array, u: Array, y: Array) -
 def of_model(model: CompiledModel, p: Array, u: Array | None) -> Algebraic:
     """Give the algebraic unknowns of a model at fixed parameters and inputs."""
     none = np.zeros(0)
-    rhs, jacobian = model.bound("rhs", p), model.bound_jacobian(p)
+    rhs, layout = model.bound("rhs", p), model.layout
+    n_algebraic, cut = layout.n_algebraic, len(layout.states) - layout.n_algebraic
+    n_own = sum(row >= cut for row in layout.row_indices)
+    jacobian = model.bound_jacobian(p, is_sparse=is_sparse(n_algebraic, n_own))
 
     def improve(t: float, y: Array) -> Array | None:
         inputs = model.input_values(t, p) if u is None else u
-        return model.junctions.at(t, y, p, inputs).search(y[-model.layout.n_algebraic :])
+        return model.junctions.at(t, y, p, inputs).search(y[cut:])
 
     return Algebraic(
         lambda t, y: rhs(t, y, none, u),
         lambda t, y: jacobian(t, y, u),
         model.states,
-        model.layout.n_algebraic,
+        n_algebraic,
         improve,
     )

@@ -22,9 +22,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from cotree.dag.derivative import tangents
+from cotree.dag.derivative import tangents_along
 from cotree.dag.evaluate import evaluate
 from cotree.dag.traverse import dependent, reachable
+from cotree.model.linear import solve_entries
 
 if TYPE_CHECKING:
     from cotree.dag.nodes import Node
@@ -35,7 +36,8 @@ Array = npt.NDArray[np.float64]
 #: Exponents rise by as much as this without a limit, and are forgotten beyond the other.
 _FREE, _FAR = 2.0, 40.0
 
-_MOST_STEPS, _SETTLED = 100, 1e-9
+#: Along a chain what one junction does reaches the next ones step by step.
+_MOST_STEPS, _JUNCTIONS_A_STEP, _SETTLED = 100, 4, 1e-9
 
 #: Conductances beside junctions, in units of saturation current by thermal voltage: 1e15 times a
 #: current of 1e-15 A is that of a wire. The last one vanishes beside what is wanted of junctions.
@@ -55,14 +57,15 @@ class Junctions:
         Symbols of z.
     exponentials : tuple of Node
         Those that depend on z.
-    slopes : tuple of tuples of Node
-        Derivatives of g, then of the exponents, by z and by exponentials: a row for each of these.
+    slopes : tuple of dict of int to Node
+        Of each equation, then of each exponent: its derivatives by z and by exponentials, by place
+        among all these.
     """
 
     equations: tuple[Node, ...]
     unknowns: tuple[Node, ...]
     exponentials: tuple[Node, ...]
-    slopes: tuple[tuple[Node, ...], ...]
+    slopes: tuple[dict[int, Node], ...]
 
     @classmethod
     def of(cls, program: Program) -> Junctions:
@@ -76,12 +79,9 @@ class Junctions:
         exponentials = tuple(node for node in order if node.op == "exp" and node in moving)
         if not exponentials:
             return cls(equations, unknowns, (), ())
-        held = dict.fromkeys(exponentials, dag.zero)
         roots = [*equations, *(node.args[0] for node in exponentials)]
-        slopes = [
-            tangents(roots, {**held, symbol: dag.one}) for symbol in (*unknowns, *exponentials)
-        ]
-        return cls(equations, unknowns, exponentials, tuple(map(tuple, slopes)))
+        seeds = [{symbol: dag.one} for symbol in (*unknowns, *exponentials)]
+        return cls(equations, unknowns, exponentials, tuple(tangents_along(roots, seeds)))
 
     def at(self, t: float, y: Array, p: Array, u: Array) -> Point:
         """Hold time, states, parameters and inputs."""
@@ -95,8 +95,9 @@ class Point:
         self._n = len(junctions.unknowns)
         self._free = (*junctions.unknowns, *junctions.exponentials)
         exponents = [node.args[0] for node in junctions.exponentials]
-        slopes = [d for row in junctions.slopes for d in row]
-        roots = [*junctions.equations, *exponents, *slopes]
+        entries = [(i, j, d) for i, row in enumerate(junctions.slopes) for j, d in row.items()]
+        self._rows, self._columns = (np.array([e[k] for e in entries], dtype=int) for k in (0, 1))
+        roots = [*junctions.equations, *exponents, *(d for _, _, d in entries)]
         known: dict[str, Array] = {"t": np.array([t]), "x": y, "p": p, "u": u}
         order = reachable(roots, stop=set(self._free))
         values = {
@@ -140,15 +141,15 @@ class Point:
 
     def _iterate(self, z: Array, w: Array, conductance: float) -> tuple[Array, Array] | None:
         """Take Newton steps in unknowns and exponents, the latter limited."""
-        n = self._n
-        for _ in range(_MOST_STEPS):
-            slope = np.exp(w) + conductance
-            values, matrix = self._evaluate(z, np.exp(w) + conductance * w)
-            matrix[:, n:] *= slope
-            matrix[n:, n:] -= np.eye(len(w))
+        n, own = self._n, np.arange(self._n, len(self._free))
+        rows, columns = np.append(self._rows, own), np.append(self._columns, own)
+        for _ in range(_MOST_STEPS + len(w) // _JUNCTIONS_A_STEP):
+            slope = np.append(np.ones(n), np.exp(w) + conductance)
+            values, entries = self._evaluate(z, np.exp(w) + conductance * w)
+            entries = np.append(entries * slope[self._columns], np.full(len(w), -1.0))
             values[n:] -= w
             try:
-                step = -np.linalg.solve(matrix, values)
+                step = -solve_entries(rows, columns, entries, values)
             except np.linalg.LinAlgError:
                 return None
             if not np.all(np.isfinite(step)):
@@ -162,12 +163,12 @@ class Point:
         return None
 
     def _evaluate(self, z: Array, e: Array) -> tuple[Array, Array]:
-        """Give equations and exponents, and their derivatives by unknowns and exponentials."""
+        """Give equations and exponents, and the entries of their derivatives."""
         size = len(z) + len(e)
         values = self._values | dict(zip(self._free, [*z.tolist(), *e.tolist()], strict=True))
         results = self._results.copy()
         results[self._places] = evaluate(self._roots, values, order=self._order)
-        return results[:size], results[size:].reshape(size, size).T.copy()
+        return results[:size], results[size:]
 
 
 def _limited(old: Array, wanted: Array) -> Array:

@@ -273,7 +273,7 @@ def _without_algebraic(whole: Array, cut: int, equations: Equations) -> Array:
         raise SingularSystemError(
             f"the derivatives of the algebraic equations by {names} are singular at this state"
         ) from None
-    return eliminated(moved, np.asarray(inverse, dtype=np.float64))
+    return eliminated(moved, inverse.dot, len(moved) - n)
 
 
 def _solved(equations: Equations, columns: Sequence[Derivative]) -> tuple[list[Node], list[Node]]:

@@ -286,11 +286,7 @@ class CompiledModel(Structure):
 
     def jacobian_sparse(self, t: float, y: Any, p: Any = None, u: Any = None) -> csc_matrix:
         """Evaluate the Jacobian as a scipy CSC matrix; see :meth:`jacobian`."""
-        from scipy.sparse import csc_matrix
-
-        n = len(self.states)
-        values = self._at("jacobian", t, y, p, u)
-        return csc_matrix((values, self._rows, self.layout.column_starts), shape=(n, n))
+        return self._sparse(self._at("jacobian", t, y, p, u))
 
     def sensitivity_rhs(self, t: float, y: Any, s: Any, p: Any = None, u: Any = None) -> Array:
         """Evaluate the rates of the sensitivities.
@@ -343,13 +339,17 @@ class CompiledModel(Structure):
         self._prepare(p)
         return self._kernels.native()
 
-    def bound_jacobian(self, p: Array) -> Callable[[float, Array, Array | None], Array]:
-        """Give the Jacobian, dense, as a function of time, states and inputs; see :meth:`bound`."""
+    def bound_jacobian(
+        self, p: Array, *, is_sparse: bool = False
+    ) -> Callable[[float, Array, Array | None], Any]:
+        """Give the Jacobian, full or by rows, as a function like those of :meth:`bound`."""
         n, dense = len(self.states), np.zeros((0, 0))
         kernel, rows, columns = self.bound("jacobian", p), self._rows, self._columns
 
-        def call(t: float, x: Array, u: Array | None) -> Array:
+        def call(t: float, x: Array, u: Array | None) -> Any:
             nonlocal dense
+            if is_sparse:
+                return self._sparse(kernel(t, x, _NONE, u)).tocsr()
             if len(dense) != n:  # at the first call: large models may never make one
                 dense = np.zeros((n, n))
             dense[rows, columns] = kernel(t, x, _NONE, u)

@@ -17,26 +17,20 @@ Problems, Springer 2004, chapters 3 and 5.
 
 from __future__ import annotations
 
-import functools
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from cotree.model.linear import SMALL, TINY, Linear, Matrix, linearise
 from cotree.model.rounding import ROUNDING, is_rounding
 
 Array = npt.NDArray[np.float64]
 Function = Callable[[Array], Array]
 
-#: Steps below this share of an unknown that no longer halve can only be rounding, since Newton's
-#: method squares its errors; or, where unknowns are zero but for rounding, this share of scales.
-SMALL = 1e-8
-_STALLED = 1e4 * float(np.finfo(np.float64).eps)
-
-_MET = 1e-3
-_TINY = 1e-290
+#: ``slope(z)``: full, or compressed by rows.
+Slope = Callable[[Array], Matrix]
 
 # Far from the root of an exponential each step is one unit of its argument, and the argument may
 # begin a hundred too high.
@@ -50,9 +44,6 @@ _MOST_TRIALS = 200
 
 #: How far aside, as a share of the guess or of 1, and how often, to look for a better start.
 _ASIDE, _TRIES = 0.5, 3
-
-#: Entries below this share of the largest are not involved in a singular direction.
-_INVOLVED = 0.1
 
 
 @dataclass(frozen=True)
@@ -82,12 +73,13 @@ class Equation:
     value : callable
         ``value(z)``, shape (n,).
     slope : callable
-        ``slope(z)``, shape (n, m + n): derivatives by what is held, then by the unknowns.
+        ``slope(z)``, shape (n, m + n): derivatives by what is held, then by the unknowns. Full, or
+        one of SciPy's matrices, compressed by rows.
     held : ndarray, shape (m,)
         What is held: it adds to the size of the terms that cancel.
     """
 
-    def __init__(self, value: Function, slope: Function, held: Array) -> None:
+    def __init__(self, value: Function, slope: Slope, held: Array) -> None:
         self.value = value
         self.slope = slope
         self.held = held
@@ -102,76 +94,15 @@ class Equation:
         """
         return linearise(self.slope(z), np.concatenate([self.held, z]))
 
-    def square(self, z: Array) -> Array:
+    def by_unknowns(self, z: Array) -> Matrix:
         """Give the derivatives by the unknowns."""
         return self.slope(z)[:, -len(z) :]
 
-
-@dataclass(frozen=True)
-class Linear:
-    """The matrix of a point.
-
-    Attributes
-    ----------
-    inverse : ndarray, shape (n, n)
-        Of the derivatives by the unknowns.
-    scale : ndarray, shape (n,)
-        Of each unknown: its own size and what it would change by if each term of the equations
-        changed by its own size. Rounding moves it by this times that of a number.
-    sizes : ndarray, shape (n,)
-        Of the terms of each equation.
-    """
-
-    inverse: Array
-    scale: Array
-    sizes: Array
-
-    def share(self, step: Array) -> float:
-        """Give the largest entry of a step as a share of the scales, 1 at the most."""
-        size = np.abs(step)
-        return float(np.max(size / np.maximum(np.maximum(self.scale, size), _TINY), initial=0.0))
-
-    def is_stalled(self, z: Array, step: Array) -> bool:
-        """Whether a step that does not become shorter may be taken for rounding."""
-        floor = np.maximum(SMALL * np.abs(z), _STALLED * self.scale)
-        return bool(np.all(np.abs(step) <= floor))
-
-    def is_met(self, g: Array) -> bool:
-        """Whether residuals are what is left of larger terms.
-
-        Where the matrix is nearly singular scales are so large that any step looks short.
-        """
-        return bool((np.abs(g) <= _MET * self.sizes + _TINY).all())
-
-
-@functools.cache
-def _solver(n: int) -> tuple[Callable[..., tuple[Array, Array, Array, int]], Array]:
-    """Give LAPACK's solver, which NumPy takes four times as long to call, and the unit matrix."""
-    from scipy.linalg.lapack import dgesv
-
-    return dgesv, np.eye(n, order="F")
-
-
-def linearise(slope: Array, y: Array) -> Linear:
-    """Invert the last columns of a slope at y, what is held and then the unknowns.
-
-    Raises
-    ------
-    LinAlgError
-        See :meth:`Equation.linearised`.
-    """
-    n = len(slope)
-    solver, unit = _solver(n)
-    sizes = np.abs(slope).dot(np.abs(y))
-    # A sum is infinite or nan where one of its terms is, a product with zero, too.
-    if not math.isfinite(np.add.reduce(sizes)):
-        raise np.linalg.LinAlgError("not finite")
-    _, _, inverse, status = solver(slope[:, -n:], unit)
-    if status != 0 or (
-        not math.isfinite(np.vdot(inverse, inverse)) and not np.all(np.isfinite(inverse))
-    ):
-        raise np.linalg.LinAlgError("singular")
-    return Linear(inverse, np.abs(y[-n:]) + np.abs(inverse).dot(sizes), sizes)
+    def square(self, z: Array) -> Array:
+        """Give the derivatives by the unknowns as a full matrix."""
+        slope = self.by_unknowns(z)
+        found: Array = slope if isinstance(slope, np.ndarray) else slope.toarray()
+        return found
 
 
 def find_root(
@@ -260,17 +191,17 @@ def _by_natural_test(
             linear = equation.linearised(z)
         except np.linalg.LinAlgError:
             break
-        step = -linear.inverse @ g
+        step = -linear.solve(g)
         size = linear.share(step)
         if size <= ROUNDING and linear.is_met(g):
             return Root(z, g, True)
-        weights = np.maximum(np.maximum(linear.scale, np.abs(step)), _TINY)
+        weights = np.maximum(np.maximum(linear.scale, np.abs(step)), TINY)
         length = float(np.max(np.abs(step) / weights))
         found = None
         for damping in _dampings(least):
             trial = z + damping * step
             residual = equation.value(trial)
-            after = float(np.max(np.abs(linear.inverse @ residual) / weights))
+            after = float(np.max(np.abs(linear.solve(residual)) / weights))
             if after <= (1.0 - damping / 4.0) * length:
                 found = trial, residual
                 break
@@ -292,11 +223,11 @@ def _by_residual_test(equation: Equation, z: Array) -> Root:
             linear = equation.linearised(z)
         except np.linalg.LinAlgError:
             break
-        step = -linear.inverse @ g
+        step = -linear.solve(g)
         if linear.is_stalled(z, step):
             return _by_natural_test(equation, z)
-        columns = np.maximum(np.maximum(linear.scale, np.abs(step)), _TINY)
-        rows = 1.0 / np.maximum(np.max(np.abs(equation.square(z) * columns), axis=1), _TINY)
+        columns = np.maximum(np.maximum(linear.scale, np.abs(step)), TINY)
+        rows = 1.0 / np.maximum(np.max(np.abs(equation.square(z) * columns), axis=1), TINY)
         before = float(np.linalg.norm(rows * g))
         for damping in _dampings():
             trial = z + damping * step
@@ -337,7 +268,7 @@ def _by_squares(equation: Equation, z: Array) -> Root:
     trust = 1e-3
     for _ in range(_MOST_TRIALS):
         slope = equation.square(z) * columns
-        rows = 1.0 / np.maximum(np.max(np.abs(slope), axis=1), _TINY)
+        rows = 1.0 / np.maximum(np.max(np.abs(slope), axis=1), TINY)
         matrix = np.vstack([rows[:, None] * slope, trust * np.eye(n)])
         target = np.concatenate([-rows * g, np.zeros(n)])
         if not np.all(np.isfinite(matrix)) or not np.all(np.isfinite(target)):
@@ -355,31 +286,3 @@ def _by_squares(equation: Equation, z: Array) -> Root:
             if trust > 1e12:
                 break
     return _by_natural_test(equation, z)
-
-
-def singular_direction(slopes: Array) -> tuple[int, ...]:
-    """Give the unknowns that matrices, shape (k, n, n), leave undetermined; none if one is regular.
-
-    Rows and columns are scaled first, so the answer is free of units.
-    """
-    involved: tuple[int, ...] = ()
-    for slope in slopes:
-        involved = _weak_unknowns(slope)
-        if not involved:
-            break
-    return involved
-
-
-def _weak_unknowns(slope: Array) -> tuple[int, ...]:
-    if not np.all(np.isfinite(slope)):
-        return ()
-    matrix = slope.copy()
-    for _ in range(3):
-        for axis in (1, 0):
-            size = np.max(np.abs(matrix), axis=axis, keepdims=True)
-            matrix /= np.where(size > 0.0, size, 1.0)
-    _, values, directions = np.linalg.svd(matrix)
-    weak = directions[values <= 10 * np.finfo(float).eps * max(float(values[0]), 1e-300)]
-    return tuple(
-        int(i) for i in np.flatnonzero(np.max(np.abs(weak), axis=0, initial=0.0) > _INVOLVED)
-    )

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -34,12 +34,14 @@ class Structure:
     @property
     def jacobian_sparsity(self) -> csc_matrix:
         """The same as a scipy CSC matrix of True, in the order of ``jacobian_sparse``'s entries."""
+        return self._sparse(np.ones(len(self._rows), dtype=np.bool_))
+
+    def _sparse(self, values: npt.NDArray[Any]) -> csc_matrix:
+        """Put values where the Jacobian may be nonzero."""
         from scipy.sparse import csc_matrix
 
-        n, rows = len(self.layout.states), self._rows
-        return csc_matrix(
-            (np.ones(len(rows), dtype=bool), rows, self.layout.column_starts), shape=(n, n)
-        )
+        n = len(self.layout.states)
+        return csc_matrix((values, self._rows, self.layout.column_starts), shape=(n, n))
 
     @cached_property
     def jacobian_colouring(self) -> npt.NDArray[np.intp]:

@@ -34,6 +34,9 @@ if TYPE_CHECKING:
 #: Weight of what never becomes a branch.
 _NEVER = float("inf")
 
+#: What edges of one kind may differ by, less than their kinds and their initial values do.
+_AMONG_LIKE = 0.2
+
 
 @dataclass(frozen=True)
 class NormalTree:
@@ -76,7 +79,10 @@ def normal_trees(
     trees = {}
     for domain, graph in graphs.items():
         if domain not in tied:
-            tree = select_tree(graph, {name: weights[name] for name in graph.edge_names})
+            own = {name: weights[name] for name in graph.edge_names}
+            if not any(ports[name].terminal.storage for name in own):
+                own = _nearest_first(graph, own)
+            tree = select_tree(graph, own)
             trees[domain] = NormalTree(tree, tree)
     coupled = [graph for domain, graph in graphs.items() if domain in tied]
     if coupled:
@@ -84,6 +90,25 @@ def normal_trees(
         for graph in coupled:
             trees[graph.domain] = _trees_of(graph, ports, found)
     return trees
+
+
+def _nearest_first(graph: LinearGraph, weights: Mapping[str, float]) -> dict[str, float]:
+    """Prefer edges near the reference to their like.
+
+    Where nothing is stored, nonlinear unknowns are solved for all at once: a tree that is nowhere
+    deep has few of them along each f-circuit and beyond each branch.
+    """
+    import networkx
+
+    allowed = [edge for edge in graph.edges if weights[edge.name] != _NEVER]
+    drawn = networkx.Graph([(edge.tail, edge.head) for edge in allowed])
+    drawn.add_node(graph.reference)
+    steps = networkx.single_source_shortest_path_length(drawn, graph.reference)
+    found = dict(weights)
+    for edge in allowed:
+        near = min(steps.get(node, graph.n_nodes) for node in (edge.tail, edge.head))
+        found[edge.name] += _AMONG_LIKE * near / (near + 1.0)
+    return found
 
 
 def _trees_of(graph: LinearGraph, ports: Mapping[str, Port], shared: Collection[str]) -> NormalTree:

@@ -215,8 +215,8 @@ class _Reduction:
         The rates are blocks, shape (1 + m, n), a fresh array; the sensitivities, shape (m, n_z).
         """
         along = np.array(self._problem.rhs(t, full)).reshape(self._n_blocks, self.n)
-        matrix, inverse = self._algebraic.linearised(t, full[: self.n])
-        return along, -along[1:, self.cut :] @ inverse.T, matrix
+        matrix, linear = self._algebraic.linearised(t, full[: self.n])
+        return along, -linear.solve(along[1:, self.cut :].T).T, matrix
 
 
 def _state_rates(problem: Problem) -> Callable[[float, FloatArray], FloatArray]:

@@ -183,6 +183,7 @@ def form_network(
         plan,
         lambda i: around.dag.symbol("x", first + i),
         lambda block: all(_is_passive(ports, trees, v) for v in (*block.unknowns, *block.inner)),
+        is_static=first == 0,
     )
     states = [state_of(item, symbols[item.variable], *at) for item in held]
     for (quantity, name), symbol in solved.algebraic.items():

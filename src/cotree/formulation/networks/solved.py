@@ -32,6 +32,10 @@ _Pair = tuple["Variable", "Variable"]
 #: the branches would take: their derivatives alone grow with the square of the number.
 _MANY = 64
 
+#: From this many nonlinear unknowns on, those that are linear stay beside them where no step of a
+#: method pays for it: each equation has a few unknowns then, and a full matrix is never formed.
+_MANY_BENT = 24
+
 
 @dataclass(frozen=True)
 class SolvedBlock:
@@ -85,6 +89,8 @@ def solve_plan(
     plan: Plan,
     algebraic_symbol: Callable[[int], Node],
     is_safe: Callable[[Block], bool],
+    *,
+    is_static: bool = False,
 ) -> Solved:
     """Form the value of every variable.
 
@@ -98,12 +104,14 @@ def solve_plan(
         Gives the symbol of an algebraic unknown by its number.
     is_safe : callable
         Whether a block's linear equations are symmetric and positive definite by physics.
+    is_static : bool
+        Whether there are no states, so that nothing but a start is ever solved for.
     """
     dag = terminals.time.dag
     solved = Solved(dag, plan, {})
     for step in plan.steps:
         if isinstance(step, Block):
-            _solve_block(solved, terminals, step, algebraic_symbol, is_safe(step))
+            _solve_block(solved, terminals, step, algebraic_symbol, is_safe(step), is_static)
         else:
             solved.values[step] = plan.rules[step].value(dag, solved.values)
     return solved
@@ -119,6 +127,7 @@ def _solve_block(
     block: Block,
     algebraic_symbol: Callable[[int], Node],
     is_safe: bool,
+    is_static: bool,
 ) -> None:
     """Find which unknowns are linear, and solve for them."""
     dag, rules = solved.dag, solved.plan.rules
@@ -136,6 +145,8 @@ def _solve_block(
     else:
         linear = tuple(pair for pair in pairs if pair[0] not in nodal[1])
         nonlinear = tuple(pair for pair in pairs if pair[0] in nodal[1])
+    if is_static and len(nonlinear) >= _MANY_BENT:
+        linear, nonlinear, matrix, nodal = (), pairs, [], None
     kept = {u: algebraic_symbol(len(solved.algebraic) + i) for i, (u, _) in enumerate(nonlinear)}
     solved.algebraic.update(kept)
     known = {symbols[u]: symbol for u, symbol in kept.items()}

@@ -16,7 +16,7 @@ from cotree.formulation.networks.rules import Sum
 from cotree.graph import tree_walk
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from cotree.formulation.networks.rules import Variable
     from cotree.graph import Tree
@@ -60,15 +60,44 @@ class Topology:
         """The branches of the tree."""
         return frozenset(self.tree.branches)
 
+    @cached_property
+    def _tops(self) -> tuple[dict[str, str], dict[str, str]]:
+        """Cut the tree into paths, each along the children with most beyond them.
+
+        Of each node, the first of its path and the next one: any way outwards changes paths a few
+        times only.
+        """
+        sizes = dict.fromkeys(self._places, 1)
+        following: dict[str, str] = {}
+        for node, place in reversed(self._places.items()):  # each before its parent
+            parent = place.parent
+            if parent:
+                sizes[parent] += sizes[node]
+                if parent not in following or sizes[following[parent]] <= sizes[node]:
+                    following[parent] = node
+        tops: dict[str, str] = {}
+        for node, place in self._places.items():
+            is_next = bool(place.parent) and following[place.parent] == node
+            tops[node] = tops[place.parent] if is_next else node
+        return tops, following
+
     def _ancestor(self, a: str, b: str) -> str:
         """Find the nearest node that leads to both."""
-        places = self._places
-        while a != b:
-            if places[a].depth < places[b].depth:
-                b = places[b].parent
-            else:
-                a = places[a].parent
-        return a
+        places, tops = self._places, self._tops[0]
+        while tops[a] != tops[b]:
+            if places[tops[a]].depth < places[tops[b]].depth:
+                a, b = b, a
+            a = places[tops[a]].parent
+        return a if places[a].depth < places[b].depth else b
+
+    def _toward(self, ancestor: str, node: str) -> str:
+        """Name the branch by which another node's ancestor leads to it."""
+        tops, following = self._tops
+        child = following[ancestor]
+        while tops[node] != tops[ancestor]:
+            child = tops[node]
+            node = self._places[child].parent
+        return self._places[child if node == ancestor else following[ancestor]].branch
 
     def circuit(self, chord: str, rate: str) -> Sum:
         """Sum the across variables along the f-circuit of a chord; or their rates."""
@@ -99,18 +128,59 @@ class Topology:
         return Sum((*before, (place.sign, (f"across{rate}", place.branch))))
 
     @cached_property
-    def _crossing(self) -> dict[str, dict[str, int]]:
-        """List the chords in the f-cutset of each branch, with their direction outwards."""
-        found: dict[str, dict[str, int]] = {name: {} for name in self.tree.branches}
-        for chord in self.tree.chords:
+    def _ends(self) -> dict[str, list[tuple[int, int]]]:
+        """List the chords that end at each node, by number, with their direction outwards."""
+        ends: defaultdict[str, list[tuple[int, int]]] = defaultdict(list)
+        for number, chord in enumerate(self.tree.chords):
             edge = self.tree.graph.edge(chord)
+            ends[edge.head].append((number, 1))
+            ends[edge.tail].append((number, -1))
+        return ends
+
+    @cached_property
+    def _cuts(self) -> tuple[dict[str, tuple[int, int, int]], set[str]]:
+        """Sum over the chords in the f-cutset of each branch: one, their numbers, their directions.
+
+        Then the branches of which some chords end there, seen from the branch before.
+        """
+        totals = {node: (0, 0, 0) for node in self._places}
+        open_branches: set[str] = set()
+
+        def add(node: str, number: int, n: int, sign: int) -> None:
+            count, numbers, signs = totals[node]
+            totals[node] = count + n, numbers + n * number, signs + sign
+
+        for number, chord in enumerate(self.tree.chords):
+            edge = self.tree.graph.edge(chord)
+            add(edge.head, number, 1, 1)
+            add(edge.tail, number, 1, -1)
             ancestor = self._ancestor(edge.tail, edge.head)
-            for sign, node in ((1, edge.head), (-1, edge.tail)):
-                while node != ancestor:
-                    place = self._places[node]
-                    found[place.branch][chord] = sign
-                    node = place.parent
-        return found
+            add(ancestor, number, -2, 0)  # what ends within crosses no branch that leads there
+            open_branches |= {
+                self._toward(ancestor, node) for node in (edge.tail, edge.head) if node != ancestor
+            }
+        found = {}
+        for node, place in reversed(self._places.items()):
+            if place.branch:
+                own = totals[node]
+                found[place.branch] = own
+                parent = totals[place.parent]
+                totals[place.parent] = parent[0] + own[0], parent[1] + own[1], parent[2] + own[2]
+        return found, open_branches
+
+    def _crossing(self, branch: str) -> list[tuple[int, int]]:
+        """List the chords that end beyond a branch, by one end only."""
+        found, waiting = [], [branch]
+        while waiting:
+            name = waiting.pop()
+            waiting += self._beyond[name]
+            found += self._ends[self._outer[name]]
+        return _once(found)
+
+    @cached_property
+    def _outer(self) -> dict[str, str]:
+        """Name the node that each branch leads to."""
+        return {place.branch: node for node, place in self._places.items() if place.branch}
 
     @cached_property
     def _beyond(self) -> dict[str, list[str]]:
@@ -151,21 +221,33 @@ class Topology:
 
     def cutset(self, branch: str, rate: str) -> Sum:
         """Give a branch's through variable from what flows out beyond it; or its rate."""
-        own = self._crossing[branch]
-        if len(own) == 1:
-            ((chord, sign),) = own.items()
+        n, number, sign = self._cuts[0][branch]
+        if n == 1:
+            chord = self.tree.chords[number]
             return Sum(((-self._signs[branch] * sign, (f"through{rate}", chord)),))
         return Sum(((-self._signs[branch], (f"flow{rate}", branch)),))
 
     def flow(self, branch: str, rate: str) -> Sum:
         """Sum what the chords beyond a branch take from there."""
-        rest = dict(self._crossing[branch])
+        cuts, open_branches = self._cuts
         terms: list[tuple[int, Variable]] = []
+        own = list(self._ends[self._outer[branch]])
         for other in self._beyond[branch]:
-            shared = self._crossing[other]
-            if len(shared) > 1 and shared.keys() <= rest.keys():
+            n, number, sign = cuts[other]
+            if n > 1 and other not in open_branches:
                 terms.append((1, (f"flow{rate}", other)))
-                for chord in shared:
-                    del rest[chord]
-        terms += [(sign, (f"through{rate}", chord)) for chord, sign in rest.items()]
+            elif n == 1:
+                own.append((number, sign))
+            elif n > 1:
+                own += self._crossing(other)
+        terms += [(sign, (f"through{rate}", self.tree.chords[i])) for i, sign in _once(own)]
         return Sum(tuple(terms))
+
+
+def _once(ends: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Leave out chords that occur with both of their ends; the others, in order."""
+    found: dict[int, int] = {}
+    for number, sign in ends:
+        if found.pop(number, None) is None:
+            found[number] = sign
+    return sorted(found.items())

@@ -1,0 +1,233 @@
+"""Linear systems of Newton's method: inverted where they are small, else factorised as sparse ones.
+
+In: the derivatives of equations, full or in SciPy's compressed form. Out: what solves for a step,
+the scale that rounding gives to each unknown, and the unknowns that a singular matrix leaves free.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+Array = npt.NDArray[np.float64]
+
+#: A full matrix, or one of SciPy's compressed ones.
+Matrix = Any
+
+#: Steps below this share of an unknown that no longer halve can only be rounding, since Newton's
+#: method squares its errors; or, where unknowns are zero but for rounding, this share of scales.
+SMALL = 1e-8
+_STALLED = 1e4 * float(np.finfo(np.float64).eps)
+
+_MET = 1e-3
+TINY = 1e-290
+
+#: Up to so many rows, and from this share of nonzeros on, full matrices cost less.
+_FEW, _SHARE = 60, 0.1
+
+#: Random signs that tell how much rounding of each equation moves the unknowns of a large system.
+_PROBES = 16
+
+#: Rounds of inverse iteration, and how far above rounding a singular value is that they find large.
+_ROUNDS, _CLEARLY = 4, 1e3
+
+#: Singular values up to this share of the largest are rounding.
+_WEAK = 10 * float(np.finfo(float).eps)
+
+#: Entries below this share of the largest are not involved in a singular direction.
+_INVOLVED = 0.1
+
+
+def is_sparse(n: int, n_nonzeros: int) -> bool:
+    """Whether a matrix with so many rows and nonzeros is better factorised as a sparse one."""
+    return n > _FEW and n_nonzeros < _SHARE * n * n
+
+
+@dataclass(frozen=True)
+class Linear:
+    """The equations of a point, made linear.
+
+    Attributes
+    ----------
+    solve : callable
+        ``solve(b)`` solves with the derivatives by the unknowns, for one or several columns.
+    scale : ndarray, shape (n,)
+        Of each unknown: its own size and what it would change by if each term of the equations
+        changed by its own size. Rounding moves it by this times that of a number.
+    sizes : ndarray, shape (n,)
+        Of the terms of each equation.
+    """
+
+    solve: Callable[[Array], Array]
+    scale: Array
+    sizes: Array
+
+    def share(self, step: Array) -> float:
+        """Give the largest entry of a step as a share of the scales, 1 at the most."""
+        size = np.abs(step)
+        return float(np.max(size / np.maximum(np.maximum(self.scale, size), TINY), initial=0.0))
+
+    def is_stalled(self, z: Array, step: Array) -> bool:
+        """Whether a step that does not become shorter may be taken for rounding."""
+        floor = np.maximum(SMALL * np.abs(z), _STALLED * self.scale)
+        return bool(np.all(np.abs(step) <= floor))
+
+    def is_met(self, g: Array) -> bool:
+        """Whether residuals are what is left of larger terms.
+
+        Where the matrix is nearly singular scales are so large that any step looks short.
+        """
+        return bool((np.abs(g) <= _MET * self.sizes + TINY).all())
+
+
+def linearise(slope: Matrix, y: Array) -> Linear:
+    """Make what solves with the last columns of a slope at y, what is held and then the unknowns.
+
+    Raises
+    ------
+    LinAlgError
+        If the matrix is singular or not finite.
+    """
+    n = slope.shape[0]
+    sizes: Array = abs(slope).dot(np.abs(y))
+    # A sum is infinite or nan where one of its terms is, a product with zero, too.
+    if not math.isfinite(np.add.reduce(sizes)):
+        raise np.linalg.LinAlgError("not finite")
+    if isinstance(slope, np.ndarray):
+        inverse = _inverse(slope[:, -n:])
+        return Linear(inverse.dot, np.abs(y[-n:]) + np.abs(inverse).dot(sizes), sizes)
+    solve = _factorised(slope[:, -n:])
+    # The inverse is full. Sums with random signs come within a small factor of those of sizes.
+    found = np.abs(solve(_signs(n) * sizes[:, None])).max(axis=1)
+    if not math.isfinite(np.add.reduce(found)):
+        raise np.linalg.LinAlgError("singular")
+    return Linear(solve, np.abs(y[-n:]) + found, sizes)
+
+
+def solve_entries(rows: Any, columns: Any, values: Array, b: Array) -> Array:
+    """Solve a square system whose matrix is the sum of entries, each with its row and column.
+
+    Raises
+    ------
+    LinAlgError
+        If the matrix is singular or not finite.
+    """
+    from scipy.sparse import coo_matrix
+
+    matrix = coo_matrix((values, (rows, columns)), shape=(len(b), len(b)))
+    if not is_sparse(len(b), len(values)):
+        return np.linalg.solve(matrix.toarray(), b)
+    if not np.all(np.isfinite(values)):
+        raise np.linalg.LinAlgError("not finite")
+    return _factorised(matrix)(b)
+
+
+def _inverse(matrix: Array) -> Array:
+    solver, unit = _solver(len(matrix))
+    _, _, inverse, status = solver(matrix, unit)
+    if status != 0 or (
+        not math.isfinite(np.vdot(inverse, inverse)) and not np.all(np.isfinite(inverse))
+    ):
+        raise np.linalg.LinAlgError("singular")
+    return inverse
+
+
+@functools.cache
+def _solver(n: int) -> tuple[Callable[..., tuple[Array, Array, Array, int]], Array]:
+    """Give LAPACK's solver, which NumPy takes four times as long to call, and the unit matrix."""
+    from scipy.linalg.lapack import dgesv
+
+    return dgesv, np.eye(n, order="F")
+
+
+@functools.lru_cache(maxsize=8)
+def _signs(n: int) -> Array:
+    """Give random signs, the same at every call, shape (n, number of probes)."""
+    return np.random.default_rng(0).choice([-1.0, 1.0], (n, _PROBES))
+
+
+def _factorised(matrix: Matrix) -> Callable[..., Array]:
+    """Factorise a sparse matrix; give what solves with it, or with its transpose by ``"T"``."""
+    from scipy.sparse import diags
+    from scipy.sparse.linalg import splu
+
+    # Pivots are the largest of their columns: of rows in other units they would be the worst.
+    size = abs(matrix.tocsr()).max(axis=1).toarray().ravel()
+    scale = 1.0 / np.where(size > 0.0, size, 1.0)
+    try:
+        factors = splu((diags(scale) @ matrix).tocsc())
+    except RuntimeError:
+        raise np.linalg.LinAlgError("singular") from None
+
+    def solve(b: Array, way: str = "N") -> Array:
+        if way == "T":
+            return np.asarray((factors.solve(b, way).T * scale).T)
+        return np.asarray(factors.solve((b.T * scale).T))
+
+    return solve
+
+
+def singular_direction(slopes: Iterable[Matrix]) -> tuple[int, ...]:
+    """Give the unknowns that square matrices leave undetermined; none as soon as one is regular.
+
+    Rows and columns are scaled first, so the answer is free of units.
+    """
+    involved: tuple[int, ...] = ()
+    for slope in slopes:
+        if not isinstance(slope, np.ndarray):
+            if _is_clearly_regular(slope):
+                return ()
+            slope = slope.toarray()
+        involved = _weak_unknowns(slope)
+        if not involved:
+            break
+    return involved
+
+
+def _is_clearly_regular(slope: Matrix) -> bool:
+    """Whether no singular value of a sparse matrix, scaled, is anywhere near rounding."""
+    matrix = slope.tocoo(copy=True)
+    if not np.all(np.isfinite(matrix.data)):
+        return False
+    for _ in range(3):
+        for place in (matrix.row, matrix.col):
+            size = np.zeros(len(slope.indptr) - 1)
+            np.maximum.at(size, place, np.abs(matrix.data))
+            matrix.data /= np.where(size > 0.0, size, 1.0)[place]
+    try:
+        solve = _factorised(matrix)
+    except np.linalg.LinAlgError:
+        return False
+    # The largest singular value is at most the root of the largest sums of a column and of a row.
+    largest = math.sqrt(abs(matrix).sum(axis=0).max() * abs(matrix).sum(axis=1).max())
+    x = np.random.default_rng(0).standard_normal(matrix.shape[0])
+    growth = math.inf
+    for _ in range(_ROUNDS):
+        x = solve(solve(x / np.linalg.norm(x)), "T")
+        growth = float(np.linalg.norm(x))
+        if not math.isfinite(growth):
+            return False
+    return bool(growth**-0.5 > _CLEARLY * _WEAK * largest)
+
+
+def _weak_unknowns(slope: Array) -> tuple[int, ...]:
+    if not np.all(np.isfinite(slope)):
+        return ()
+    matrix = slope.copy()
+    for _ in range(3):
+        for axis in (1, 0):
+            size = np.max(np.abs(matrix), axis=axis, keepdims=True)
+            matrix /= np.where(size > 0.0, size, 1.0)
+    _, values, directions = np.linalg.svd(matrix)
+    weak = directions[values <= _WEAK * max(float(values[0]), 1e-300)]
+    return tuple(
+        int(i) for i in np.flatnonzero(np.max(np.abs(weak), axis=0, initial=0.0) > _INVOLVED)
+    )
