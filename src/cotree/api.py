@@ -95,6 +95,7 @@ class Scene(SceneDescription):
         BuildError
             If the C text cannot be compiled.
         """
+        begun = time.perf_counter()
         from cotree.pipeline import compile_scene
 
         names = listed_names(sensitivities, "sensitivities")
@@ -103,16 +104,17 @@ class Scene(SceneDescription):
         if rate < 0.0:
             raise ParameterError(f"baumgarte is {rate}: it must not be negative")
         options = BuildOptions(optimize=optimize, native=native)
-        begun = time.perf_counter()
+        prepared = time.perf_counter() - begun
         model = Model(compile_scene(described, names, tree, options, rate), described)
+        model.times["formulate"] += prepared
         model.check_start()
-        model.times["start"] = time.perf_counter() - begun - sum(model.times.values())
         for name in model.unreached:
             warnings.warn(
                 f"no state or output depends on parameter '{name}': its sensitivities are all zero",
                 RuntimeWarning,
                 stacklevel=2,
             )
+        model.times["start"] = time.perf_counter() - begun - sum(model.times.values())
         return model
 
     def graph(self, tree: TreeChoice = None) -> GraphReport:

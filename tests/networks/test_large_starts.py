@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
@@ -41,13 +43,16 @@ def test_a_held_node_in_a_long_ladder():
     n = 140
     scene = _ladder(n, _nothing)
     scene.simulation(start="operating point", held={f"n{n // 2}": 0.5})
+    begun = time.perf_counter()
     model = scene.compile()
+    taken = time.perf_counter() - begun
     v = model.initial_state
     # No current reaches the far half, and one falls evenly along the near half.
     near = 1 - 0.5 * np.arange(1, n // 2 + 1) / (n // 2)
     np.testing.assert_allclose(v, np.concatenate([near, np.full(n // 2, 0.5)]), rtol=1e-12)
     assert list(model.times) == ["formulate", "generate", "compile", "start"]
     assert model.times["start"] > 0.0
+    assert sum(model.times.values()) == pytest.approx(taken, rel=0.05)
     assert "start" in model.simulate((0, 1e-9)).times
 
 

@@ -178,7 +178,9 @@ def test_junctions_evaluate_what_the_equations_are():
     n, m = len(y), len(model.junctions.exponentials)
     assert m > 0
     exponents = point._evaluate(y, np.ones(m))[0][n:]
-    values, slopes = point._evaluate(y, np.exp(exponents))
+    values, entries = point._evaluate(y, np.exp(exponents))
+    slopes = np.zeros((n + m, n + m))
+    slopes[point._rows, point._columns] = entries
     np.testing.assert_allclose(values[:n], model.rhs(0.0, y), atol=1e-12)
     together = slopes[:n, :n] + slopes[:n, n:] * np.exp(exponents) @ slopes[n:, :n]
     np.testing.assert_allclose(together, model.jacobian(0.0, y), rtol=1e-10)

@@ -70,13 +70,15 @@ def substitute(roots: Iterable[Node], replacement: Mapping[Node, Node]) -> list[
     return [new.get(root, root) for root in roots]
 
 
-def symbols_of_each(roots: Sequence[Node]) -> list[list[Node]]:
+def symbols_of_each(
+    roots: Sequence[Node], among: Container[Node] | None = None
+) -> list[list[Node]]:
     """List the symbols that each root depends on, in one walk over all of them.
 
-    What each value depends on is a number with a bit for each symbol.
+    What each value depends on is a number with a bit for each symbol, of those in ``among`` if any.
     """
     walk = reachable(roots)
-    symbols = [node for node in walk if node.op == "symbol"]
+    symbols = [node for node in walk if node.op == "symbol" and (among is None or node in among)]
     masks = {node: 1 << i for i, node in enumerate(symbols)}
     for node in walk:
         if node.args:

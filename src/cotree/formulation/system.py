@@ -205,8 +205,9 @@ def bind(
     """
     time = dag.symbol("t", 0)
     tunable = [name for name, parameter in scene.parameters.items() if parameter.tunable]
+    places = {name: i for i, name in enumerate(tunable)}
     parameters = {
-        name: dag.symbol("p", tunable.index(name)) if row.tunable else dag.constant(row.value)
+        name: dag.symbol("p", places[name]) if row.tunable else dag.constant(row.value)
         for name, row in scene.parameters.items()
     }
     at_scene = partial(_at, {parameters[name]: scene.parameters[name].value for name in tunable})

@@ -37,10 +37,11 @@ def as_parameters(values: Any, names: Sequence[str], defaults: Array) -> Array:
     if values is not None and not isinstance(values, Mapping):
         return as_array(values, (len(names),), "the parameters")
     p = defaults.copy()
+    places = {name: i for i, name in enumerate(names)} if values else {}
     for name, value in (values or {}).items():
-        if name not in names:
+        if name not in places:
             raise ParameterError(
                 f"the model has no tunable parameter '{name}'{nearest(name, names)}"
             )
-        p[names.index(name)] = check_number(value, f"parameter '{name}'")
+        p[places[name]] = check_number(value, f"parameter '{name}'")
     return p

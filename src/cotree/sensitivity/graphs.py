@@ -49,7 +49,7 @@ def differentiate(
     support : Support
         Shared by all directions.
     """
-    reach = Reach.of(first)
+    reach = Reach.of(first, {symbol for row in directions.values() for symbol in row})
     if first.network is None:
         return [
             _along(first, name, row, support, reach, {}, {}) for name, row in directions.items()

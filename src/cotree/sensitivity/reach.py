@@ -41,9 +41,10 @@ class Reach:
     pulled: Mapping[Node, list[int]]
 
     @classmethod
-    def of(cls, first: FirstGraph) -> Reach:
-        """Look at everything that the equations are made of."""
-        outputs = _by_symbol(first.outputs.values)
+    def of(cls, first: FirstGraph, changing: Iterable[Node]) -> Reach:
+        """Look at everything that the equations are made of, for symbols that may change."""
+        among = {*changing, *first.unknowns, *first.measured}
+        outputs = _by_symbol(first.outputs.values, among)
         moving = {i for symbol in first.unknowns for i in outputs.get(symbol, ())}
         starts = tuple(state.initial for state in first.states)
         rows = first.constraints
@@ -56,22 +57,22 @@ class Reach:
         pulled = [[row.magnitude, *row.pull.entries] for row in first.applied]
         return cls(
             outputs,
-            _by_symbol(starts),
+            _by_symbol(starts, among),
             tuple(moving),
             starts,
-            _rows_by_symbol(held),
-            _rows_by_symbol(pulled),
+            _rows_by_symbol(held, among),
+            _rows_by_symbol(pulled, among),
         )
 
 
-def _by_symbol(nodes: Sequence[Node]) -> dict[Node, list[int]]:
-    return _rows_by_symbol([[node] for node in nodes])
+def _by_symbol(nodes: Sequence[Node], among: set[Node]) -> dict[Node, list[int]]:
+    return _rows_by_symbol([[node] for node in nodes], among)
 
 
-def _rows_by_symbol(rows: Sequence[Sequence[Node]]) -> dict[Node, list[int]]:
+def _rows_by_symbol(rows: Sequence[Sequence[Node]], among: set[Node]) -> dict[Node, list[int]]:
     found: defaultdict[Node, dict[int, None]] = defaultdict(dict)
     places = [i for i, row in enumerate(rows) for _ in row]
-    for i, symbols in zip(places, symbols_of_each([*chain(*rows)]), strict=True):
+    for i, symbols in zip(places, symbols_of_each([*chain(*rows)], among), strict=True):
         for symbol in symbols:
             found[symbol][i] = None
     return {symbol: list(own) for symbol, own in found.items()}
