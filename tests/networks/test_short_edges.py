@@ -58,8 +58,8 @@ def test_tied_terminals_are_those_that_sources_of_no_voltage_tie(row, n):
     apart = "\n".join([" ".join([name, *own, *words[n:]]), *meters])
     currents = {"Q": ("ib", "ic"), "M": ("id",), "D": ("i",)}[name[0]]
     wanted = ["a.v", "b.v", *(f"{name}.{symbol}" for symbol in currents)]
-    # Errors of two runs of a hundred steps at 3 V and some milliamperes: where a junction passes the
-    # share of its potential from which its capacitance goes on straight, steps are worse than that.
+    # Errors of two runs of a hundred steps at 3 V and some milliamperes: where a junction passes
+    # the share of its potential from which its capacitance goes on straight, steps are worse.
     np.testing.assert_allclose(ends(row, wanted), ends(apart, wanted), rtol=0, atol=1e-9)
 
 
