@@ -25,7 +25,7 @@ METHODS = ("dop853", "rodas5", "dopri5", "cvode", "ida", "rodas4", "Radau")
 
 #: A central difference whose steps are shares of a second: from where truncation shows to where the
 #: tolerance of its runs does.
-STEPS = (1e-3, 3e-4, 1e-4, 3e-5)
+STEPS = (3e-4, 1e-4, 3e-5, 1e-5)
 
 #: What is allowed, as a share of the largest sensitivity or one: differences of runs at 1e-11 err
 #: by some 1e-7 at a step of 1e-4, and BDF's errors of 1e-9 add up over hundreds of steps.
