@@ -13,6 +13,9 @@ LARGEST_RTOL = 1.0
 #: Above this relative tolerance error estimates, which are leading terms of series, mean little.
 LOOSE_RTOL = 1e-2
 
+#: A step whose end constraints would move by so many tolerances, in the mean, has failed.
+FARTHEST_CORRECTION = 10.0
+
 
 def rtol_fault(rtol: float, least: float = math.ulp(0.0)) -> str:
     """Say why a number is no relative tolerance; nothing where it is one.

@@ -53,30 +53,43 @@ def places(model: cotree.Model) -> np.ndarray:
         ("rkf45", 1e-3, 0.2, 0.7),
         ("dop853", 1e-3, 1e-4, 1e-3),
         ("dopri5", 1e-4, 1e-3, 1e-3),
+        ("RK45", 1e-3, 0.1, 0.2),
+        # With rates and Jacobians taken off redundant constraints cvode was 1.3 m and 4.8 J off in
+        # 12,000 steps, ida 1.2 m, LSODA 1.7 m, and BDF did not come to an end.
+        ("cvode", 1e-3, 0.5, 0.5),
+        ("cvode", 1e-5, 3e-4, 1e-3),
+        ("ida", 1e-3, 5e-3, 0.02),
+        ("LSODA", 1e-3, 0.03, 0.1),
+        ("BDF", 1e-4, 0.01, 0.05),
     ],
 )
 def test_no_step_goes_another_way(
     model: cotree.Model, places: np.ndarray, method: str, rtol: float, metres: float, joules: float
 ) -> None:
-    result = model.simulate((0, 12), TIMES, method, rtol, rtol, throw=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of redundant constraints
+        result = model.simulate((0, 12), TIMES, method, rtol, rtol, throw=True, max_steps=1000)
     found = np.array([result[f"p3{axis}"] for axis in "xyz"])
     assert np.max(np.abs(found - places)) < metres
     assert np.ptp(result["energy"]) < joules
     assert result.drift.correction < 10 * rtol  # and not 1.0
 
 
-def test_a_method_of_scipys_says_that_it_went_far(model: cotree.Model) -> None:
-    with pytest.warns(RuntimeWarning, match="projection onto the constraints moved the states"):
-        model.simulate((0, 12), TIMES, "RK45", 1e-3, 1e-3)
+@pytest.mark.slow
+def test_a_correction_of_many_tolerances_is_a_failed_run(model: cotree.Model) -> None:
+    """Of values between steps, too: there BDF's polynomials are far off at this tolerance."""
+    with pytest.warns(RuntimeWarning, match="moved the states by up to 1,") as caught:
+        result = model.simulate((0, 12), TIMES, "BDF", 1e-2, 1e-2)
+    assert not result.success
+    assert "give an rtol of 0.001 or less" in result.message
+    assert len(caught) == 1
 
 
-@pytest.mark.parametrize("method", ["cvode", "ida", "BDF", "LSODA"])
-def test_methods_with_a_memory_say_that_they_follow_roughly(
-    model: cotree.Model, method: str
-) -> None:
+@pytest.mark.parametrize("method", ["dopri5", "cvode"])
+def test_loose_tolerances_are_warned_of(model: cotree.Model, method: str) -> None:
     with pytest.warns(RuntimeWarning, match=f"constraints are redundant, which {method} follows"):
-        model.simulate((0, 0.2), [0.2], method, 1e-4, 1e-4)
-    assert model.simulate((0, 0.2), [0.2], method, 1e-6, 1e-6).success
+        model.simulate((0, 0.2), [0.2], method, 1e-3, 1e-3)
+    assert model.simulate((0, 0.2), [0.2], method, 1e-4, 1e-4).success
 
 
 @pytest.mark.slow

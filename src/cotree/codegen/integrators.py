@@ -14,6 +14,7 @@ from cotree.codegen.sundials import (
     WITH_SENSITIVITIES,
 )
 from cotree.codegen.tableaus import TABLEAUS, Tableau
+from cotree.tolerances import FARTHEST_CORRECTION
 from cotree.version import ABI_VERSION, VERSION
 
 if TYPE_CHECKING:
@@ -198,4 +199,4 @@ def _declared(files: Mapping[str, str], headers: tuple[str, ...]) -> str:
     return "".join(declared(files[name]) for name in headers)
 
 
-_COMMON = {"generator": VERSION}
+_COMMON = {"generator": VERSION, "farthest": FARTHEST_CORRECTION}

@@ -196,8 +196,6 @@ class SundialsJob(Job):
         Of the method.
     """
 
-    is_explicit = False
-
     def __init__(
         self, sundials: Sundials, problem: Problem, corners: list[float], name: str
     ) -> None:

@@ -20,18 +20,24 @@ from typing import TYPE_CHECKING, NoReturn
 import numpy as np
 
 from cotree.quiet import without_warnings
-from cotree.solvers.augmented import augmented_tolerances
 from cotree.solvers.base import Drift, Statistics, Trajectory
 from cotree.solvers.corners import Turns, segments
-from cotree.solvers.evaluate import BUDGET_SPENT, FAILED, Evaluator, IntegrationStopError
+from cotree.solvers.evaluate import (
+    BUDGET_SPENT,
+    FAILED,
+    Evaluator,
+    IntegrationStopError,
+    OffConstraintsError,
+)
 from cotree.solvers.events import Watch
 from cotree.solvers.messages import ROUNDING_LEVEL, told
 from cotree.solvers.packed import packed
-from cotree.solvers.passage import Passage
+from cotree.solvers.passage import LOOSENED, LOOSEST, Passage
 from cotree.solvers.progress import Progress
 from cotree.solvers.since import counted_from_start
 from cotree.solvers.stepper import Idle
 from cotree.solvers.verdicts import verdict
+from cotree.tolerances import FARTHEST_CORRECTION
 
 if TYPE_CHECKING:
     from cotree.solvers.locate import Located
@@ -46,10 +52,6 @@ _STALL_SPACINGS, _STALL_STEPS = 16, 5
 # four take 7 to 70 per cent more steps along a pendulum of index 1, with a twentieth or less of the
 # error of a motion left to drift. Where every step is looked at, CVODE takes 36 times as many.
 _STEPS_UNHELD = 100
-
-# How much looser the tolerance is over the stretch that crosses a singular configuration, so that
-# rounding, enlarged by the inverse of the distance, no longer decides.
-_LOOSENED, _LOOSEST = 1e3, 1e-9
 
 # How much shorter steps become where something is not a number ahead, and the shortest that are
 # tried, as a share of the span.
@@ -127,6 +129,7 @@ class _Run:
         self._wanted = [] if problem.t_eval is None else [float(t) for t in problem.t_eval]
         self._next = 0
         self._steps_unheld = 0
+        self._moved = 0.0  # by how many tolerances the constraints would have moved the last step
         self.passage = Passage()
         events = problem.events
         self.watch = Watch(problem, events, self.evaluator, start) if events else None
@@ -143,7 +146,7 @@ class _Run:
         self._look_at_start()
         self._keep_start()
         self._derivative(start, self.z, "it cannot start")
-        self._steps_unheld = 0
+        self._steps_unheld, self._moved = 0, 0.0
         stepper = self._start(evaluator, start, self.z, end)
         nlu_before = self.nlu
         short_steps = 0
@@ -164,9 +167,12 @@ class _Run:
                 found = None
                 if self.watch is not None and not reason:
                     found = self.watch.find(stepper, before, z_before, end)
-                reason = reason or self._accept(stepper, found)
-                if reason:
-                    crossing = self._retreat(stepper, end, reason)
+                try:
+                    if reason:
+                        raise IntegrationStopError(FAILED, reason)
+                    self._accept(stepper, found)
+                except IntegrationStopError as stop:
+                    crossing = self._retreat(stepper, end, stop)
                     stepper = self._start(evaluator, self.t, self.z, crossing)
                     nlu_before = self.nlu
                     continue
@@ -181,7 +187,7 @@ class _Run:
                 if not is_short:
                     evaluator.progressed()
                 if short_steps >= _STALL_STEPS:
-                    self._give_up(ROUNDING_LEVEL)
+                    self._give_up(IntegrationStopError(FAILED, ROUNDING_LEVEL))
                 if self._is_stuck(stepper, before, bound):
                     crossing = self._crossing(end)
                     stepper = self._start(evaluator, self.t, self.z, crossing)
@@ -221,7 +227,7 @@ class _Run:
     def _let_happen(self, found: Located) -> None:
         """Go on from what an event leaves."""
         assert self.watch is not None  # which found it
-        self.z = self.watch.happen(found)
+        self.z, self._moved = self.watch.happen(found), 0.0
         self.evaluator.progressed()
         self.passage.restarted()
         self._keep_after(found.t)
@@ -247,7 +253,7 @@ class _Run:
         if problem.singular is None or self.t == bound:
             return False
         passage.watch(abs(self.t - before), stepper.has_memory)
-        is_tight = self.evaluator.problem is problem and problem.rtol < _LOOSEST
+        is_tight = self.evaluator.problem is problem and problem.rtol < LOOSEST
         return is_tight and passage.is_stuck and bool(problem.singular(self.t, self.z))
 
     def _crossing(self, end: float) -> float:
@@ -258,27 +264,30 @@ class _Run:
         passage.cross(self.t, problem.singular(self.t, self.z))
         self.evaluator.problem = replace(
             problem,
-            rtol=max(problem.rtol, min(problem.rtol * _LOOSENED, _LOOSEST)),
-            atol=np.maximum(atol, np.minimum(atol * _LOOSENED, _LOOSEST)),
+            rtol=max(problem.rtol, min(problem.rtol * LOOSENED, LOOSEST)),
+            atol=np.maximum(atol, np.minimum(atol * LOOSENED, LOOSEST)),
         )
         ahead = self.t + problem.direction * passage.longest
         return ahead if problem.direction * (end - ahead) > 0 else end
 
-    def _retreat(self, stepper: Stepper, end: float, reason: str) -> float:
+    def _retreat(self, stepper: Stepper, end: float, stop: IntegrationStopError) -> float:
         """Shorten the steps after a failure, and say up to where."""
-        # Methods with a memory give up where a trial step is not finite; others shorten it.
-        self._reach *= _RETREAT
+        self._reach = _RETREAT * (abs(stepper.t - self.t) or self._reach)
         least = _LEAST_REACH * abs(self.problem.t_span[1] - self.problem.t_span[0])
-        if not (stepper.has_memory and self.evaluator.not_finite and self._reach > least):
-            self._give_up(reason)
+        # Methods with a memory give up where a trial step is not finite; others shorten it.
+        is_known = stop.status == FAILED and stepper.has_memory and self.evaluator.not_finite
+        if not (is_known or isinstance(stop, OffConstraintsError)) or self._reach <= least:
+            self._give_up(stop)
+        if stepper.has_memory:
+            self.z, self._moved = self.evaluator.project(self.t, self.z), 0.0
         self.evaluator.problem = replace(self.evaluator.problem, max_step=self._reach)
         ahead = self.t + self.problem.direction * self._reach / _RETREAT
         return ahead if self.problem.direction * (end - ahead) > 0 else end
 
-    def _give_up(self, reason: str) -> NoReturn:
-        if self.watch is not None and reason == ROUNDING_LEVEL:
+    def _give_up(self, stop: IntegrationStopError) -> NoReturn:
+        if self.watch is not None and stop.reason == ROUNDING_LEVEL:
             self.watch.explain(self.t)
-        raise IntegrationStopError(FAILED, reason)
+        raise stop
 
     def keep_last_point(self) -> None:
         """Append the last good point, unless it is there."""
@@ -305,32 +314,28 @@ class _Run:
         wanted = self._wanted[self._next]
         return wanted if self.problem.direction * (end - wanted) > 0 else end
 
-    def _accept(self, stepper: Stepper, found: Located | None = None) -> str:
-        """Take a step, with the outputs in it; give a reason where a value cannot be completed.
-
-        Of a step with an event, that as far as the event, without what is wanted there.
-        """
-        self.n_steps += 1
+    def _accept(self, stepper: Stepper, found: Located | None = None) -> None:
+        """Take a step, with the outputs in it; of one with an event, what comes before that."""
         self._steps_unheld += 1
         self.evaluator.step_done()
         self.progress.reached(stepper.t)
         first = self._next
         wanted = self._wanted_until(stepper.t) if found is None else self._wanted_before(found)
         points = [(t, stepper.z if t == stepper.t else stepper.interpolate(t)) for t in wanted]
-        if self.problem.project is not None and found is None:
-            points = self._hold(stepper, points)
-        elif self.problem.project is not None:
-            points = [(t, self.evaluator.project(t, z)) for t, z in points]
         try:
+            if self.problem.project is not None and found is None:
+                points = self._hold(stepper, points)
+            elif self.problem.project is not None:
+                points = [(t, self.evaluator.project(t, z)) for t, z in points]
             columns = [(t, self.evaluator.complete(t, z)) for t, z in points]
-        except IntegrationStopError as stop:
+        except IntegrationStopError:
             self._next = first
-            return stop.reason
+            raise
+        self.n_steps += 1
         end = stepper if found is None else found
         self.t, self.z = end.t, end.z
         for t, column in columns:
             self._store(t, column)
-        return ""
 
     def _wanted_before(self, found: Located) -> list[float]:
         """Take the outputs before an event, but for what its time cannot be told from."""
@@ -351,25 +356,18 @@ class _Run:
         self, stepper: Stepper, points: list[tuple[float, FloatArray]]
     ) -> list[tuple[float, FloatArray]]:
         """Project the points of a step, and its end where the method can go on from there."""
-        project = self.evaluator.project
-        held = [(t, project(t, z)) for t, z in points]
-        if stepper.has_memory and self._steps_unheld < _STEPS_UNHELD:
+        z, evaluator, has_memory = stepper.z, self.evaluator, stepper.has_memory
+        end, mean, largest = evaluator.hold(stepper.t, z, self._moved)
+        held = [(t, end if t == stepper.t else evaluator.project(t, x)) for t, x in points]
+        self._moved = mean if has_memory else 0.0
+        if has_memory and self._steps_unheld < _STEPS_UNHELD and self._moved < FARTHEST_CORRECTION:
             return held
-        self._steps_unheld = 0
-        z = stepper.z
-        reaches = bool(held) and held[-1][0] == stepper.t
-        end = held[-1][1] if reaches else project(stepper.t, z)
-        if self._is_coarse(z, end) if stepper.has_memory else not np.array_equal(z, end):
+        self._steps_unheld, self._moved = 0, 0.0
+        if largest > 1.0 if has_memory else not np.array_equal(z, end):
             stepper.replace(end, self._derivative(stepper.t, end, "it cannot go on"))
-            if stepper.has_memory:
+            if has_memory:
                 self.passage.restarted()
         return held
-
-    def _is_coarse(self, z: FloatArray, projected: FloatArray) -> bool:
-        """Tell whether a correction is larger than the tolerance."""
-        rtol, atol = augmented_tolerances(self.problem)
-        change, size = np.abs([projected - z, z])[:, self.problem.integrated]
-        return bool(np.any(change > rtol * size + atol))
 
     def _derivative(self, t: float, z: FloatArray, otherwise: str) -> FloatArray:
         """Return the derivative where a method starts or goes on; stop where it is not finite."""

@@ -18,7 +18,7 @@ from cotree.sharing import made_once
 from cotree.solvers.augmented import augmented_tolerances
 from cotree.solvers.corners import TURNED, turn_tolerances, turning
 from cotree.solvers.events import Occurrence
-from cotree.solvers.messages import ROUNDING_LEVEL
+from cotree.solvers.messages import MOVED_FAR, ROUNDING_LEVEL
 from cotree.solvers.problem import describe_entry
 from cotree.solvers.verdicts import BY_STATUS, UNCERTAIN, verdict
 from cotree.version import ABI_VERSION
@@ -43,7 +43,7 @@ _REASONS = {
     4: "the right-hand side fails",
     5: "the right-hand side is not finite",
     6: "the right-hand side stopped the integration",
-    7: "the projection onto the constraints fails, or moves a step by many tolerances",
+    7: MOVED_FAR,
 }
 
 
@@ -109,13 +109,9 @@ class Job:
     ----------
     keeps_algebraic : bool
         Whether algebraic unknowns are integrated, not solved for at each evaluation.
-    is_explicit : bool
-        Whether the engine may run an explicit method, whose rates have to be taken on constraints
-        that depend on each other.
     """
 
     keeps_algebraic = False
-    is_explicit = True
 
     def __init__(
         self,
@@ -147,7 +143,7 @@ class Job:
         job.has_sensitivities = int(problem.n_sensitivities > 0)
         job.is_held = int(problem.project is not None)
         job.is_extended = int(is_extended)
-        if self.is_explicit and newton is None and problem.singular is not None:
+        if newton is None and problem.singular is not None:
             job.is_strict = int(bool(problem.singular(corners[0], problem.z0)))
         job.n, job.rtol, job.atols = n, rtol, self._doubles(atols)
         job.atol = float(np.min(problem.atol))

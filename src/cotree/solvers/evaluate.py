@@ -19,9 +19,12 @@ from cotree.solvers.augmented import (
     DENSE_LIMIT,
     assemble_dense,
     assemble_sparse,
+    augmented_tolerances,
     difference_columns,
 )
+from cotree.solvers.messages import MOVED_FAR
 from cotree.solvers.problem import describe_entry
+from cotree.tolerances import FARTHEST_CORRECTION
 
 if TYPE_CHECKING:
     from cotree.solvers.problem import FloatArray, Problem
@@ -36,8 +39,15 @@ class IntegrationStopError(Exception):
         self.reason = reason
 
 
+# At tighter tolerances what a singular position makes of rounding is as large as at this one.
+_ROUNDED = 1e-8
+
 FAILED = -1
 BUDGET_SPENT = -2
+
+
+class OffConstraintsError(IntegrationStopError):
+    """A step ended where no projection leads, or one that moves it too far: try a shorter one."""
 
 
 class Evaluator:
@@ -99,9 +109,7 @@ class Evaluator:
 
     def rhs(self, t: float, z: FloatArray) -> FloatArray:
         """Return a fresh array with the derivative of z."""
-        if self.problem.singular is not None:
-            z = self._held(t, z)
-        dz = self._call(t, z)
+        dz = self._call(t, self._where_rates_are(t, z))
         # A dot product finds nan and infinity in one pass; squares may also overflow, which the
         # slower test then sorts out.
         if not math.isfinite(dz.dot(dz)) and not self.not_finite:
@@ -130,22 +138,55 @@ class Evaluator:
         try:
             projected = np.array(self.problem.project(self.inside(t), point), dtype=np.float64)
         except (SolveError, SingularSystemError) as error:
-            raise IntegrationStopError(FAILED, str(error).rstrip(".")) from None
+            raise OffConstraintsError(FAILED, str(error).rstrip(".")) from None
         if projected.shape != point.shape:
             raise SolveError(
                 f"The projection returned shape {projected.shape} where {point.shape} is needed."
             )
         if not np.all(np.isfinite(projected)):
-            raise IntegrationStopError(FAILED, "the projection onto the constraints is not finite")
+            raise OffConstraintsError(FAILED, "the projection onto the constraints is not finite")
         state = point[: self.problem.n_states]
         change = np.abs(projected[: self.problem.n_states] - state)
         largest = float(np.max(change / np.maximum(1.0, np.abs(state)), initial=0.0))
         self.correction = max(self.correction, largest)
         return projected
 
-    def _held(self, t: float, z: FloatArray) -> FloatArray:
+    def hold(self, t: float, z: FloatArray, before: float) -> tuple[FloatArray, float, float]:
+        """Return the end of a step on the constraints, and by how many tolerances it was moved.
+
+        In the mean, and at the most.
+
+        Parameters
+        ----------
+        t : float
+            Time, [s].
+        z : ndarray
+            Where a step ended.
+        before : float
+            The mean for the end of the step before, where that was left off the constraints.
+
+        Raises
+        ------
+        OffConstraintsError
+            If it cannot be brought there, or the step made it farther by too many tolerances.
+        """
+        known = self.correction
+        projected = self.project(t, z)
+        rtol, atol = augmented_tolerances(self.problem)
+        change, size = np.abs([projected - z, np.maximum(np.abs(z), np.abs(projected))])
+        places = self.problem.integrated
+        moved = change[places] / (rtol * size[places] + atol + np.finfo(np.float64).tiny)
+        mean = math.sqrt(moved.dot(moved) / max(1, moved.size))
+        allowed = FARTHEST_CORRECTION * max(1.0, _ROUNDED / rtol)
+        if mean - before > allowed:
+            self.correction = known  # of steps that are taken
+            raise OffConstraintsError(FAILED, MOVED_FAR)
+        return projected, mean, float(np.max(moved, initial=0.0))
+
+    def _where_rates_are(self, t: float, z: FloatArray) -> FloatArray:
         """Project a trial point; one far from the constraints is taken as it is."""
-        assert self.problem.project is not None
+        if self.problem.singular is None or self.problem.project is None:
+            return z
         try:
             point = np.ascontiguousarray(z, dtype=np.float64)
             return np.array(self.problem.project(self.inside(t), point), dtype=np.float64)
@@ -204,7 +245,7 @@ class Evaluator:
             checked = self._checked(t, self._differences(t, z)[:n_states])
             return checked
         self._check_budgets()
-        point = np.ascontiguousarray(z[:n_states], dtype=np.float64)
+        point = np.ascontiguousarray(self._where_rates_are(t, z)[:n_states], dtype=np.float64)
         try:
             matrix = self.problem.jacobian(self.inside(t), point)
         except SingularSystemError as error:
@@ -220,7 +261,9 @@ class Evaluator:
         assert self.problem.sparse_jacobian is not None
         self.njev += 1
         self._check_budgets()
-        point = np.ascontiguousarray(z[: self.problem.n_states], dtype=np.float64)
+        point = np.ascontiguousarray(
+            self._where_rates_are(t, z)[: self.problem.n_states], dtype=np.float64
+        )
         try:
             matrix = self.problem.sparse_jacobian(self.inside(t), point)
         except SingularSystemError as error:

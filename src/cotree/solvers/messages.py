@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 #: Why a method stops whose steps no longer change t.
 ROUNDING_LEVEL = "the step size fell to rounding level"
 
+#: Why one stops that constraints move too far.
+MOVED_FAR = "the projection onto the constraints fails, or moves a step by many tolerances"
+
 # A span that has fewer different times than the inverse of this may have too few.
 _FINE = 1e-12
 

@@ -20,6 +20,10 @@ _MANY = 15
 
 _REMEMBERED = 40
 
+#: How much looser the tolerance is over the stretch that crosses a singular configuration, and at
+#: most, so that rounding, enlarged by the inverse of the distance, no longer decides.
+LOOSENED, LOOSEST = 1e3, 1e-9
+
 
 class Passage:
     """Watches the steps of a constrained motion; it is mutable and belongs to one integration.

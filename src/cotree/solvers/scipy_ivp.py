@@ -174,10 +174,10 @@ class ScipyStepper:
         """Go on from other values; a method with a memory starts anew."""
         self.z = z
         self._interpolant = None
-        if self.has_memory:
+        if self.has_memory and self.t != self._t_end:
             self._nlu_before = self.nlu
             self._solver = self._make()
-        else:
+        elif not self.has_memory:
             # The derivative at the end of a step is the first stage of the next one.
             self._solver.t, self._solver.y, self._solver.f = self.t, z, dz
 

@@ -24,7 +24,7 @@ from cotree.solvers.result import EventTimes, Result
 from cotree.solvers.select import integrate
 from cotree.solvers.sweep import sweep
 from cotree.solvers.timely import timely
-from cotree.solvers.trust import warn_of_redundancy, warn_of_result, warn_of_tolerances
+from cotree.solvers.trust import held, warn_of_redundancy, warn_of_result, warn_of_tolerances
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -140,7 +140,7 @@ def simulate(
     method = settings.method
     if method == "auto" and signals.has_function:
         method = "LSODA"  # switches between stiff and not, and takes any Python function
-    trajectory = timely(problem, integrate(problem, method))
+    trajectory = held(problem, timely(problem, integrate(problem, method)))
     if trajectory.status != 0:
         if settings.throw:
             raise SolveError(trajectory.message)

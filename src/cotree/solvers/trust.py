@@ -1,32 +1,30 @@
-"""What a run is warned of: tolerances that test little, and corrections beyond them.
+"""What a run is warned of, and fails for: tolerances that test little, corrections beyond them.
 
 In: a ``Problem``, and later its ``Trajectory``. Out: warnings, to the caller of a model's
-``simulate``.
+``simulate``, and trajectories that count as failed.
 """
 
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cotree.solvers.methods import METHODS
-from cotree.tolerances import LOOSE_RTOL, loose_rtol
+from cotree.solvers.evaluate import FAILED
+from cotree.tolerances import FARTHEST_CORRECTION, LOOSE_RTOL, loose_rtol
 
 if TYPE_CHECKING:
-    from cotree.solvers.base import Drift, Trajectory
+    from cotree.solvers.base import Trajectory
     from cotree.solvers.problem import Problem
 
-# Corrections beyond this many times the tolerance are none of integration.
-_LARGEST_CORRECTION = 1e5
+# No correction larger than so many tolerances, or those of this one, is an error of integration.
+_CORRECTED_RTOL = 1e-3
 
-# Nor are those beyond this, unless the tolerance is as loose.
-_LARGE_CORRECTION = 1e-2
-
-# Methods with a memory see redundant constraints off which they predict: Bricard's mechanism goes
-# another way at 1e-3, and is off by a thousand tolerances at 1e-5.
-_ROUGH = 1e-6
+# Steps that leave redundant constraints come back to them by more than one way: above this,
+# Bricard's mechanism is off by 10 to 300 tolerances, and at 1e-2 by a metre.
+_ROUGH = 1e-4
 
 # From these functions up to the caller of ``Model.simulate``.
 _CALLER = 5
@@ -38,22 +36,34 @@ def warn_of_tolerances(problem: Problem) -> None:
 
 
 def warn_of_result(problem: Problem, trajectory: Trajectory) -> None:
-    """Warn where the absolute tolerance tested nothing, or constraints moved the states far."""
+    """Warn where the absolute tolerance tested nothing."""
     if trajectory.status == 0:
         _warn(_untested(problem, trajectory))
-    if trajectory.drift is not None:
-        _warn(_corrected(problem, trajectory.drift))
 
 
 def warn_of_redundancy(problem: Problem, trajectory: Trajectory, redundant: int) -> None:
-    """Warn where constraints are redundant and a method with a memory follows them roughly."""
-    method = trajectory.statistics.method
-    is_rough = problem.rtol > _ROUGH and METHODS[method].multistep
-    if trajectory.status == 0 and redundant and is_rough:
+    """Warn where constraints are redundant and the tolerance is loose."""
+    if trajectory.status == 0 and redundant and problem.rtol > _ROUGH:
         _warn(
-            f"constraints are redundant, which {method} follows with errors of many tolerances "
-            f"where rtol is above {_ROUGH:g}: give a tighter one, or take dopri5 or dop853"
+            f"constraints are redundant, which {trajectory.statistics.method} follows with errors "
+            f"of many tolerances where rtol is above {_ROUGH:g}: give a tighter one"
         )
+
+
+def held(problem: Problem, trajectory: Trajectory) -> Trajectory:
+    """Have a run fail whose states constraints moved by far more than the tolerance."""
+    tolerance = max(problem.rtol, float(np.min(problem.atol)), _CORRECTED_RTOL)
+    drift = trajectory.drift
+    if drift is None or trajectory.status != 0:
+        return trajectory
+    if drift.correction <= FARTHEST_CORRECTION * tolerance:
+        return trajectory
+    message = (
+        f"{trajectory.message} But the projection onto the constraints moved the states by up to "
+        f"{drift.correction:.2g}, far more than the tolerance, so that the motion may have gone on "
+        f"along another branch: give an rtol of {0.1 * problem.rtol:.1g} or less."
+    )
+    return replace(trajectory, status=FAILED, message=message)
 
 
 def _untested(problem: Problem, trajectory: Trajectory) -> str:
@@ -67,19 +77,6 @@ def _untested(problem: Problem, trajectory: Trajectory) -> str:
     return (
         f"no state was ever larger than {largest:.2g}, of which atol = {atol:.2g} tests little: "
         f"give an atol below {LOOSE_RTOL * largest:.1g}"
-    )
-
-
-def _corrected(problem: Problem, drift: Drift) -> str:
-    """Compare what projection did to the states with the tolerance."""
-    tolerance = max(problem.rtol, float(np.min(problem.atol)), 1e-12)
-    allowed = min(_LARGEST_CORRECTION * tolerance, max(_LARGE_CORRECTION, 10.0 * tolerance))
-    if drift.correction <= allowed:
-        return ""
-    return (
-        f"projection onto the constraints moved the states by up to {drift.correction:.2g}, "
-        "far more than the tolerance: near a singular configuration the motion may have gone "
-        "on along another branch; compare with another tolerance or method"
     )
 
 
