@@ -72,7 +72,7 @@ def scene_length(
         [m]; where no constraint has turns and shifts, the longest lever, or how far things are.
     """
     rng, turns = np.random.default_rng(0), turning_speeds(layout)
-    rows = np.vstack([gradient(_turned(layout, y, rng)) for _ in range(_POSITIONS)])
+    rows = np.vstack([gradient(turned(layout, y, rng)) for _ in range(_POSITIONS)])
     places = [(i, *group) for i in range(_POSITIONS) for group in groups]
     shifts = np.array([row.unit == "m" for row in layout.states[: layout.n_coordinates]])
     far = float(np.max(np.abs([*y[: len(shifts)][shifts], *gaps]), initial=0.0))
@@ -84,7 +84,7 @@ def scene_length(
     return longest if longest > _NO_LENGTH else 1.0
 
 
-def _turned(layout: Layout, y: Array, rng: np.random.Generator) -> Array:
+def turned(layout: Layout, y: Array, rng: np.random.Generator) -> Array:
     """Turn all joints a little."""
     y = y.copy()
     for i, row in enumerate(layout.states[: layout.n_coordinates]):

@@ -87,6 +87,8 @@ def drive(problem: Problem, method: str, start: StartStepper) -> Trajectory:
                     run.integrate_segment(*segment)
         except IntegrationStopError as stop:
             status, reason = stop.status, stop.reason
+            if status == FAILED and problem.singular is not None:
+                run.passage.lost = problem.singular(run.t, run.z)
             run.keep_last_point()
     evaluator = run.evaluator
     cause = evaluator.not_finite if reason else ""

@@ -34,11 +34,14 @@ class Passage:
         Times where a stretch was crossed with a looser tolerance, [s].
     names : tuple of str
         The edges whose constraints lose rank there.
+    lost : tuple of str
+        The same where the run ended.
     """
 
     def __init__(self) -> None:
         self.crossed: list[float] = []
         self.names: tuple[str, ...] = ()
+        self.lost: tuple[str, ...] = ()
         self._steps: deque[float] = deque(maxlen=_REMEMBERED)
         self._short = 0
 
@@ -71,13 +74,22 @@ class Passage:
         self._short = 0
 
     def summary(self) -> str:
-        """Say what was crossed; nothing where nothing was."""
-        if not self.crossed:
-            return ""
-        places = ", ".join(f"{t:.6g}" for t in self.crossed[:4])
-        more = ", ..." if len(self.crossed) > 4 else ""
-        names = ", ".join(f"'{name}'" for name in self.names)
-        return (
-            f"Singular configurations were crossed with a looser tolerance after t = {places}"
-            f"{more}: there the constraints of {names} lose rank."
-        )
+        """Say what was crossed, and what ended the run; nothing where nothing was."""
+        sentences = []
+        if self.lost:
+            sentences.append(
+                f"There the constraints of {_listed(self.lost)} nearly lose rank, which enlarges "
+                "rounding, most of all in sensitivities: loosen rtol, or take cvode."
+            )
+        if self.crossed:
+            places = ", ".join(f"{t:.6g}" for t in self.crossed[:4])
+            more = ", ..." if len(self.crossed) > 4 else ""
+            sentences.append(
+                f"Singular configurations were crossed with a looser tolerance after t = {places}"
+                f"{more}: there the constraints of {_listed(self.names)} lose rank."
+            )
+        return " ".join(sentences)
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    return ", ".join(f"'{name}'" for name in names)

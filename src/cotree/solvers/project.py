@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.errors import SolveError
-from cotree.model.lengths import gradient_groups, scene_length, turning_speeds
+from cotree.model.lengths import gradient_groups, scene_length, turned, turning_speeds
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -38,11 +38,12 @@ _FLOOR = 1e-6
 # Gradients below this share of the largest, or of 1, are rounding.
 _ROUNDING_ROW = 1e-12
 
-# Constraints whose gradients, each of length one, shrink below this along some direction are
-# nearly dependent.
-_NEAR = 0.1
+# Constraints whose gradients shrink along some direction below this share of what they are along
+# their weakest one in a few other positions, or below the second number, are nearly dependent. Many
+# loops side by side have weak directions everywhere.
+_NEAR, _LEAST, _POSITIONS = 0.1, 1e-6, 3
 
-# Singular values of the constraints' gradients, each of length one, below this are none.
+# Singular values of the constraints' gradients, about of length one, below this are none.
 _REDUNDANT = 1e-10
 
 # Edges with more than this share in a direction that the constraints no longer see are named.
@@ -73,7 +74,7 @@ class Projection:
         self._n_states = len(model.states)
         self._u = u
         self._edges = model.layout.constraint_edges
-        self._layout, self._reach = model.layout, 0.0
+        self._layout, self._reach, self._gap = model.layout, 0.0, 0.0
         self._gradient = model.bound("gradient", p) if self._edges else None
         self._residual = model.bound("constraints", p)
         self._step = model.bound("projection", p)
@@ -110,16 +111,30 @@ class Projection:
         return result
 
     def _rows(self, t: float, z: FloatArray) -> FloatArray:
-        """Give the gradients of the constraints by velocities, each of length one or nothing.
+        """Give the gradients of the constraints by velocities, the longest of each edge as one.
 
-        They are those of a scene of any size, so that what is decided by them is, too.
+        They are those of a scene of any size, so that what is decided by them is, too. A joint one
+        of whose gradients is short, since links are in one line, is about to lose it.
         """
         rows = self._gradients(t, z)
         seen = np.linalg.norm(rows, axis=1) > _ROUNDING_ROW * np.max(np.abs(rows), initial=1.0)
         rows[~seen] = 0.0
         rows[:, self._turns] /= self._length(t, z)
-        rows[seen] /= np.linalg.norm(rows[seen], axis=1, keepdims=True)
+        groups, sizes = gradient_groups(self._layout), np.linalg.norm(rows, axis=1)
+        longest: dict[tuple[str, str], float] = {}
+        for group, size in zip(groups, sizes.tolist(), strict=True):
+            longest[group] = max(size, longest.get(group, 0.0))
+        rows /= np.array([longest[group] or 1.0 for group in groups])[:, None]
         return rows
+
+    def _weakest(self, t: float, z: FloatArray) -> float:
+        """Give the singular value of the gradients from which on a direction is nearly lost."""
+        if not self._gap:
+            rng, n = np.random.default_rng(0), self._n_states
+            others = [turned(self._layout, z[:n], rng) for _ in range(_POSITIONS)]
+            gaps = [np.linalg.norm(self._rows(t, np.concatenate([y, z[n:]])), -2) for y in others]
+            self._gap = max(_NEAR * float(max(gaps)), _LEAST)
+        return self._gap
 
     def _gradients(self, t: float, z: FloatArray) -> FloatArray:
         """Give the gradients of the constraints by the speeds, shape (n_rows, n_speeds)."""
@@ -151,7 +166,7 @@ class Projection:
         """Name the edges whose constraints are dependent, or nearly so, at a point."""
         rows = self._rows(t, z)
         squares, directions = np.linalg.eigh(rows @ rows.T)
-        weak = directions[:, squares <= _NEAR**2]
+        weak = directions[:, squares <= self._weakest(t, z) ** 2]
         involved = np.flatnonzero(np.max(np.abs(weak), axis=1, initial=0.0) > _INVOLVED)
         return tuple(dict.fromkeys(self._edges[i] for i in involved))
 
