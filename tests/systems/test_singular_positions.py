@@ -1,4 +1,4 @@
-"""Positions where constraints lose rank: said of these only, and sensitivities pass or are refused."""
+"""Positions where constraints lose rank: said of these only; sensitivities pass or are refused."""
 
 from __future__ import annotations
 

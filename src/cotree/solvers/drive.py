@@ -6,8 +6,8 @@ budgets and progress, and turns what goes wrong into a status and a sentence.
 
 Every stored value of a constrained problem is projected. Methods without a memory also go on from
 the projected value after each step. Those with one, whose history a projection puts at odds with
-the present, look at it every ``_STEPS_UNHELD`` steps, whether outputs are wanted there or not, and
-start anew from the projected value if it differs by more than the tolerance.
+the present, start anew from it every ``_STEPS_UNHELD`` steps if it differs by more than the
+tolerance, and wherever it differs by many. A step that makes it differ by many has failed.
 """
 
 from __future__ import annotations
