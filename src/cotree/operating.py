@@ -21,7 +21,6 @@ from cotree.model.algebraic import solve_states
 from cotree.model.arrays import as_array
 from cotree.model.kernels import PythonKernels
 from cotree.model.model import CompiledModel
-from cotree.model.undefined import why_undefined
 from cotree.scene.simulation import OPERATING_POINT
 from cotree.scene.standstill import standing_scene
 from cotree.sharing import formed_once
@@ -112,18 +111,12 @@ class OperatingModel(CompiledModel):
         rates = self.rhs(0.0, start)
         for name, rate in zip(self.states, rates, strict=True):
             if not math.isfinite(rate):
-                why = self._why_undefined(start)
+                why = self.why_undefined(0.0, start, self.default_parameters, None)
+                where = f" ({why})" if why else ""
                 raise SingularSystemError(
-                    f"the rate of '{name}' is not finite at the initial state{why}: check its "
+                    f"the rate of '{name}' is not finite at the initial state{where}: check its "
                     "initial value, and the inertia and the laws that act on it"
                 )
-
-    def _why_undefined(self, y: Array) -> str:
-        """Say in brackets which operation makes rates nan or infinite at the start."""
-        p = self.default_parameters
-        known = {"t": [0.0], "x": y, "p": p, "u": self.input_values(0.0, p)}
-        why = why_undefined(self._program, "rhs", known)
-        return f" ({why})" if why else ""
 
     @formed_once
     def _linearizer(self) -> Linearizer:

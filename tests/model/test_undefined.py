@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 
 import numpy as np
@@ -58,3 +59,36 @@ def test_a_rate_that_is_not_finite_at_the_start():
     expected = r"\(force of edge 'j': log\(-1\) is nan at t = 0, 'a' = -1\)"
     with pytest.raises(SingularSystemError, match=expected):
         scene.compile()
+
+
+@pytest.mark.parametrize("method", ["dopri5", "rodas5", "cvode", "ida", "RK45", "Radau"])
+@pytest.mark.parametrize("is_solved", [True, False])
+def test_a_run_that_stops_names_the_operation(is_solved, method):
+    """In C as in Python, whether linear equations are solved at run time or not."""
+    if is_solved:
+        model, limit = _solved(), 2.5 / 1.8
+    else:
+        model, limit = _plain(), 0.5
+    with pytest.warns(RuntimeWarning, match=r"stopped at t = 0"):
+        result = model.simulate((0.0, 0.1), method=method)
+    said = re.search(
+        r"resistance of edge 'R1': sqrt\(-\S+\) is nan at .*'C1\.v' = ([\d.]*\d)", result.message
+    )
+    assert result.status != 0
+    assert said
+    # A step of an explicit method may look far beyond.
+    assert float(said[1]) == pytest.approx(limit, abs=1e-3 if method != "RK45" else 1.0)
+
+
+@functools.cache
+def _solved():
+    return network(1.8).compile()
+
+
+@functools.cache
+def _plain():
+    scene = cotree.Scene("plain")
+    scene.edge("V1", "voltage_source", "a", "ground", voltage=5.0)
+    scene.edge("R1", "resistor", "a", "b", resistance="1 + sqrt(0.5 - C1.v)")
+    scene.edge("C1", "capacitor", "b", "ground", capacitance=1e-3)
+    return scene.compile()

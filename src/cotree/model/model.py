@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.dag.traverse import symbols_in
-from cotree.errors import ParameterError, nearest
+from cotree.errors import ParameterError, SingularSystemError, nearest
 from cotree.model.algebraic import solve_start
 from cotree.model.arrays import as_array, as_parameters
 from cotree.model.junctions import Junctions
@@ -19,6 +19,7 @@ from cotree.model.redundant import check_redundant
 from cotree.model.settle import settle_jumps
 from cotree.model.start import Start, consistent_start, start_by_differences
 from cotree.model.structure import Structure
+from cotree.model.undefined import why_undefined
 from cotree.scene.description import check_number
 from cotree.sharing import formed_once
 
@@ -279,10 +280,7 @@ class CompiledModel(Structure):
 
         Parameters and errors as for :meth:`rhs`.
         """
-        n = len(self.states)
-        dense = np.zeros((n, n))
-        dense[self._rows, self._columns] = self._at("jacobian", t, y, p, u)
-        return dense
+        return self._full(self._at("jacobian", t, y, p, u))
 
     def jacobian_sparse(self, t: float, y: Any, p: Any = None, u: Any = None) -> csc_matrix:
         """Evaluate the Jacobian as a scipy CSC matrix; see :meth:`jacobian`."""
@@ -343,19 +341,19 @@ class CompiledModel(Structure):
         self, p: Array, *, is_sparse: bool = False
     ) -> Callable[[float, Array, Array | None], Any]:
         """Give the Jacobian, full or by rows, as a function like those of :meth:`bound`."""
-        n, dense = len(self.states), np.zeros((0, 0))
-        kernel, rows, columns = self.bound("jacobian", p), self._rows, self._columns
+        kernel, place = self.bound("jacobian", p), self._by_rows if is_sparse else self._full
+        return lambda t, x, u: place(kernel(t, x, _NONE, u))
 
-        def call(t: float, x: Array, u: Array | None) -> Any:
-            nonlocal dense
-            if is_sparse:
-                return self._sparse(kernel(t, x, _NONE, u)).tocsr()
-            if len(dense) != n:  # at the first call: large models may never make one
-                dense = np.zeros((n, n))
-            dense[rows, columns] = kernel(t, x, _NONE, u)
-            return dense
-
-        return call
+    def why_undefined(self, t: float, y: Array, p: Array, u: Array | None) -> str:
+        """Say why rates have no value at a point, as a sentence without a capital and an end."""
+        try:
+            rates = self.bound("rhs", p)(t, y, _NONE, u)
+        except SingularSystemError as error:
+            return str(error).rstrip(".")
+        if np.all(np.isfinite(rates)):
+            return ""
+        u = self.input_values(t, p) if u is None else u
+        return why_undefined(self._program, "rhs", {"t": [t], "x": y, "p": p, "u": u})
 
     def check_parameters(self, p: Any) -> None:
         """Refuse parameters that the model's guards refuse.

@@ -13,7 +13,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     import numpy.typing as npt
-    from scipy.sparse import csc_matrix
+    from scipy.sparse import csc_matrix, csr_matrix
 
     from cotree.program import Layout
 
@@ -42,6 +42,15 @@ class Structure:
 
         n = len(self.layout.states)
         return csc_matrix((values, self._rows, self.layout.column_starts), shape=(n, n))
+
+    def _by_rows(self, values: npt.NDArray[np.float64]) -> csr_matrix:
+        return self._sparse(values).tocsr()
+
+    def _full(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        n = len(self.layout.states)
+        dense = np.zeros((n, n))
+        dense[self._rows, self._columns] = values
+        return dense
 
     @cached_property
     def jacobian_colouring(self) -> npt.NDArray[np.intp]:

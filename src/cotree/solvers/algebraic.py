@@ -56,6 +56,7 @@ def reduce_problem(problem: Problem) -> Problem:
         rhs=reduction.rhs,
         jacobian=reduction.jacobian,
         state_rhs=None,
+        undefined=None,
         n_states=cut,
         n_algebraic=0,
         z0=reduction.without(problem.z0),

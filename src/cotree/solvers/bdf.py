@@ -21,7 +21,7 @@ from cotree.sharing import made_once
 from cotree.solvers.corners import TURNED, segments, turning
 from cotree.solvers.engine import Job, build_engine
 from cotree.solvers.evaluate import FAILED
-from cotree.solvers.messages import ROUNDING_LEVEL
+from cotree.solvers.messages import ROUNDING_LEVEL, undefined_ahead
 from cotree.solvers.native import compiled_in, run_job, trajectory_of
 from cotree.solvers.problem import describe_entry
 from cotree.solvers.sundials_library import library_path, version_of
@@ -238,7 +238,9 @@ class SundialsJob(Job):
         if self.job.entry >= 0:
             entry = describe_entry(problem, int(self._places[self.job.entry]))
             reasons.append(f"the derivative of {entry} is not finite ahead")
-        return "; ".join(reasons)
+        # What makes steps short may be that rates have no value beyond a point.
+        why = undefined_ahead(problem, float(self.job.t), self.z)
+        return "; ".join([*reasons, *([why] if why else [])])
 
     def end(self) -> None:
         """Free what SUNDIALS holds."""

@@ -18,7 +18,7 @@ from cotree.sharing import made_once
 from cotree.solvers.augmented import augmented_tolerances
 from cotree.solvers.corners import TURNED, turn_tolerances, turning
 from cotree.solvers.events import Occurrence
-from cotree.solvers.messages import MOVED_FAR, ROUNDING_LEVEL
+from cotree.solvers.messages import MOVED_FAR, ROUNDING_LEVEL, undefined_ahead
 from cotree.solvers.problem import describe_entry
 from cotree.solvers.verdicts import BY_STATUS, UNCERTAIN, verdict
 from cotree.version import ABI_VERSION
@@ -36,6 +36,9 @@ _ROUNDS = 50
 
 # Of a stiff problem fewer steps than these are nothing to speak of, as in cotree_integrator.h.
 _MOST_STIFF_STEPS = 1000
+
+# Of these, those that say that rates have no value.
+_OF_RATES = (4, 5)
 
 # What cotree_status says, in the words of the other methods.
 _REASONS = {
@@ -224,8 +227,13 @@ class Job:
             return turning(problem, float(self.job.t), int(self.job.turned))
         if entry >= 0:
             name = describe_entry(problem, int(self._places[entry]))
-            return f"the derivative of {name} is not finite ahead"
-        return _REASONS.get(status, f"the integrator gives status {status}")
+            reason = f"the derivative of {name} is not finite ahead"
+        else:
+            reason = _REASONS.get(status, f"the integrator gives status {status}")
+        if entry < 0 and status not in _OF_RATES:
+            return reason
+        why = undefined_ahead(problem, float(self.job.t), self.z)
+        return f"{reason}: {why}" if why else reason
 
     @property
     def is_final(self) -> bool:

@@ -113,7 +113,7 @@ class Evaluator:
         # A dot product finds nan and infinity in one pass; squares may also overflow, which the
         # slower test then sorts out.
         if not math.isfinite(dz.dot(dz)) and not self.not_finite:
-            self._remember(t, dz)
+            self._remember(t, z, dz)
         return dz
 
     def outside(self, t: float, z: FloatArray) -> FloatArray:
@@ -351,7 +351,7 @@ class Evaluator:
         if self.nfev > self._allowed:
             raise IntegrationStopError(FAILED, "the step size control does not come to an end")
 
-    def _remember(self, t: float, dz: FloatArray) -> None:
+    def _remember(self, t: float, z: FloatArray, dz: FloatArray) -> None:
         indices = np.flatnonzero(~np.isfinite(dz))
         if indices.size:
             index = int(indices[0])
@@ -359,6 +359,9 @@ class Evaluator:
                 f"the derivative of {describe_entry(self.problem, index)} is {dz[index]} "
                 f"at t = {float(t):.10g}"
             )
+            if self.problem.undefined is not None:
+                why = self.problem.undefined(self.inside(t), z[: self.problem.n_states])
+                self.not_finite += f" ({why})" if why else ""
 
 
 def _first_not_finite(matrix: Any) -> tuple[int, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from cotree.solvers.augmented import RTOL_FLOOR, augmented_tolerances
 
 if TYPE_CHECKING:
-    from cotree.solvers.problem import Problem
+    from cotree.solvers.problem import FloatArray, Problem
 
 #: Why a method stops whose steps no longer change t.
 ROUNDING_LEVEL = "the step size fell to rounding level"
@@ -19,6 +20,10 @@ MOVED_FAR = "the projection onto the constraints fails, or moves a step by many 
 
 # A span that has fewer different times than the inverse of this may have too few.
 _FINE = 1e-12
+
+# What is met within this share of the time that has passed made steps short; or, where none has,
+# within its square of the span.
+_SOON = 1e-3
 
 
 def summary(problem: Problem, method: str, t: float, reason: str) -> list[str]:
@@ -36,6 +41,29 @@ def summary(problem: Problem, method: str, t: float, reason: str) -> list[str]:
             f"{RTOL_FLOOR:.3g} was used."
         )
     return [sentence for sentence in sentences if sentence]
+
+
+def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
+    """Say why rates have no value soon after a point where a method stopped; nothing if they do.
+
+    C says that they fail, and not why: they are looked at here along the tangent of the motion.
+    """
+    if problem.undefined is None or problem.state_rhs is None:
+        return ""
+    start, end = problem.t_span
+    y = np.array(z[: problem.n_states])
+    why = problem.undefined(t, y)
+    if why:
+        return why
+    rates = np.array(problem.state_rhs(t, y))
+    rates[problem.n_states - problem.n_algebraic :] = 0.0
+    reach = min(abs(end - t), _SOON * max(abs(t - start), _SOON * abs(end - start)))
+    step = 4.0 * float(np.spacing(max(abs(t), float(np.finfo(np.float64).tiny))))
+    while step <= reach and not why:
+        ahead = math.copysign(step, end - start)
+        why = problem.undefined(t + ahead, y + ahead * rates)
+        step *= 4.0
+    return why
 
 
 def _rounding_of_time(problem: Problem, t: float) -> str:

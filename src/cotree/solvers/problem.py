@@ -117,6 +117,9 @@ class Problem:
     state_rhs : callable or None
         ``state_rhs(t, y)``, the first ``n_states`` of rhs, which algebraic unknowns are found with;
         None takes them from rhs.
+    undefined : callable or None
+        ``undefined(t, y)`` says why the states' rates have no value at a point, as a sentence
+        without a capital and an end; empty where they have one.
     complete : callable or None
         ``complete(t, z)`` gives what is stored in place of z: more values than are integrated.
         Raises as ``project``. None where z is stored as it is.
@@ -164,6 +167,7 @@ class Problem:
     singular: Callable[[float, FloatArray], tuple[str, ...]] | None = None
     n_algebraic: int = 0
     state_rhs: Callable[[float, FloatArray], FloatArray] | None = None
+    undefined: Callable[[float, FloatArray], str] | None = None
     complete: Callable[[float, FloatArray], FloatArray] | None = None
     sparse_jacobian: Callable[[float, FloatArray], csc_matrix] | None = None
     native: Native | None = None

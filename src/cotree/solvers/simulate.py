@@ -131,6 +131,7 @@ def simulate(
         singular=projection.singular if projection and projection.has_rows else None,
         n_algebraic=model.layout.n_algebraic,
         state_rhs=_state_rhs(model, p, u),
+        undefined=lambda t, y: model.why_undefined(t, y, p, u(t)),
         sparse_jacobian=_sparse_jacobian(model, p, u),
         **_native(model, p, signals),
         events=events,
