@@ -7,7 +7,7 @@ budgets and progress, and turns what goes wrong into a status and a sentence.
 Every stored value of a constrained problem is projected. Methods without a memory also go on from
 the projected value after each step. Those with one, whose history a projection puts at odds with
 the present, start anew from it every ``_STEPS_UNHELD`` steps if it differs by more than the
-tolerance, and wherever it differs by many. A step that makes it differ by many has failed.
+tolerance. A step that makes it differ by many has failed.
 """
 
 from __future__ import annotations
@@ -37,7 +37,6 @@ from cotree.solvers.progress import Progress
 from cotree.solvers.since import counted_from_start
 from cotree.solvers.stepper import Idle
 from cotree.solvers.verdicts import verdict
-from cotree.tolerances import FARTHEST_CORRECTION
 
 if TYPE_CHECKING:
     from cotree.solvers.locate import Located
@@ -362,7 +361,7 @@ class _Run:
         end, mean, largest = evaluator.hold(stepper.t, z, self._moved)
         held = [(t, end if t == stepper.t else evaluator.project(t, x)) for t, x in points]
         self._moved = mean if has_memory else 0.0
-        if has_memory and self._steps_unheld < _STEPS_UNHELD and self._moved < FARTHEST_CORRECTION:
+        if has_memory and self._steps_unheld < _STEPS_UNHELD:
             return held
         self._steps_unheld, self._moved = 0, 0.0
         if largest > 1.0 if has_memory else not np.array_equal(z, end):

@@ -6,9 +6,9 @@ of a known family is one row of ``METHODS``.
 Constrained problems are projected between steps. A one-step method goes on from the projected
 state after every step. A multistep method remembers states before, which a projection leaves
 inconsistent with the new one: it starts anew from a projected state at breakpoints, and every
-hundred steps if the correction has become larger than the tolerance, or as soon as it is larger by
-far. SUNDIALS' integrators, where C drives them, have the projection within each step. Whatever the
-method, every value in the trajectory is projected.
+hundred steps if the correction has become larger than the tolerance. SUNDIALS' integrators, where C
+drives them, have the projection within each step. Whatever the method, every
+value in the trajectory is projected.
 """
 
 from __future__ import annotations
