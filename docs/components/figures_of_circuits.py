@@ -99,11 +99,46 @@ def capacitor(s: Sheet) -> None:
 
 
 @figure
+def nonlinear_capacitor(s: Sheet) -> None:
+    """Draw two plates, one of them bent."""
+    wires(s, 0.09, through="i", across="v")
+    s.line([(-0.09, -0.4), (-0.09, 0.4)], lw=2.6)
+    s.line([(0.16, -0.4), (0.09, -0.15), (0.09, 0.15), (0.16, 0.4)], lw=2.6)
+    s.text((0.0, 0.6), "charge", size=10)
+
+
+@figure
+def three_terminal_capacitor(s: Sheet) -> None:
+    """Draw two pairs of plates on a common wire."""
+    for x, name in ((-0.9, "a"), (0.9, "b")):
+        s.line([(x, 1.0), (x, 0.09)], lw=1.5)
+        s.line([(x, -0.09), (x, -0.6)], lw=1.5)
+        for y in (0.09, -0.09):
+            s.line([(x - 0.35, y), (x + 0.35, y)], lw=2.6)
+        s.node((x, 1.0), name, (0.2, 0.0))
+        s.arrow([(x - 0.2, 0.85), (x - 0.2, 0.45)], THROUGH, 1.6)
+        s.text((x - 0.5, 0.62), f"i of {name}", THROUGH, size=10)
+        s.text((x + 0.75, 0.0), f"charge_{name}", size=10)
+    s.line([(-0.9, -0.6), (0.9, -0.6)], lw=1.5)
+    s.line([(0.0, -0.6), (0.0, -1.0)], lw=1.5)
+    s.node((0.0, -1.0), "common", (0.45, 0.0))
+
+
+@figure
 def inductor(s: Sheet) -> None:
     """Draw a coil."""
     wires(s, 0.7, through="i", across="v")
     _coil(s, 0.7)
     s.text((0.0, 0.45), "inductance", size=10)
+
+
+@figure
+def nonlinear_inductor(s: Sheet) -> None:
+    """Draw a coil on a core."""
+    wires(s, 0.7, through="i", across="v")
+    _coil(s, 0.7)
+    s.line([(-0.6, 0.36), (0.6, 0.36)], lw=2.2)
+    s.text((0.0, 0.6), "flux", size=10)
 
 
 @figure

@@ -17,10 +17,10 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.errors import Error, ParameterError, SingularSystemError
-from cotree.model.algebraic import solve_states
 from cotree.model.arrays import as_array
 from cotree.model.kernels import PythonKernels
 from cotree.model.model import CompiledModel
+from cotree.model.unknowns import solve_states
 from cotree.scene.simulation import OPERATING_POINT
 from cotree.scene.standstill import standing_scene
 from cotree.sharing import formed_once
@@ -57,12 +57,15 @@ class OperatingModel(CompiledModel):
 
     @formed_once
     def at_rest(self) -> CompiledModel:
-        """The network at rest; its outputs are this model's states."""
+        """The network at rest; its outputs are this model's states, but for contents."""
         from cotree.pipeline import formulate, generate
 
         given = [name for name in self.sensitivities if name in self._scene.parameters]
+        wanted = list(self.states)
+        for total, _ in self.layout.followers:  # which a start finds from what follows from it
+            wanted[total] = "0"
         try:
-            equations = formulate(standing_scene(self._scene, self.states), given, None)[1]
+            equations = formulate(standing_scene(self._scene, wanted), given, None)[1]
             program, _ = generate(equations)
         except Error as error:
             raise type(error)(f"the operating point: {error}") from None

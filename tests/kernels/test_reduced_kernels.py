@@ -19,7 +19,7 @@ from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag
 from cotree.dag.traverse import symbols_in
 from cotree.formulation.static_pivots import factorise_static
-from cotree.model.algebraic import of_model
+from cotree.model.unknowns import of_model
 
 # Some hundred operations: 1e-12 leaves a factor of ten. Where equations are solved, each route may
 # lose what the condition of their matrix says.

@@ -35,7 +35,7 @@ from cotree.components.component import (
 from cotree.components.law import Law
 from cotree.components.register import make_component
 from cotree.components.register_network import make_network_component
-from cotree.components.terminal import Integral, Kind, Terminal, integral_of
+from cotree.components.terminal import Integral, Kind, Terminal, content_of, integral_of
 from cotree.errors import SceneError
 
 if TYPE_CHECKING:
@@ -117,6 +117,7 @@ __all__ = [
     "Role",
     "Shape",
     "Terminal",
+    "content_of",
     "integral_of",
     "register_component",
 ]

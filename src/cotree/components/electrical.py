@@ -7,8 +7,16 @@ from __future__ import annotations
 
 from typing import Any
 
+from cotree.components.component import Component, Role
 from cotree.components.law import Law
-from cotree.components.ports import across_storage, one_port, optional, resistance, value
+from cotree.components.ports import (
+    across_storage,
+    content_storage,
+    one_port,
+    optional,
+    resistance,
+    value,
+)
 from cotree.components.terminal import Kind, Terminal
 
 _DOMAIN = "electrical"
@@ -29,6 +37,47 @@ INDUCTOR = one_port(
     "linear inductance, or one that depends on states",
     (value("inductance", "H", "voltage per rate of current"),),
     Terminal(_DOMAIN, Kind.THROUGH_STORAGE, storage=Law(lambda inductance: inductance)),
+)
+
+NONLINEAR_CAPACITOR = content_storage(
+    _DOMAIN,
+    "nonlinear_capacitor",
+    "charge by voltage",
+    value("charge", "C", "an expression of NAME.v", ""),
+)
+
+NONLINEAR_INDUCTOR = content_storage(
+    _DOMAIN,
+    "nonlinear_inductor",
+    "flux linkage by current",
+    value("flux", "V s", "an expression of NAME.i", ""),
+    Kind.THROUGH_STORAGE,
+)
+
+
+def _charge(port: str) -> Terminal:
+    content = Law.taking((f"charge_{port}",), lambda given: given)
+    return Terminal(
+        _DOMAIN,
+        Kind.ACROSS_STORAGE,
+        port,
+        content=content,
+        is_passive=False,
+        between=(port, "common"),
+    )
+
+
+THREE_TERMINAL_CAPACITOR = Component(
+    "three_terminal_capacitor",
+    Role.NETWORK,
+    "two charges against a common terminal, each by both voltages",
+    fields=(
+        value("charge_a", "C", "an expression of NAME.a.v and NAME.b.v", ""),
+        value("charge_b", "C", "another one", ""),
+    ),
+    domains=(_DOMAIN,),
+    ports=(_charge("a"), _charge("b")),
+    terminals=("a", "b", "common"),
 )
 
 
@@ -59,4 +108,7 @@ SWITCH = one_port(
     Terminal(_DOMAIN, Kind.DISSIPATOR, across=Law(_switch_voltage), through=Law(_switch_current)),
 )
 
-COMPONENTS = (RESISTOR, CAPACITOR, INDUCTOR, SWITCH)
+COMPONENTS = (
+    *(RESISTOR, CAPACITOR, NONLINEAR_CAPACITOR, THREE_TERMINAL_CAPACITOR),
+    *(INDUCTOR, NONLINEAR_INDUCTOR, SWITCH),
+)

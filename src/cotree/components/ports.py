@@ -53,6 +53,14 @@ def across_storage(
     return one_port(name, doc, (field,), terminal)
 
 
+def content_storage(
+    domain: str, name: str, doc: str, field: Field, kind: Kind = Kind.ACROSS_STORAGE
+) -> Component:
+    """Make a storage whose content, a field, is an expression of its across or through variable."""
+    content = Law.taking((field.name,), lambda given: given)
+    return one_port(name, doc, (field,), Terminal(domain, kind, content=content, is_passive=False))
+
+
 def resistance(domain: str, name: str, doc: str, field: Field) -> Component:
     """Make a dissipator whose across variable is ``field`` times its through variable."""
     return one_port(name, doc, (field,), resistive(domain, field.name))

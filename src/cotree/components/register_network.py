@@ -1,7 +1,8 @@
 """Scalar components that users register, with laws in SymPy.
 
 What a port is follows from what its law is a function of: of the rate of a variable it is a
-storage, of ``stretch`` a spring, of its own other variable a dissipator, of neither a source.
+storage, of ``stretch`` a spring, of its own other variable a dissipator, of neither a source. What
+gives its content is a storage, too.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from cotree.components.component import Component, Field, Role
 from cotree.components.law import Law
 from cotree.components.register import checked_law
 from cotree.components.terminal import Kind, Terminal
+from cotree.domains import DOMAINS
 from cotree.domains import domain as domain_of
 from cotree.errors import SceneError, nearest
 from cotree.naming import check_name
@@ -24,8 +26,13 @@ if TYPE_CHECKING:
 _GIVEN = frozenset({"t", "stretch", "potential_head", "potential_tail"})
 _VARIABLES = ("across_rate", "through_rate", "across", "through")
 
+_GIVES = ("across", "through", "content")
+
 #: A law, or that of each port by name.
 Laws = Callable[..., Any] | Mapping[str, Callable[..., Any]]
+
+#: What laws give: all of them, or that of each port by name.
+Gives = str | Mapping[str, str]
 
 
 def make_network_component(
@@ -33,7 +40,7 @@ def make_network_component(
     laws: Laws,
     *,
     domain: str,
-    gives: str = "",
+    gives: Gives = "",
     terminals: Sequence[str] = (),
     between: Mapping[str, Sequence[str]] | None = None,
     units: Mapping[str, str] | None = None,
@@ -54,8 +61,12 @@ def make_network_component(
         fields.
     domain : str
         The graph of its ports: ``electrical``, ``hydraulic``, ``thermal``, ...
-    gives : {'', 'across', 'through'}
-        What laws give that are functions of none of these: those of sources.
+    gives : {'', 'across', 'through', 'content'}, or mapping of str to these
+        What laws give, or that of each port by its name. It follows from the arguments for all but
+        sources, which are functions of none of these, and storages by content: these give what
+        they hold as a function of ``across``, as a charge of a voltage, or of ``through``, as a
+        flux linkage of a current, and may be functions of the same variable of other ports. What
+        they hold must not jump.
     terminals : sequence of str
         Names of its nodes, where ports share them; else each port has two of its own.
     between : mapping of str to pair of str
@@ -79,8 +90,11 @@ def make_network_component(
     places = _places(name, named, terminals, between or {})
     what = f"a law of component '{name}'"
     made = {port: checked_law(law, what) for port, law in named.items()}
+    given = _given(name, named, gives)
     ports = tuple(
-        _terminal(name, domain, port, law, gives, places.get(port, ("", "")))
+        _content(name, domain, port, law, named, places.get(port, ("", "")))
+        if given.get(port) == "content"
+        else _terminal(name, domain, port, law, given.get(port, ""), places.get(port, ("", "")))
         for port, law in made.items()
     )
     fields = dict.fromkeys(
@@ -129,6 +143,22 @@ def _places(
     return places
 
 
+def _given(name: str, ports: Iterable[str], gives: Gives) -> dict[str, str]:
+    """Say of each port what its law gives, where that is said."""
+    given = dict(gives) if isinstance(gives, Mapping) else dict.fromkeys(ports, gives)
+    for port, what in given.items():
+        if port not in ports:
+            raise SceneError(
+                f"gives of component '{name}' names '{port}', which is no port of it"
+                f"{nearest(str(port), ports)}"
+            )
+        if what not in ("", *_GIVES):
+            raise SceneError(
+                f"component '{name}' gives {what!r}: give one of {', '.join(map(repr, _GIVES))}"
+            )
+    return given
+
+
 def _is_variable(argument: str, ports: Iterable[str]) -> bool:
     """Say whether an argument is a variable of a port, its own or another."""
     siblings = {f"{variable}_{port}" for variable in _VARIABLES for port in ports if port}
@@ -174,6 +204,29 @@ def _terminal(
         is_passive=False,
         between=between,
     )
+
+
+def _content(
+    name: str, domain: str, port: str, law: Law, ports: Iterable[str], between: tuple[str, str]
+) -> Terminal:
+    """Make the terminal equation of what a storage holds."""
+    used = [v for v in law.arguments if v in _GIVEN - {"t"} or _is_variable(v, ports)]
+    of = {v.partition("_")[0] for v in used}
+    if any("_rate" in v for v in used) or of not in ({"across"}, {"through"}):
+        raise SceneError(
+            f"a law of component '{name}' gives a content: make it a function of across, or of "
+            "through, of its port, and of the same variable of other ports, but of no rate, "
+            "stretch or potential"
+        )
+    row, is_across = DOMAINS[domain], of == {"across"}
+    if not (row.content if is_across else row.impulse)[0]:
+        also = ": give through as a function of stretch" if row.stretch else ""
+        raise SceneError(
+            f"a law of component '{name}' gives a content as a function of {used[0]}, which the "
+            f"{domain} graph has no storage of{also}"
+        )
+    kind = Kind.ACROSS_STORAGE if is_across else Kind.THROUGH_STORAGE
+    return Terminal(domain, kind, port, content=law, is_passive=False, between=between)
 
 
 def _linear(name: str, law: Law, rate: str) -> tuple[Law, Law]:

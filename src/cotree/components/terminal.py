@@ -98,6 +98,11 @@ class Terminal:
     between : tuple of str
         Of a component whose ports share nodes: the terminals at head and tail; ``ground`` is one,
         and a name that is none stands for a node within the component.
+    content : Law or None
+        Of a storage by content: what it holds as a function of the variable that a storage of its
+        kind has as a state, of its siblings' and of fields: charge of voltage, flux linkage of
+        current, volume of pressure. Its rate, with what ``through`` or ``across`` adds, is the
+        other variable; there is no ``storage`` then.
     integral : Integral or None
         What ``stretch`` is; the integral of across, where the domain has a name for it.
     is_absolute : bool
@@ -110,6 +115,7 @@ class Terminal:
     across: Law | None = None
     through: Law | None = None
     storage: Law | None = None
+    content: Law | None = None
     is_passive: bool = True
     between: tuple[str, str] = ("", "")
     integral: Integral | None = None
@@ -125,3 +131,11 @@ def integral_of(terminal: Terminal) -> Integral | None:
     if terminal.integral is not None or not row.stretch:
         return terminal.integral
     return Integral(row.stretch, row.stretch_unit, _ACROSS)
+
+
+def content_of(terminal: Terminal) -> tuple[str, str] | None:
+    """Give symbol and unit of what a storage by content holds; None for all others."""
+    if terminal.content is None:
+        return None
+    row = DOMAINS[terminal.domain]
+    return row.content if terminal.kind is Kind.ACROSS_STORAGE else row.impulse

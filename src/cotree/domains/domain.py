@@ -38,6 +38,10 @@ class Domain:
         SI unit of the through variable.
     stretch, stretch_unit : str
         Symbol and SI unit of the integral of the across variable over time, where it has a name.
+    content, impulse : pair of str
+        Symbol and SI unit of what its storages hold: of the integral of the through variable, as
+        charge, and of the across variable, as flux linkage. Empty where there is none, or where
+        ``stretch`` is that.
     is_scalar : bool
         Whether the variables are scalars, of networks, and not vectors of multibody systems.
     head_first : bool
@@ -58,6 +62,8 @@ class Domain:
     through_unit: str
     stretch: str = ""
     stretch_unit: str = ""
+    content: tuple[str, str] = ("", "")
+    impulse: tuple[str, str] = ("", "")
     is_scalar: bool = False
     head_first: bool = False
     remedy: str = "a resistance or a storage"
@@ -79,7 +85,12 @@ class Domain:
 
 
 def _network(
-    name: str, across: tuple[str, str, str], through: tuple[str, str, str], **words: str
+    name: str,
+    across: tuple[str, str, str],
+    through: tuple[str, str, str],
+    content: tuple[str, str],
+    impulse: tuple[str, str] = ("", ""),
+    **words: str,
 ) -> Domain:
     """Make the row of a scalar domain from name, symbol and unit of its variables."""
     return Domain(
@@ -90,6 +101,8 @@ def _network(
         through[1],
         across[2],
         through[2],
+        content=content,
+        impulse=impulse,
         is_scalar=True,
         head_first=True,
         **words,
@@ -113,13 +126,22 @@ _ROWS = (
         "rad",
         "N m",
     ),
-    _network("electrical", ("voltage", "v", "V"), ("current", "i", "A")),
-    _network("hydraulic", ("pressure", "p", "Pa"), ("volume flow", "q", "m^3/s")),
-    _network("thermal", ("temperature", "T", "K"), ("heat flow", "q", "W")),
+    _network(
+        "electrical", ("voltage", "v", "V"), ("current", "i", "A"), ("q", "C"), ("flux", "V s")
+    ),
+    _network(
+        "hydraulic",
+        ("pressure", "p", "Pa"),
+        ("volume flow", "q", "m^3/s"),
+        ("V", "m^3"),
+        ("Gamma", "Pa s"),
+    ),
+    _network("thermal", ("temperature", "T", "K"), ("heat flow", "q", "W"), ("H", "J")),
     _network(
         "chemical",
         ("concentration", "c", "mol/m^3"),
         ("molar flow", "n", "mol/s"),
+        ("N", "mol"),
         remedy="a species or a reaction",
         absolute=(
             "runs to '{tail}', but how much there is of it follows from its concentration above "
@@ -134,6 +156,7 @@ _ROWS = (
         "f",
         "m/s",
         "N",
+        content=("p", "N s"),
         stretch="s",
         stretch_unit="m",
         is_scalar=True,
@@ -148,6 +171,7 @@ _ROWS = (
         "tau",
         "rad/s",
         "N m",
+        content=("L", "N m s"),
         stretch="theta",
         stretch_unit="rad",
         is_scalar=True,

@@ -49,8 +49,9 @@ class State:
     is_given : bool
         Whether the scene gives it, or it may change to satisfy constraints.
     is_algebraic : bool
-        Whether an equation 0 = g determines it at each instant, in place of a rate. Its initial
-        value is then a guess.
+        Whether an equation 0 = g, no rate, determines it; its initial value is then a guess.
+    follower : str
+        Of what storages hold: the algebraic unknown that follows from it.
     """
 
     name: str
@@ -59,6 +60,7 @@ class State:
     initial: Node
     is_given: bool = True
     is_algebraic: bool = False
+    follower: str = ""
 
 
 def spread(row: Mapping[int, Node], n: int, zero: Node) -> list[Node]:

@@ -13,7 +13,7 @@ import os
 import tempfile
 import textwrap
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,6 +33,7 @@ from cotree.codegen.render import render, render_model
 from cotree.dag.stops import value_of
 from cotree.errors import CodegenError, SceneError, nearest
 from cotree.files import target_path
+from cotree.model.contents import content_sizes
 from cotree.model.kernels import PythonKernels
 from cotree.model.model import CompiledModel
 from cotree.naming import c_string
@@ -40,7 +41,7 @@ from cotree.solvers.project import Projection
 from cotree.tolerances import loose_rtol, rtol_fault
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
     from pathlib import Path
 
     from cotree.codegen.context import ModelContext
@@ -110,9 +111,13 @@ class MainContext:
     is_strict : bool
         Whether constraints are dependent, so that rates are taken on them.
     step : str
-        The length of all steps; empty where it is controlled.
+        Length of all steps; empty where it is controlled.
     is_extended : bool
         Whether algebraic unknowns are integrated, too.
+    sizes : list of str
+        Lines of C literals: what each state's absolute tolerance is multiplied by, if anything.
+    least : str
+        The least absolute tolerance.
     """
 
     title: str
@@ -140,6 +145,8 @@ class MainContext:
     is_strict: bool
     step: str
     is_extended: bool
+    sizes: list[str]
+    least: str
 
 
 def write_c_project(
@@ -213,9 +220,9 @@ def write_c_project(
         "main.c",
     ]
     command = f"cc -std=c99 -O2 -ffp-contract=off -o {model.prefix} {' '.join(sources)} -lm"
-    main = _main_context(program, model, integrator, command, t_end, rtol, atol, step, is_dependent)
-    if start is not None:
-        main = replace(main, start=_start_text(start))
+    found = _found_start(program) if start is None else start
+    numbers = t_end, rtol, atol, step
+    main = _main_context(program, model, integrator, command, numbers, is_dependent, found)
     texts = {**render_model(model), **run_files(), **own, **integrator_files(integrator), **driver}
     texts["main.c"] = render("c/main.c.jinja", main=main)
     _write_files(directory, texts)
@@ -258,13 +265,12 @@ def _main_context(
     model: ModelContext,
     integrator: str,
     command: str,
-    t_end: float,
-    rtol: float,
-    atol: float,
-    step: float | None,
+    numbers: tuple[float, float, float, float | None],
     is_strict: bool,
+    start: Start | None,
 ) -> MainContext:
     n_rated = len(program.layout.states) - program.layout.n_algebraic
+    (t_end, rtol, atol, step), sizes = numbers, _sizes(program, start)
     return MainContext(
         title=model.title,
         name_literal=model.name_literal,
@@ -282,7 +288,7 @@ def _main_context(
         max_step=_max_step(program),
         has_sensitivities=bool(model.sensitivities),
         seeds=_seeds(program),
-        start=_start_lines(program),
+        start=[] if start is None else _lines([*start.y, *start.s.T.ravel()]),
         n_constraints=model.n_constraints,
         n_algebraic=model.n_algebraic,
         n_reached=sum(i < n_rated for i in program.layout.sensitivity_rows),
@@ -293,6 +299,8 @@ def _main_context(
         is_extended=not _METHODS[integrator].is_implicit
         and program.can_extend
         and not program.layout.events,
+        sizes=_lines(sizes),
+        least=literal(atol * min(1.0, *sizes)) if sizes else "ATOL",
     )
 
 
@@ -326,21 +334,29 @@ def _max_step(program: Program) -> str:
     return literal(longest) if math.isfinite(longest) else ""
 
 
-def _start_lines(program: Program) -> list[str]:
-    """Write the consistent start at the program's parameter values, where it has to be found."""
+def _found_start(program: Program) -> Start | None:
+    """Give the consistent start at the program's parameter values, where it has to be found."""
     layout = program.layout
     is_sought = layout.constraints or layout.start_rows or layout.n_algebraic
     is_sought = is_sought or any(row.is_jump for row in layout.events)
     if not layout.states or not (is_sought or layout.redundant):
-        return []
+        return None
     # A few evaluations need no compiler, which a machine that only writes C may not have.
     start = CompiledModel(program, PythonKernels(program)).start()
-    return _start_text(start) if is_sought else []
+    return start if is_sought else None
 
 
-def _start_text(start: Start) -> list[str]:
-    values = [*start.y.tolist(), *start.s.T.ravel().tolist()]
-    text = " ".join(f"{literal(value)}," for value in values)
+def _sizes(program: Program, start: Start | None) -> list[float]:
+    """List what the absolute tolerances of states are multiplied by; nothing for one."""
+    if start is None:
+        return []
+    model = CompiledModel(program, PythonKernels(program))
+    sizes = content_sizes(model, 0.0, model.default_parameters, None, start.y)
+    return [] if sizes is None else sizes.tolist()
+
+
+def _lines(values: Iterable[float]) -> list[str]:
+    text = " ".join(f"{literal(float(value))}," for value in values)
     return textwrap.wrap(text, 96, break_long_words=False, break_on_hyphens=False)
 
 

@@ -15,14 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.errors import SingularSystemError, SolveError
-from cotree.model.linear import Linear, Matrix, is_sparse, linearise, singular_direction
+from cotree.model.linear import Linear, Matrix, linearise, singular_direction
 from cotree.model.roots import Equation, find_near, find_root
 from cotree.model.rounding import ROUNDING
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
-
-    from cotree.model.model import CompiledModel
 
 Array = npt.NDArray[np.float64]
 
@@ -281,73 +279,3 @@ def eliminated(matrix: Matrix, solve: Callable[[Array], Array], cut: int) -> Arr
     n = len(full) - cut
     found: Array = full[:cut, :-n] - full[:cut, -n:] @ solve(full[cut:, :-n])
     return found
-
-
-def solve_start(
-    model: CompiledModel, t: float, p: Array, u: Array | None, y: Array, s: Array
-) -> tuple[Array, Array]:
-    """Solve for the algebraic unknowns of a start and for their sensitivities.
-
-    Parameters
-    ----------
-    model : CompiledModel
-        The model.
-    t : float
-        Start time, [s].
-    p : ndarray, shape (n_parameters,)
-        Parameters.
-    u : ndarray, shape (n_inputs,), or None
-        Inputs; None takes the scene's.
-    y, s : ndarray, shapes (n_states,) and (n_states, n_parameters)
-        States, with guesses of the algebraic unknowns, and sensitivities.
-
-    Returns
-    -------
-    ndarray, shape (n_states,), and ndarray, shape (n_states, n_parameters)
-
-    Raises
-    ------
-    SolveError, SingularSystemError
-        As :meth:`Algebraic.solve`.
-    """
-    if not model.layout.n_algebraic:
-        return y, s
-    algebraic = of_model(model, p, u)
-    y, s, cut = y.copy(), s.copy(), algebraic.cut
-    algebraic.solve(t, y)
-    algebraic.check_index(t, y)
-    if model.sensitivities:
-        s[cut:] = 0.0
-        along = model.bound("sensitivity_rhs", p)(t, y, s.T.ravel(), u).reshape(s.shape[::-1])
-        residual = along[:, cut:].T.copy()
-        s[cut:] = -algebraic.linearised(t, y)[1].solve(residual)
-    return y, s
-
-
-def solve_states(model: CompiledModel, t: float, p: Array, u: Array, y: Array) -> Array:
-    """Solve for the algebraic unknowns of a point; see :func:`solve_start`."""
-    if model.layout.n_algebraic:
-        y = y.copy()
-        of_model(model, p, u).solve(t, y)
-    return y
-
-
-def of_model(model: CompiledModel, p: Array, u: Array | None) -> Algebraic:
-    """Give the algebraic unknowns of a model at fixed parameters and inputs."""
-    none = np.zeros(0)
-    rhs, layout = model.bound("rhs", p), model.layout
-    n_algebraic, cut = layout.n_algebraic, len(layout.states) - layout.n_algebraic
-    n_own = sum(row >= cut for row in layout.row_indices)
-    jacobian = model.bound_jacobian(p, is_sparse=is_sparse(n_algebraic, n_own))
-
-    def improve(t: float, y: Array) -> Array | None:
-        inputs = model.input_values(t, p) if u is None else u
-        return model.junctions.at(t, y, p, inputs).search(y[cut:])
-
-    return Algebraic(
-        lambda t, y: rhs(t, y, none, u),
-        lambda t, y: jacobian(t, y, u),
-        model.states,
-        n_algebraic,
-        improve,
-    )

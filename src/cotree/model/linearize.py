@@ -19,8 +19,9 @@ from cotree.dag.traverse import reachable, substitute, symbols_in
 from cotree.equations import spread
 from cotree.errors import Error, SingularSystemError
 from cotree.formulation.elimination import solve_unknowns
-from cotree.model.algebraic import eliminated, solve_states
+from cotree.model.algebraic import eliminated
 from cotree.model.deviations import Point, Reduced, is_same, is_still, reduce
+from cotree.model.unknowns import solve_states
 from cotree.sensitivity.graphs import form_equations, input_columns
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from cotree.dag.traverse import symbols_in
 from cotree.errors import ParameterError, SingularSystemError, nearest
-from cotree.model.algebraic import solve_start
 from cotree.model.arrays import as_array, as_parameters
+from cotree.model.contents import check_followers, held_followers
 from cotree.model.junctions import Junctions
 from cotree.model.packing import whole_kernel
 from cotree.model.redundant import check_redundant
@@ -20,6 +20,7 @@ from cotree.model.settle import settle_jumps
 from cotree.model.start import Start, consistent_start, start_by_differences
 from cotree.model.structure import Structure
 from cotree.model.undefined import why_undefined
+from cotree.model.unknowns import solve_start
 from cotree.scene.description import check_number
 from cotree.sharing import formed_once
 
@@ -157,9 +158,9 @@ class CompiledModel(Structure):
         p : array_like, shape (n_parameters,), or mapping of str to float, optional
             Parameters.
         initial : mapping of str to float, optional
-            Initial values of states in place of the scene's; they depend on no parameter. Those
-            of algebraic unknowns are guesses. Where they are all coordinates, or all speeds, the
-            scene's initial values of joints that are no states give way to them.
+            Initial values of states in place of the scene's; they depend on no parameter. Those of
+            algebraic unknowns are guesses, but for storages by content. Where they are all
+            coordinates, or all speeds, the scene's of joints that are no states give way to them.
         u : array_like, shape (n_inputs,), optional
             Inputs at that time, which algebraic unknowns depend on.
 
@@ -177,10 +178,10 @@ class CompiledModel(Structure):
         SingularSystemError
             If the algebraic equations do not determine them.
         """
-        p = self.parameter_array(p)
+        p, initial = self.parameter_array(p), initial or {}
         y, s = self.initial_values(t, p, u)
         kept = {i for i, is_given in enumerate(self.layout.given) if is_given}
-        for name, value in (initial or {}).items():
+        for name, value in initial.items():
             if name not in self.states:
                 raise ParameterError(f"the model has no state '{name}'{nearest(name, self.states)}")
             i = self.states.index(name)
@@ -190,17 +191,17 @@ class CompiledModel(Structure):
         for wanted in self.sensitivities:
             if wanted in self.states:  # an initial value that may change is no initial value
                 kept.add(self.states.index(wanted))
-        anew = {self.states.index(name) for name in initial or {}}
+        anew, held = set(map(self.states.index, initial)), held_followers(self, initial)
         start = consistent_start(self, t, p, y, s, kept, is_probe=_is_probe, anew=anew)
         if _is_probe:
             return start
         y, s = start.y, start.s
         if start.is_chosen and self.sensitivities:
-            s = start_by_differences(self, t, p, initial or {}, start)
+            s = start_by_differences(self, t, p, initial, start)
         u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
-        y, s = settle_jumps(self, t, p, u, *solve_start(self, t, p, u, y, s))
-        if self.layout.redundant:
-            check_redundant(self, t, p, u, Start(y, s), set(initial or {}))
+        y, s = settle_jumps(self, t, p, u, *solve_start(self, t, p, u, y, s, held), held)
+        check_followers(self, initial, y)
+        check_redundant(self, t, p, u, Start(y, s), set(initial))
         return Start(y, s, start.is_chosen)
 
     def initial_values(self, t: float, p: Array, u: Any) -> tuple[Array, Array]:

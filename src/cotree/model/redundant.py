@@ -61,6 +61,8 @@ def check_redundant(
         If some do, or if their sensitivities do; all of them are named.
     """
     rows, names = model.layout.redundant, model.states
+    if not rows:
+        return
     held = [
         (i, [names.index(name) for name in row.states])
         for i, row in enumerate(rows)

@@ -7,11 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cotree.errors import SolveError
-from cotree.model.algebraic import solve_start
+from cotree.model.unknowns import solve_start
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import numpy.typing as npt
 
+    from cotree.model.contents import Pair
     from cotree.model.model import CompiledModel
 
     Array = npt.NDArray[np.float64]
@@ -21,7 +24,13 @@ _MOST_ROUNDS = 50
 
 
 def settle_jumps(
-    model: CompiledModel, t: float, p: Array, u: Array | None, y: Array, s: Array
+    model: CompiledModel,
+    t: float,
+    p: Array,
+    u: Array | None,
+    y: Array,
+    s: Array,
+    held: Sequence[Pair] = (),
 ) -> tuple[Array, Array]:
     """Set the modes that stand for jumps inside expressions to what these are at a point.
 
@@ -35,6 +44,8 @@ def settle_jumps(
         Parameters and inputs; None takes the scene's inputs.
     y, s : ndarray, shapes (n_states,) and (n_states, n_parameters)
         States that satisfy all equations with the modes that they hold, and sensitivities.
+    held : sequence of (int, int)
+        See :func:`cotree.model.unknowns.solve_start`.
 
     Returns
     -------
@@ -62,7 +73,7 @@ def settle_jumps(
             place += len(row.targets)
         if not changed:
             return y, s
-        y, s = solve_start(model, t, p, u, y, s)
+        y, s = solve_start(model, t, p, u, y, s, held)
     names = ", ".join(f"'{model.states[row.targets[0]]}'" for row in rows if row.is_jump)
     raise SolveError(
         f"no values of {names} agree with the states that they lead to at t = {t:g}: the jump "

@@ -27,6 +27,11 @@ class Structure:
         raise NotImplementedError
 
     @property
+    def begins_at_rest(self) -> bool:
+        """Whether runs begin at an operating point."""
+        return False
+
+    @property
     def jacobian_pattern(self) -> npt.NDArray[np.bool_]:
         """Where the Jacobian may be nonzero, shape (n_states, n_states)."""
         return np.asarray(self.jacobian_sparsity.toarray(), dtype=np.bool_)

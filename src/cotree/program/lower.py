@@ -19,6 +19,7 @@ from cotree.program.program import Kernel, Layout, Program
 from cotree.program.projection import constraint_quantities, projection_kernels
 from cotree.program.reduced import reduced_kernels
 from cotree.program.sensitivity_pattern import (
+    followers,
     pack_rates,
     reached_states,
     timed_by,
@@ -142,6 +143,7 @@ def _timed(
 def _check_sensitivities(equations: Equations) -> None:
     """Refuse sensitivities to what has no initial value of its own."""
     algebraic = {state.name for state in equations.states if state.is_algebraic}
+    algebraic -= {state.follower for state in equations.states}
     for row in equations.sensitivities:
         if row.name in algebraic:
             raise ParameterError(
@@ -262,5 +264,6 @@ def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
         start_is_rate=equations.constraints.start_is_rate,
         redundant=equations.constraints.redundant,
         uses_multipliers=tuple(node in on_multipliers for node in observed),
+        followers=followers(equations),
         events=event_quantities(equations),
     )

@@ -111,6 +111,9 @@ class Layout:
         they follow as, and what they are given as.
     uses_multipliers : tuple of bool
         Whether each output depends on multipliers themselves: a reaction.
+    followers : tuple of (int, int)
+        States that are what storages hold together, with the algebraic unknown that follows from
+        each: a start that is not given the one has the other.
     events : tuple of EventRow
         In the order of the kernel ``events``.
     event_inputs : tuple of str
@@ -142,6 +145,7 @@ class Layout:
     events: tuple[EventRow, ...] = ()
     event_inputs: tuple[str, ...] = ()
     redundant: tuple[RedundantRow, ...] = ()
+    followers: tuple[tuple[int, int], ...] = ()
     sensitivity_starts: tuple[int, ...] = (0,)
     sensitivity_rows: tuple[int, ...] = ()
 

@@ -66,6 +66,7 @@ def reached_states(
     found = []
     for along, own in zip(directions, timed, strict=True):
         along.connect(groups)
+        along.follow(followers(equations))
         reached = along.reached(own.states)
         while not reached.issuperset(
             moved := _moved(equations, parts, along, choosers, reached, own.is_event)
@@ -176,6 +177,12 @@ class _Direction:
             whole = _either(self.rates.get(i, _ZERO) for i in group)
             self.rates |= dict.fromkeys(group, whole)
 
+    def follow(self, followers: Sequence[tuple[int, int]]) -> None:
+        """Let what storages hold depend on what follows from it: the start may be given that."""
+        for total, follower in followers:
+            mask, rest = self.rates.get(total, _ZERO)
+            self.rates[total] = mask | 1 << follower, rest
+
     def reached(self, known: Iterable[int]) -> set[int]:
         """Follow the rates from states that depend on the parameter themselves, or are known to."""
         users: dict[int, list[int]] = {}
@@ -190,6 +197,13 @@ class _Direction:
             reached.update(new)
             stack += new
         return reached
+
+
+def followers(equations: Equations) -> tuple[tuple[int, int], ...]:
+    """Give places of what storages hold together, and of the unknowns that follow from it."""
+    places = {state.name: i for i, state in enumerate(equations.states)}
+    rows = enumerate(equations.states)
+    return tuple((i, places[state.follower]) for i, state in rows if state.follower)
 
 
 def _places(mask: int) -> Iterator[int]:

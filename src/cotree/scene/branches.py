@@ -15,21 +15,23 @@ from typing import TYPE_CHECKING, Any
 from cotree.components import OWN, Law
 from cotree.components.component import Field
 from cotree.components.terminal import integral_of
+from cotree.dag.continuity import may_jump
+from cotree.dag.nodes import Dag, Node
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError
 from cotree.scene.corners import has_only_corner, jumps_in
-from cotree.scene.expressions import FUNCTIONS, Expression
+from cotree.scene.expressions import FUNCTIONS, Expression, names_in
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from cotree.components import Terminal
-    from cotree.scene.description import Edge
+    from cotree.scene.description import Edge, SceneDescription
 
 #: Writes a jump anew, given what a tree belongs to: a mode's name, or the tree itself.
 Rewrite = Callable[[ast.expr, str], ast.expr]
 
-_LAWS = ("across", "through", "storage")
+_LAWS = ("across", "through", "storage", "content")
 
 
 def branches(law: Law | None) -> bool:
@@ -71,6 +73,44 @@ def check_located(edge: Edge) -> None:
         "would not know of it: let a field of the edge jump in its place, which becomes an event, "
         "or compile without sensitivities"
     )
+
+
+def check_contents(scene: SceneDescription, edge: Edge) -> None:
+    """Refuse a storage by content whose content jumps: it would take an impulse.
+
+    Raises
+    ------
+    SceneError
+        If it does, at some values of the parameters or of what moves.
+    """
+    for i, port in enumerate(edge.component.ports):
+        if port.content is None:
+            continue
+        dag, own = Dag(), _names(edge, port, i)
+        time, seen = dag.symbol("t", 0), dict[str, Node]()
+
+        def resolve(name: str, dag: Dag = dag, seen: dict[str, Node] = seen) -> Node:
+            if name in scene.outputs:
+                return scene.outputs[name].lower(dag, resolve)
+            kind = "p" if name in scene.parameters else "x"
+            return seen.setdefault(name, dag.symbol("t" if name == "t" else kind, len(seen)))
+
+        seen["t"] = time
+        trees = {name: own[name] for name in port.content.arguments if name not in edge.fields}
+        given = {name: Expression("", "", tree, names_in(tree)) for name, tree in trees.items()}
+        known = {**edge.fields, **given}
+        value = port.content.value(
+            dag,
+            {name: known[name].lower(dag, resolve) for name in port.content.arguments},  # type: ignore[union-attr]
+        )
+        moving = [symbol for symbol in seen.values() if symbol.data[0] != "p"]
+        if may_jump(value, moving, time):
+            what = f"port '{port.port}' of edge" if port.port else "edge"
+            raise SceneError(
+                f"what {what} '{edge.name}' holds jumps, or cannot be seen not to: a storage would "
+                "take an impulse there; give it by expressions that meet where they change, for "
+                "all values of the parameters"
+            )
 
 
 def with_branches(edge: Edge, rewrite: Rewrite) -> Edge:

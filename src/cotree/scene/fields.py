@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from cotree.components import FreeRotation, Role, Shape, integral_of
+from cotree.components import FreeRotation, Role, Shape, content_of, integral_of
 from cotree.components.spaces import body_space
 from cotree.dag.rotation import quaternion_of_matrix
 from cotree.domains import DOMAINS
@@ -132,6 +132,7 @@ def _network_names(component: Component) -> list[str]:
     for port in component.ports:
         row, integral = DOMAINS[port.domain], integral_of(port)
         names = [row.across_symbol, row.through_symbol, *([integral.name] if integral else [])]
+        names += [content[0]] if (content := content_of(port)) else []
         found += [(port.port, name) for name in names]
     count = Counter(name for _, name in found)
     alone = [name for _, name in found if count[name] == 1]

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.dag.nodes import Dag
 from cotree.dag.stops import is_cut
-from cotree.scene.branches import check_located, may_branch, with_branches
+from cotree.scene.branches import check_contents, check_located, may_branch, with_branches
 from cotree.scene.corners import has_only_corner, jumps_in
 from cotree.scene.events import Event, Mode
 from cotree.scene.expressions import COMPARISONS, Expression, names_in
@@ -53,8 +53,11 @@ def with_jumps(scene: SceneDescription, *, has_sensitivities: bool) -> SceneDesc
     Raises
     ------
     SceneError
-        If a law of a user's force element jumps, and sensitivities are asked for.
+        If a law of a user's force element jumps, and sensitivities are asked for; or what a
+        storage holds does.
     """
+    for edge in scene.edges.values():
+        check_contents(scene, edge)
     if has_sensitivities:
         for edge in scene.edges.values():
             check_located(edge)
@@ -130,8 +133,11 @@ class _Rewriting:
 
     def _edge(self, edge: Edge) -> Edge:
         constant = {field.name for field in edge.component.fields if field.constant}
+        stored = {
+            name for port in edge.component.ports if (law := port.content) for name in law.arguments
+        }
         fields = {
-            name: value if name in constant else self._value(value)
+            name: value if name in constant else self._value(value, is_stored=name in stored)
             for name, value in edge.fields.items()
         }
         if fields != edge.fields:
@@ -142,21 +148,24 @@ class _Rewriting:
         found: ast.expr = _Tree(self, where, frozenset()).visit(copy.deepcopy(tree))
         return found
 
-    def _value(self, value: Any) -> Any:
+    def _value(self, value: Any, *, is_stored: bool = False) -> Any:
         if isinstance(value, Expression):
-            return self._expression(value)
+            return self._expression(value, is_stored=is_stored)
         return tuple(self._value(part) for part in value)
 
-    def _expression(self, expression: Expression, *, is_watched: bool = False) -> Expression:
+    def _expression(
+        self, expression: Expression, *, is_watched: bool = False, is_stored: bool = False
+    ) -> Expression:
         """Write an expression anew.
 
         What an event looks at may jump at known times: it is then looked at just there, as it
-        stands.
+        stands. A corner of what a storage holds is a jump of its capacity, an event like others.
         """
         if not _may_jump(expression) or (is_watched and not self._moves(expression.names)):
             return expression
         whole = copy.deepcopy(expression.tree)
-        kept = frozenset(id(part) for part in jumps_in(whole) if has_only_corner(whole, part))
+        corners = [] if is_stored else jumps_in(whole)
+        kept = frozenset(id(part) for part in corners if has_only_corner(whole, part))
         tree = _Tree(self, expression.where, kept).visit(whole)
         if ast.dump(tree) == ast.dump(expression.tree):
             return expression

@@ -18,7 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.components import Kind
+from cotree.components import Kind, content_of
 from cotree.domains import DOMAINS
 from cotree.errors import TopologyError
 from cotree.graph import Tree, select_tree
@@ -133,9 +133,11 @@ def _weight(port: Port) -> float:
     # them is found at once.
     own = float((Kind.DISSIPATOR if port.kind is Kind.COUPLED else port.kind).value)
     row, initial = DOMAINS[port.terminal.domain], port.initial
-    if port.kind is Kind.ACROSS_STORAGE and row.across_symbol in initial:
+    content = content_of(port.terminal)
+    is_given = content is not None and content[0] in initial
+    if port.kind is Kind.ACROSS_STORAGE and (is_given or row.across_symbol in initial):
         return own - 0.25  # a branch
-    if port.kind is Kind.THROUGH_STORAGE and row.through_symbol in initial:
+    if port.kind is Kind.THROUGH_STORAGE and (is_given or row.through_symbol in initial):
         return own + 0.25  # a chord
     if port.kind is Kind.SPRING:
         law = port.terminal.through

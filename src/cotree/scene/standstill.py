@@ -77,20 +77,25 @@ def _standing(edge: Edge) -> Edge:
 
 def _guesses(edge: Edge) -> dict[str, FieldValue]:
     """Keep initial values of junctions only, where they are guesses."""
-    is_storage = any(port.storage is not None for port in edge.component.ports)
+    is_storage = any(_is_storage(port) for port in edge.component.ports)
     return {} if is_storage else dict(edge.initial)
 
 
 @lru_cache(maxsize=1024)
 def _at_rest(component: Component, short: frozenset[int]) -> Component:
     """Put a component at rest, of which some ports, by number, have both ends at one node."""
-    if all(port.storage is None for port in component.ports):
+    if not any(_is_storage(port) for port in component.ports):
         return component
     ports = (_terminal_at_rest(port, i in short) for i, port in enumerate(component.ports))
     return replace(component, ports=tuple(ports), demands=())
 
 
+def _is_storage(port: Terminal) -> bool:
+    return port.storage is not None or port.content is not None
+
+
 def _terminal_at_rest(terminal: Terminal, is_short: bool) -> Terminal:
+    terminal = replace(terminal, content=None)
     if terminal.kind is Kind.THROUGH_STORAGE:
         none = Law(lambda: 0)
         if is_short:  # nothing decides what circulates; the least resistance would end it

@@ -61,6 +61,7 @@ def reduce_problem(problem: Problem) -> Problem:
         n_algebraic=0,
         z0=reduction.without(problem.z0),
         atol=problem.atol if np.ndim(problem.atol) == 0 else np.asarray(problem.atol)[:cut],
+        sizes=None if problem.sizes is None else problem.sizes[:cut],
         names=problem.names[:cut],
         project=None
         if project is None

@@ -148,7 +148,7 @@ def augmented_tolerances(problem: Problem) -> tuple[float, FloatArray]:
     atol : ndarray, shape (len(problem.integrated),)
     """
     places = problem.integrated
-    state_atol = np.broadcast_to(np.asarray(problem.atol, dtype=np.float64), (problem.n_states,))
+    state_atol = problem.state_atol
     if problem.error_test_sensitivities:
         blocks, states = np.divmod(places, problem.n_states)
         scales = np.ones(1 + problem.n_sensitivities)

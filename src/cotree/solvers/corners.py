@@ -107,7 +107,7 @@ def _beside(near: FloatArray, further: FloatArray) -> FloatArray:
 
 def turn_tolerances(problem: Problem) -> FloatArray:
     """Give what sensitivities to each parameter are uncertain by where they are zero."""
-    least = float(np.min(problem.atol, initial=np.inf))
+    least = float(np.min(problem.state_atol, initial=np.inf))
     found: FloatArray = least / np.array(
         [1.0] * problem.n_sensitivities if problem.scales is None else problem.scales
     )

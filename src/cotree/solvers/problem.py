@@ -80,6 +80,9 @@ class Problem:
         Relative tolerance; what is below ``RTOL_FLOOR`` is raised to it, and the message says so.
     atol : float or ndarray, shape (n_states,)
         Absolute tolerance, [state unit].
+    sizes : ndarray, shape (n_states,), or None
+        What absolute tolerances of states are multiplied by: of what storages hold, what a unit of
+        the variable that follows from it changes. None for one.
     scales : ndarray, shape (n_sensitivities,), or None
         Sizes of the parameters, by which absolute tolerances of sensitivities are divided: what a
         change of a parameter by its own size does is then tested as the states are. None for one.
@@ -149,6 +152,7 @@ class Problem:
     t_eval: FloatArray | None = None
     rtol: float = 1e-8
     atol: float | FloatArray = 1e-10
+    sizes: FloatArray | None = None
     scales: FloatArray | None = None
     error_test_sensitivities: bool = True
     breakpoints: tuple[float, ...] = ()
@@ -174,6 +178,12 @@ class Problem:
     not_native: str = ""
     events: Events | None = None
     places: npt.NDArray[np.intp] | None = None
+
+    @property
+    def state_atol(self) -> FloatArray:
+        """Return the absolute tolerance of each state."""
+        sizes = np.ones(self.n_states) if self.sizes is None else self.sizes
+        return np.asarray(self.atol * sizes, dtype=np.float64)
 
     @property
     def size(self) -> int:

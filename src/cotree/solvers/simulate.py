@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.errors import ParameterError, SolveError, nearest
+from cotree.model.contents import content_sizes
 from cotree.model.signals import Signals, read_signals
 from cotree.scene.description import check_number
 from cotree.solvers.augmented import DENSE_LIMIT
@@ -101,6 +102,7 @@ def simulate(
     t_span, jacobian = _span(settings.t_span), model.bound_jacobian(p)
     corners = model.corners(p, t_span, settings.inputs, signals.breakpoints)
     z0 = _start(model, t_span[0], p, settings.initial, u)
+    sizes = content_sizes(model, t_span[0], p, u(t_span[0]), z0[: len(model.states)])
     events = ModelEvents(model, p, u, is_held) if model.layout.events else None
     if events is not None:
         events.check_start(t_span[0], z0)
@@ -114,6 +116,7 @@ def simulate(
         t_eval=_times(settings.t_eval),
         rtol=check_number(settings.rtol, "rtol"),
         atol=check_number(settings.atol, "atol"),
+        sizes=sizes,
         error_test_sensitivities=settings.error_test_sensitivities,
         scales=_scales(model, values, settings.scales),
         breakpoints=tuple(corner.t for corner in corners),
@@ -146,7 +149,7 @@ def simulate(
         if settings.throw:
             raise SolveError(trajectory.message)
         warnings.warn(trajectory.message, RuntimeWarning, stacklevel=3)
-    warn_of_result(problem, trajectory)
+    warn_of_result(problem, trajectory, model.layout.followers)
     n, m = len(model.states), len(model.sensitivities)
     y = trajectory.z[:n]
     s = trajectory.z[n:].reshape(m, n, len(trajectory.t)).transpose(1, 0, 2)

@@ -40,7 +40,7 @@ def timely(problem: Problem, trajectory: Trajectory) -> Trajectory:
     places = np.unique(np.linspace(0, trajectory.t.size - 1, _POINTS).astype(int))
     # Of a value that passes zero no method has more digits than of what it swings between.
     largest = np.max(np.abs(trajectory.z[: problem.n_states]), axis=1)
-    allowed = problem.atol + problem.rtol * largest
+    allowed = problem.state_atol + problem.rtol * largest
     with np.errstate(all="ignore"):
         shares = [
             _share(problem, float(trajectory.t[j]), trajectory.z[:, j].copy(), step, allowed)

@@ -16,6 +16,8 @@ from cotree.solvers.evaluate import FAILED
 from cotree.tolerances import FARTHEST_CORRECTION, LOOSE_RTOL, loose_rtol
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from cotree.solvers.base import Trajectory
     from cotree.solvers.problem import Problem
 
@@ -26,6 +28,10 @@ _CORRECTED_RTOL = 1e-3
 # Bricard's mechanism is off by 10 to 300 tolerances, and at 1e-2 by a metre.
 _ROUGH = 1e-4
 
+# What storages hold is tested; a variable that follows from it may err by more than this many times
+# its own tolerance before a run says so. So many points of a run are looked at.
+_LEFT_FREE, _N_LOOKED_AT = 10.0, 50
+
 # From these functions up to the caller of ``Model.simulate``.
 _CALLER = 5
 
@@ -35,10 +41,13 @@ def warn_of_tolerances(problem: Problem) -> None:
     _warn(loose_rtol(problem.rtol))
 
 
-def warn_of_result(problem: Problem, trajectory: Trajectory) -> None:
-    """Warn where the absolute tolerance tested nothing."""
+def warn_of_result(
+    problem: Problem, trajectory: Trajectory, followers: Sequence[tuple[int, int]] = ()
+) -> None:
+    """Warn where tolerances tested nothing; followers are those of the model's layout."""
     if trajectory.status == 0:
         _warn(_untested(problem, trajectory))
+        _warn(_left_free(problem, trajectory, followers))
 
 
 def warn_of_redundancy(problem: Problem, trajectory: Trajectory, redundant: int) -> None:
@@ -66,10 +75,38 @@ def held(problem: Problem, trajectory: Trajectory) -> Trajectory:
     return replace(trajectory, status=FAILED, message=message)
 
 
+def _left_free(
+    problem: Problem, trajectory: Trajectory, followers: Sequence[tuple[int, int]]
+) -> str:
+    """Compare what tolerances of contents leave of variables that follow with their own."""
+    if not followers or problem.jacobian is None:
+        return ""
+    totals, own = (list(places) for places in zip(*followers, strict=True))
+    y, atol = trajectory.z[: problem.n_states], problem.state_atol
+    asked = atol[own] + problem.rtol * np.max(np.abs(y[own]), axis=1)
+    worst, message = _LEFT_FREE, ""
+    n = len(trajectory.t)
+    for k in np.unique(np.linspace(0, n - 1, min(n, _N_LOOKED_AT)).astype(int)).tolist():
+        t = float(trajectory.t[k])
+        capacity = np.abs(problem.jacobian(t, y[:, k])[own, own])
+        allowed = atol[totals] + problem.rtol * np.abs(y[totals, k])
+        left = allowed / np.maximum(capacity, np.finfo(np.float64).tiny)
+        i = int(np.argmax(left / asked))
+        if left[i] > worst * asked[i]:
+            worst = float(left[i] / asked[i])
+            message = (
+                f"the tolerance of '{problem.names[totals[i]]}' leaves '{problem.names[own[i]]}' "
+                f"free by {left[i]:.1g} at t = {t:.6g}, where that changes it little: multiply "
+                f"rtol and atol by {1.0 / worst:.1g} if it matters"
+            )
+    return message
+
+
 def _untested(problem: Problem, trajectory: Trajectory) -> str:
     """Compare the absolute tolerance with what the states ever were."""
     n = problem.n_states - problem.n_algebraic
-    largest = float(np.max(np.abs(trajectory.z[:n]), initial=0.0))
+    sizes = np.ones(n) if problem.sizes is None else problem.sizes[:n]
+    largest = float(np.max(np.abs(trajectory.z[:n]) / sizes[:, None], initial=0.0))
     atol = float(np.min(problem.atol))
     # What is at rest leaves rounding, of which no tolerance asks anything.
     if not np.finfo(np.float64).eps < largest < atol / LOOSE_RTOL:

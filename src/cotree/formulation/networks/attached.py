@@ -98,6 +98,7 @@ def attach_network(scene: SceneDescription, view: FirstView) -> Attached:
         system.of_parameters,
         system.of_everything,
         couplings,
+        frozenset(mode.symbol for mode in system.modes if mode.symbol.op == "symbol"),
     )
     network, observed = form_network(scene, around, sorted(names | system.measured.keys()))
     slopes = {}

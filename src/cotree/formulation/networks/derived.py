@@ -42,20 +42,33 @@ def stored_rate(terminal: Terminal, is_across: bool) -> Law:
 
 @lru_cache(maxsize=1024)
 def stored_value(terminal: Terminal, is_across: bool) -> Law:
-    """Give what a storage without a state takes: ``storage * rate``, and its loss."""
+    """Give what a storage without a state takes: ``storage * rate``, or what its content does."""
     return Law.of(_stored(terminal, is_across))
 
 
 @lru_cache(maxsize=1024)
 def stored_residual(terminal: Terminal, is_across: bool) -> Law:
-    """Give ``storage * rate + loss`` less what flows in."""
+    """Give the rate of the content, and the loss, less what flows in."""
     return Law.of(_stored(terminal, is_across) - _sides(terminal, is_across)[0])
 
 
+@lru_cache(maxsize=1024)
+def linear_content(terminal: Terminal) -> Law | None:
+    """Give what a storage holds whose capacity or inertance is constant; None where others add."""
+    is_across = terminal.kind is Kind.ACROSS_STORAGE
+    loss = terminal.through if is_across else terminal.across
+    if terminal.storage is None or (loss is not None and any("_rate" in a for a in loss.arguments)):
+        return None
+    return Law.of(terminal.storage.expression * _symbol("across" if is_across else "through"))
+
+
 def _stored(terminal: Terminal, is_across: bool) -> Any:
+    loss = _sides(terminal, is_across)[1]
+    if terminal.content is not None:
+        return rate_of(terminal.content).expression + loss
     assert terminal.storage is not None
     rate = _symbol("across_rate" if is_across else "through_rate")
-    return terminal.storage.expression * rate + _sides(terminal, is_across)[1]
+    return terminal.storage.expression * rate + loss
 
 
 def _sides(terminal: Terminal, is_across: bool) -> tuple[Any, Any]:

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from cotree.components import integral_of
+from cotree.components import content_of, integral_of
 from cotree.domains import DOMAINS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from cotree.formulation.networks.rules import Variable
+    from cotree.formulation.networks.stores import Store
     from cotree.formulation.networks.topology import Topology
     from cotree.scene.networks import Port
 
@@ -23,6 +24,7 @@ class Names:
 
     ports: Mapping[str, Port]
     topologies: Mapping[str, Topology]
+    stores: Mapping[str, Store]
 
     @cached_property
     def _of_ports(self) -> dict[str, Variable]:
@@ -32,6 +34,9 @@ class Names:
             for quantity, symbol in _symbols(port).items():
                 found[f"{port.name}.{symbol}"] = (quantity, port.name)
                 found[state_name(port, symbol)] = (quantity, port.name)
+            store = self.stores.get(port.name)
+            if store is not None and not store.is_alone:
+                found[state_name(port, store.symbol[0])] = ("total", port.name)
             for row in port.edge.component.measures:
                 found[f"{port.edge.name}.{row.name}"] = ("measure", f"{port.edge.name}|{row.name}")
         return found
@@ -55,6 +60,8 @@ def _symbols(port: Port) -> dict[str, str]:
     integral = integral_of(port.terminal)
     if integral is not None:
         found["stretch"] = integral.name
+    if content := content_of(port.terminal):
+        found["content"] = content[0]
     return found
 
 

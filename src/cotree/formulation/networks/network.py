@@ -17,6 +17,7 @@ from cotree.formulation.networks.states import (
     redundant_values,
     state_of,
 )
+from cotree.formulation.networks.stores import contents_of, find_stores
 from cotree.formulation.networks.terminals import Terminals
 from cotree.formulation.networks.topology import Topology
 from cotree.scene.networks import scalar_graphs, scalar_ports
@@ -56,6 +57,8 @@ class Surroundings:
         Gives the node of any other name that a field may use.
     couplings : mapping of str to Coupling
         The ports that act on the multibody system.
+    modes : frozenset of Node
+        Symbols of the modes, which change at events only.
     """
 
     dag: Dag
@@ -64,6 +67,7 @@ class Surroundings:
     of_parameters: Resolver
     of_everything: Resolver
     couplings: Mapping[str, Coupling]
+    modes: frozenset[Node]
 
 
 @dataclass(frozen=True)
@@ -162,20 +166,33 @@ def form_network(
         domain: Topology(domain, tree.through) if tree.is_split else topologies[domain]
         for domain, tree in trees.items()
     }
-    names = Names(ports, topologies)
-    held = held_variables(ports, topologies, {*wanted, *_used_by_fields(ports)})
+    contents = contents_of(ports, lambda port, name: _is_constant(scene, port, name))
+    stores = find_stores(ports, topologies, cutsets, contents)
+    names = Names(ports, topologies, stores)
+    held = held_variables(ports, topologies, stores, {*wanted, *_used_by_fields(ports)})
     symbols = {
         item.variable: around.dag.symbol("x", around.n_states + i) for i, item in enumerate(held)
     }
     fields, measured, guards = _bind_fields(ports, symbols, names, around)
     terminals = Terminals(
-        ports, topologies, cutsets, symbols, fields, measured, around.time, around.couplings
+        ports,
+        topologies,
+        cutsets,
+        symbols,
+        fields,
+        measured,
+        around.time,
+        around.couplings,
+        stores,
+        contents,
+        around.modes,
     )
     rates = tuple(item.rate for item in held)
     observed = {name: found for name in wanted if (found := names.variable(name)) is not None}
     at = around.dag, around.of_parameters
     redundant = redundant_values(ports, held, *at)
     roots = [*rates, *observed.values(), *(row.variable for row in redundant)]
+    roots += [store.unknown for store in stores.values()]
     plan = make_plan(terminals, roots)
     first = around.n_states + len(held)
     solved = solve_plan(
@@ -201,6 +218,15 @@ def form_network(
         terminals.corners,
     )
     return network, {name: solved.values[variable] for name, variable in observed.items()}
+
+
+def _is_constant(scene: SceneDescription, port: Port, name: str) -> bool:
+    """Tell whether a field depends on parameters only."""
+    field = port.edge.fields.get(name)  # none of time, potentials, ...
+    return field is not None and all(
+        n in scene.parameters or n == "pi"
+        for n in field.names  # type: ignore[union-attr]
+    )
 
 
 def _used_by_fields(ports: Mapping[str, Port]) -> set[str]:

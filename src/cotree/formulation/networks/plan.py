@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.components import Kind
+from cotree.domains import DOMAINS
+from cotree.errors import FormulationError
 from cotree.formulation.networks.rules import Unknown
 
 if TYPE_CHECKING:
@@ -56,16 +58,33 @@ def make_plan(terminals: Terminals, roots: Iterable[Variable]) -> Plan:
         Gives the rules.
     roots : iterable of Variable
         What is wanted.
+
+    Raises
+    ------
+    FormulationError
+        If an equation does not depend on the unknown that it should give.
     """
     rules = _gather(terminals.rule, roots)
     steps: list[Variable | Block] = []
     for part in _parts({variable: rule.needs for variable, rule in rules.items()}):
         (first, *others) = part
         if not others and first not in rules[first].needs:
+            if isinstance(rules[first], Unknown):
+                raise FormulationError(_undetermined(terminals, first))
             steps.append(first)
         else:
             steps.append(_tear(terminals, rules, part))
     return Plan(tuple(steps), rules)
+
+
+def _undetermined(terminals: Terminals, variable: Variable) -> str:
+    port = terminals.ports[variable[1]]
+    row = DOMAINS[port.terminal.domain]
+    name = row.across[0] if variable[0].startswith("across") else row.through
+    return (
+        f"the law of '{port.name}' does not depend on its own {name}, which nothing else gives: "
+        "let it depend on that, or take the edge out"
+    )
 
 
 def _gather(

@@ -141,7 +141,7 @@ def _solve_block(
         nodal = factorise_nodal(terminals, block, rules, trial)
     matrix: list[dict[int, Node]] = []
     if nodal is None:
-        linear, nonlinear, matrix = _linearise(solved, block, symbols, trial)
+        linear, nonlinear, matrix = _linearise(solved, block, symbols, trial, terminals.is_stored)
     else:
         linear = tuple(pair for pair in pairs if pair[0] not in nodal[1])
         nonlinear = tuple(pair for pair in pairs if pair[0] in nodal[1])
@@ -172,7 +172,11 @@ def _solve_block(
 
 
 def _linearise(
-    solved: Solved, block: Block, symbols: Mapping[Variable, Node], trial: Mapping[Variable, Node]
+    solved: Solved,
+    block: Block,
+    symbols: Mapping[Variable, Node],
+    trial: Mapping[Variable, Node],
+    stays: Callable[[Variable], bool],
 ) -> tuple[tuple[_Pair, ...], tuple[_Pair, ...], list[dict[int, Node]]]:
     """Tell linear from nonlinear unknowns; give the matrix of the linear equations by the linear.
 
@@ -182,6 +186,9 @@ def _linearise(
         Of the block's unknowns.
     trial : mapping of Variable to Node
         Values at these.
+    stays : callable
+        Whether an unknown stays even where equations are linear in it: a start that is given what
+        follows from a total of contents has to find it among the unknowns.
     """
     # What stands outside the block does not change.
     d: defaultdict[Variable, Tangent] = defaultdict(dict)
@@ -189,8 +196,9 @@ def _linearise(
     _differentiate(solved.plan, block.inner, trial, d, _nothing)
     pairs = list(zip(block.unknowns, block.residuals, strict=True))
     bent = set(symbols_in([node for _, row in pairs for node in d[row].values()]))
-    nonlinear = tuple((u, r) for u, r in pairs if symbols[u] in bent)
-    linear = tuple((u, r) for u, r in pairs if symbols[u] not in bent)
+    kept = {u for u in block.unknowns if symbols[u] in bent or stays(u)}
+    nonlinear = tuple((u, r) for u, r in pairs if u in kept)
+    linear = tuple((u, r) for u, r in pairs if u not in kept)
     places: dict[Hashable, int] = {u: i for i, (u, _) in enumerate(linear)}
     matrix: list[dict[int, Node]] = []
     for _, r in linear:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.components import Kind, integral_of
+from cotree.components import Kind, content_of, integral_of
 from cotree.domains import DOMAINS
 from cotree.equations import State
+from cotree.errors import ParameterError
 from cotree.formulation.networks.names import state_name
 
 if TYPE_CHECKING:
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
     from cotree.formulation.fields import Resolver
     from cotree.formulation.networks.rules import Variable
+    from cotree.formulation.networks.stores import Store
     from cotree.formulation.networks.topology import Topology
     from cotree.scene.networks import Port
 
@@ -31,7 +33,7 @@ class Held:
     port : Port
         The port.
     quantity : str
-        ``across``, ``through`` or ``stretch``.
+        ``across``, ``through``, ``stretch`` or ``total`` (of contents).
     short, unit : str
         Its name without that of the port, and its unit.
     """
@@ -58,7 +60,10 @@ class Held:
 
 
 def held_variables(
-    ports: Mapping[str, Port], topologies: Mapping[str, Topology], used: AbstractSet[str]
+    ports: Mapping[str, Port],
+    topologies: Mapping[str, Topology],
+    stores: Mapping[str, Store],
+    used: AbstractSet[str],
 ) -> list[Held]:
     """List the states of the networks.
 
@@ -68,16 +73,26 @@ def held_variables(
         The edges of all scalar graphs.
     topologies : mapping of str to Topology
         The graphs with their trees.
+    stores : mapping of str to Store
+        The totals of contents that are states in place of across or through variables.
     used : set of str
         Names that fields and outputs use: integrals of across variables are states where they
         are used, or have an initial value.
+
+    Raises
+    ------
+    ParameterError
+        If a content has an initial value that is no state.
     """
     found = []
     for port in ports.values():
         if port.is_coupling:  # its motion is that of the multibody system
             continue
         is_branch = port.name in topologies[port.terminal.domain].branches
-        if port.kind is Kind.ACROSS_STORAGE and is_branch:
+        _check_content(port, stores.get(port.name))
+        if port.name in stores:
+            found.append(Held(port, "total", *stores[port.name].symbol))
+        elif port.kind is Kind.ACROSS_STORAGE and is_branch:
             found.append(_held(port, "across"))
         elif port.kind is Kind.THROUGH_STORAGE and not is_branch:
             found.append(_held(port, "through"))
@@ -89,6 +104,19 @@ def held_variables(
             if _uses_stretch(port) or names & used or item.short in port.initial:
                 found.append(item)
     return found
+
+
+def _check_content(port: Port, store: Store | None) -> None:
+    """Refuse the initial value of a content that is held together with others."""
+    content = content_of(port.terminal)
+    if content is None or content[0] not in port.initial or (store and store.is_alone):
+        return
+    row, is_across = DOMAINS[port.terminal.domain], port.kind is Kind.ACROSS_STORAGE
+    symbol = row.across_symbol if is_across else row.through_symbol
+    raise ParameterError(
+        f"'{state_name(port, content[0])}' has no initial value of its own, since '{port.name}' is "
+        f"tied to others of its like or to sources: give '{symbol}' of it or of these"
+    )
 
 
 def _held(port: Port, quantity: str) -> Held:
@@ -110,7 +138,7 @@ def _uses_stretch(port: Port) -> bool:
 
 
 def _names(terminal: Terminal, argument: str) -> bool:
-    laws = (terminal.across, terminal.through, terminal.storage)
+    laws = (terminal.across, terminal.through, terminal.storage, terminal.content)
     return any(argument in law.arguments for law in laws if law is not None)
 
 
@@ -118,7 +146,16 @@ def state_of(item: Held, symbol: Node, dag: Dag, of_parameters: Resolver) -> Sta
     """Make the entry of a state."""
     initial = _initial(item, dag, of_parameters)
     is_given = item.short in item.port.initial
-    return State(item.name, item.unit, symbol, initial, is_given=is_given)
+    if item.quantity != "total":
+        return State(item.name, item.unit, symbol, initial, is_given=is_given)
+    quantity = "across" if item.port.kind is Kind.ACROSS_STORAGE else "through"
+    follows = _held(item.port, quantity)
+    if is_given and follows.short in item.port.initial:
+        raise ParameterError(
+            f"edge '{item.port.edge.name}' gives initial values of both '{item.name}' and "
+            f"'{follows.name}', which follow from each other: leave one out"
+        )
+    return State(item.name, item.unit, symbol, initial, is_given=is_given, follower=follows.name)
 
 
 def algebraic_state(

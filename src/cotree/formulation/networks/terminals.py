@@ -26,6 +26,7 @@ from cotree.formulation.networks.derived import (
     through_residual,
 )
 from cotree.formulation.networks.rules import Field, Lawful, Sum, Unknown
+from cotree.formulation.networks.stores import is_of_content
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Node
     from cotree.formulation.networks.couplings import Coupling
     from cotree.formulation.networks.rules import Rule, Variable
+    from cotree.formulation.networks.stores import Store
     from cotree.formulation.networks.topology import Topology
     from cotree.scene.networks import Port
 
@@ -58,6 +60,12 @@ class Terminals:
         The symbol of time.
     couplings : mapping of str to Coupling
         The motion of the ports that act on a multibody system.
+    stores : mapping of str to Store
+        The totals of contents that are states, by the ports that they belong to.
+    contents : mapping of str to Law
+        What storages hold.
+    modes : frozenset of Node
+        Symbols of the modes, which change at events only.
     guards : dict of Node to Guard
         What parameters must satisfy, so that nothing jumps whose rate was asked for so far.
     corners : dict of str to frozenset of Node
@@ -73,6 +81,9 @@ class Terminals:
     measured: Mapping[Node, Variable]
     time: Node
     couplings: Mapping[str, Coupling]
+    stores: Mapping[str, Store]
+    contents: Mapping[str, Law]
+    modes: frozenset[Node]
     guards: dict[Node, Guard] = field(default_factory=dict)
     corners: dict[str, frozenset[Node]] = field(default_factory=dict)
 
@@ -110,6 +121,8 @@ class Terminals:
             return self._cutset(name).flow(name, rate)
         if base == "measure":
             return self._measure(name)
+        if base in ("total", "content", "stored", "loss"):
+            return self._content(base, name, rate)
         if base == "field":
             return self._field(name, bool(rate))
         if base == "stretch":
@@ -141,6 +154,27 @@ class Terminals:
             return Unknown(("residual_stretch", name))
         return self._lawful(port, spring_stretch(port.terminal))
 
+    def _content(self, base: str, name: str, rate: str) -> Rule:
+        """Give the rule of a total of contents, of a content, or of what is added to its rate."""
+        port, store = self.ports[name], self.stores.get(name)
+        if base == "content":
+            # Where it is a state it is that, not what follows from what follows from it.
+            base = "total" if store is not None and store.is_alone else "stored"
+        if base == "total":
+            assert store is not None
+            return Sum(store.flows) if rate else Field(self.states[base, name])
+        if base == "stored":
+            law = self.contents[name]
+            return self._lawful(port, self._rate_of_law(port, law) if rate else law)
+        terminal = port.terminal
+        loss = terminal.through if port.kind is Kind.ACROSS_STORAGE else terminal.across
+        assert loss is not None
+        return self._lawful(port, loss)
+
+    def is_stored(self, variable: Variable) -> bool:
+        """Tell whether a variable of a storage follows from a total of contents."""
+        return variable[1] in self.stores and self.stores[variable[1]].unknown == variable
+
     def _across(self, name: str, rate: str) -> Rule:
         port = self.ports[name]
         if name in self.couplings:
@@ -151,6 +185,8 @@ class Terminals:
         if not self.is_branch(name):
             return self._topology(name).circuit(name, rate)
         if port.kind is Kind.ACROSS_STORAGE:
+            if name in self.stores:
+                return Unknown((f"residual_across{rate}", name))
             if rate:
                 return self._lawful(port, stored_rate(port.terminal, True))
             return Field(self.states["across", name])
@@ -174,6 +210,8 @@ class Terminals:
         if name not in self.couplings and name in self._cutset(name).branches:
             return self._cutset(name).cutset(name, rate)
         if port.kind is Kind.THROUGH_STORAGE:
+            if name in self.stores:
+                return Unknown((f"residual_through{rate}", name))
             if rate:
                 return self._lawful(port, stored_rate(port.terminal, False))
             return Field(self.states["through", name])
@@ -200,6 +238,11 @@ class Terminals:
         port = self.ports[name]
         terminal = port.terminal
         is_storage = port.kind in (Kind.ACROSS_STORAGE, Kind.THROUGH_STORAGE)
+        if name in self.stores and quantity in ("across", "through"):
+            parts = ((sign, ("stored", part)) for sign, part in self.stores[name].parts)
+            return Sum((*parts, (-1, ("total", name))))
+        if name in self.stores and quantity in ("across_rate", "through_rate"):
+            return self._lawful(port, stored_residual(terminal, quantity == "across_rate"))
         if quantity == "stretch":
             return self._lawful(port, through_residual(terminal))
         if quantity == "across" and port.kind is Kind.SPRING:
@@ -276,6 +319,8 @@ class Terminals:
                 quantity, name = self._changing[symbol]
                 moving[symbol] = self.time.dag.symbol("network_rate", symbol.index)
                 rates[moving[symbol]] = (f"{quantity}_rate", name)
+            elif symbol in self.modes and is_of_content(self.ports.values(), edge, field):
+                continue  # what storages hold does not jump, whatever modes do
             elif symbol.data[0] not in ("p", "t"):
                 is_known = False
         what = f"{field} of edge '{edge}'"

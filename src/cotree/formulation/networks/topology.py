@@ -182,6 +182,23 @@ class Topology:
         """Name the node that each branch leads to."""
         return {place.branch: node for node, place in self._places.items() if place.branch}
 
+    def crossing(self, branch: str) -> dict[str, int]:
+        """List the chords that a branch's through variable is the sum of, with their signs."""
+        chords, sign = self.tree.chords, -self._signs[branch]
+        return {chords[number]: sign * own for number, own in self._crossing(branch)}
+
+    def along(self, chord: str) -> dict[str, int]:
+        """List the branches that a chord's across variable is the sum of, with their signs."""
+        edge = self.tree.graph.edge(chord)
+        ancestor = self._ancestor(edge.tail, edge.head)
+        found = {}
+        for sign, node in ((1, edge.head), (-1, edge.tail)):
+            while node != ancestor:
+                place = self._places[node]
+                found[place.branch] = sign * place.sign
+                node = place.parent
+        return found
+
     @cached_property
     def _beyond(self) -> dict[str, list[str]]:
         """List the branches that follow each branch outwards."""

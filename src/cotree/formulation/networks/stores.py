@@ -1,0 +1,159 @@
+"""Storages by content: which contents together have a rate that needs no rate of a storage.
+
+The charge of a branch's capacitor and of all capacitors in its f-cutset changes by the currents of
+the cutset's other chords alone: that total is the state, and what voltages follow from it is an
+equation. Methods keep linear invariants to rounding, so that charge is lost at no tolerance. Flux
+linkages along the f-circuit of an inductor are the dual.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.components import Kind, content_of
+from cotree.domains import DOMAINS
+from cotree.formulation.networks.derived import linear_content
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+
+    from cotree.components import Law
+    from cotree.formulation.networks.rules import Variable
+    from cotree.formulation.networks.topology import Topology
+    from cotree.scene.networks import Port
+
+#: What a storage of each kind has as a state, and what is its rate of content.
+_VARIABLES = {
+    Kind.ACROSS_STORAGE: ("across", "through"),
+    Kind.THROUGH_STORAGE: ("through", "across"),
+}
+
+
+@dataclass(frozen=True)
+class Store:
+    """A total of contents that is a state.
+
+    Attributes
+    ----------
+    port : Port
+        The storage whose f-cutset, or f-circuit, it is of.
+    parts : tuple of (int, str)
+        The storages whose contents make it up, with signs; the port itself first.
+    flows : tuple of (int, Variable)
+        What its rate is the sum of, with signs.
+    """
+
+    port: Port
+    parts: tuple[tuple[int, str], ...]
+    flows: tuple[tuple[int, Variable], ...]
+
+    @property
+    def is_alone(self) -> bool:
+        """Whether it is the content of one storage."""
+        return len(self.parts) == 1
+
+    @property
+    def symbol(self) -> tuple[str, str]:
+        """What it is called after the name of its port, and its unit."""
+        row = DOMAINS[self.port.terminal.domain]
+        own = row.content if self.port.kind is Kind.ACROSS_STORAGE else row.impulse
+        return (own[0] if self.is_alone else f"{own[0]}_total"), own[1]
+
+    @property
+    def unknown(self) -> Variable:
+        """The variable of the storage that follows from it."""
+        return _VARIABLES[self.port.kind][0], self.port.name
+
+
+def contents_of(
+    ports: Mapping[str, Port], is_constant: Callable[[Port, str], bool]
+) -> dict[str, Law]:
+    """Give what storages hold, those whose capacity or inertance is constant included.
+
+    Parameters
+    ----------
+    ports : mapping of str to Port
+        The edges of all scalar graphs.
+    is_constant : callable
+        Whether a field of a port depends on parameters only.
+    """
+    found = {}
+    if all(content_of(port.terminal) is None for port in ports.values()):
+        return {}
+    for port in ports.values():
+        law = port.terminal.content
+        if law is None and port.kind in _VARIABLES:
+            law = linear_content(port.terminal)
+            own = () if law is None else law.arguments
+            if not all(n in _VARIABLES[port.kind] or is_constant(port, n) for n in own):
+                law = None
+        if law is not None:
+            found[port.name] = law
+    return found
+
+
+def find_stores(
+    ports: Mapping[str, Port],
+    topologies: Mapping[str, Topology],
+    cutsets: Mapping[str, Topology],
+    contents: Mapping[str, Law],
+) -> dict[str, Store]:
+    """List the totals of contents that are states, by the ports that they belong to.
+
+    Parameters
+    ----------
+    ports : mapping of str to Port
+        The edges of all scalar graphs.
+    topologies, cutsets : mapping of str to Topology
+        The graphs with the trees of across and of through variables, by domain.
+    contents : mapping of str to Law
+        From :func:`contents_of`.
+    """
+    found = {}
+    for name in contents:
+        port = ports[name]
+        if port.is_coupling or port.is_short:
+            continue
+        across, through = topologies[port.terminal.domain], cutsets[port.terminal.domain]
+        is_branch = name in across.branches
+        if is_branch != (port.kind is Kind.ACROSS_STORAGE):
+            continue
+        around = through.crossing(name) if is_branch else across.along(name)
+        like = [n for n in around if n in contents and ports[n].kind is port.kind]
+        if any(ports[n].terminal.content is not None for n in (name, *like)):
+            found[name] = _store(ports, name, around, like)
+    return found
+
+
+def _store(
+    ports: Mapping[str, Port], name: str, around: Mapping[str, int], like: Iterable[str]
+) -> Store:
+    port, within = ports[name], set(like)
+    flow = _VARIABLES[port.kind][1]
+    flows: list[tuple[int, Variable]] = [
+        (sign, ("loss" if n in within else flow, n))
+        for n, sign in around.items()
+        if n not in within or _has_loss(ports[n])
+    ]
+    if _has_loss(port):
+        flows.append((-1, ("loss", name)))
+    parts = ((1, name), *((-around[n], n) for n in like))
+    return Store(port, parts, tuple(flows))
+
+
+def _has_loss(port: Port) -> bool:
+    """Whether something is added to the rate of the content."""
+    is_across = port.kind is Kind.ACROSS_STORAGE
+    return (port.terminal.through if is_across else port.terminal.across) is not None
+
+
+def is_of_content(ports: Iterable[Port], edge: str, field: str) -> bool:
+    """Tell whether a field of an edge belongs to what storages hold, and to nothing else."""
+    laws = {
+        name
+        for port in ports
+        for name in ("across", "through", "storage", "content")
+        if port.edge.name == edge and (law := getattr(port.terminal, name)) and law.uses(field)
+    }
+    return laws == {"content"}

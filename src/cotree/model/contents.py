@@ -1,0 +1,93 @@
+"""What storages hold together, as states, and the variables that follow from it, at starts.
+
+A scene gives a voltage where the state is a charge: the start then has the one and finds the other.
+Absolute tolerances are of voltages, too; those of charges follow.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.errors import ParameterError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cotree.model.model import CompiledModel
+
+Array = npt.NDArray[np.float64]
+
+#: A state and the algebraic unknown that follows from it, by their places.
+Pair = tuple[int, int]
+
+#: Both may be given where they agree to this share.
+_AGREE = 1e-6
+
+
+def held_followers(model: CompiledModel, initial: Mapping[str, float]) -> list[Pair]:
+    """List the states that a start finds from what follows from them.
+
+    Parameters
+    ----------
+    model : CompiledModel
+        The model.
+    initial : mapping of str to float
+        Initial values of a run in place of the scene's. Where they give both, the state counts.
+    """
+    layout, names = model.layout, model.states
+    is_found = [model.begins_at_rest or not is_given for is_given in layout.given]
+    return [
+        (total, follower)
+        for total, follower in layout.followers
+        if names[total] not in initial and (names[follower] in initial or is_found[total])
+    ]
+
+
+def held_along(model: CompiledModel, held: Sequence[Pair], name: str) -> list[Pair]:
+    """List the same for the sensitivity to an initial value: what is named is given there."""
+    names = model.states
+    return [
+        pair
+        for pair in model.layout.followers
+        if names[pair[1]] == name or (pair in held and names[pair[0]] != name)
+    ]
+
+
+def check_followers(model: CompiledModel, initial: Mapping[str, float], y: Array) -> None:
+    """Refuse initial values of a run that contradict each other.
+
+    Raises
+    ------
+    ParameterError
+        If a run gives both what storages hold and what follows from it, and they do not agree.
+    """
+    names = model.states
+    for total, follower in model.layout.followers:
+        if names[total] in initial and names[follower] in initial:
+            given, found = initial[names[follower]], float(y[follower])
+            if not abs(given - found) <= _AGREE * max(abs(given), abs(found)):
+                raise ParameterError(
+                    f"initial values contradict each other: '{names[follower]}' is given as "
+                    f"{given:.6g} but is {found:.6g} by '{names[total]}'; leave one out"
+                )
+
+
+def content_sizes(
+    model: CompiledModel, t: float, p: Array, u: Array | None, y: Array
+) -> Array | None:
+    """Give what absolute tolerances of states are multiplied by, shape (n_states,); None for one.
+
+    Of what storages hold that is what a unit of the variable that follows from it changes there: a
+    capacitance. It is one for all others.
+    """
+    if not model.layout.followers:
+        return None
+    sizes, jacobian = np.ones(len(y)), np.abs(model.jacobian(t, y, p, u))
+    for total, follower in model.layout.followers:
+        own = jacobian[follower, follower] or np.max(np.delete(jacobian[follower], total))
+        if own > 0.0 and np.isfinite(own):
+            sizes[total] = own
+    return sizes

@@ -1,0 +1,178 @@
+"""Algebraic unknowns of a model: those of a start, with their sensitivities, and of a point."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.errors import SolveError
+from cotree.model.algebraic import Algebraic
+from cotree.model.contents import held_along
+from cotree.model.linear import is_sparse, linearise
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from cotree.model.contents import Pair
+    from cotree.model.model import CompiledModel
+
+Array = npt.NDArray[np.float64]
+
+#: What a start finds from what follows from it is found in so many rounds, to this share of the
+#: terms that it is made of.
+_MOST_ROUNDS, _SAME = 50, 1e-12
+
+
+def solve_start(
+    model: CompiledModel,
+    t: float,
+    p: Array,
+    u: Array | None,
+    y: Array,
+    s: Array,
+    held: Sequence[Pair] = (),
+) -> tuple[Array, Array]:
+    """Solve for the algebraic unknowns of a start and for their sensitivities.
+
+    Parameters
+    ----------
+    model : CompiledModel
+        The model.
+    t : float
+        Start time, [s].
+    p : ndarray, shape (n_parameters,)
+        Parameters.
+    u : ndarray, shape (n_inputs,), or None
+        Inputs; None takes the scene's.
+    y, s : ndarray, shapes (n_states,) and (n_states, n_parameters)
+        States, with guesses of the algebraic unknowns, and sensitivities.
+    held : sequence of (int, int)
+        States to be found with the algebraic unknowns, and which of these is given in its place:
+        what storages hold, and the voltages that it follows from. No others depend on it.
+
+    Returns
+    -------
+    ndarray, shape (n_states,), and ndarray, shape (n_states, n_parameters)
+
+    Raises
+    ------
+    SolveError, SingularSystemError
+        As :meth:`Algebraic.solve`.
+    """
+    if not model.layout.n_algebraic:
+        return y, s
+    algebraic = of_model(model, p, u)
+    y, s = y.copy(), s.copy()
+    if held:
+        _solve_held(model, algebraic, (t, p, u), y, held)
+    else:
+        algebraic.solve(t, y)
+    algebraic.check_index(t, y)
+    if model.sensitivities:
+        s = _sensitivities(model, algebraic, (t, p, u), y, s, held)
+    return y, s
+
+
+def _sensitivities(
+    model: CompiledModel,
+    algebraic: Algebraic,
+    at: tuple[float, Array, Array | None],
+    y: Array,
+    s: Array,
+    held: Sequence[Pair],
+) -> Array:
+    """Solve for the sensitivities of what :func:`solve_start` finds."""
+    (t, p, u), cut, s = at, algebraic.cut, s.copy()
+    columns: dict[tuple[Pair, ...], list[int]] = {}
+    for j, name in enumerate(model.sensitivities):
+        columns.setdefault(tuple(held_along(model, held, name)), []).append(j)
+    places = {pairs: _unknowns(range(cut, len(y)), pairs) for pairs in columns}
+    for pairs, own in columns.items():
+        for j in own:
+            s[places[pairs], j] = 0.0
+    along = model.bound("sensitivity_rhs", p)(t, y, s.T.ravel(), u).reshape(s.shape[::-1])
+    residual = along[:, cut:].T.copy()
+    matrix, linear = algebraic.linearised(t, y)
+    for pairs, own in columns.items():
+        solve = linear.solve
+        if pairs:  # what is found comes last
+            order = [i for i in range(len(y)) if i not in set(places[pairs])] + places[pairs]
+            solve = linearise(matrix[cut:, order], y[order]).solve
+        block = s[places[pairs]]
+        block[:, own] = -solve(residual[:, own])
+        s[places[pairs]] = block
+    return s
+
+
+def _unknowns(algebraic: range, pairs: Iterable[Pair]) -> list[int]:
+    """List what the equations give where some states are found in place of unknowns."""
+    instead = {follower: total for total, follower in pairs}
+    return [instead.get(i, i) for i in algebraic]
+
+
+def _solve_held(
+    model: CompiledModel,
+    algebraic: Algebraic,
+    at: tuple[float, Array, Array | None],
+    y: Array,
+    held: Sequence[Pair],
+) -> None:
+    """Solve for algebraic unknowns and for some states, in place, others of them being given.
+
+    Each of these states stands in one equation alone, less itself. With what it then has to be all
+    equations are solved as at any time; where something else in it moves with that, again.
+
+    Raises
+    ------
+    SolveError
+        If that leads nowhere.
+    """
+    t, p, u = at
+    jacobian = model.bound_jacobian(p)
+    totals, followers = (np.array(places) for places in zip(*held, strict=True))
+    rows, given = followers - algebraic.cut, y[followers].copy()
+    y[totals] += algebraic.residual(t, y)[rows]
+    for _ in range(_MOST_ROUNDS):
+        algebraic.solve(t, y)
+        y[followers] = given
+        left = algebraic.residual(t, y)[rows]
+        y[totals] += left
+        terms = np.abs(jacobian(t, y, u)[followers]) @ np.abs(y)
+        if np.all(np.abs(left) <= _SAME * terms):
+            return
+    names = ", ".join(f"'{model.states[i]}'" for i in totals.tolist())
+    raise SolveError(
+        f"{names} cannot be found at t = {t:.10g} from initial values of what follows from it: it "
+        "depends on unknowns of nonlinear equations besides; give its own initial value"
+    )
+
+
+def solve_states(model: CompiledModel, t: float, p: Array, u: Array, y: Array) -> Array:
+    """Solve for the algebraic unknowns of a point; see :func:`solve_start`."""
+    if model.layout.n_algebraic:
+        y = y.copy()
+        of_model(model, p, u).solve(t, y)
+    return y
+
+
+def of_model(model: CompiledModel, p: Array, u: Array | None) -> Algebraic:
+    """Give the algebraic unknowns of a model at fixed parameters and inputs."""
+    none = np.zeros(0)
+    rhs, layout = model.bound("rhs", p), model.layout
+    n_algebraic, cut = layout.n_algebraic, len(layout.states) - layout.n_algebraic
+    n_own = sum(row >= cut for row in layout.row_indices)
+    jacobian = model.bound_jacobian(p, is_sparse=is_sparse(n_algebraic, n_own))
+
+    def improve(t: float, y: Array) -> Array | None:
+        inputs = model.input_values(t, p) if u is None else u
+        return model.junctions.at(t, y, p, inputs).search(y[cut:])
+
+    return Algebraic(
+        lambda t, y: rhs(t, y, none, u),
+        lambda t, y: jacobian(t, y, u),
+        model.states,
+        n_algebraic,
+        improve,
+    )
