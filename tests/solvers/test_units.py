@@ -70,6 +70,22 @@ def test_a_small_linkage_takes_the_method_of_a_large_one(metre):
     assert "dependent" not in result.message
 
 
+@pytest.mark.parametrize(
+    "tree", [None, pytest.param(BODIES, marks=pytest.mark.slow)], ids=["joints", "bodies"]
+)
+def test_steps_are_those_of_a_linkage_of_any_size(tree):
+    model = linkage().compile(tree=tree, optimize="-O0")
+    state = "m_crank.theta" if tree else "a.theta"
+    for method in ("dop853", "DOP853", "rodas5"):
+        found = [
+            model.simulate((0, 1), [1.0], method, 1e-7, 1e-30, parameters={"metre": metre})
+            for metre in (1e-3, 1.0, 1e3)
+        ]
+        assert len({result.statistics.n_steps for result in found}) == 1
+        # Some hundred steps, each with roundings of a few units in the last place.
+        assert np.ptp([result[state][-1] for result in found]) < 1e-12
+
+
 def test_a_small_linkage_is_written_for_rodas5(tmp_path):
     model = linkage(metre=1e-3).compile(tree=BODIES, optimize="-O0")
     model.write(tmp_path, "rodas5")
