@@ -34,6 +34,27 @@ def test_a_mode_that_grows_is_not_damped(model: cotree.Model, method: str) -> No
         assert result["u.v"][-1] == pytest.approx(GOLDEN * end, rel=5e-6)
 
 
+@pytest.mark.parametrize("own", ["u", "v"])
+def test_a_start_that_bends_is_followed_at_any_tolerance(own: str) -> None:
+    """Both rates bend: u = v = 1.5 t, whatever the share of the end that the tolerance is.
+
+    A first step over the bend is damped as a whole, and the error that is tested with it; with one
+    rate for both, what is left of it is rounding, which goes anywhere.
+    """
+    scene = cotree.Scene("both")
+    for mass, node, name in (("u", "A", "u"), ("v", "B", own)):
+        scene.edge(mass, "translational_mass", "ground", node, mass=1.0, initial={"v": 0.0})
+        force = f"1 + {name}.v/(u.v + v.v + 1e-30)"
+        scene.edge(f"F{mass}", "force_source", "ground", node, force=force)
+    model = scene.compile()
+    for method in ("rodas4", "rodas5"):
+        for end, share in ((1e-9, 1e-6), (1e-9, 1e-2), (1e-3, 1e-3), (1.0, 1e-2)):
+            atol = share * end
+            result = model.simulate((0.0, end), method=method, rtol=1e-6, atol=atol, throw=True)
+            assert result["u.v"][-1] == pytest.approx(1.5 * end, rel=1e-6, abs=atol)
+            assert result.statistics.n_steps < 60
+
+
 @pytest.mark.parametrize("method", ["rodas4", "rodas5", "Radau"])
 def test_what_decays_costs_no_more(method: str) -> None:
     """A stiff decay towards a slow motion, 1e6/s: a few tens of steps, as its slow part asks."""
