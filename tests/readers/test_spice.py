@@ -558,3 +558,9 @@ def test_one_flux_with_others_less_close_is_refused():
     rows = "L1 a 0 1\nL2 b 0 1\nL3 c 0 1\nK1 L1 L2 1\nK2 L2 L3 0.5\n"
     with pytest.raises(cotree.SceneError, match=r"a\.cir:\d: windings that are coupled completely"):
         read(f"title\n{rows}")
+
+
+def test_one_flux_by_a_parameter_says_what_to_write():
+    rows = ".param k=1\nV1 a 0 1\nR1 a p 1\nL1 p 0 1m\nL2 s 0 1m\nR2 s 0 1\nK1 L1 L2 {k}\n"
+    with pytest.raises(cotree.ParameterError, match="write the coupling as the number 1"):
+        read(f"title\n{rows}.tran 1u 1m\n").compile()

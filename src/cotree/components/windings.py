@@ -22,7 +22,8 @@ WINDINGS = ("primary", "secondary", "winding3", "winding4", "winding5", "winding
 
 _COMPLETE = (
     "couples its windings completely: give a coupling between -1 and 1, or an ideal transformer "
-    "with an inductor"
+    "with an inductor, which have other equations, so that no parameter leads there; in a netlist, "
+    "write the coupling as the number 1"
 )
 _TOO_CLOSE = "couples its windings by more than the flux that they have: give smaller couplings"
 
