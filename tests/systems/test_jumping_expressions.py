@@ -349,3 +349,32 @@ def test_corners_whose_rate_is_needed_refuse_sensitivities_that_would_jump(
         with pytest.raises(FormulationError, match=f"voltage of edge 'V' has a corner.*'{name}'"):
             scene.compile([name])
     assert scene.compile(allowed).simulate((0, 1.0)).status == 0
+
+
+@pytest.mark.parametrize(
+    "method", ["dop853", "rodas5", pytest.param("DOP853", marks=pytest.mark.slow)]
+)
+def test_a_large_count_passes_each_number_once(method):
+    """C v' = 2 a floor(v/a): straight between whole numbers, ever steeper down to -1573.
+
+    The difference of v/a and its count has the rounding of these, not of its own size: what falls
+    below a number must not seem to come back to it.
+    """
+    scene = Scene("runaway")
+    scene.parameter("a", 0.3)
+    scene.edge("C", "capacitor", "n", "ground", capacitance=1.0, initial={"v": -1.6})
+    scene.edge("I", "current_source", "ground", "n", current="2*a*floor(C.v/a)")
+    result = scene.compile(["a"]).simulate((0, 2.8), method=method, rtol=1e-12, atol=1e-12)
+    assert result.success, result.message
+    w, t, count = -1.6 / 0.3, 0.0, math.floor(-1.6 / 0.3)
+    times = []
+    while t + (w - count) / (-2.0 * count) < 2.8:
+        t += (w - count) / (-2.0 * count)
+        times.append(t)
+        w, count = float(count), count - 1
+    up, down = (result.events[f"floor(C.v / a) {way}"].t for way in ("up", "down"))
+    assert len(up) == 0
+    # Roundings of 1568 steps.
+    np.testing.assert_allclose(down, times, rtol=0, atol=1e-12)
+    end = 0.3 * (w + 2.0 * count * (2.8 - t))
+    assert result["C.v"][-1] == pytest.approx(end, rel=1e-12)

@@ -93,6 +93,7 @@ class EventContext:
     direction: int
     is_stop: bool
     is_jump: bool
+    is_count: bool
     n_kept: int
     n_targets: int
     targets: list[str]
@@ -257,6 +258,7 @@ def _hybrid_context(layout: Layout) -> HybridContext:
             row.direction,
             row.is_stop,
             row.is_jump,
+            row.is_count,
             len(row.targets) - (layout.n_speeds if row.is_impact else 0),
             len(row.targets),
             wrapped(map(str, row.targets)),

@@ -115,7 +115,7 @@ class RedundantRow:
     name : str
         Of the variable.
     states : tuple of str
-        The states that it follows from.
+        What it follows from.
     """
 
     name: str
@@ -276,10 +276,9 @@ class EventRow:
     targets : tuple of int
         The states that it sets, in the order of their new values.
     is_impact : bool
-        Whether an impulse changes all speeds; the coefficient of restitution then follows the new
-        values.
-    is_jump : bool
-        Whether it sets the mode that stands for a jump inside an expression.
+        Whether an impulse changes all speeds; its restitution then follows the new values.
+    is_jump, is_count : bool
+        Whether it sets the mode of a jump inside an expression, and looks at a value less that.
     """
 
     name: str
@@ -288,6 +287,7 @@ class EventRow:
     targets: tuple[int, ...]
     is_impact: bool
     is_jump: bool = False
+    is_count: bool = False
 
 
 @dataclass(frozen=True)

@@ -64,6 +64,7 @@ def _bind(event: Event, system: System, states: Sequence[State]) -> EventRow:
         tuple(places[target] for target in event.set),
         event.restitution is not None,
         event.is_jump,
+        event.is_jump and any(target in event.when.names for target in event.set),
     )
 
 

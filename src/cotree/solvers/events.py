@@ -28,21 +28,17 @@ if TYPE_CHECKING:
 # Values of g below this share of the largest seen are rounding.
 _ROUNDING = 16 * float(np.finfo(np.float64).eps)
 
-# Rates below this share of that at the crossing are none.
-_STILL = 1e-10
+# Rates below this share of that at the crossing are none; a crossing less deep than so many times
+# the tolerance may as well not take place.
+_STILL, _GRAZING = 1e-10, 10.0
 
-# A crossing less deep than this many times the tolerance may as well not take place.
-_GRAZING = 10.0
-
-# So many of one event within this share of the span are too many.
-_CROWD, _CROWDED = 100, 1e-9
+# So many of one event within this share of the span are too many; as many as a few are enough to
+# call by its name what has become too small for the tolerance.
+_CROWD, _CROWDED, _A_FEW = 100, 1e-9, 3
 
 # Intervals that shrink by one ratio, within this share, so often in a row, are a geometric series;
 # the run ends where what is left of it is below this share of the span.
 _IN_A_ROW, _SAME_RATIO, _LEFT = 8, 0.02, 1e-6
-
-# As many are enough to call by its name what has become too small for the tolerance.
-_A_FEW = 3
 
 # Values that two orders of jumps lead to are the same within this share.
 _SAME = 1e-8
@@ -98,6 +94,8 @@ class Watch:
         n = len(events.rows)
         self._direction = np.array([row.direction for row in events.rows])
         self._is_jump = np.array([row.is_jump for row in events.rows])
+        #: Values that count from a mode, and that mode: their rounding is its, too.
+        self._counts = [(i, row.targets[0]) for i, row in enumerate(events.rows) if row.is_count]
         self._g = np.zeros(n)
         #: The sign of each value since it last passed zero; zero where it has not left it.
         self._side = np.zeros(n)
@@ -126,7 +124,7 @@ class Watch:
     def find(self, stepper: Stepper, t: float, z: FloatArray, end: float) -> Located | None:
         """Find the first crossing within the last step, which began at t with z; else go on."""
         looked = self._locator.look(stepper, t, z, self._g)
-        self._note(looked.g)
+        self._note(looked.g, stepper.z)
         found: list[tuple[float, int, float]] = []
         for i in range(len(self._side)):
             bracket = self._crossing(looked, i)
@@ -191,17 +189,19 @@ class Watch:
         found: FloatArray = problem.rtol * self._flight + float(np.min(problem.atol))
         return found
 
-    def _note(self, g: FloatArray) -> None:
+    def _note(self, g: FloatArray, z: FloatArray) -> None:
         if not np.all(np.isfinite(g)):
             i = int(np.argwhere(~np.isfinite(np.atleast_2d(g)))[0][1])
             raise self._refusal("not finite", i)
         size = np.max(np.abs(np.atleast_2d(g)), axis=0)
-        self._largest = np.maximum(self._largest, size)
         self._flight = np.maximum(self._flight, size)
+        for i, mode in self._counts:
+            size[i] += abs(z[mode])
+        self._largest = np.maximum(self._largest, size)
 
     def _look(self, t: float, z: FloatArray) -> None:
         self._g = self._events.values(t, z)
-        self._note(self._g)
+        self._note(self._g, z)
 
     def _bend(self, t: float, z: FloatArray) -> FloatArray:
         """Give second time derivatives of g, by differences; only their sizes matter."""
