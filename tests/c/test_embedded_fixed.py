@@ -9,7 +9,7 @@ import pytest
 from c_programs import build, need, printed, run
 
 from cotree import Scene, load
-from cotree.errors import CodegenError
+from cotree.errors import CodegenError, SolveError
 
 pytestmark = [
     pytest.mark.compiler,
@@ -86,4 +86,38 @@ def test_constraints_are_held(tmp_path):
 def test_refusals(tmp_path, scene, integrator, step, text):
     with pytest.raises(CodegenError, match=text):
         load(scene).compile().write(tmp_path / "p", integrator, step)
+    assert not (tmp_path / "p").exists()
+
+
+def behind_a_capacitor(is_loop):
+    """A pulse behind a capacitor, whose current follows the source's rate, or a resistor."""
+    scene = Scene("pulsed")
+    scene.parameter("td", 1e-3)
+    settings = {"low": 0.0, "high": 5.0, "rise": 1e-3, "fall": 1e-3, "width": 1e-3}
+    scene.edge("V", "pulse_voltage", "a", "ground", delay="td", **settings)
+    given = {"capacitance": 5e-7} if is_loop else {"resistance": 1e3}
+    scene.edge("Z", "capacitor" if is_loop else "resistor", "a", "b", **given)
+    scene.edge("R", "resistor", "b", "ground", resistance=1e3)
+    scene.edge("C", "capacitor", "b", "ground", capacitance=2.5e-7)
+    return scene
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "euler"])
+def test_sensitivities_that_jump_at_corners_are_refused(tmp_path, integrator):
+    """Steps of one length pass over the corner: where the rate jumps there, so must d/d(td)."""
+    with pytest.raises(CodegenError, match=rf"{integrator} passes over corners.* depend on 'td'"):
+        behind_a_capacitor(True).compile(["td"]).write(tmp_path / "p", integrator, 1e-5)
+    assert not (tmp_path / "p").exists()
+    behind_a_capacitor(True).compile().write(tmp_path / "plain", integrator, 1e-5)
+    behind_a_capacitor(False).compile(["td"]).write(tmp_path / "smooth", integrator, 1e-5)
+
+
+def test_a_start_on_a_jump_that_a_sensitivity_moves_is_refused(tmp_path):
+    scene = Scene("edge")
+    scene.parameter("v0", 0.0)
+    scene.edge("C", "capacitor", "a", "ground", capacitance=1.0, initial={"v": "v0"})
+    scene.edge("I", "current_source", "a", "ground", current="sign(C.v) + 0.5*t")
+    scene.compile().write(tmp_path / "plain", "dopri5")
+    with pytest.raises(SolveError, match=r"'sign.C\.v. up' happens right at the start"):
+        scene.compile(["v0"]).write(tmp_path / "p", "dopri5")
     assert not (tmp_path / "p").exists()

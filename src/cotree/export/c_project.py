@@ -12,7 +12,6 @@ import math
 import os
 import tempfile
 import textwrap
-import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -31,14 +30,14 @@ from cotree.codegen.newton import newton_context, render_newton
 from cotree.codegen.printer_c import literal
 from cotree.codegen.render import render, render_model
 from cotree.dag.stops import value_of
-from cotree.errors import CodegenError, SceneError, nearest
+from cotree.errors import CodegenError, nearest
+from cotree.export.c_checks import check_loops, check_numbers, check_start, check_step
 from cotree.files import target_path
 from cotree.model.contents import content_sizes
 from cotree.model.kernels import PythonKernels
 from cotree.model.model import CompiledModel
 from cotree.naming import c_string
 from cotree.solvers.project import Projection
-from cotree.tolerances import loose_rtol, rtol_fault
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -201,14 +200,14 @@ def write_c_project(
     method = _METHODS.get(integrator)
     if method is None:
         raise CodegenError(f"there is no integrator '{integrator}'{nearest(integrator, _METHODS)}")
-    _check_numbers(t_end, rtol, atol)
-    _check_step(program, integrator, step)
+    check_numbers(t_end, rtol, atol)
+    check_step(program, integrator, step)
     model = model_context(program)
     driver = driver_files(integrator) if program.layout.events else {}
     is_dependent = _are_dependent(program)
     own: Mapping[str, str] = {}
     if method.is_implicit:
-        _check_loops(program, integrator, is_dependent)
+        check_loops(program, integrator, is_dependent)
         own = {**render_newton(newton_context(program)), **stiff_files()}
     sources = [
         f"{model.prefix}.c",
@@ -221,43 +220,13 @@ def write_c_project(
     ]
     command = f"cc -std=c99 -O2 -ffp-contract=off -o {model.prefix} {' '.join(sources)} -lm"
     found = _found_start(program) if start is None else start
+    check_start(program, found)
     numbers = t_end, rtol, atol, step
     main = _main_context(program, model, integrator, command, numbers, is_dependent, found)
     texts = {**render_model(model), **run_files(), **own, **integrator_files(integrator), **driver}
     texts["main.c"] = render("c/main.c.jinja", main=main)
     _write_files(directory, texts)
     return CProject(directory, tuple(directory / name for name in texts), command)
-
-
-def _check_numbers(t_end: float, rtol: float, atol: float) -> None:
-    if not math.isfinite(t_end):
-        raise SceneError(f"t_end is {t_end}: give a finite number")
-    fault = rtol_fault(rtol, least=0.0)
-    if fault:
-        raise SceneError(fault)
-    if not (math.isfinite(atol) and atol >= 0.0):
-        raise SceneError(f"atol is {atol}: give a finite number that is not negative")
-    if loose_rtol(rtol):
-        warnings.warn(loose_rtol(rtol), RuntimeWarning, stacklevel=4)
-
-
-def _check_step(program: Program, integrator: str, step: float | None) -> None:
-    """Refuse steps of one length where they do not go together with the rest."""
-    if integrator not in FIXED:
-        if step is not None:
-            raise CodegenError(
-                f"{integrator} controls its steps: give a step to {' or '.join(FIXED)} only"
-            )
-        return
-    if step is None or not (math.isfinite(step) and step > 0.0):
-        raise CodegenError(
-            f"{integrator} takes steps of one length: give it, a positive number of seconds"
-        )
-    if program.layout.events:
-        raise CodegenError(
-            f"{integrator} does not locate events, and scene '{program.layout.name}' has "
-            f"'{program.layout.events[0].name}': take dopri5, rkf45 or dop853"
-        )
 
 
 def _main_context(
@@ -358,15 +327,6 @@ def _sizes(program: Program, start: Start | None) -> list[float]:
 def _lines(values: Iterable[float]) -> list[str]:
     text = " ".join(f"{literal(float(value))}," for value in values)
     return textwrap.wrap(text, 96, break_long_words=False, break_on_hyphens=False)
-
-
-def _check_loops(program: Program, integrator: str, is_dependent: bool) -> None:
-    """Refuse dependent constraints: stages off them would contradict each other."""
-    if is_dependent:
-        raise CodegenError(
-            f"constraints of scene '{program.layout.name}' are dependent at the start, which "
-            f"{integrator} cannot hold: take dopri5, rkf45 or dop853"
-        )
 
 
 def _are_dependent(program: Program) -> bool:

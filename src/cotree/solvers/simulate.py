@@ -144,7 +144,9 @@ def simulate(
     method = settings.method
     if method == "auto" and signals.has_function:
         method = "LSODA"  # switches between stiff and not, and takes any Python function
-    trajectory = held(problem, timely(problem, integrate(problem, method)))
+    trajectory = timely(problem, integrate(problem, method))
+    redundant = _redundant(model, projection, trajectory)
+    trajectory = held(problem, trajectory, redundant)
     if trajectory.status != 0:
         if settings.throw:
             raise SolveError(trajectory.message)
@@ -153,7 +155,6 @@ def simulate(
     n, m = len(model.states), len(model.sensitivities)
     y = trajectory.z[:n]
     s = trajectory.z[n:].reshape(m, n, len(trajectory.t)).transpose(1, 0, 2)
-    redundant = _redundant(model, projection, trajectory)
     warn_of_redundancy(problem, trajectory, redundant)
     outputs, output_s, inputs = sweep(model, p, u, trajectory.t, trajectory.z)
     if redundant and model.sensitivities:

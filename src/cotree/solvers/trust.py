@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 # No correction larger than so many tolerances, or those of this one, is an error of integration.
 _CORRECTED_RTOL = 1e-3
 
-# Steps that leave redundant constraints come back to them by more than one way: above this,
-# Bricard's mechanism is off by 10 to 300 tolerances, and at 1e-2 by a metre.
-_ROUGH = 1e-4
+# Steps that leave redundant constraints come back to them by more than one way: above the first,
+# Bricard's mechanism is off by 10 to 300 tolerances, above the second by as much as its size.
+_ROUGH, _ROUGHEST = 1e-4, 1e-3
 
 # What storages hold is tested; a variable that follows from it may err by more than this many times
 # its own tolerance before a run says so. So many points of a run are looked at.
@@ -59,20 +59,29 @@ def warn_of_redundancy(problem: Problem, trajectory: Trajectory, redundant: int)
         )
 
 
-def held(problem: Problem, trajectory: Trajectory) -> Trajectory:
-    """Have a run fail whose states constraints moved by far more than the tolerance."""
+def held(problem: Problem, trajectory: Trajectory, redundant: int) -> Trajectory:
+    """Have a run fail that constraints cannot have held to the motion.
+
+    They moved states by far more than the tolerance, or are redundant where that is too loose.
+    """
     tolerance = max(problem.rtol, float(np.min(problem.atol)), _CORRECTED_RTOL)
     drift = trajectory.drift
     if drift is None or trajectory.status != 0:
         return trajectory
-    if drift.correction <= FARTHEST_CORRECTION * tolerance:
+    if drift.correction > FARTHEST_CORRECTION * tolerance:
+        reason = (
+            "the projection onto the constraints moved the states by up to "
+            f"{drift.correction:.2g}, far more than the tolerance, so that the motion may have "
+            f"gone on along another branch: give an rtol of {0.1 * problem.rtol:.1g} or less."
+        )
+    elif redundant and problem.rtol > _ROUGHEST:
+        reason = (
+            "constraints are redundant, and with so loose a tolerance steps that leave them come "
+            f"back to another motion: give an rtol of {_ROUGHEST:g} or less."
+        )
+    else:
         return trajectory
-    message = (
-        f"{trajectory.message} But the projection onto the constraints moved the states by up to "
-        f"{drift.correction:.2g}, far more than the tolerance, so that the motion may have gone on "
-        f"along another branch: give an rtol of {0.1 * problem.rtol:.1g} or less."
-    )
-    return replace(trajectory, status=FAILED, message=message)
+    return replace(trajectory, status=FAILED, message=f"{trajectory.message} But {reason}")
 
 
 def _left_free(

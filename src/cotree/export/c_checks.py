@@ -1,0 +1,129 @@
+"""Refusals of C projects, before anything is written."""
+
+from __future__ import annotations
+
+import math
+import random
+import warnings
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cotree.codegen.fixed import FIXED
+from cotree.dag.continuity import margins
+from cotree.dag.evaluate import evaluate
+from cotree.dag.traverse import substitute
+from cotree.errors import CodegenError, SceneError
+from cotree.model.kernels import PythonKernels
+from cotree.model.model import CompiledModel
+from cotree.solvers.jumps import ModelEvents
+from cotree.tolerances import loose_rtol, rtol_fault
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cotree.dag.nodes import Node
+    from cotree.model.start import Start
+    from cotree.program import Program
+
+# Rates are compared on both sides of a corner at so many random states.
+_N_PLACES = 3
+
+
+def check_numbers(t_end: float, rtol: float, atol: float) -> None:
+    """Refuse an end time and tolerances that are none."""
+    if not math.isfinite(t_end):
+        raise SceneError(f"t_end is {t_end}: give a finite number")
+    fault = rtol_fault(rtol, least=0.0)
+    if fault:
+        raise SceneError(fault)
+    if not (math.isfinite(atol) and atol >= 0.0):
+        raise SceneError(f"atol is {atol}: give a finite number that is not negative")
+    if loose_rtol(rtol):
+        warnings.warn(loose_rtol(rtol), RuntimeWarning, stacklevel=4)
+
+
+def check_step(program: Program, integrator: str, step: float | None) -> None:
+    """Refuse steps of one length where they do not go together with the rest."""
+    if integrator not in FIXED:
+        if step is not None:
+            raise CodegenError(
+                f"{integrator} controls its steps: give a step to {' or '.join(FIXED)} only"
+            )
+        return
+    if step is None or not (math.isfinite(step) and step > 0.0):
+        raise CodegenError(
+            f"{integrator} takes steps of one length: give it, a positive number of seconds"
+        )
+    if program.layout.events:
+        raise CodegenError(
+            f"{integrator} does not locate events, and scene '{program.layout.name}' has "
+            f"'{program.layout.events[0].name}': take dopri5, rkf45 or dop853"
+        )
+    _check_corners(program, integrator)
+
+
+def _check_corners(program: Program, integrator: str) -> None:
+    """Refuse sensitivities that jump at corners of sources: steps of one length pass over these.
+
+    Where the rates do not jump, neither do the sensitivities, and passing costs order only.
+    """
+    dag, layout = program.dag, program.layout
+    stops = [stop for own in program.stops.values() for stop in own]
+    moving = [
+        name
+        for j, name in enumerate(layout.sensitivities)
+        if any(not d.is_zero for stop in stops for d in stop.along[j])
+    ]
+    if not moving:
+        return
+    known = {dag.symbol("u", i): v for i, v in enumerate(program.kernels["inputs"].results)}
+    values = {dag.symbol("p", i): dag.constant(v) for i, v in enumerate(layout.parameter_values)}
+    rates = substitute(substitute(list(program.kernels["rhs"].results), known), values)
+    time = dag.symbol("t", 0)
+    for state, rate in zip(layout.states, rates, strict=True):
+        if _jumps(margins(dag, rate, time), len(layout.states)):
+            raise CodegenError(
+                f"{integrator} passes over corners of sources in its steps, but the rate of "
+                f"'{state.name}' jumps there at times that depend on '{moving[0]}', and "
+                f"sensitivities with it: take dopri5, rkf45 or dop853, or leave out '{moving[0]}'"
+            )
+
+
+def _jumps(differences: Sequence[Node], n_states: int) -> bool:
+    """Tell whether any margin of continuity is negative at some states, or has no value there."""
+    if not differences:
+        return False
+    dag, numbers = differences[0].dag, random.Random(1)
+    for _ in range(_N_PLACES):
+        places = {dag.symbol("x", i): numbers.uniform(0.3, 2.0) for i in range(n_states)}
+        if not all(value >= 0.0 for value in evaluate(differences, places)):
+            return True
+    return False
+
+
+def check_loops(program: Program, integrator: str, is_dependent: bool) -> None:
+    """Refuse dependent constraints: stages off them would contradict each other."""
+    if is_dependent:
+        raise CodegenError(
+            f"constraints of scene '{program.layout.name}' are dependent at the start, which "
+            f"{integrator} cannot hold: take dopri5, rkf45 or dop853"
+        )
+
+
+def check_start(program: Program, start: Start | None) -> None:
+    """Refuse sensitivities where an expression jumps right at the start.
+
+    Raises
+    ------
+    SolveError
+        As :meth:`cotree.solvers.jumps.ModelEvents.check_start`.
+    """
+    layout = program.layout
+    if not layout.sensitivities or not any(row.is_jump for row in layout.events):
+        return
+    model = CompiledModel(program, PythonKernels(program))
+    if start is None:
+        start = model.start()
+    z = np.concatenate([start.y, start.s.T.ravel()])
+    ModelEvents(model, model.default_parameters, lambda t: None, is_held=False).check_start(0.0, z)
