@@ -152,9 +152,9 @@ def test_damaged_robots():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("first", range(10_000, 20_000, 2_500))
+@pytest.mark.parametrize("first", [10_000, 15_000])
 def test_many_damaged_robots(first):
-    scenes = check_range(range(first, first + 2_500))
+    scenes = check_range(range(first, first + 2_000))
     small = [(seed, scene) for seed, scene in scenes if len(scene.edges) < 30]
     assert check_equations(small[:50]) > 12
 
