@@ -1,11 +1,11 @@
-"""Keep compiled libraries: a folder of the user's own, addressed by what went into each library.
+"""Cache of compiled libraries: a folder of the user, addressed by all inputs of each library.
 
 A library stands there as ``<key>.so`` with its checksum in ``<key>.sha256``. Both are published by
 atomic rename from a private folder, so a reader never meets half a file. A library whose checksum
 does not fit, whatever the reason, counts as absent and is built again.
 
 Of processes that want the same library at the same time, one builds it and the others wait for a
-lock. The lock only saves work: whoever cannot have it builds for itself, and is right, too.
+lock. The lock only saves work: a process that cannot get it builds for itself, correctly.
 """
 
 from __future__ import annotations

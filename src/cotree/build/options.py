@@ -29,7 +29,7 @@ _LONG_FOR_GCC = 6_000
 
 @dataclass(frozen=True)
 class BuildOptions:
-    """How a model is compiled.
+    """Options for the compilation of a model.
 
     Attributes
     ----------

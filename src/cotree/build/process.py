@@ -19,7 +19,7 @@ _MEMORY_LIMIT_KIB = 8 * 1024 * 1024
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a command ended.
+    """Exit status and output of a command.
 
     Attributes
     ----------

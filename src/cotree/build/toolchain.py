@@ -90,7 +90,7 @@ def _is_switched_off() -> bool:
 
 
 def _requested_toolchain(requested: str) -> Toolchain:
-    """Accept the compiler that the user names, or say why not: never another one in its place."""
+    """Accept the compiler that the user names, or raise: never take another in its place."""
     try:
         program, *arguments = _split(requested)
         found = _find_program(program)

@@ -1,4 +1,4 @@
-"""What a run prints: the model, where time went, and the last point."""
+"""Report that a run prints: the model, the time spent, and the last point."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ def run_report(scene: Scene, model: Model, result: Result) -> str:
     Parameters
     ----------
     scene, model : Scene, Model
-        What ran.
+        The scene and the model that ran.
     result : Result
-        How it went; its last point is the end, or the last good point.
+        Result of the run; its last point is the end, or the last good point.
 
     Returns
     -------

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 #: faster, shorter ones pass more values through memory.
 LONGEST_BLOCK = 1_000
 
-#: What stands before the name of a block.
+#: Text before the name of a block.
 _HEAD = "COTREE_APART static void"
 
 #: Arrays that hold what crosses, by its kind.

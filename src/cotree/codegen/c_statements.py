@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
 _OPERATION = re.compile(r" [-+*/<>?] |(?<=\w)\(|(?<![\w)\]]) ?-(?=[\w(])")
 SCALAR = re.compile(r"const (double|int|VECTOR) (\w+) = (?:(\w+\[\d+\]) = )?(.*);$")
-#: What a declaration of an array that vectors are read from begins with.
+#: Beginning of the declaration of an array that vectors are read from.
 ALIGNED = "COTREE_ALIGNED "
 ARRAY = re.compile(
     rf"(?:const )?((?:{ALIGNED})?(?:double|int|VECTOR)) (\w+)\[(\d+)\](?:, (\w+)\[(\d+)\])?"

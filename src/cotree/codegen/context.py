@@ -1,4 +1,4 @@
-"""What the templates get: typed, plain data. A template arranges text and decides nothing else."""
+"""Typed, plain data for the templates. A template arranges text and decides nothing else."""
 
 from __future__ import annotations
 
@@ -70,12 +70,12 @@ class KernelContext:
 
     @property
     def n_written(self) -> int:
-        """How many operations stand in its longest function, those of a loop once."""
+        """Number of operations in its longest function, with those of a loop counted once."""
         return max(self.written)
 
     @cached_property
     def written(self) -> list[int]:
-        """How many operations stand in each of its functions."""
+        """Number of operations in each of its functions."""
         return [count_written(rows) for rows in (self.lines, *(b.lines for b in self.blocks))]
 
     @property
@@ -101,7 +101,7 @@ class EventContext:
 
 @dataclass(frozen=True)
 class HybridContext:
-    """What events need to know of a model; without events it is not written."""
+    """Data of a model that its events need; not written for a model without events."""
 
     events: list[EventContext]
     n_jumps: int
@@ -162,7 +162,7 @@ class ModelContext(Counted):
 
     @property
     def _written(self) -> list[int]:
-        """Count the operations of each function, those of a loop once."""
+        """Count the operations of each function, with those of a loop counted once."""
         written = [n for kernel in self.kernels for n in kernel.written]
         return [*written, *(n for row in self.maps for n in row.written)]
 
@@ -346,7 +346,7 @@ def kernel_context(
 
 
 def _written(array: str, results: Sequence[str]) -> Iterator[str]:
-    """Write results that do not stand in their places already."""
+    """Write the results that are not in their places already."""
     for i, value in enumerate(results):
         place = f"{array}[{i}]"
         if value != place:

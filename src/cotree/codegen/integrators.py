@@ -75,7 +75,7 @@ def engine_files(name: str) -> Mapping[str, str]:
 
 
 def driver_files(name: str) -> Mapping[str, str]:
-    """Write what drives an integrator through breakpoints, wanted points and events.
+    """Write the driver of an integrator through breakpoints, wanted points and events.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def driver_files(name: str) -> Mapping[str, str]:
 
 
 def _event_files() -> Mapping[str, str]:
-    """Write what finds events and lets them happen, the same for every engine."""
+    """Write the location and execution of events, the same for every engine."""
     return {
         f"cotree_{part}{end}": render(f"{folder}/cotree_{part}{end}.jinja", **_COMMON)
         for part, folder in (("history", _FOLDER), ("jumps", "c/run"), ("events", "c/run"))
@@ -102,7 +102,7 @@ def _event_files() -> Mapping[str, str]:
 
 
 def sundials_files(library: str) -> Mapping[str, str]:
-    """Write what runs a job with SUNDIALS, the same for every model.
+    """Write the engine that runs a job with SUNDIALS, the same for every model.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def sundials_declarations(files: Mapping[str, str], library: str) -> str:
 
 
 def _job_files() -> Mapping[str, str]:
-    """Write what every job needs: its own header, and the model's side of it."""
+    """Write the files that every job needs: its own header, and the model's side of it."""
     headers = {
         "cotree_abi.h": render("c/cotree_abi.h.jinja", abi_version=ABI_VERSION, **_COMMON),
         "cotree_job.h": render("c/engine/cotree_job.h.jinja", **_COMMON),
@@ -156,13 +156,13 @@ def _job_files() -> Mapping[str, str]:
 
 
 def run_files() -> Mapping[str, str]:
-    """Write what makes a model an equation for integrators, the same for every model."""
+    """Write the interface of a model to integrators, the same for every model."""
     names = ("cotree_run.h", "cotree_run.c")
     return {name: render(f"c/run/{name}.jinja", **_COMMON) for name in names}
 
 
 def stiff_files() -> Mapping[str, str]:
-    """Write what makes a model an equation for implicit methods, the same for every model."""
+    """Write the interface of a model to implicit methods, the same for every model."""
     names = ("cotree_stiff.h", "cotree_stiff.c")
     return {
         "cotree_newton.h": render("c/newton/cotree_newton.h.jinja", **_COMMON),
@@ -171,7 +171,7 @@ def stiff_files() -> Mapping[str, str]:
 
 
 def sweep_files() -> Mapping[str, str]:
-    """Write what evaluates outputs at many points, the same for every model."""
+    """Write the evaluation of outputs at many points, the same for every model."""
     return {
         "cotree_abi.h": render("c/cotree_abi.h.jinja", abi_version=ABI_VERSION, **_COMMON),
         "cotree_sweep.c": render("c/engine/cotree_sweep.c.jinja", **_COMMON),

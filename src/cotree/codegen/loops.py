@@ -26,7 +26,7 @@ _SHORT, _MUCH_SHORTER = 8000, 0.25
 
 _FLOAT = r"\d+\.\d*(?:e[+-]?\d+)?|\d+e[+-]?\d+"
 _NUMBER = re.compile(rf"(?<![\w.])(?:({_FLOAT})|v(\d+)\b(?!\[)|(\d+))")
-# What may stand in a loop: temporaries, results, guards.
+# Statements that may stand in a loop: temporaries, results, guards.
 _STATEMENT = re.compile(
     r"const double v\d+ = |(?:[a-z]+|(?:shared|own)\d+)\[\d+\] = |if \(!\(.*\) return -\d+;$"
 )
@@ -36,7 +36,7 @@ _DEFINITION = re.compile(r"const double v(\d+) = ")
 
 @dataclass(frozen=True)
 class _Line:
-    """A statement: what it is but for its numbers, and these."""
+    """A statement, split into its text without numbers and the numbers themselves."""
 
     text: str
     comment: str  # that stands before it
@@ -58,7 +58,7 @@ class _Line:
 
     @property
     def statement(self) -> Statement:
-        """What repeats are found by."""
+        """The statement in the form in which repeats are looked for."""
         marked = list(zip(_MARK.findall(self.form), self.numbers, strict=True))
         return Statement(
             self.form,
@@ -127,7 +127,7 @@ def _parse(statements: Sequence[str], comments: Sequence[str]) -> list[_Line]:
 
 
 def _step(column: Sequence[str]) -> int | None:
-    """Give what a number grows by each time; None where that changes."""
+    """Return the constant increment of a number; None where the increment changes."""
     if all(number == column[0] for number in column):
         return 0
     if not all(number.isdigit() for number in column):
@@ -168,7 +168,7 @@ class _Writer:
 
     @property
     def n_lines(self) -> int:
-        """How many lines of statements there are."""
+        """Number of lines of statements."""
         return len(self._lines)
 
     def written(self) -> list[str]:
@@ -241,7 +241,7 @@ class _Writer:
 
 
 def _of_all(comments: Sequence[str]) -> str:
-    """Make one comment of those that a statement has each time."""
+    """Merge the comments of a repeated statement into one."""
     first, last = comments[0], comments[-1]
     if first == last or not first or not last:
         return first

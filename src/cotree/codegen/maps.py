@@ -80,13 +80,13 @@ class MapContext:
 
     @cached_property
     def written(self) -> list[int]:
-        """How many operations stand in each of its functions."""
+        """Number of operations in each of its functions."""
         return [count_written(rows) for rows in (self.lines, *(b.lines for b in self.functions))]
 
 
 @dataclass(frozen=True)
 class ConstantColumns:
-    """What the columns of a map do not share, where all of it is known beforehand."""
+    """Table of the values that the columns of a map do not share, all known beforehand."""
 
     name: str
     length: int
@@ -149,7 +149,7 @@ def map_context(node: Node, name: str) -> MapContext:
 
 
 def constant_columns(node: Node, name: str) -> ConstantColumns | None:
-    """Write what columns do not share as a table; None where something has to be computed first."""
+    """Write the values that columns do not share as a table; None where one must be computed."""
     rows = own_rows(node)
     values = rows.values(node)
     if any(value.value is None for value in values.values()):
@@ -159,13 +159,13 @@ def constant_columns(node: Node, name: str) -> ConstantColumns | None:
 
 
 def _is_waiting(linear: LinearMap) -> bool:
-    """Tell whether one vector takes longer for its longest path than to start all operations."""
+    """Tell whether the longest path of one vector takes longer than starting all operations."""
     started, longest = bounds(linear.statements)
     return longest > started and len(linear.statements) > _FEWEST_IN_TURN
 
 
 def _in_segments(own: OwnRows, name: str) -> _Text:
-    """Write statements where much vanishes: segments, each run only where it does not."""
+    """Write statements with many zeros as segments, each run only where it is not all zero."""
     linear = own.linear
     longest, together = (_LONGEST_IN_TURN, 2) if _is_waiting(linear) else (_LONGEST_BLOCK, 1)
     cut = cut_into_segments(linear, longest)
@@ -208,7 +208,7 @@ def _in_blocks(own: OwnRows, name: str) -> _Text:
 
 
 def _tell_apart(lines: Sequence[str], n_sensitive: int) -> list[str]:
-    """Name what columns do not share and is no sensitivity apart, so that no loop reads both."""
+    """Rename inputs that are neither shared nor sensitivities, so that no loop reads both."""
 
     def named(found: re.Match[str]) -> str:
         i = int(found[1])
@@ -218,7 +218,7 @@ def _tell_apart(lines: Sequence[str], n_sensitive: int) -> list[str]:
 
 
 def _read_own(own: OwnRows, lines: Sequence[str]) -> list[str]:
-    """Read that from its rows."""
+    """Replace such inputs by reads from their rows."""
 
     def read(found: re.Match[str]) -> str:
         place = found[1]

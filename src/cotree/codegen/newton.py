@@ -1,8 +1,8 @@
-"""What implicit methods need of a model besides its kernels, as C text.
+"""C text of what implicit methods need of a model besides its kernels.
 
-In: a program after its passes. Out: ``<model>_newton.c`` with the factors of ``shift M - J`` in
-straight lines, or where these would be many, as tables that a loop walks through; and the kernels
-of second derivatives.
+In: a program after its passes. Out: ``<model>_newton.c`` with the factors of ``shift M - J`` as
+straight-line code, or as tables that a loop walks through where that code would be long; and the
+kernels of second derivatives.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class EliminationContext:
 
     @property
     def written(self) -> list[int]:
-        """How many operations stand in each of its functions, none where it is a loop."""
+        """Number of operations in each of its functions; empty where it is a loop."""
         if not self.is_unrolled:
             return []
         blocks = [block.lines for block in (*self.factor_blocks, *self.solve_blocks)]
@@ -76,7 +76,7 @@ class EliminationContext:
 
 @dataclass(frozen=True)
 class NewtonContext(Counted):
-    """What the template gets; most as in the model's context."""
+    """Data of the template; most fields are those of the model's context."""
 
     title: str
     prefix: str
@@ -198,7 +198,7 @@ def _elimination_context(plan: Elimination) -> EliminationContext:
 
 
 def _cut_lines(plan: Elimination) -> tuple[Blocks, Blocks]:
-    """Write both functions in straight lines, cut where they are long."""
+    """Write both functions as straight-line code, cut into blocks where they are long."""
     values = {"v": "const double *COTREE_RESTRICT v", "shift": "double shift"}
     factors = {"f": "double *COTREE_RESTRICT f"}
     given = {"f": "const double *COTREE_RESTRICT f", "b": "double *COTREE_RESTRICT b"}
@@ -209,7 +209,7 @@ def _cut_lines(plan: Elimination) -> tuple[Blocks, Blocks]:
 
 
 def _factor_lines(plan: Elimination) -> list[str]:
-    """Write each factor, those that the next read as constants."""
+    """Write each factor; those that later factors read become constants."""
     read = {number for entry in plan.factors for pair in entry.products for number in pair}
     read.update(entry.pivot for entry in plan.factors)
     lines = []

@@ -1,8 +1,8 @@
-"""What columns of a map do not share: rows of numbers, most of them zeros.
+"""Storage of the inputs that columns of a map do not share: rows of mostly zeros.
 
-Rows are kept in pieces of eight columns, as many as the widest vectors hold. Pieces in which all is
-zero are one and the same, the first; a table tells where the pieces of each row are. Rows that are
-known beforehand need not be filled at each call, and are kept whole if they are short.
+Rows are kept in pieces of eight columns, as many as the widest vectors hold. All pieces that are
+entirely zero share one copy, the first; a table gives the places of the pieces of each row. Rows
+that are known beforehand need not be filled at each call, and are kept whole if they are short.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ _MOST_WHOLE = 2048
 
 
 def padded(n: int) -> int:
-    """Give the length of so many numbers in whole vectors of any width."""
+    """Round a count of numbers up to whole vectors of any width."""
     return -(-n // _WIDEST) * _WIDEST
 
 
 @dataclass(frozen=True)
 class OwnRows:
-    """Where C has the inputs of a map behind those that are sensitivities.
+    """Places in C of the inputs of a map that follow its sensitivities.
 
     Attributes
     ----------
@@ -58,37 +58,37 @@ class OwnRows:
 
     @property
     def n_rows(self) -> int:
-        """How many rows there are."""
+        """Number of rows."""
         return self.linear.n_inputs - self.first
 
     @property
     def width(self) -> int:
-        """How long a whole row is."""
+        """Length of a whole row."""
         return padded(self.linear.n_columns)
 
     @property
     def length(self) -> int:
-        """How many numbers all rows are."""
+        """Total length of all rows, in numbers."""
         if self.is_whole:
             return max(1, self.n_rows * self.width)
         return _WIDEST * (1 + len(self._pieces))
 
     @cached_property
     def places(self) -> list[list[int]]:
-        """Where each row begins: a list for each eight columns."""
+        """Start of each row, in one list for every eight columns."""
         rows = range(self.first, self.linear.n_inputs)
         groups = range(0, self.linear.n_columns, _WIDEST)
         return [[_WIDEST * self._pieces.get((at, i), 0) for i in rows] for at in groups]
 
     def place(self, i: int, j: int) -> int:
-        """Tell where input i of column j stands, which may be other than zero."""
+        """Return the place of input i of column j, which may be nonzero."""
         if self.is_whole:
             return self.width * (i - self.first) + j
         lane = j % _WIDEST
         return _WIDEST * self._pieces[j - lane, i] + lane
 
     def values(self, node: Node) -> dict[int, Node]:
-        """Give what an application of the map puts there, zeros left out, by place."""
+        """Return the nonzero values that an application of the map stores, by place."""
         return {
             self.place(i, j): value
             for j, column in enumerate(self.linear.columns(node.args))
@@ -98,7 +98,7 @@ class OwnRows:
 
 
 def own_rows(node: Node) -> OwnRows:
-    """Place what columns do not share, where a map is applied."""
+    """Assign places to the inputs that columns do not share, for one application of a map."""
     linear: LinearMap = node.data
     first = linear.n_sensitive(node.args)
     rows = OwnRows(linear, first, is_whole=True)

@@ -1,4 +1,4 @@
-"""Where maps write their results: into those of a kernel, where these stand together by columns."""
+"""Maps that write into the results of a kernel, where these stand together by columns."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Starts:
-    """Where each column of a map begins, in the array of a kernel's results."""
+    """Start of each column of a map in the array of a kernel's results."""
 
     array: str
     places: tuple[int, ...]
@@ -30,7 +30,7 @@ class Starts:
 
 @dataclass(frozen=True)
 class StartsContext:
-    """The same as a table of C."""
+    """The starts of a map's columns as a table in C."""
 
     name: str
     length: int
@@ -38,7 +38,7 @@ class StartsContext:
 
 
 def starts_of_maps(kernel: Kernel) -> dict[Node, Starts]:
-    """Find the maps all of whose columns a kernel wants as they are, and where it wants them."""
+    """Find maps whose columns are all results of the kernel unchanged, and their places there."""
     first: dict[Node, int] = {}
     for i, root in enumerate(kernel.results):
         first.setdefault(root, i)

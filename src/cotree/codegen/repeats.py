@@ -1,8 +1,8 @@
-"""Where statements repeat: forms and numbers of statements in, pieces of them out.
+"""Detection of repeated statements: their forms and numbers in, pieces of them out.
 
-A piece is a body of statements and how often it is repeated. Two kinds of loops are looked for:
-even ones, in which every number grows by the same amount each time, and others, whose numbers need
-tables. An even one is taken where it covers about as much.
+A piece is a body of statements with its number of repetitions. Two kinds of loops are looked for:
+even loops, in which every number grows by the same amount each time, and others, whose numbers
+need tables. An even loop is preferred where it covers about as many statements.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _FEWEST_TIMES = 8
 
 @dataclass(frozen=True)
 class Statement:
-    """What a statement is but for its numbers, and these.
+    """A statement, split into its text without numbers and the numbers themselves.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Statement:
 
 
 def pieces(statements: Sequence[Statement]) -> Iterator[tuple[int, int, int]]:
-    """Cut statements into pieces: start, length of the body, how often it is repeated.
+    """Cut statements into pieces: start, length of the body, number of repetitions.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def _form_reach(labels: npt.NDArray[np.intp], fewest: int = FEWEST_LINES) -> npt
 
 
 def _shortest_period(labels: npt.NDArray[np.intp], start: int, length: int) -> int:
-    """Choose the shortest body that covers about as much."""
+    """Choose the shortest body that covers about as many statements."""
     part = labels[start : start + length]
     for period in range(1, LONGEST_BODY + 1):
         differing = np.flatnonzero(part[:-period] != part[period:])

@@ -1,4 +1,4 @@
-"""Rosenbrock methods, one row each: what the template of an integrator is told of it."""
+"""Rosenbrock methods, one row each: the data for the template of an integrator."""
 
 from __future__ import annotations
 

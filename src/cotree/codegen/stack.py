@@ -1,7 +1,7 @@
-"""How much of the stack a function of the generated C takes.
+"""Upper bound of the stack that a function of the generated C takes.
 
-In: its lines. Out: bytes at most, from what it declares: a compiler that optimises keeps many of
-these values in registers, one that does not keeps all of them on the stack.
+In: its lines. Out: a bound in bytes, from its declarations: an optimising compiler keeps many of
+these values in registers, one that does not optimise keeps all of them on the stack.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 #: Bytes of one number; of a vector, the widest that a machine has.
 _SIZES = {"double": 8, "int": 8, "VECTOR": 64}
 
-#: What each function takes besides: registers that it saves, arguments, parts of expressions.
+#: Further bytes of each function: registers that it saves, arguments, parts of expressions.
 _OWN = 512
 
-#: What the functions take at most that come with every model: sines, linear systems, tables.
+#: Most bytes of the functions that come with every model: sines, linear systems, tables.
 _HELPER = 2048
 
 
@@ -35,12 +35,12 @@ def n_bytes(lines: Iterable[str], blocks: Iterable[Block], called: Mapping[str, 
     blocks : iterable of Block
         Its blocks, which it calls in turn.
     called : mapping of str to int
-        What other functions take that it may call, by their names in C.
+        Bytes that other functions take which it may call, by their names in C.
 
     Returns
     -------
     int
-        The bytes; functions of the C library and those of users are not among them.
+        The bytes, without those of functions of the C library and of users.
     """
     rows, inner = list(lines), [block.lines for block in blocks]
     text = "\n".join(line for part in (rows, *inner) for line in part)
@@ -50,7 +50,7 @@ def n_bytes(lines: Iterable[str], blocks: Iterable[Block], called: Mapping[str, 
 
 
 def _frame(lines: Iterable[str]) -> int:
-    """Count what one function declares."""
+    """Count the bytes that one function declares."""
     found = _OWN
     for line in lines:
         if scalar := SCALAR.match(line.strip()):

@@ -1,4 +1,4 @@
-"""What C takes from SUNDIALS, whose headers are not there: functions, and the version they are of.
+"""Declarations of SUNDIALS for C without its headers: the functions, and their version.
 
 Vectors, solvers and integrators are opaque; numbers are doubles, indices of 64 bits. CVODES and
 IDAS are CVODE and IDA with sensitivities, which have vectors of their own.
@@ -117,7 +117,7 @@ SUNDIALS_FUNCTIONS: dict[str, Mapping[str, tuple[str, str]]] = {
     "idas": {**_COMMON, **_BOTH_WITH_SENSITIVITIES, **_IDA, **_IDAS},
 }
 
-#: Those that have sensitivities, and what they are without.
+#: Libraries with sensitivities, and their counterparts without.
 WITH_SENSITIVITIES: Mapping[str, str] = {"cvodes": "cvode", "idas": "ida"}
 
 #: Tells the version, before anything else is called.

@@ -1,7 +1,7 @@
 """Corners: when runs stop on the way, and how these times change with parameters.
 
 In: stops, as nodes (:mod:`cotree.dag.stops`), and values of parameters. Out: times within a span,
-those that cannot be told apart as one, with their derivatives. Where rates jump by ``f+ - f-`` at
+indistinguishable ones merged, with their derivatives. Where rates jump by ``f+ - f-`` at
 a time ``t*``, sensitivities of states jump by ``(f- - f+) dt*/dp``.
 """
 

@@ -93,7 +93,7 @@ def tangents(roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[Node]:
         The values to differentiate.
     seed : mapping of Node to Node
         Derivative of each symbol; symbols that are absent are constant. Other values may be
-        seeded too: what they are made of is then not looked at.
+        seeded too: their own arguments are then not followed.
 
     Returns
     -------

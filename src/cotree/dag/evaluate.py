@@ -27,7 +27,7 @@ def evaluate(
     Parameters
     ----------
     roots : sequence of Node
-        What is wanted.
+        The nodes to evaluate.
     values : mapping of Node to number
         The symbols' values; other nodes may be given too, and are then not computed.
     numbers : {'real', 'complex_', 'array'}

@@ -1,10 +1,10 @@
 """One linear map of many columns: the node ``map``.
 
-Sensitivities to many parameters differ in the numbers that go in, not in what is done with them.
-Such statements are kept once, and C applies them to several columns at a time. Arguments of the
-node are what all columns share, then the columns one by one; its results are those of the first
-column, those of the second, and so on. What vanishes in a column because the inputs that it depends
-on are zero there is known, and left out.
+Sensitivities to many parameters differ in their input values, not in the operations on them. Such
+statements are kept once, and C applies them to several columns at a time. The arguments of the
+node are the values that all columns share, then the columns one by one; its results are those of
+the first column, those of the second, and so on. A value that vanishes in a column because all
+inputs that it depends on are zero there is known to do so, and left out.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ if TYPE_CHECKING:
 
 #: What a value that depends on a column may be made by; a division by what is shared is a product.
 _LINEAR = frozenset({"add", "sub", "mul", "neg"})
-#: Columns that C takes at a time, on most machines: what vanishes in all of them is left out.
+#: Columns that C takes at a time on most machines; values that vanish in all are left out.
 BLOCK = 4
 
 
 @dataclass(frozen=True, eq=False)
 class LinearMap:
-    """What is done with each column.
+    """Operations that are applied to each column.
 
     Attributes
     ----------
     results : tuple of Node
         In terms of the symbols ``("shared", i)`` and ``("column", i)``.
     n_shared, n_inputs : int
-        How many values all columns share, and how long each of them is.
+        Number of values that all columns share, and length of each column.
     given : tuple of int
         Of each column, which inputs may be other than zero: as bits, the first lowest.
     """
@@ -49,7 +49,7 @@ class LinearMap:
 
     @property
     def n_columns(self) -> int:
-        """How many columns there are."""
+        """Number of columns."""
         return len(self.given)
 
     @cached_property
@@ -84,7 +84,7 @@ class LinearMap:
 
     @cached_property
     def statements(self) -> list[Node]:
-        """What is computed of one column."""
+        """Values that are computed for one column."""
         return [node for node in self.order if node.args]
 
     def blocks(self, node: Node) -> int:
@@ -95,12 +95,12 @@ class LinearMap:
 
     @cached_property
     def n_times(self) -> int:
-        """How often a statement is run, all blocks counted."""
+        """Number of times that statements are run, summed over all blocks."""
         return sum(self.blocks(node).bit_count() for node in self.statements)
 
     @property
     def n_results(self) -> int:
-        """How many results all columns have together."""
+        """Number of results of all columns together."""
         return len(self.results) * self.n_columns
 
     def columns(self, args: Sequence[Any]) -> list[Sequence[Any]]:

@@ -42,7 +42,7 @@ class Node:
     value : float or None
         The number, if the node is a constant.
     section : str
-        What the value belongs to, in words, for the comments of the generated code.
+        The item that the value belongs to, in words, for comments of the generated code.
     """
 
     __slots__ = ("args", "dag", "data", "index", "op", "section", "value")
@@ -375,15 +375,15 @@ class Dag:
         args : sequence of Node
             The arguments.
         data : hashable
-            What the node needs to know besides its arguments.
+            Data of the node besides its arguments.
         n_results : int
-            How many results it has.
+            Number of results.
         """
         node = self._intern(op, tuple(args), data)
         return tuple(self._intern("result", (node,), position) for position in range(n_results))
 
     def rebuild(self, node: Node, args: tuple[Node, ...]) -> Node:
-        """Make ``node`` again from other arguments, folding what now folds."""
+        """Rebuild ``node`` from other arguments, folding it where that is now possible."""
         op = node.op
         if op in ("add", "sub", "mul", "div", "pow", "neg", "select"):
             made: Node = getattr(self, op)(*args)

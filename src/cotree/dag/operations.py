@@ -151,7 +151,7 @@ OPERATIONS: dict[str, Operation] = {row.name: row for row in _ROWS}
 
 
 def folded(name: str, *values: float) -> float:
-    """Evaluate an operation on constants, and refuse what is not finite: a mistake in a text.
+    """Evaluate an operation on constants; refuse results that are not finite, a user's mistake.
 
     Raises
     ------

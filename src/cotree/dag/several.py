@@ -31,16 +31,16 @@ NULL_TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class SolveShape:
-    """A linear system: its size, and what is asked of its solution.
+    """A linear system: its size, and the requirements on its solution.
 
     Attributes
     ----------
     size : int
         Number of unknowns.
     n_determined : int
-        How many leading unknowns must have one solution only.
+        Number of leading unknowns that must have a unique solution.
     tolerance : float
-        Below which share of the largest entry a pivot counts as zero.
+        Share of the largest entry below which a pivot counts as zero.
     """
 
     size: int
@@ -101,9 +101,9 @@ def solve_pivoted(
     rhs : array_like, shape (n,)
         The right-hand side.
     reference : float
-        Size of what the entries were made from, where they may be the rest of a cancellation.
+        Size of the terms of the entries, where these may be the remainder of a cancellation.
     shape : SolveShape, optional
-        What is asked of the solution; all unknowns must have one only, where absent.
+        Requirements on the solution; where absent, all unknowns must be unique.
 
     Returns
     -------
@@ -112,7 +112,7 @@ def solve_pivoted(
     rank : int
         Number of pivots accepted.
     is_determined : bool
-        Whether the leading unknowns have one solution only.
+        Whether the leading unknowns have a unique solution.
     """
     a = np.array(matrix)
     b = np.array(rhs, dtype=np.result_type(a, rhs))
@@ -153,7 +153,7 @@ def _evaluate_solve(data: SolveShape, values: Sequence[Any]) -> Sequence[Any]:
     reference = complex(values[-1]).real
     rhs = np.array(values[n * n : n * n + n])
     sizes = np.real(np.array(values[n * n + n : -1]))
-    # A row of nothing but zeros, as of a constraint that nothing moves in one position, stays one.
+    # A row of zeros, as of a constraint that nothing moves in one position, stays a row of zeros.
     scales = np.where(sizes == 0.0, 0.0, 1.0 / np.sqrt(np.where(sizes == 0.0, 1.0, sizes)))
     scales = scales if sizes.size else np.ones(n)
     scaled = scales[:, None] * matrix * scales
@@ -208,8 +208,8 @@ def solve(
     reference : Node, optional
         Size of what the entries were made from, for the rank decision.
     shape : SolveShape, optional
-        How many leading unknowns must have one solution only, or the solution is refused; the
-        others may be redundant. All of them, where absent.
+        Number of leading unknowns that must be unique, or the solution is refused; the others
+        may be redundant. All of them, where absent.
     sizes : sequence of Node
         What the diagonal of each row is compared with, if rows and columns are to be divided by
         the roots of these before anything is decided by the size of an entry.
@@ -226,7 +226,7 @@ def solve(
 
 
 def sizes_of(node: Node) -> tuple[Node, ...]:
-    """Give what the diagonal of a linear system is compared with; nothing where it is not."""
+    """Return the sizes that the diagonal of a linear system is compared with, if any."""
     n = node.data.size
     return node.args[n * n + n : -1]
 

@@ -1,12 +1,12 @@
-"""Times where values jump or have a kink, found from the nodes that they are made of.
+"""Times at which values jump or have a kink, found from the nodes that form them.
 
 A condition of time and parameters alone (what a selection, a sign, an absolute value, a floor or a
 table looks at) changes at times that are known before a run, if it is linear in time, or linear in
 time since the last whole period. Integration stops there, so that no pulse is stepped over and no
 step has a kink within. Other conditions are left to the error test.
 
-That test is blind where something acts for a part of each period only, as a diode does that a sine
-drives: a long step may pass the whole of it. There steps are limited to a share of the period.
+That test is blind where something acts during a part of each period only, such as a diode driven
+by a sine: a long step may skip all of that part. Steps are then limited to a share of the period.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class _Line:
 
 
 def find_stops(dag: Dag, roots: Iterable[Node]) -> tuple[Stop, ...]:
-    """List when what values look at changes, as far as time and parameters decide it.
+    """List the times at which conditions of values change, as decided by time and parameters.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def is_cut(node: Node) -> bool:
 
 
 def find_longest_steps(dag: Dag, roots: Iterable[Node]) -> tuple[Node, ...]:
-    """List the longest step for each sine of time, as nodes of parameters, of either sign.
+    """List the longest step for each sine of time, as nodes of parameters of either sign.
 
     Parameters
     ----------
@@ -259,7 +259,7 @@ def _stops(node: Node, line: _Line) -> list[Stop]:
 
 
 def longest_step(limits: Iterable[Node], values: Mapping[Node, float]) -> float:
-    """Give the least of some limits, which are nodes of parameters; infinity for none."""
+    """Return the least of some limits, which are nodes of parameters; infinity for none."""
     sizes = [abs(value_of(limit, values)) for limit in limits]
     return min((size for size in sizes if size > 0.0), default=math.inf)
 

@@ -1,4 +1,4 @@
-"""Walks over a program's nodes: what is reachable, and the same values from other symbols."""
+"""Walks over a program's nodes: reachable nodes, and the substitution of other symbols."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ def dependent(nodes: Iterable[Node], sources: Iterable[Node]) -> set[Node]:
 
 
 def substitute(roots: Iterable[Node], replacement: Mapping[Node, Node]) -> list[Node]:
-    """Make the roots again with some nodes replaced; what does not depend on them stays.
+    """Rebuild the roots with some nodes replaced; values that do not depend on them stay.
 
     Parameters
     ----------
     roots : iterable of Node
         The values wanted.
     replacement : mapping of Node to Node
-        What takes the place of what.
+        The new node for each node that is replaced.
 
     Returns
     -------

@@ -66,13 +66,13 @@ def _rewrite(kernel: Kernel) -> Kernel:
 
 @dataclass
 class _Clock:
-    """When each value is there."""
+    """Time at which each value is available."""
 
     varying: Collection[Node]
     times: dict[Node, float] = field(default_factory=dict)
 
     def __call__(self, node: Node) -> float:
-        """Give the time of a value whose arguments have theirs."""
+        """Return the time at which a value is available."""
         time = self.times.get(node)
         if time is None:
             if not node.args:
@@ -87,7 +87,7 @@ class _Clock:
 def _inner_sums(
     order: Sequence[Node], results: Sequence[Node], varying: Collection[Node]
 ) -> set[Node]:
-    """Find the sums that nothing but one other sum reads.
+    """Find the sums that are read by one other sum only.
 
     Sums of the kernel's own arguments stay: a difference of two that are close is exact.
     """
@@ -119,7 +119,7 @@ def _terms(node: Node, inner: Collection[Node], new: dict[Node, Node]) -> list[t
 
 
 def _sum(terms: Sequence[tuple[Node, bool]], clock: _Clock) -> Node:
-    """Add terms, at each step the two that are there first; of equals, those that stand first."""
+    """Add terms, at each step the two available first; ties go to those that stand first."""
     heap = [(clock(term), i, term, is_added) for i, (term, is_added) in enumerate(terms)]
     heapify(heap)
     while len(heap) > 1:

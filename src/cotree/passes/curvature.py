@@ -1,4 +1,4 @@
-"""How the rates of sensitivities change with the states: kernels of second derivatives.
+"""Kernels of second derivatives: those of the sensitivities' rates by the states.
 
 In: a program after its passes. Out: two kernels. The first computes at a point what the second
 needs there; the second is linear in a direction of the states, and a method takes it once a stage.
@@ -63,7 +63,7 @@ def form_curvature(program: Program) -> Curvature | None:
     Returns
     -------
     Curvature or None
-        None where these rates do not depend on the states but through sensitivities.
+        None where these rates depend on the states through the sensitivities only.
     """
     dag, kernel = program.dag, program.kernels["sensitivity_rhs"]
     n = len(program.layout.states)

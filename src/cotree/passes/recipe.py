@@ -1,4 +1,4 @@
-"""The passes, in order, and what each did to the operation counts."""
+"""The passes in order, and the effect of each on the operation counts."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ RECIPE: tuple[tuple[str, Callable[[Program], Program]], ...] = (
 
 @dataclass(frozen=True)
 class PassReport:
-    """What a pass did.
+    """Effect of one pass on a program.
 
     Attributes
     ----------

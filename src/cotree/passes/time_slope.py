@@ -1,7 +1,7 @@
-"""How the rates change with time at a fixed state: a kernel that implicit methods read.
+"""Partial derivatives of the rates by time, a kernel that implicit methods read.
 
 In: a program after its passes. Out: the derivatives of the rates of states and sensitivities by
-time, with the scene's own inputs moving along.
+time at a fixed state, with the scene's own inputs varying in time.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """Derivatives along many directions as maps of many columns.
 
-Along parameter j the unknowns' derivatives solve ``A w_j = b_x s_j + b_j``, where b_x s is the same
-for all and b_j is what the parameter itself changes. Statements written out for each parameter use
-what vanishes in it; those of a map are written once and C takes several columns at a time. Columns
-of the Jacobian are those of one map with unit vectors for s; where it has fewer columns than there
-are parameters, it is formed first and multiplied with each s_j. All ways are counted.
+Along parameter j the unknowns' derivatives solve ``A w_j = b_x s_j + b_j``, where the matrix b_x
+is the same for all and b_j is the explicit derivative by the parameter. Statements written out for
+each parameter exploit its zeros; those of a map are written once, and C takes several columns at a
+time. The columns of the Jacobian are one map of unit vectors s; where they are fewer than the
+parameters, it is formed first and multiplied with each s_j. The costs of all ways are compared.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ class _Map:
 
     @property
     def known(self) -> list[Node]:
-        """What is computed before."""
+        """Values that are computed before the map is applied."""
         return [*self.shared, *(value for column in self.columns for value in column)]
 
     @cached_property
@@ -221,7 +221,7 @@ class _Ways:
     def _products(
         self, columns: Sequence[_Row], alone: Sequence[_Row], changes: Sequence[Sequence[Node]]
     ) -> _Map:
-        """Multiply the Jacobian with the sensitivities, and add what parameters change."""
+        """Multiply the Jacobian with the sensitivities, and add the derivatives by parameters."""
         dag, n = self._dag, len(self._states)
         places = sorted({i for row in alone for i in row})
         own = {place: dag.symbol("own", k) for k, place in enumerate(places)}
@@ -274,7 +274,7 @@ class _Ways:
         return _Map(self._dag, linear, formed[1], taken, order, len(columns), list(places))
 
     def _cost(self, maps: Sequence[_Map]) -> int:
-        """Count what some maps take, and what is computed before."""
+        """Estimate the cost of some maps, with that of the values computed before them."""
         return self._before(maps) + sum(cost_of_map(one.linear) for one in maps)
 
     def _before(self, maps: Sequence[_Map]) -> int:
@@ -282,7 +282,7 @@ class _Ways:
         return count_operations(node for node in nodes if node.op != "map").total
 
     def are_worth(self, maps: Sequence[_Map], rows: Sequence[Derivative]) -> bool:
-        """Compare the cost of some maps with that of statements for each direction."""
+        """Compare the cost of maps with that of statements written out for each direction."""
         if not rows:
             return False
         known = reachable([*self.rates, *(node for one in maps for node in one.known)])

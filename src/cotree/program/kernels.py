@@ -1,4 +1,4 @@
-"""The registry of kernels: one row each, with its arguments and what it computes."""
+"""Registry of kernels: one row each, with its arguments and its meaning."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which columns of a map C takes together: those in which about the same values vanish."""
+"""Grouping of the columns of a map for C, by the values that vanish in them."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ if TYPE_CHECKING:
 
 #: What one value costs that goes into a vector, zeros alone left out, or comes out of it.
 _MOVE = 2
-#: Exchanges of two columns are tried so often, for all pairs; of many columns, none.
+#: Number of times that exchanges of two columns are tried for all pairs; none for many columns.
 _SWEEPS, _MOST_COLUMNS = 4, 400
 
 
 def cost_of_map(linear: LinearMap) -> int:
-    """Count what a map takes, in operations of one number."""
+    """Estimate the cost of a map, in scalar operations."""
     blocks = [linear.given[at : at + BLOCK] for at in range(0, linear.n_columns, BLOCK)]
     n_given = sum(reduce(or_, block).bit_count() for block in blocks)
     return linear.n_times + _MOVE * (n_given + len(blocks) * len(linear.results))
 
 
 def gather_columns(linear: LinearMap) -> tuple[LinearMap, list[int]]:
-    """Put columns with much in common into one block, and leave out those that give nothing.
+    """Put columns with similar zeros into one block, and leave out those that give nothing.
 
     Two columns of different blocks change places as long as fewer values are then computed.
 

@@ -141,7 +141,7 @@ def _timed(
 
 
 def _check_sensitivities(equations: Equations) -> None:
-    """Refuse sensitivities to what has no initial value of its own."""
+    """Refuse sensitivities to states without an initial value of their own."""
     algebraic = {state.name for state in equations.states if state.is_algebraic}
     algebraic -= {state.follower for state in equations.states}
     for row in equations.sensitivities:
@@ -212,7 +212,7 @@ def _solve_derivatives(
 
 
 def _compress(columns: Sequence[Mapping[int, Node]]) -> tuple[list[int], list[int], list[Node]]:
-    """List the nonzeros by columns."""
+    """Compress the nonzeros by columns."""
     starts, rows, values = [0], [], []
     for column in columns:
         for i, node in sorted(column.items()):

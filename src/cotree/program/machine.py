@@ -1,8 +1,8 @@
-"""A simple machine: how many cycles some values take.
+"""A simple model of a processor, to estimate the cycles that some values take.
 
-A processor of today starts two operations a cycle as long as they wait for nothing; what each waits
-for is the longest path through the values. Whichever takes longer decides, and a part of the other
-adds to it. The numbers are those of common 64-bit processors, rounded.
+A processor of today starts two operations a cycle as long as they wait for nothing; the longest
+path through the values bounds the waiting. The longer of both times decides, and a part of the
+other adds to it. The numbers are those of common 64-bit processors, rounded.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The program of a scene: what each kernel computes, as nodes of one arena."""
+"""Program of a scene: the results of each kernel, as nodes of one arena."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Kernel:
 
     @property
     def is_present(self) -> bool:
-        """Whether C has it: an optional kernel without results is left out."""
+        """Whether the kernel is written in C: an optional one without results is left out."""
         return bool(self.results) or not self.spec.is_optional
 
     @cached_property
@@ -87,13 +87,13 @@ class Layout:
     uncertain : tuple of str
         Coordinates whose pivot is checked at run time.
     constraints : tuple of Quantity
-        What is to be zero, in the order of the kernel ``constraints``.
+        Residuals of the constraints, in the order of the kernel ``constraints``.
     constraint_edges : tuple of str
         The edge of each of its rows that has a multiplier.
     n_coordinates : int
-        How many of the states, which come first, are coordinates.
+        Number of coordinates among the states; they come first.
     n_speeds : int
-        How many, which come next, are speeds.
+        Number of speeds among the states; they come next.
     algebraic : tuple of bool
         Whether each state is an algebraic unknown; these come last. Their rates are residuals.
     quaternions : tuple of int
@@ -101,7 +101,7 @@ class Layout:
     given : tuple of bool
         Whether the scene gives the initial value of each state.
     start_rows : tuple of str
-        What the start is to satisfy besides: initial values of what is no state.
+        Further conditions on the start: initial values of variables that are not states.
     start_units : tuple of str
         Their units.
     start_is_rate : tuple of bool
@@ -151,7 +151,7 @@ class Layout:
 
     @property
     def sensitivity_places(self) -> tuple[int, ...]:
-        """Where what does not vanish stands among all sensitivities, parameter by parameter."""
+        """Places of the nonzero sensitivities among all sensitivities, parameter by parameter."""
         n, starts = len(self.states), self.sensitivity_starts
         counts = [end - start for start, end in pairwise(starts)]
         firsts = [j * n for j, count in enumerate(counts) for _ in range(count)]
@@ -165,7 +165,7 @@ class Layout:
 
     @property
     def value_rows(self) -> tuple[int, ...]:
-        """Which constraints of speeds are rates of constraints of coordinates, which come first."""
+        """Indices of the speed constraints that are rates of coordinate constraints."""
         names = [row.name for row in self.constraints]
         n_rows = len(self.constraint_edges)
         n_values = len(names) - n_rows - len(self.quaternions)
@@ -174,7 +174,7 @@ class Layout:
 
     @property
     def n_algebraic(self) -> int:
-        """How many algebraic unknowns there are."""
+        """Number of algebraic unknowns."""
         return sum(self.algebraic)
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 #: Near a singular configuration, at a distance whose square is this, constraints are about to
-#: become redundant: what they would correct there is rounding, enlarged by its inverse.
+#: become redundant: their corrections there would be rounding, enlarged by its inverse.
 _RANK = 1e-8
 
 
@@ -95,7 +95,7 @@ def _step(
     rates: Sequence[Node],
     shrink: dict[Node, Node],
 ) -> list[Node]:
-    """Form the change of the states that takes given residuals away."""
+    """Form the change of the states that removes given residuals."""
     n, n_coordinates = equations.n_speeds, equations.n_coordinates
     zeros = [equations.dag.zero] * n
     shift = factors.solve([*zeros, *values], _RANK)[:n]

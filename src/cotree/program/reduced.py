@@ -11,7 +11,7 @@ factors of g_z in straight-line code:
 
       z' = -g_z^-1 g,    z'' = -g_z^-1 (g_zz z' z'),
 
-  and z(1) is the solution. What is left is of the third order of the step. Series see what is near:
+  and z(1) is the solution. What remains is of third order in the step. Series see what is near:
   the kernel says, too, how far the step goes compared with the distance over which any function in
   it bends.
 """

@@ -1,4 +1,4 @@
-"""Which sensitivities can differ from zero: those that a path connects to their parameter.
+"""Pattern of the sensitivities that can be nonzero: a path connects them to their parameter.
 
 In: equations and their factorised matrix. Out: for each parameter the states that depend on it,
 and the equations without the sensitivities that vanish. Beginning with the states whose initial
@@ -48,7 +48,7 @@ def reached_states(
     Returns
     -------
     tuple of tuples of int
-        For each sensitivity the states, in order; those left out have none at any time.
+        For each sensitivity its states, in order; all others have zero sensitivity at any time.
     """
     rows, n = equations.sensitivities, len(equations.states)
     if not rows:
@@ -123,7 +123,7 @@ def timed_by(equations: Equations, rates: Sequence[Node], watched: Sequence[Node
 
 
 class _Parts:
-    """What values depend on."""
+    """Table of what each value depends on."""
 
     def __init__(self, nodes: Sequence[Node], bits: Mapping[Node, int]) -> None:
         self._known: dict[Node, _Part] = {node: (bit, False) for node, bit in bits.items()}
@@ -146,7 +146,7 @@ class _Parts:
 
 
 class _Direction:
-    """One parameter: what the rates along it depend on."""
+    """One parameter, and what the derivatives of the rates along it depend on."""
 
     def __init__(self, row: Derivative, parts: _Parts, solving: Sequence[int], n: int) -> None:
         self.row, self._parts, self._n = row, parts, n
@@ -215,7 +215,7 @@ def _places(mask: int) -> Iterator[int]:
 
 
 def _either(parts: Iterable[_Part]) -> _Part:
-    """Give what a sum of values depends on."""
+    """Combine what several values depend on into what their sum depends on."""
     mask, rest = _ZERO
     for own, remains in parts:
         mask, rest = mask | own, rest or remains
@@ -320,7 +320,7 @@ def _moves(equations: Equations, parts: _Parts, target: int, place: int) -> bool
 
 
 def without_vanishing(equations: Equations, reached: Sequence[Sequence[int]]) -> Equations:
-    """Put zero in the place of sensitivities that vanish; all derivatives then fold."""
+    """Replace sensitivities that vanish by zero, so that all derivatives fold."""
     dag, n = equations.dag, len(equations.states)
     gone = {
         dag.symbol("s", j * n + i): dag.zero

@@ -1,9 +1,9 @@
 """The elimination of a sparse matrix, planned from its pattern alone.
 
-In: where the Jacobian J has entries, and how many of the unknowns, the last, are algebraic. Out:
-the steps that factor ``shift M - J``, M being one on the diagonal of the others and zero elsewhere,
-and that solve with the factors. Values are known at run time only: whoever takes the steps checks
-what they give.
+In: the pattern of the Jacobian J, and the number of algebraic unknowns, which come last. Out: the
+steps that factor ``shift M - J`` and solve with the factors, where M is one on the diagonal of the
+other unknowns and zero elsewhere. Values are known at run time only: the code that takes the steps
+checks their results.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Entry:
-    """A value among the factors: ``(shift + -J - sum of products) * scale``, or one over it.
+    """One of the factors: ``(shift + -J - sum of products) * scale``, or its reciprocal.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class Entry:
     products : tuple of (int, int)
         Factors whose products are subtracted.
     pivot : int
-        The factor that it is multiplied with, -1 where with none.
+        The factor that it is multiplied with, or -1 for none.
     is_pivot : bool
         Whether its reciprocal is kept.
     """
@@ -43,7 +43,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Elimination:
-    """How a matrix is factored and solved with.
+    """Plan of the factorisation of a matrix, and of solutions with its factors.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ def plan_elimination(
 
 
 def _match(columns: list[set[int]]) -> list[int] | None:
-    """Give each column a row of its own with an entry in it, its own where it has that."""
+    """Match each column with a distinct row that has an entry in it, its own where it can."""
     row_of = [j if j in rows else -1 for j, rows in enumerate(columns)]
     column_of = {row: j for j, row in enumerate(row_of) if row >= 0}
     for start in [j for j, row in enumerate(row_of) if row < 0]:
@@ -140,7 +140,7 @@ def _match(columns: list[set[int]]) -> list[int] | None:
 
 
 def _least_degree(columns: list[set[int]], row_of: list[int]) -> list[int]:
-    """Order the pivots, each by its column, so that little is filled in (Markowitz)."""
+    """Order the pivots, each given by its column, for little fill-in (Markowitz)."""
     n = len(columns)
     column_of = {row: j for j, row in enumerate(row_of)}
     # Rows by the columns that own them: pivots are then on the diagonal.
@@ -176,7 +176,7 @@ def _plan(
     place: dict[tuple[int, int], int],
     n_shifted: int,
 ) -> Elimination:
-    """List the factors, each computed at once from those before (Crout)."""
+    """List the factors, each computed in one step from earlier ones (Crout)."""
     n = len(order)
     rank = {column: k for k, column in enumerate(order)}
     rows, cols = [row_of[j] for j in order], list(order)

@@ -1,4 +1,4 @@
-"""Which tree, and which axes to resolve each cluster in: try, count, keep the cheapest."""
+"""Choice of the tree and of the axes of each cluster: try, count, keep the cheapest."""
 
 from __future__ import annotations
 

@@ -319,7 +319,7 @@ def _inner(place: Place, line: Line, model: DeviceModel, name: str, node: str, c
     return inner
 
 
-#: What adds the elements of each letter.
+#: The function that adds the elements of each letter.
 DEVICES: dict[str, Callable[[Place, Line], None]] = {
     "r": _resistor,
     "c": _capacitor,

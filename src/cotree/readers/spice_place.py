@@ -1,4 +1,4 @@
-"""Where elements of a netlist are: the circuit, or an instance of a subcircuit."""
+"""Places of elements in a netlist: the circuit, or an instance of a subcircuit."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Sheet(Protocol):
-    """What elements are written to."""
+    """Scene, with its names and settings, that elements are written to."""
 
     where: str
     names: Namer
@@ -33,7 +33,7 @@ class Sheet(Protocol):
 
     @property
     def scene(self) -> SceneDescription:
-        """The scene that grows."""
+        """The scene to which elements are added."""
         ...
 
     def error(self, line: int, message: str) -> SceneError:
@@ -53,7 +53,7 @@ class Sheet(Protocol):
 
 @dataclass
 class Place:
-    """A circuit that is written out once, with what its names stand for.
+    """A circuit that is written out once, with the meaning of its names.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Place:
     path : str
         Names of the instances that it is in, each with a dot behind it.
     defined_in : Place or None
-        Where names are looked up that are not here.
+        Place in which names that are not found here are looked up.
     edges : dict of str to str
         Edges by names of elements in small letters.
     coupled : dict of str to Coupled

@@ -21,7 +21,7 @@ _DEGREE = "0.017453292519943295"  # rad
 
 @dataclass(frozen=True)
 class Times:
-    """What ``.tran`` says, which waveforms take their defaults from; None where there is none."""
+    """Times of ``.tran``, from which waveforms take their defaults; None where there is none."""
 
     step: float | None = None
     stop: float | None = None
@@ -29,7 +29,7 @@ class Times:
 
 @dataclass(frozen=True)
 class Source:
-    """What a source becomes.
+    """Scene form of an independent source.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Source:
 
 
 def read_source(words: tuple[str, ...], scope: Scope, times: Times, where: str) -> Source:
-    """Read what a source gives, from the words after its nodes.
+    """Read the waveform of a source from the words after its nodes.
 
     Raises
     ------
@@ -116,12 +116,12 @@ def _or_else(
 
 
 def _rest(values: list[Value], places: range) -> list[Value]:
-    """Give numbers that are zero where they are not given."""
+    """Return numbers, with zero for those that are not given."""
     return [values[place] if place < len(values) else 0.0 for place in places]
 
 
 def _once(times: Times) -> float | None:
-    """Give the frequency of one period in a run."""
+    """Return the frequency of one period in a run."""
     return None if not times.stop else 1.0 / times.stop
 
 

@@ -66,16 +66,16 @@ def _scaled(digits: str, letters: str) -> float:
 
 @dataclass(frozen=True)
 class Scope:
-    """What names stand for in a circuit or in an instance of a subcircuit.
+    """Meaning of names in a circuit or in an instance of a subcircuit.
 
     Attributes
     ----------
     values : dict of str to Value
         By name in small letters: numbers, or texts of expressions.
     outer : Scope or None
-        Where names are looked up that are not here.
+        Scope in which names that are not found here are looked up.
     remarks : list of str
-        Of the outermost: what is to be told of the file.
+        Remarks about the file, kept in the outermost scope.
     """
 
     values: dict[str, Value] = field(default_factory=dict)
@@ -131,7 +131,7 @@ class Scope:
         return value
 
     def _check_unit(self, word: str, where: str) -> None:
-        """Note what simulators do not agree on: whether the letter a is a unit or a factor."""
+        """Note that simulators disagree on the letter a, which may be a unit or a factor."""
         for match in _ATTO.finditer(word):
             is_ampere = _is_ampere(match[1])
             meaning = "in amperes" if is_ampere else "1e-18 of its unit"

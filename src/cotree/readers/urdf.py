@@ -39,7 +39,7 @@ _COORDINATE = {"revolute": "theta", "continuous": "theta", "prismatic": "s"}
 
 @dataclass(frozen=True)
 class UrdfOptions:
-    """How a robot is read.
+    """Options for reading a robot.
 
     Attributes
     ----------
@@ -265,7 +265,7 @@ class _Writer(Generic[_Scene]):
         return found
 
     def _notes(self) -> Iterator[str]:
-        """Say what was not read, and what is called otherwise."""
+        """List the elements that were not read, and those that were renamed."""
         if self.robot.ignored:
             counts = sorted(self.robot.ignored.items())
             yield "not read: " + _listed([f"{n} <{tag[:40]}>" for tag, n in counts])

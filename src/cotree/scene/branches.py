@@ -1,8 +1,8 @@
-"""What jumps, or branches, in laws that users registered: as modes and events, like expressions.
+"""Rewriting of jumps and branches in users' registered laws as modes and events.
 
 In: an edge of a scalar component whose law holds ``sign``, ``floor`` or comparisons of what moves.
-Out: the same edge with a law of one more field for each, in whose place a mode stands. Corners of
-a ``Piecewise`` become events, too: what is smooth on either side is then integrated as such.
+Out: the same edge, whose law has one more field for each of them; a mode takes its place. Corners
+of a ``Piecewise`` become events, too, so that each smooth side is integrated as such.
 """
 
 from __future__ import annotations
@@ -141,7 +141,7 @@ def with_branches(edge: Edge, rewrite: Rewrite) -> Edge:
 
 
 def _names(edge: Edge, port: Terminal, place: int) -> dict[str, ast.expr]:
-    """Say what the arguments of a port's law are called in expressions."""
+    """Return the names of the arguments of a port's law in expressions."""
     found: dict[str, ast.expr] = {"t": ast.Name("t")}
     for other in edge.component.ports:
         row = DOMAINS[other.domain]
@@ -266,7 +266,7 @@ def to_tree(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
 
 
 def _conditional(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
-    """Write branches as conditionals, one within the other."""
+    """Write branches as nested conditionals."""
     whole = to_tree(expression.args[-1][0], names)
     for value, condition in reversed(expression.args[:-1]):
         own, holds = to_tree(value, names), to_tree(condition, names)

@@ -175,7 +175,7 @@ class CoupledTrees:
         )
 
     def _broken(self, found: _Found) -> list[_Couple]:
-        """List the couplings that are not kept."""
+        """List the couplings whose conditions are violated."""
         return [couple for couple in self.couples if not couple.is_kept(found.branches)]
 
     def _either_way(self, best: _Found, broken: Sequence[_Couple]) -> list[_Found]:

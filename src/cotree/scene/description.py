@@ -1,4 +1,4 @@
-"""The data of a scene: what a user said, checked one statement at a time."""
+"""Data of a scene: the statements of a user, each checked as it is made."""
 
 from __future__ import annotations
 
@@ -68,8 +68,8 @@ class Edge:
     ports : tuple of Ends
         Of a scalar component: where each port's edge runs.
     statement : mapping
-        What was said of it, as the table of a scene file: the component's type, the nodes as they
-        were listed, the fields as they were given. The rest of an edge follows from this.
+        The original statement, as the table of a scene file: the component's type, the nodes as
+        listed, the fields as given. The rest of an edge follows from this.
     """
 
     name: str
@@ -85,8 +85,8 @@ class Edge:
 class SceneDescription:
     """Edges between named nodes, with parameters, inputs, outputs, gravity and initial values.
 
-    Every method checks what it is told before keeping it, so that a description is always made
-    of accepted names and parsed expressions; what only the whole can show is checked when the
+    Every method checks its arguments before keeping them, so that a description always consists
+    of accepted names and parsed expressions; properties of the whole are checked when the
     equations are formed.
     """
 
@@ -268,7 +268,7 @@ class SceneDescription:
             hint = nearest(str(type)[:80], COMPONENTS)
             raise SceneError(f"edge '{name}' has the unknown type '{str(type)[:80]}'{hint}")
         listed: Sequence[object] = nodes
-        # Lists are copied: what becomes of them later is no matter of the scene.
+        # Lists are copied, so that later changes to them do not affect the scene.
         given: Mapping[str, Any] = plain(fields)
         first: Any = {} if initial is None else plain(initial)
         statement = edge_statement(type, nodes, given, first)

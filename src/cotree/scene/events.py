@@ -39,18 +39,18 @@ class Mode:
 
 @dataclass(frozen=True)
 class Event:
-    """What happens where an expression passes through zero.
+    """An event, which happens where an expression passes through zero.
 
     Attributes
     ----------
     name : str
         Its name.
     when : Expression
-        What passes through zero.
+        Expression whose zero crossing is the event.
     direction : int
         -1 for downwards, 1 for upwards, 0 for both.
     set : mapping of str to Expression
-        New values of states and modes, of the values before.
+        New values of states and modes, as functions of the values before.
     is_stop : bool
         Whether the run ends there.
     restitution : Expression or None

@@ -77,7 +77,7 @@ class Expression:
 
     @property
     def told(self) -> str | float:
-        """What makes the same expression: a number that was given as one, else the text."""
+        """Key that equal expressions share: a number that was given as one, else the text."""
         value = self.tree.value if isinstance(self.tree, ast.Constant) else None
         return value if isinstance(value, float) and repr(value) == self.text else self.text
 

@@ -1,4 +1,4 @@
-"""Fields and initial values of an edge: what a user said, checked against the component's rows.
+"""Fields and initial values of an edge, checked against the rows of the component.
 
 In: values as given. Out: parsed expressions, alone, in threes, or in three rows of three.
 """
@@ -35,9 +35,9 @@ def check_fields(
     edge : str
         Its name, for messages.
     component : Component
-        Whose fields they are.
+        The component that has these fields.
     given : mapping
-        What the user said, by name of the field.
+        The user's values, by name of the field.
 
     Raises
     ------
@@ -75,9 +75,9 @@ def check_initial(
     edge : str
         Its name, for messages.
     component : Component
-        Whose coordinates they are of.
+        The component that has these coordinates.
     given : mapping
-        What the user said, by name of the coordinate or rate, or ``rotation``.
+        The user's values, by name of the coordinate or rate, or ``rotation``.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def check_initial(
 
 
 def initial_names(component: Component) -> list[str]:
-    """List what a scene may give initial values of.
+    """List the variables whose initial values a scene may give.
 
     What a body in the tree moves along follows from the whole scene, so all of it is listed.
     """

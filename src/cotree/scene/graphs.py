@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 # Bodies up to which a scene is counted in absolute coordinates too.
 _FEW_OPEN, _FEW_CLOSED = 3, 8
 
-#: What a user may say of the tree: nothing, the branches of every graph, or those of each.
+#: A user's choice of the tree: none, the branches of every graph, or those of each graph.
 TreeChoice = Sequence[str] | Mapping[str, Sequence[str]] | None
 
 
 def linear_graphs(scene: SceneDescription) -> dict[str, LinearGraph]:
-    """Draw the multibody part of a scene as linear graphs on the same nodes."""
+    """Form the linear graphs of the multibody part of a scene, on the same nodes."""
     graphs = {}
     for domain, row in DOMAINS.items():
         if row.is_scalar:

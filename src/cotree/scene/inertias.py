@@ -1,8 +1,8 @@
-"""Inertia tensors that no body has.
+"""Check for inertia tensors that no body can have.
 
 The moments of inertia of a body are sums over its mass, so that none of the principal ones exceeds
-the sum of the other two. Equations can be formed and solved without that, therefore it is said, not
-refused.
+the sum of the other two. Equations can be formed and solved without that; therefore a violation is
+reported, not refused.
 """
 
 from __future__ import annotations

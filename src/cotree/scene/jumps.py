@@ -1,8 +1,8 @@
-"""What jumps with the state, inside expressions, as modes and events.
+"""Rewriting of jumps with the state inside expressions as modes and events.
 
-In: a scene whose fields hold ``sign``, ``floor``, ``mod`` or comparisons of what moves. Out: a
-scene that says the same with a mode in the place of each, and with the events that change it, so
-that one mechanism locates every jump, begins anew there and lets sensitivities jump.
+In: a scene whose fields hold ``sign``, ``floor``, ``mod`` or comparisons of what moves. Out: an
+equivalent scene with a mode in place of each, and with the events that change it, so that one
+mechanism locates every jump, restarts the integration there and lets sensitivities jump.
 
 A step then sees the branch that it began on and nothing of the other, however far it reaches. What
 looks at time and parameters alone, along lines of time, is left as it is: its times are known
@@ -36,7 +36,7 @@ _JUMPING = ("sign", "floor", "mod", "where")
 
 
 def with_jumps(scene: SceneDescription, *, has_sensitivities: bool) -> SceneDescription:
-    """Replace what jumps with the state by modes and events.
+    """Replace jumps with the state by modes and events.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def _may_jump(expression: Expression) -> bool:
 
 
 def _acting(scene: SceneDescription) -> list[Expression]:
-    """List the expressions that act on the motion, or may."""
+    """List the expressions that act, or may act, on the motion."""
     found = [*scene.outputs.values(), *(event.when for event in scene.events.values())]
     for edge in scene.edges.values():
         found += [item for value in edge.fields.values() for item in _expressions(value)]
@@ -255,7 +255,7 @@ def _made(tree: ast.expr, where: str) -> Expression:
 
 
 class _Renamed(ast.NodeTransformer):
-    """Puts the name of a mode in the place of the empty one."""
+    """Replaces the empty name by the name of a mode."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -326,7 +326,7 @@ class _Tree(ast.NodeTransformer):
         return self._scene.mode(ast.unparse(call), call, self._where, (up, down))
 
     def visit_Compare(self, node: ast.Compare) -> ast.expr:
-        """Put a mode in the place of each comparison: one where it holds, else zero."""
+        """Replace each comparison by a mode, which is one where it holds, else zero."""
         sides = [self.visit(side) for side in (node.left, *node.comparators)]
         if id(node) in self._kept:
             return ast.Compare(sides[0], node.ops, sides[1:])

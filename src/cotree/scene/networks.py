@@ -55,7 +55,7 @@ class Port:
 
     @property
     def is_short(self) -> bool:
-        """Whether it begins and ends at one node: across is zero, and no cutset cuts it."""
+        """Whether its ends are one node: its across variable is zero, and no cutset contains it."""
         return not self.is_coupling and self.tail == self.head
 
     @property
@@ -65,7 +65,7 @@ class Port:
 
     @property
     def initial(self) -> dict[str, FieldValue]:
-        """What the scene says of its start: ``name``, or ``port.name`` of several ports."""
+        """Its initial values in the scene: ``name``, or ``port.name`` with several ports."""
         given = self.edge.initial
         own = f"{self.terminal.port}."
         named = {key.removeprefix(own): v for key, v in given.items() if key.startswith(own)}

@@ -31,16 +31,16 @@ if TYPE_CHECKING:
     from cotree.graph import LinearGraph
     from cotree.scene.networks import Port
 
-#: Weight of what never becomes a branch.
+#: Weight of edges that never become branches.
 _NEVER = float("inf")
 
-#: What edges of one kind may differ by, less than their kinds and their initial values do.
+#: Largest difference of edges of one kind: less than that of kinds and of initial values.
 _AMONG_LIKE = 0.2
 
 
 @dataclass(frozen=True)
 class NormalTree:
-    """The tree that circuits follow and that which cutsets do; one but for ideal amplifiers.
+    """The trees of f-circuits and of f-cutsets, which are one tree without ideal amplifiers.
 
     Attributes
     ----------

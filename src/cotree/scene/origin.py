@@ -1,4 +1,4 @@
-"""Where a scene that was read from another tool's file comes from, and what it looks like."""
+"""Origin and drawn shapes of a scene that was read from another tool's file."""
 
 from __future__ import annotations
 
@@ -47,14 +47,14 @@ class Visual:
 
 @dataclass(frozen=True)
 class Origin:
-    """What another tool's file said beside the edges of a scene.
+    """Information in another tool's file besides the edges of a scene.
 
     Attributes
     ----------
     file : str
         The file.
     notes : tuple of str
-        What was not read, and what is called otherwise; a sentence each.
+        Items that were not read or were renamed, one sentence each.
     names : mapping of (str, str) to str
         Names in the scene, by kind and name in the file; only those that differ.
     visuals : tuple of Visual

@@ -1,4 +1,4 @@
-"""Ports of scalar components: which nodes each edge in a scalar graph runs between."""
+"""Ports of scalar components: the end nodes of each edge in a scalar graph."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _MECHANICAL = ("translational", "rotational")
 
 @dataclass(frozen=True)
 class Ends:
-    """Where a port's edge begins and ends; its across variable is the head's minus the tail's.
+    """End nodes of a port's edge; its across variable is the head's minus the tail's.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a plain run of a scene does, and where it begins."""
+"""Settings of a plain run of a scene, and the point at which it begins."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cotree.naming import check_name, check_text
 from cotree.scene.expressions import Expression, parse
 from cotree.tolerances import rtol_fault
 
-#: Where a run may begin: at the initial values of its states, or where nothing moves.
+#: Starts of a run: the initial values of its states, or the point at which nothing moves.
 INITIAL, OPERATING_POINT = "initial values", "operating point"
 
 _POSITIVE = ("t_end", "rtol", "atol")
@@ -19,7 +19,7 @@ _POSITIVE = ("t_end", "rtol", "atol")
 
 @dataclass(frozen=True)
 class Simulation:
-    """What a plain run does.
+    """Settings of a plain run.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class Simulation:
         Where it begins. At its operating point an electrical network rests with what its sources
         give at the start: no current flows into capacitors, no voltage is across inductors.
     held : tuple of (str, Expression)
-        Nodes whose voltages are held while the operating point is sought, and let go then.
+        Nodes whose voltages are held during the search for the operating point, then released.
     """
 
     t_end: float = 10.0

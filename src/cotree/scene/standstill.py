@@ -1,7 +1,7 @@
 """An electrical network at rest: the scene whose solution is the operating point of another.
 
-Nothing changes with time there. Capacities become what flows through them at a constant voltage:
-nothing, or the static current of a junction. Inductances become short circuits.
+Nothing changes with time there. A capacity is replaced by the current through it at a constant
+voltage: zero, or the static current of a junction. Inductances become short circuits.
 """
 
 from __future__ import annotations

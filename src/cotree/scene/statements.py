@@ -1,7 +1,7 @@
-"""What was said of an edge, kept as a scene file would say it.
+"""Original statements about edges, kept as a scene file would write them.
 
-Components are adapted to what a scene says of them, heat goes to further nodes, and transistors
-have nodes within: what was said cannot be told from the edge that it became.
+Components are adapted to the fields of a scene, heat goes to further nodes, and transistors have
+inner nodes: the original statement cannot be recovered from the resulting edge.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import numbers
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-# Integers beyond are no doubles of their own.
+# Larger integers are not all exact as doubles.
 _LARGEST_INTEGER = 2**53
 _DEEPEST = 4  # more levels than any field has; a list may hold itself
 
@@ -18,7 +18,7 @@ _DEEPEST = 4  # more levels than any field has; a list may hold itself
 def plain(value: Any, depth: int = 0) -> Any:
     """Copy a value, its lists and tables, with numbers as Python's own.
 
-    What is none of these stays as it is, for others to refuse.
+    Values of other types stay as they are, for others to refuse.
     """
     if isinstance(value, (str, bytes, bool)) or depth > _DEEPEST:
         return value

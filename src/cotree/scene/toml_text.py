@@ -1,7 +1,7 @@
 """Scenes to TOML that loads to the same scene.
 
-The text is written here, since what writes TOML elsewhere gives each number of a list a line of its
-own (tomli-w) or takes milliseconds for each edge (tomlkit).
+The text is written here, since other writers of TOML put each number of a list on a line of its own
+(tomli-w) or take milliseconds for each edge (tomlkit).
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ def save_scene(scene: SceneDescription, path: Path) -> None:
 def scene_text(scene: SceneDescription) -> str:
     """Write a scene as TOML.
 
-    The text is read back before it is given: scenes may be changed by more than their methods, and
-    what a file says must be what runs.
+    The text is read back before it is returned: scenes may be changed by more than their methods,
+    and the file must describe the scene that runs.
 
     Raises
     ------

@@ -64,7 +64,7 @@ class Trees:
 
 
 def check_coupled(scene: SceneDescription, trees: Trees) -> None:
-    """Refuse trees that part what moves together.
+    """Refuse trees that separate a coupled translation and rotation.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Which parameters may change after compiling: the others become numbers in the code."""
+"""Choice of the parameters that may change after compiling; others become numbers in code."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def listed_names(names: Sequence[str] | None, what: str) -> list[str]:
 def keep_tunable(
     scene: _Scene, tunable: Sequence[str] | None, sensitivities: Sequence[str]
 ) -> _Scene:
-    """Give the scene with no other parameters tunable than those wanted.
+    """Return the scene with only the wanted parameters tunable.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def keep_tunable(
     tunable : sequence of str or None
         The parameters that a run may change. None leaves that to the scene.
     sensitivities : sequence of str
-        What sensitivities are wanted to: the parameters among them stay as the scene has them.
+        Sensitivities are wanted to these; parameters among them stay as the scene has them.
 
     Raises
     ------
