@@ -1,9 +1,9 @@
 """Chemical components: across is concentration, through molar flow, from plus to minus inside.
 
 A species is an edge from its node to the ground; a reaction has such an edge for each species
-that takes part, with the flow that it takes from it. Where that does not depend on the species'
-own concentration (a product of a one-way reaction, a catalyst) the edge is a source: it leaves the
-concentration to others.
+that takes part, with the flow that the reaction takes from the species. Where this flow does not
+depend on the species' own concentration (a product of a one-way reaction, a catalyst), the edge is
+a source: it leaves the concentration to other edges.
 """
 
 from __future__ import annotations

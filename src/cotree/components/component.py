@@ -1,4 +1,4 @@
-"""What a component type declares: its role in the graph, its fields, its motion space, its law."""
+"""Component types: declarations of their role in the graph, fields, motion space and law."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class Role(Enum):
-    """What an edge is to the formulation."""
+    """Role of an edge in the formulation."""
 
     BODY = "body"  # inertia: through variables from accelerations
     ARM = "arm"  # an empty motion space: a fixed across variable
@@ -28,7 +28,7 @@ class Role(Enum):
 
 
 class Acts(Enum):
-    """Along what a user's law acts."""
+    """Direction along which a user's law acts."""
 
     LINE = "line"  # the line of the nodes, or an axis that the first carries
     VELOCITY = "velocity"  # the velocity of the second node against the first
@@ -66,7 +66,7 @@ class Field:
     timed : bool
         Whether it may depend on parameters and time.
     sign : {'', 'nonnegative', 'positive'}
-        What its value must be.
+        Sign that its value must have; empty where it may have any.
     """
 
     name: str
@@ -135,7 +135,7 @@ MotionStep = Freedom | FreeRotation
 
 @dataclass(frozen=True)
 class Plane:
-    """What keeps an edge within a plane: which fields lie along its normal, and which within."""
+    """Fields by which an edge keeps within a plane: those along its normal, and those within."""
 
     along: tuple[str, ...] = ()
     within: tuple[str, ...] = ()
@@ -143,14 +143,14 @@ class Plane:
 
 @dataclass(frozen=True)
 class Demand:
-    """What the fields of a component must satisfy together, where parameters decide it.
+    """Condition on several fields of a component together, where parameters decide it.
 
     Attributes
     ----------
     law : Law
-        Of fields; what it gives must be positive.
+        Function of the fields, whose value must be positive.
     breach : str
-        What is wrong where it is not, after the name of the edge.
+        Predicate of the message if the condition fails, after the name of the edge.
     """
 
     law: Law
@@ -173,21 +173,21 @@ class Component:
     name : str
         The ``type`` in scenes.
     role : Role
-        What its edge is to the formulation.
+        Role of its edge in the formulation.
     doc : str
         One line on what it models.
     fields : tuple of Field
-        What a scene may say of it.
+        The fields that a scene may give.
     domains : tuple of str
         The graphs that it has an edge in.
     motion_space : tuple of MotionStep
         Of a joint; empty otherwise.
     law : Law or None
-        Of a force element, or of what acts along a joint's coordinate.
+        Of a force element, or of the through variable along a joint's coordinate.
     keeps_plane : Plane or None
         When the edge keeps its nodes within a plane; None for those that never do.
     acts : Acts
-        Along what a user's law acts.
+        Direction along which a user's law acts.
     ports : tuple of Terminal
         The terminal equations of a scalar component, one for each edge that it has in the graphs.
     loss : Law or None
@@ -195,13 +195,12 @@ class Component:
     terminals : tuple of str
         Of a scalar component whose ports share nodes: names of its nodes, in order.
     adapt : callable or None
-        Where ports depend on what a scene says: takes the edge's name, its nodes as listed and
-        its fields as given; gives the component as it is there, the nodes, and the fields that
-        remain.
+        Where ports depend on the scene: takes the edge's name, its nodes as listed and its fields
+        as given; returns the component adapted to them, the nodes, and the fields that remain.
     measures : tuple of Measure
         Of a scalar component: sums of variables of its ports, under names of its own.
     demands : tuple of Demand
-        What its fields must satisfy together.
+        Conditions on its fields together.
     """
 
     name: str
@@ -227,7 +226,7 @@ class Component:
 
     @property
     def tree_weight(self) -> float | None:
-        """What the edge adds to the equations as a branch; None where it cannot be one."""
+        """Weight of the edge as a branch of the tree; None where it cannot be one."""
         if self.role is Role.ARM:
             return 0.0
         if self.role is Role.JOINT:

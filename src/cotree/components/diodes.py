@@ -1,7 +1,6 @@
-"""The diode: Shockley's law, and what real ones have beside it.
+"""The diode: Shockley's law with optional breakdown, series resistance and charge.
 
-Breakdown, series resistance and charge are terms that are there where a scene gives their fields:
-a diode without charge has no state.
+An optional term is present where the scene gives its fields: a diode without charge has no state.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Junctions of semiconductors as SymPy expressions: currents, charges, and their capacities.
 
-Capacities are the derivatives of charges, C = dQ/dv, so that what flows into a junction is what
-its charge grows by.
+Capacities are the derivatives of charges, C = dQ/dv, so that the current into a junction is the
+rate of its charge.
 """
 
 from __future__ import annotations

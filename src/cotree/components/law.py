@@ -75,7 +75,7 @@ class Law:
         import sympy
 
         divided = sympy.simplify(self.expression / sympy.Symbol(name, real=True))
-        # What SymPy leaves open just at zero is what it is beside it.
+        # A condition that SymPy leaves open at zero holds as it does near zero.
         divided = divided.replace(sympy.Ne, lambda *_: sympy.true)
         divided = divided.replace(sympy.Eq, lambda *_: sympy.false)
         made = Law(self.function)

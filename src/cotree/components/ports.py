@@ -1,4 +1,4 @@
-"""What many scalar components are: fields of laws, linear components of one port, couplings."""
+"""Parts of scalar components: fields of laws, linear components of one port, couplings."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Scalar components that users register, with laws in SymPy.
 
-What a port is follows from what its law is a function of: of the rate of a variable it is a
-storage, of ``stretch`` a spring, of its own other variable a dissipator, of neither a source. What
-gives its content is a storage, too.
+The kind of a port follows from the arguments of its law: with the rate of a variable the port is a
+storage, with ``stretch`` a spring, with its own other variable a dissipator, with neither a source.
+A port whose law gives its content is a storage, too.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ def _is_variable(argument: str, ports: Iterable[str]) -> bool:
 def _terminal(
     name: str, domain: str, port: str, law: Law, gives: str, between: tuple[str, str]
 ) -> Terminal:
-    """Make the terminal equation that a law is."""
+    """Make the terminal equation of a law."""
     own = [v for v in ("across", "across_rate", "stretch") if law.uses(v)]
     dual = [v for v in ("through", "through_rate") if law.uses(v)]
     if own and dual:
@@ -209,7 +209,7 @@ def _terminal(
 def _content(
     name: str, domain: str, port: str, law: Law, ports: Iterable[str], between: tuple[str, str]
 ) -> Terminal:
-    """Make the terminal equation of what a storage holds."""
+    """Make the terminal equation of a storage from the law of its content."""
     used = [v for v in law.arguments if v in _GIVEN - {"t"} or _is_variable(v, ports)]
     of = {v.partition("_")[0] for v in used}
     if any("_rate" in v for v in used) or of not in ({"across"}, {"through"}):

@@ -1,4 +1,4 @@
-"""Transistors: static laws, and what real ones have beside them where a scene gives its fields."""
+"""Transistors: static laws, and further effects where a scene gives their fields."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Terminal equations of scalar components.
 
-What an edge of an electrical, hydraulic, thermal or one-dimensional mechanical graph says of its
-across and through variables.
+A terminal equation relates the across and through variables of an edge of an electrical, hydraulic,
+thermal or one-dimensional mechanical graph.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from cotree.domains import DOMAINS
 
 
 class Kind(Enum):
-    """What an edge is to the normal tree: the first become branches before the last.
+    """Kind of an edge, in the order in which edges become branches of the normal tree.
 
     A nullator says that both of its variables are zero, a norator says nothing of either. Circuits
     are drawn with the nullator as a branch and the norator as a chord, cutsets the other way.
@@ -40,7 +40,7 @@ class Integral:
     name, unit : str
         The state is called ``edge.name``.
     rate : Law
-        What it is the integral of over time.
+        The law of its rate, whose integral over time it is.
     """
 
     name: str
@@ -91,20 +91,20 @@ class Terminal:
         The through variable, explicitly; for storages of across, what is added to
         ``capacity * rate``.
     storage : Law or None
-        Capacity or inertance of a storage; of a spring whose law is linear in ``stretch``, what
-        through grows by for a unit of it.
+        Capacity or inertance of a storage; of a spring whose law is linear in ``stretch``, the
+        increase of through for a unit of stretch.
     is_passive : bool
         Whether linear equations made of it are symmetric and positive definite.
     between : tuple of str
-        Of a component whose ports share nodes: the terminals at head and tail; ``ground`` is one,
-        and a name that is none stands for a node within the component.
+        Of a component whose ports share nodes: the terminals at head and tail. ``ground`` is one;
+        a name that is not that of a terminal stands for a node within the component.
     content : Law or None
         Of a storage by content: what it holds as a function of the variable that a storage of its
         kind has as a state, of its siblings' and of fields: charge of voltage, flux linkage of
         current, volume of pressure. Its rate, with what ``through`` or ``across`` adds, is the
         other variable; there is no ``storage`` then.
     integral : Integral or None
-        What ``stretch`` is; the integral of across, where the domain has a name for it.
+        The quantity ``stretch``; the integral of across, where the domain has a name for it.
     is_absolute : bool
         Whether its tail must be the ground, where motion and concentrations are measured from.
     """
@@ -126,7 +126,7 @@ _ACROSS = Law(lambda across: across)
 
 
 def integral_of(terminal: Terminal) -> Integral | None:
-    """Give what ``stretch`` stands for in a terminal equation; None where it has no name."""
+    """Give the quantity ``stretch`` of a terminal equation; None where it has no name."""
     row = DOMAINS[terminal.domain]
     if terminal.integral is not None or not row.stretch:
         return terminal.integral
@@ -134,7 +134,7 @@ def integral_of(terminal: Terminal) -> Integral | None:
 
 
 def content_of(terminal: Terminal) -> tuple[str, str] | None:
-    """Give symbol and unit of what a storage by content holds; None for all others."""
+    """Give symbol and unit of the content of a storage by content; None for all others."""
     if terminal.content is None:
         return None
     row = DOMAINS[terminal.domain]

@@ -1,6 +1,6 @@
 """Equations of a scene: ``A(x) w = b(x)`` and ``M x' = rates(x, w)``, with their derivatives.
 
-The unknowns w are what linear equations give at one instant: accelerations and multipliers. M is
+The unknowns w, accelerations and multipliers, solve linear equations at each instant. M is
 diagonal: one for states with a rate, zero for algebraic unknowns, which nonlinear equations give.
 Those come last among the states, and their ``rates`` are the residuals of these equations. A
 derivative along a direction has the same matrices on the left: ``A w_p = b_p`` and
@@ -108,14 +108,14 @@ class Derivative:
 
 @dataclass(frozen=True)
 class RedundantRow:
-    """An initial value of what is no state, but follows from states.
+    """An initial value of a variable that is not a state but follows from states.
 
     Attributes
     ----------
     name : str
         Of the variable.
     states : tuple of str
-        What it follows from.
+        The states that the variable follows from.
     """
 
     name: str
@@ -124,7 +124,7 @@ class RedundantRow:
 
 @dataclass(frozen=True)
 class ConstraintSet:
-    """What the states must satisfy.
+    """Constraints that the states must satisfy.
 
     Attributes
     ----------
@@ -133,21 +133,21 @@ class ConstraintSet:
     edges : tuple of str
         The edge that each belongs to.
     values : tuple of Node or None
-        What must be zero; None for constraints on rates only.
+        The residual of each, which must be zero; None for constraints on rates only.
     rates : tuple of Node
-        Its rate, which must be zero too.
+        The rate of each, which must be zero too.
     gradient : tuple of rows of Node
         Derivatives of the rates by the speeds.
     sizes : tuple of rows of Node
-        Squares of what the gradient is made of, before anything cancels.
+        Sums of squares of the gradient's terms, before anything cancels.
     quaternions : tuple of (str, tuple of Node)
         Edges whose rotation is free, with the four states that are to keep the norm one.
     start_rows : tuple of Quantity
-        What the start is to satisfy besides: initial values of what is no state.
+        Further start conditions: initial values of coordinates and rates that are not states.
     start_is_rate : tuple of bool
         Whether each is a rate.
     start_values : tuple of Node
-        Their residuals; then what each of ``redundant`` follows as, then what each is given as.
+        Their residuals; then the values of ``redundant`` by the states, then those that are given.
     start_gradient : tuple of rows of Node
         Derivatives by the speeds, of rates of coordinates by the speeds too.
     redundant : tuple of RedundantRow
@@ -205,18 +205,18 @@ class Link:
 
 @dataclass(frozen=True)
 class Guard:
-    """What a value of parameters must be for the equations to hold.
+    """Condition on a function of parameters that the equations require.
 
     Attributes
     ----------
     value : Node
         The value.
     what : str
-        Whose it is, as the subject of a message.
+        Name of the value, as the subject of a message.
     is_strict : bool
         Whether it must be positive, or only not negative.
     breach : str
-        What is wrong where it is not; empty where the value itself says it.
+        Predicate of the message if the condition fails; empty where the value itself says it.
     parameters : tuple of str
         Names of the parameters that the value is made of.
     """
@@ -245,7 +245,7 @@ class Guard:
 
     @property
     def demand(self) -> str:
-        """What is asked for, as a sentence without its number."""
+        """The condition as a sentence, without the number that the value has."""
         if self.breach:
             return f"{self.what} {self.breach}{self.source}"
         wanted = "be positive" if self.is_strict else "not be negative"
@@ -263,7 +263,7 @@ class Guard:
 
 @dataclass(frozen=True)
 class EventRow:
-    """What happens where a value passes through zero.
+    """An event at the passage of a value through zero.
 
     Attributes
     ----------
@@ -278,7 +278,7 @@ class EventRow:
     is_impact : bool
         Whether an impulse changes all speeds; its restitution then follows the new values.
     is_jump, is_count : bool
-        Whether it sets the mode of a jump inside an expression, and looks at a value less that.
+        Whether it sets the mode of a jump inside an expression, and its value counts from it.
     """
 
     name: str
@@ -323,18 +323,18 @@ class Equations:
     balances : tuple of Node
         ``A w - b`` as the formulation wrote it, for people.
     constraints : ConstraintSet
-        What the states must satisfy; the last unknowns are its multipliers.
+        Constraints on the states; the last unknowns are their multipliers.
     output_values : tuple of Node
-        y; then what each event looks at; then, event by event, new values and restitution.
+        y; then the value of each event; then, event by event, new values and restitution.
     sensitivities, columns : tuple of Derivative
         Along each requested parameter together with its states' sensitivities, and along each
         state.
     guards : tuple of Guard
-        What parameter values must satisfy.
+        Conditions that parameter values must satisfy.
     n_network_states : int
-        How many modes and states of networks there are, algebraic unknowns not counted.
+        Number of modes and states of networks, algebraic unknowns not counted.
     n_modes : int
-        How many of these, which come first, are modes.
+        Number of modes, which come first among these.
     events : tuple of EventRow
         The events.
     motion : Derivative or None
@@ -376,17 +376,17 @@ class Equations:
 
     @property
     def n_algebraic(self) -> int:
-        """How many of the states, which come last, are algebraic unknowns."""
+        """Number of algebraic unknowns, which come last among the states."""
         return sum(state.is_algebraic for state in self.states)
 
     @property
     def n_speeds(self) -> int:
-        """How many speeds there are; their rates are the first of the unknowns."""
+        """Number of speeds, whose rates are the first of the unknowns."""
         return len(self.unknowns) - len(self.constraints.rows)
 
     @property
     def n_coordinates(self) -> int:
-        """How many of the states, which come first, are coordinates."""
+        """Number of coordinates, which come first among the states."""
         others = self.n_speeds + self.n_network_states + self.n_algebraic
         return len(self.states) - others
 

@@ -1,13 +1,13 @@
 """Elimination along the tree: articulated inertias (R. Featherstone, 1983), O(n) for each solution.
 
-The same unknowns as :mod:`cotree.formulation.elimination` gives from the mass matrix, without
-forming it: the inertia that a branch feels, less what its own motion gives way, is carried to the
+The unknowns are those of :mod:`cotree.formulation.elimination`, but the mass matrix is not formed:
+the inertia that a branch feels, less the part that its own motion releases, is carried to the
 parent. Long chains cost less this way, short ones more; both are counted.
 
-What a speed takes is w w^T / d, with the wrench w of a unit of it. It is subtracted at once, or
-*deferred*: w is carried past the next arm, and what the next wrench and pivot lack of it is
-subtracted there. That is more to compute, but a pivot then waits for the reciprocal of the one
-before, a product and a difference, in place of twice as many.
+Each speed takes w w^T / d from the inertia, w being the wrench of a unit of the speed. This term
+is subtracted at once, or *deferred*: w is carried past the next arm, and its share of the next
+wrench and pivot is subtracted there. That takes more operations, but a pivot then waits for the
+reciprocal of the one before, a product and a difference, in place of twice as many.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class _Gate:
 class _Spatial:
     """Force F a + E alpha and torque E^T a + J alpha of a linear and an angular acceleration.
 
-    Less what speeds took, as far as it is deferred: w w^T / d of each wrench.
+    The deferred terms of speeds, w w^T / d of each wrench taken, are still to be subtracted.
     """
 
     force: Matrix
@@ -305,7 +305,7 @@ def _resolved(link: Link, a: _Spatial) -> _Spatial:
 def _opened(
     a: _Spatial, turning: Vector, shifting: Vector, is_deferred: bool
 ) -> tuple[_Gate, _Spatial]:
-    """Let one speed give way: less w w^T / d."""
+    """Release one speed: subtract w w^T / d, or defer it."""
     force = vector.add(vector.times(a.force, shifting), vector.times(a.coupling, turning))
     torque = vector.add(
         vector.transposed_times(a.coupling, shifting), vector.times(a.torque, turning)

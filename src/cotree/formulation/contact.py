@@ -40,7 +40,7 @@ class Slip:
         return vector.dot(self.axis.value(view), self._velocity(view))
 
     def acceleration(self, view: View) -> Any:
-        """Give the rate of that."""
+        """Give the time derivative of that rate."""
         omega, alpha = _against_first(self.ends, view)
         carried = vector.add(
             vector.cross(alpha, self.ends.reach(view)),
@@ -125,7 +125,7 @@ class Rolling:
         return vector.dot(self.direction.value(view), self._velocity(view))
 
     def acceleration(self, view: View) -> Any:
-        """Give the rate of that; the contact itself moves over the disc."""
+        """Give the time derivative of that velocity; the contact itself moves over the disc."""
         contact, contact_rate = self._contact(view), self._contact_rate(view)
         omega, alpha = _against_first(self.ends, view)
         cluster = self.ends.second.cluster

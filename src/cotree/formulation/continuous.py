@@ -1,4 +1,4 @@
-"""What must not jump, because its rate is among the equations: guards, or a refusal."""
+"""Guards against, or refusals of, jumps of values whose rates are among the equations."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def guards_of(
     time : Node
         The symbol of time.
     what, breach : str
-        Whose it is, and what is wrong where it jumps, as a sentence.
+        Subject and predicate of the message: the name of the value, and what is wrong if it jumps.
 
     Raises
     ------
     FormulationError
-        If it jumps.
+        If the value jumps.
     """
     dag = time.dag
     of_time = all(symbol.data[0] in ("p", "t") for symbol in symbols_in([value]))
@@ -59,12 +59,12 @@ _BREACH = (
 
 
 def motion_guards(edge: BoundEdge, time: Node) -> Iterator[Guard]:
-    """Refuse prescribed motions, and what constraints are held to, whose speed jumps.
+    """Refuse prescribed motions, and prescribed values of constraints, whose speed jumps.
 
     Raises
     ------
     FormulationError
-        If one does.
+        If one of them jumps, or its rate does.
     """
     if edge.component.role not in (Role.JOINT, Role.CONSTRAINT):
         return

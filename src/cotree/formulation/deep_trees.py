@@ -1,7 +1,7 @@
 """Trees so deep that their mass matrix is not worth forming.
 
-Elimination along the tree does without it, in O(n) operations; the matrix of a chain has n^2
-entries. It is formed where something asks for its rows after all.
+Elimination along the tree does not need the mass matrix and takes O(n) operations; the matrix of a
+chain has n^2 entries. The matrix is formed only when its rows are asked for.
 """
 
 from __future__ import annotations

@@ -71,8 +71,8 @@ def _listed(names: Iterable[str]) -> str:
 def _motion_without_inertia(first: FirstGraph) -> Array | None:
     """Find speeds that neither the mass matrix nor the constraints resist, if there are any.
 
-    Where one configuration resists, so do all but exceptional ones: states of no meaning, picked
-    at random, tell. At the scene's values of the parameters.
+    If one configuration resists all speeds, all but exceptional ones do, so that states picked at
+    random tell. The parameters have the scene's values.
     """
     n = len(first.system.speeds)
     entries = [entry for row in first.matrix for entry in row[:n]]

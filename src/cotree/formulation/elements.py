@@ -44,7 +44,7 @@ def gather(totals: list[Wrench | None], cluster: int, wrench: Wrench) -> None:
 
 @dataclass(frozen=True)
 class Action:
-    """What an element does to its second node; the first gets the reaction.
+    """Force and torque of an element on its second node; the first gets the reaction.
 
     Attributes
     ----------

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Pull:
-    """What a unit of a through variable does.
+    """Wrenches on clusters and efforts along speeds for a unit of a through variable.
 
     Attributes
     ----------
@@ -35,12 +35,12 @@ class Pull:
 
     @property
     def entries(self) -> list[Any]:
-        """Everything that it is made of."""
+        """All components of the wrenches, then all efforts."""
         of_wrenches = (entry for _, *parts in self.wrenches for part in parts for entry in part)
         return [*of_wrenches, *self.efforts.values()]
 
     def scaled(self, factor: Any) -> Pull:
-        """Multiply by a factor."""
+        """Return the pull multiplied by a factor."""
         return Pull(
             tuple(
                 (cluster, vector.scale(factor, force), vector.scale(factor, torque))
@@ -50,7 +50,7 @@ class Pull:
         )
 
     def plus(self, other: Pull) -> Pull:
-        """Add what another does."""
+        """Add another pull."""
         efforts = dict(self.efforts)
         for index, effort in other.efforts.items():
             efforts[index] = efforts[index] + effort if index in efforts else effort
@@ -67,7 +67,7 @@ class Ends:
 
     @classmethod
     def of(cls, clusters: Clusters, first: Point, second: Point) -> Ends:
-        """Find the common ancestor."""
+        """Pair two nodes with their common ancestor."""
         return cls(first, second, clusters.common_ancestor(first.cluster, second.cluster))
 
     def _between(self, see: Any) -> Any:
@@ -78,11 +78,11 @@ class Ends:
         return self._between(view.position)
 
     def closing(self, view: View) -> Any:
-        """Give its rate in space."""
+        """Give the rate in space of the vector from the first node to the second."""
         return self._between(view.velocity)
 
     def opening(self, view: View) -> Any:
-        """Give the rate of that."""
+        """Give the second derivative in space of the vector from the first node to the second."""
         return self._between(view.acceleration)
 
     def arm(self, view: View, end: int) -> Any:
@@ -96,7 +96,7 @@ class Ends:
         return vector.sub(view.omega(b, self.ancestor), view.omega(a, self.ancestor))
 
     def turn(self, view: View) -> Any:
-        """Give the rate of that in space."""
+        """Give the rate in space of the relative angular velocity."""
         a, b = self.first.cluster, self.second.cluster
         return vector.sub(view.alpha(b, self.ancestor), view.alpha(a, self.ancestor))
 
@@ -127,13 +127,13 @@ class Carried:
         return self._explicit(view, 0)
 
     def rate(self, view: View) -> Any:
-        """Give its rate."""
+        """Give the rate of the vector."""
         omega = view.omega(self.point.cluster, self.ancestor)
         carried = vector.cross(omega, self.value(view))
         return vector.add(carried, self._explicit(view, 1))
 
     def acceleration(self, view: View) -> Any:
-        """Give the rate of its rate."""
+        """Give the second derivative of the vector."""
         omega = view.omega(self.point.cluster, self.ancestor)
         alpha = view.alpha(self.point.cluster, self.ancestor)
         inner = vector.cross(omega, self.value(view))
@@ -149,7 +149,8 @@ def pair_pull(
 ) -> Pull:
     """Put a force and a torque on the second node and their opposites on the first.
 
-    ``arms`` are the points of action from the clusters' origins; the nodes, where absent.
+    ``arms`` are the positions of the points of action from the clusters' origins; where absent,
+    the points of action are the nodes.
     """
     found = []
     arms = arms or (ends.arm(view, 0), ends.arm(view, 1))
@@ -173,7 +174,7 @@ def pair_pull(
 def pull_in_place(view: View, ends: Ends, axis: Carried, beyond: Any | None = None) -> Pull:
     """Put a force on the second node and its opposite on the first's body, at the same place.
 
-    ``beyond`` is the vector from the second node to that place, where it is not the node.
+    ``beyond`` is the vector from the second node to that place; None if the node is the place.
     """
     arms = vector.add(ends.arm(view, 0), ends.reach(view)), ends.arm(view, 1)
     if beyond is not None:

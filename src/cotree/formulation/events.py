@@ -1,4 +1,4 @@
-"""Events of a scene bound to its states: what each sets."""
+"""Events of a scene, bound to the states that they set."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 def bind_events(
     scene: SceneDescription, system: System, states: Sequence[State]
 ) -> tuple[EventRow, ...]:
-    """Say which states the events of a scene set.
+    """Bind the events of a scene to the states that they set.
 
     Raises
     ------
     SceneError
-        If an event sets what is no state with a rate of its own, or a speed that its impact
-        changes.
+        If an event sets something other than a mode or a state with a rate of its own, or a speed
+        that its impact changes.
     """
     return tuple(_bind(event, system, states) for event in scene.events.values())
 
@@ -71,10 +71,10 @@ def _bind(event: Event, system: System, states: Sequence[State]) -> EventRow:
 def started(
     states: Sequence[State], jumps: Mapping[str, Node], system: System
 ) -> tuple[State, ...]:
-    """Begin the modes of jumps with what these are at the initial values of the states, at t = 0.
+    """Begin the modes of jumps with their values at the initial values of the states, at t = 0.
 
-    Where that takes more than parameters, as what algebraic equations give does, they begin with
-    zero; :meth:`cotree.model.model.CompiledModel.start` then finds what they are.
+    A mode whose value depends on more than parameters, for example on the solution of algebraic
+    equations, begins with zero; :meth:`cotree.model.model.CompiledModel.start` then finds it.
     """
     if not jumps:
         return tuple(states)

@@ -44,7 +44,7 @@ class BoundEdge:
 
 @dataclass(frozen=True)
 class Resolvers:
-    """What gives the nodes of names: of parameters, of time too, of coordinates and inputs too."""
+    """Functions from names to nodes: of parameters, of time too, of coordinates and inputs too."""
 
     constant: Resolver
     timed: Resolver

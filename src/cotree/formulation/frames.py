@@ -1,6 +1,6 @@
-"""Which axes each cluster's vectors are resolved in, and the geometry of the moving branches.
+"""Axes in which each cluster's vectors are resolved, and the geometry of the moving branches.
 
-A cluster's vectors stand either in its parent's axes or in its own. Ground axes throughout suit
+A cluster's vectors are resolved in its parent's axes or in its own. Ground axes throughout suit
 planar chains, where a turn adds its angle to the one before; own axes suit spatial arms, whose
 inertias are then constant. Both give the same values; :mod:`cotree.program.strategy` counts
 what they cost. Where the trees differ a cluster has two parents, and ground axes suit both.
@@ -108,7 +108,7 @@ class Geometry:
         The motion space: angular velocity of the child and velocity of its origin, for a unit
         of each speed.
     sliding : tuple of Vector
-        What of ``shifting`` is a translation along the axes.
+        The part of ``shifting`` that is a translation along the axes.
     """
 
     branch: Branch

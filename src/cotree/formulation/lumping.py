@@ -41,7 +41,7 @@ def lump(system: System) -> Clusters:
 
 
 class _Walks:
-    """What both trees have reached so far, from the ground outwards."""
+    """Walk over both trees from the ground outwards, with all that they have reached so far."""
 
     def __init__(self, system: System) -> None:
         self.system = system

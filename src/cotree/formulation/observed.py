@@ -1,4 +1,4 @@
-"""What may be observed by name: across variables of nodes, coordinates, reactions, energies.
+"""Quantities observed by name: across variables of nodes, coordinates, reactions, energies.
 
 Values are formed only for the names that an output or a field uses.
 """
@@ -50,7 +50,7 @@ EDGE_VARIABLES: dict[str, str] = {
     "power": "W",
 }
 
-#: What drives a joint along a prescribed motion.
+#: Name of the through variable that drives a joint along a prescribed motion.
 DRIVE = "drive"
 
 ENERGIES: dict[str, str] = {"energy.kinetic": "J", "energy.potential": "J"}
@@ -203,7 +203,7 @@ class Observer:
         return self.view.acceleration(point, 0)[i]
 
     def _of_edge(self, name: str) -> Node | None:
-        """Give what an edge does to its second node, or what drives it."""
+        """Give a component of an edge's wrench on its second node, its power, or its drive."""
         first, _, last = name.partition(".")
         edge = self.motion.system.edges.get(first)
         if edge is None:

@@ -30,7 +30,7 @@ class Outputs:
     networks : mapping of str to Node
         Variables of scalar networks that they use, by name.
     jumps : mapping of str to Node
-        What the modes that stand for jumps inside expressions begin with, by name.
+        Initial values of the modes that stand for jumps inside expressions, by name.
     """
 
     values: tuple[Node, ...]
@@ -40,7 +40,7 @@ class Outputs:
 
 
 def form_outputs(observer: Observer, scene: SceneDescription) -> Outputs:
-    """Form the outputs of a scene, and what its events look at and set.
+    """Form the outputs of a scene, and the expressions of its events.
 
     Raises
     ------

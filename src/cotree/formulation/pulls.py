@@ -30,7 +30,7 @@ class Constraints:
     Attributes
     ----------
     rows : tuple of Row
-        Those that something can move along.
+        The rows whose rate depends on some speed.
     multipliers : tuple of Node
         Symbols of their through variables.
     applied : tuple of Applied
@@ -38,13 +38,13 @@ class Constraints:
     gradient : tuple of rows of Node
         Derivative of each rate by each speed, shape (n_rows, n_speeds).
     sizes : tuple of rows of Node
-        Squares of what the gradient is made of, before anything cancels.
+        Sums of squares of the gradient's terms, before anything cancels.
     values : tuple of Node or None
         The measures; None for those that have a rate only.
     rates : tuple of Node
         Their rates.
     biases : tuple of Node
-        Their accelerations where those of the coordinates are zero, and what stabilises them.
+        Their accelerations at zero accelerations of the coordinates, plus the stabilising terms.
     baumgarte : float
         Rate at which violated constraints decay.
     """

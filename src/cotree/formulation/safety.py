@@ -1,13 +1,13 @@
-"""Which pivots of the mass matrix are safe for every state.
+"""Pivots of the mass matrix that are safe for every state.
 
 Give each joint the inertia of the rigid cluster that it carries, as if all other joints were
-locked. Where that is positive definite for every joint, no motion is without kinetic energy: with
+locked. If it is positive definite for every joint, every motion has kinetic energy: with
 clusters taken from the ground outwards, the velocities of the coordinates map to those of the
 clusters by a block triangular matrix whose diagonal blocks are injective. The mass matrix is then
 positive definite in every configuration, and so is each of its Schur complements.
 
-That takes clusters whose kinetic energy is never negative. One that is no body's, by its tensor
-at the scene's values, makes the pivots of all joints that move it unsafe.
+This requires clusters whose kinetic energy is never negative. A cluster whose inertia tensor, at
+the scene's values, is not that of any body makes the pivots of all joints that move it unsafe.
 """
 
 from __future__ import annotations
@@ -61,18 +61,18 @@ def check_inertia(
 
 
 def met_where_idle(rows: Sequence[Row], view: FirstView) -> list[Guard]:
-    """Ask of constraints that no motion changes, such as those out of a plane, that they hold.
+    """Require that constraints that no motion changes, such as those out of a plane, hold.
 
     Raises
     ------
     ParameterError
-        If one does not, whatever the parameters are.
+        If one does not hold, whatever the parameters are.
     """
     guards = []
     for row in rows:
         gap = row.measure.value(view)
         kinds = set() if gap is None else {symbol.data[0] for symbol in symbols_in([gap])}
-        # What has a rate only, and what states still stand in, is never off by parameters alone.
+        # A constraint on rates only, or one that states enter, never fails by parameters alone.
         if gap is None or not kinds <= {"p", "t"}:
             continue
         guard = Guard(
@@ -97,14 +97,14 @@ def safe_pivots(system: System, clusters: Clusters) -> tuple[tuple[bool, ...], l
     Parameters
     ----------
     system, clusters : System, Clusters
-        What moves.
+        The bound system and its rigid clusters.
 
     Returns
     -------
     is_safe : tuple of bool
         One for each coordinate.
     guards : list of Guard
-        What must stay positive when parameters change.
+        Values that must stay positive when parameters change.
     """
     safe: dict[str, bool] = {}
     guards: list[Guard] = []
@@ -194,7 +194,7 @@ def _by_cluster(clusters: Clusters) -> list[list[Branch]]:
 def _own_inertias(system: System, clusters: Clusters, branches: Sequence[Branch]) -> list[Node]:
     """List values that are positive only if the joint's own cluster resists all its motions.
 
-    Nothing is listed where no such values of parameters only are known.
+    The list is empty where no such values that depend on parameters only are known.
     """
     inertia = clusters.inertias[branches[-1].child]
     branches = [branch for branch in branches if branch.speeds]

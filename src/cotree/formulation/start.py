@@ -1,8 +1,8 @@
-"""Where a motion starts: absolute coordinates by forward kinematics, conditions on chords.
+"""Start of a motion: absolute coordinates by forward kinematics, conditions on chords.
 
 Bodies in the tree start where the joints put them: the across variables of the joints' tree at
-its initial coordinates. What a scene gives for a coordinate that is no state is a condition that
-the consistent start satisfies.
+its initial coordinates. An initial value that a scene gives for a coordinate that is not a state
+is a condition that the consistent start satisfies.
 """
 
 from __future__ import annotations
@@ -102,14 +102,14 @@ def _start(
 
 @dataclass(frozen=True)
 class Condition:
-    """What a scene gives for a coordinate, or a rate, that is no state.
+    """Initial value that a scene gives for a coordinate, or a rate, that is not a state.
 
     Attributes
     ----------
     name, unit : str
         ``edge.coordinate`` or its rate, and its unit.
     measure : Measure
-        Of the coordinate.
+        The measure of the coordinate.
     is_rate : bool
         Whether its rate is given.
     given : Node
@@ -129,12 +129,12 @@ class Condition:
 def start_conditions(
     scene: SceneDescription, motion: Motion, view: FirstView
 ) -> tuple[Condition, ...]:
-    """List what the scene gives for coordinates of joints and bodies that are chords.
+    """List the initial values that the scene gives for joints and bodies that are chords.
 
     Raises
     ------
     SceneError
-        If it gives a coordinate that a chord has not.
+        If the scene gives a coordinate that a chord does not have.
     """
     system = motion.system
     given = [

@@ -1,4 +1,4 @@
-"""What measures look at: across variables between clusters, in the basis of a common ancestor.
+"""Views for measures: across variables between clusters, in the basis of a common ancestor.
 
 The first graph gives nodes; a sensitivity graph (:mod:`cotree.sensitivity.views`) gives duals, so
 that each formula is written once.

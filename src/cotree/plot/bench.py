@@ -20,7 +20,7 @@ _MARKERS = "osD^v<>Ph*X"
 
 
 class PlottableRow(Protocol):
-    """What `plot_bench` needs of a method at a tolerance; times in s, nan where there is none."""
+    """A method at a tolerance, as `plot_bench` needs it; times in s, nan where there is none."""
 
     @property
     def method(self) -> str: ...  # noqa: D102
@@ -33,7 +33,7 @@ class PlottableRow(Protocol):
 
 
 class PlottablePair(Protocol):
-    """What `plot_bench` needs of a reference: the errors that it can tell."""
+    """A reference, as `plot_bench` needs it: the errors that it can tell."""
 
     @property
     def agreement_states(self) -> float: ...  # noqa: D102
@@ -42,7 +42,7 @@ class PlottablePair(Protocol):
 
 
 class PlottableBench(Protocol):
-    """What `plot_bench` needs of a report."""
+    """A report, as `plot_bench` needs it."""
 
     @property
     def scene(self) -> str: ...  # noqa: D102

@@ -1,4 +1,4 @@
-"""Which curves a picture of a result shows, by the names that results have."""
+"""Choice of the curves that a picture of a result shows, by the names that results have."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ if TYPE_CHECKING:
 
 _TITLE = re.compile(r"d\((.*)\)/d\((.*)\)\Z")
 
-#: What a user names: a state, output, input or title of a column, or (name, parameter).
+#: Name that a user gives: a state, output, input or title of a column, or (name, parameter).
 Name = str | tuple[str, str]
 
 
 @dataclass(frozen=True)
 class Curves:
-    """What is drawn.
+    """Curves to draw.
 
     Attributes
     ----------
@@ -49,12 +49,12 @@ def choose_curves(
         ``(name, parameter)``. Where no sensitivity is named, all those of the states and outputs
         that are come with them. None means the coordinates, the states that are no rates.
     states, outputs, inputs, parameters : sequence of str
-        What there is; parameters are those that there are sensitivities to.
+        The names that the result has; parameters are those of its sensitivities.
 
     Raises
     ------
     SceneError
-        If there is nothing of a name.
+        If the result has nothing by a given name.
     """
     known = (*states, *outputs)
     if names is None:

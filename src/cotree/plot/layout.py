@@ -1,4 +1,4 @@
-"""Where the nodes and edges of a linear graph lie on paper.
+"""Layout of the nodes and edges of a linear graph on paper.
 
 In: a `LinearGraph`. Out: a `Drawing`: positions of nodes, curves of edges, corners of the picture,
 in units of about two thirds of the usual distance between neighbours. No randomness: the same graph

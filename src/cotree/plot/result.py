@@ -33,7 +33,7 @@ _CIRCLES = "finite differences"
 
 
 class PlottableResult(Protocol):
-    """What `plot_result` needs of a result; arrays over time have shape (n_t,)."""
+    """A result, as `plot_result` needs it; arrays over time have shape (n_t,)."""
 
     @property
     def t(self) -> Array: ...  # noqa: D102

@@ -1,4 +1,4 @@
-"""What projection, starts and reports need of the constraints."""
+"""Constraints in the form that projection, starts and reports need."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 
 
 def gather_constraints(first: FirstGraph) -> ConstraintSet:
-    """Gather what projection, starts and reports need of the constraints.
+    """Gather the constraints in the form that projection, starts and reports need.
 
     Raises
     ------
     ParameterError
-        If a redundant initial value is of what accelerations give.
+        If a redundant initial value belongs to a variable that accelerations determine.
     """
     rows = first.constraints
     steps = [step for own in first.system.steps.values() for step in own]
@@ -81,7 +81,7 @@ def start_tangents(
 
 
 def _followed(first: FirstGraph, redundant: Sequence[Redundant]) -> list[Node]:
-    """Form what redundant initial values have to agree with, in terms of states and sources."""
+    """Form the values that redundant initial values must agree with, from states and sources."""
     if first.network is None or not redundant:
         return []
     measured = first.measured

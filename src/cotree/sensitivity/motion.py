@@ -1,4 +1,4 @@
-"""The direction of the motion itself, along which one sees how fast events come near."""
+"""The direction of the motion itself, which tells how fast events come near."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def pull_tangent(view: TangentView, applied: Applied) -> Pull:
-    """Differentiate what a through variable does; a multiplier itself is held fixed."""
+    """Differentiate the pull of a through variable; a multiplier itself is held fixed."""
     magnitude = Dual(applied.magnitude, view.moved.seed.dag.zero)
     if applied.formula is not None:
         magnitude = applied.amount(view)

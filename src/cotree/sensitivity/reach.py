@@ -1,4 +1,4 @@
-"""What depends on a symbol, so that a sensitivity graph looks at nothing else."""
+"""Index of the values that depend on a symbol, so that a sensitivity graph visits no others."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class Reach:
     starts : tuple of Node
         The initial values.
     held, pulled : mapping of Node to list of int
-        Places of constraints, and of what acts along measures, by symbol: of many bodies each
-        has to do with two.
+        Places of constraints, and of through variables along measures, by symbol: each of them
+        involves only two of many bodies.
     """
 
     outputs: Mapping[Node, list[int]]

@@ -45,7 +45,7 @@ def balance_tangent(
     view : TangentView
         Its across variables.
     applied : sequence of Applied
-        What acts along measures, as far as it changes.
+        The through variables along measures that change.
 
     Returns
     -------

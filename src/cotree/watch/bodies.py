@@ -1,4 +1,4 @@
-"""What shows a body: bars for its arms, and a box that has its inertia."""
+"""Shapes of a body: bars for its arms, and a box that has its inertia."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Which shape shows which edge.
+"""Catalogue of the shapes that show the edges.
 
-Arms are bars, bodies without arms boxes, joints what turns or slides in them; springs, dampers and
-other edges between bodies are struts. Shapes that a robot's file gives stand in place of all these
-where they can be had.
+Arms are shown as bars, bodies without arms as boxes, joints as the parts that turn or slide in
+them; springs, dampers and other edges between bodies are struts. Shapes from a robot's file replace
+all these where they are available.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from cotree.watch.shapes import Mesh
     from cotree.watch.stage import Stage
 
-#: What shows an edge, by its component. Gears, free joints and loads are not shown.
+#: The function that shows an edge, by its component. Gears, free joints and loads are not shown.
 SHOWN: dict[str, Callable[[Drafter, BoundEdge], None]] = {
     "arm": bodies.arm,
     "rigid_body": bodies.body,

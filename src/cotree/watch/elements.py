@@ -1,4 +1,4 @@
-"""What shows forces and distances between two bodies."""
+"""Shapes of forces and distances between two bodies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What shows joints, and constraints of points: pins, balls, rails with blocks, wheels, blades."""
+"""Shapes of joints and constraints of points: pins, balls, rails with blocks, wheels, blades."""
 
 from __future__ import annotations
 

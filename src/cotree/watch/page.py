@@ -31,21 +31,21 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-_GRAINS = 50_000  # that positions are rounded to, of the largest
-_TURN = 2e-5  # that entries of quaternions are rounded to
+_GRAINS = 50_000  # steps of rounded positions within the extent
+_TURN = 2e-5  # step to which entries of quaternions are rounded
 _SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4", "10")
 
 
 @dataclass(frozen=True)
 class PageContext:
-    """What the page's template gets.
+    """Variables of the page's template.
 
     Attributes
     ----------
     title, note : str
         Untrusted text.
     policy, generator : str
-        Content security policy, and what wrote the file.
+        Content security policy, and the program that wrote the file.
     last : int
         Number of the last frame.
     speeds : tuple of (str, str)

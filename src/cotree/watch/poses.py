@@ -1,4 +1,4 @@
-"""Where rigid clusters are over a run, from the f-circuits of the first graph.
+"""Positions and axes of rigid clusters over a run, from the f-circuits of the first graph.
 
 In: the motion of the first graph and coordinates over time. Out: positions and axes of every
 cluster. Branch after branch is evaluated with arrays, in proportion to the size of the scene.
@@ -41,7 +41,7 @@ class Poses:
     axes: Array
 
     def of(self, cluster: int, local: Array) -> Array:
-        """Give where a point of a cluster is, shape (n_times, 3)."""
+        """Give the position of a point of a cluster over time, shape (n_times, 3)."""
         found: Array = self.positions[cluster] + self.axes[cluster] @ local
         return found
 

@@ -1,4 +1,4 @@
-"""What a drawing is set up by: directions, sizes, and what each body is made of."""
+"""Setup of a drawing: directions, sizes, and the parts of each body."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _SPUR = 0.75
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """What shapes are made by.
+    """Poses, directions and sizes from which shapes are made.
 
     Attributes
     ----------
@@ -40,9 +40,9 @@ class Stage:
     places : mapping of str to Place
         The nodes.
     up, towards : ndarray, shape (3,)
-        The axis that points up, and the direction to who looks.
+        The axis that points up, and the direction to the viewer.
     is_flat : bool
-        Whether all moves in a plane.
+        Whether everything moves in a plane.
     size, thickness : float
         Of the mechanism, and half the width of its bars, [m].
     body : tuple of int

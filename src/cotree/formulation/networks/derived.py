@@ -1,7 +1,7 @@
 """Laws that follow from a terminal equation: solved for a rate, as a residual, differentiated.
 
-They are formed once for each terminal equation, in SymPy, as the equations that components bring
-themselves; with them, their partial derivatives.
+Like the laws of the components, they are SymPy expressions with partial derivatives. Each is formed
+once for each terminal equation.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def stored_value(terminal: Terminal, is_across: bool) -> Law:
 
 @lru_cache(maxsize=1024)
 def stored_residual(terminal: Terminal, is_across: bool) -> Law:
-    """Give the rate of the content, and the loss, less what flows in."""
+    """Form the residual of a storage: rate of its content plus loss, less what flows in."""
     return Law.of(_stored(terminal, is_across) - _sides(terminal, is_across)[0])
 
 
@@ -98,7 +98,7 @@ def through_residual(terminal: Terminal) -> Law:
 
 @lru_cache(maxsize=1024)
 def spring_residual(terminal: Terminal) -> Law:
-    """Give the rate that a spring's law gives its through variable, less what the cutset does."""
+    """Form the rate of a spring's through variable by its law, less that by the f-cutset."""
     assert terminal.through is not None
     return Law.of(rate_of(terminal.through).expression - _symbol("through_rate"))
 
@@ -122,7 +122,7 @@ def spring_stretch(terminal: Terminal) -> Law:
 
 @lru_cache(maxsize=1024)
 def explicit_residual(name: str, law: Law) -> Law:
-    """Give a variable less the law that it follows from."""
+    """Form the residual of an explicit law: the variable less the law."""
     return Law.of(_symbol(name) - law.expression)
 
 

@@ -1,4 +1,4 @@
-"""What the variables of networks are called in scenes: ``C1.v``, ``M.shaft.tau``, ``n3.v``."""
+"""Names of the variables of networks in scenes: ``C1.v``, ``M.shaft.tau``, ``n3.v``."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Names:
-    """What names of nodes and edges stand for."""
+    """Lookup of the variables that names of nodes and edges stand for."""
 
     ports: Mapping[str, Port]
     topologies: Mapping[str, Topology]

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What the networks see of the rest of the model.
+    """The part of the rest of the model that the networks use.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Surroundings:
     time : Node
         The symbol of time.
     n_states : int
-        How many states come before theirs.
+        Number of states that come before those of the networks.
     of_parameters : callable
         Gives the node of a parameter's name.
     of_everything : callable
@@ -87,11 +87,11 @@ class Network:
     rates : tuple of Variable
         The variables that the states' rates are; residuals for algebraic unknowns.
     guards : tuple of Guard
-        What parameter values must satisfy.
+        Conditions that parameter values must satisfy.
     observed : mapping of str to Variable
-        What outputs and other fields name.
+        The variables that outputs and other fields name.
     redundant : tuple of Redundant
-        Initial values of what is no state.
+        Initial values of variables that are not states.
     corners : mapping of str to frozenset of Node
         Fields whose rates jump at unknown times, and the symbols that decide when.
     """

@@ -50,14 +50,14 @@ class Plan:
 
 
 def make_plan(terminals: Terminals, roots: Iterable[Variable]) -> Plan:
-    """Order what the roots need.
+    """Order the variables that the roots need.
 
     Parameters
     ----------
     terminals : Terminals
         Gives the rules.
     roots : iterable of Variable
-        What is wanted.
+        The variables that are wanted.
 
     Raises
     ------

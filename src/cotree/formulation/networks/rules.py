@@ -27,7 +27,7 @@ Tangent = dict["Hashable", "Node"]
 
 
 class Rule(Protocol):
-    """How a variable follows from others."""
+    """Equation by which a variable follows from others."""
 
     @property
     def needs(self) -> tuple[Variable, ...]:
@@ -46,7 +46,7 @@ class Rule(Protocol):
 
 
 class Given(Protocol):
-    """Gives the derivatives of what is no variable: states, parameters, inputs, fields."""
+    """Function that differentiates nodes of states, parameters, inputs and fields."""
 
     def __call__(self, node: Node) -> Tangent:
         """Differentiate a node along all directions."""
@@ -177,7 +177,7 @@ class Field:
 
 @dataclass(frozen=True)
 class Unknown:
-    """A variable that follows from an equation: the variable ``residual`` is zero."""
+    """An unknown that an equation determines: the variable ``residual`` must be zero."""
 
     residual: Variable
 

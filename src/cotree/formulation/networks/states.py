@@ -50,12 +50,12 @@ class Held:
 
     @property
     def variable(self) -> Variable:
-        """The variable."""
+        """The variable that is the state."""
         return self.quantity, self.port.name
 
     @property
     def rate(self) -> Variable:
-        """Its rate."""
+        """The variable that is the rate of the state."""
         return f"{self.quantity}_rate", self.port.name
 
 
@@ -194,9 +194,9 @@ class Redundant:
 def redundant_values(
     ports: Mapping[str, Port], held: Iterable[Held], dag: Dag, of_parameters: Resolver
 ) -> list[Redundant]:
-    """List the initial values of what is no state: they must agree with those of the states.
+    """List the initial values of variables that are not states.
 
-    Those that may be guesses are left out.
+    They must agree with the initial values of the states. Those that may be guesses are left out.
     """
     known = {item.variable for item in held}
     return [

@@ -1,9 +1,9 @@
-"""Storages by content: which contents together have a rate that needs no rate of a storage.
+"""Storages by content: totals of contents whose rates need no rate of a storage.
 
 The charge of a branch's capacitor and of all capacitors in its f-cutset changes by the currents of
-the cutset's other chords alone: that total is the state, and what voltages follow from it is an
-equation. Methods keep linear invariants to rounding, so that charge is lost at no tolerance. Flux
-linkages along the f-circuit of an inductor are the dual.
+the cutset's other chords alone. Their total is the state, and the voltages follow from it by an
+equation. Integration methods keep linear invariants to rounding, so that no charge is lost,
+whatever the tolerance. Flux linkages along the f-circuit of an inductor are the dual.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from cotree.formulation.networks.topology import Topology
     from cotree.scene.networks import Port
 
-#: What a storage of each kind has as a state, and what is its rate of content.
+#: For each kind of storage: the variable that is its state, and the rate of its content.
 _VARIABLES = {
     Kind.ACROSS_STORAGE: ("across", "through"),
     Kind.THROUGH_STORAGE: ("through", "across"),
@@ -37,11 +37,11 @@ class Store:
     Attributes
     ----------
     port : Port
-        The storage whose f-cutset, or f-circuit, it is of.
+        The storage whose f-cutset, or f-circuit, defines the total.
     parts : tuple of (int, str)
         The storages whose contents make it up, with signs; the port itself first.
     flows : tuple of (int, Variable)
-        What its rate is the sum of, with signs.
+        The variables whose sum, with signs, is the rate of the total.
     """
 
     port: Port
@@ -55,7 +55,7 @@ class Store:
 
     @property
     def symbol(self) -> tuple[str, str]:
-        """What it is called after the name of its port, and its unit."""
+        """Name of the total, which follows the name of its port, and its unit."""
         row = DOMAINS[self.port.terminal.domain]
         own = row.content if self.port.kind is Kind.ACROSS_STORAGE else row.impulse
         return (own[0] if self.is_alone else f"{own[0]}_total"), own[1]
@@ -69,7 +69,7 @@ class Store:
 def contents_of(
     ports: Mapping[str, Port], is_constant: Callable[[Port, str], bool]
 ) -> dict[str, Law]:
-    """Give what storages hold, those whose capacity or inertance is constant included.
+    """Give the laws of the contents of storages, also of constant capacity or inertance.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def _has_loss(port: Port) -> bool:
 
 
 def is_of_content(ports: Iterable[Port], edge: str, field: str) -> bool:
-    """Tell whether a field of an edge belongs to what storages hold, and to nothing else."""
+    """Tell whether a field of an edge enters the contents of storages and no other law."""
     laws = {
         name
         for port in ports
