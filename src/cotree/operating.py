@@ -1,11 +1,11 @@
-"""Where models begin: what a scene gives, or the operating point of its network.
+"""The start of a model: the values that its scene gives, or the operating point of its network.
 
 The operating point is the solution of another scene, whose storages are at rest
 (:mod:`cotree.scene.standstill`). It has no states: all that it needs is the search for algebraic
 unknowns, with its limited junctions, conductances beside them and growing sources. Its sensitivity
 graphs give the sensitivities of the start.
 
-What a model does about a state, linearised, stands here too.
+The linearisation of a model about a state is here, too.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ Array = npt.NDArray[np.float64]
 
 
 class OperatingModel(CompiledModel):
-    """A compiled model that knows its scene, and begins where that says.
+    """A compiled model that knows its scene, and begins where the scene says.
 
     Attributes
     ----------
     first_graph : FirstGraph
-        What its equations were made from.
+        The first graph, from which its equations were formed.
     """
 
     def __init__(
@@ -142,17 +142,17 @@ class OperatingModel(CompiledModel):
             Parameters, which may be a mapping of names to values, and inputs; the scene's where
             absent.
         reduced : bool
-            In independent deviations, as many as there are freedoms of position and of speed: what
-            eigenvalues of a scene with constraints or quaternions are to be taken of. All states
-            otherwise, which constraints make dependent.
+            Whether to linearise in independent deviations, as many as there are degrees of freedom
+            of position and of speed; a scene with constraints or quaternions needs them for its
+            eigenvalues. Otherwise all states are taken, which constraints make dependent.
 
         Returns
         -------
         Linearization
             ``A``, ``B``, ``C``, ``D`` with names, ``basis`` and ``is_steady``. Deviations of the
             states that satisfy the constraints to first order go on doing so along the motion: with
-            the constraints' gradient G and their basis N, G A N + G' N = 0, where G' is how the
-            motion turns G. The reduced A has that in it, by ``basis``.
+            the constraints' gradient G and their basis N, G A N + G' N = 0, where G' is the rate
+            of G along the motion. The reduced A includes this through ``basis``.
 
         Raises
         ------

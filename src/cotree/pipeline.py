@@ -55,18 +55,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Compiled:
-    """What the pipeline made of a scene.
+    """The result of the pipeline for a scene.
 
     Attributes
     ----------
     program : Program
-        After its passes.
+        The program after its passes.
     reports : tuple of PassReport
         What each pass did.
     alternatives : tuple of Alternative
         The formulations tried, the cheapest first.
     context : ModelContext
-        What the templates got.
+        The values that the templates received.
     files : mapping of str to str
         C text by file name.
     kernels : Kernels
@@ -76,7 +76,7 @@ class Compiled:
     times : mapping of str to float
         Seconds for each stage: formulate, generate, compile.
     first : FirstGraph
-        What the equations were made from.
+        The first graph, from which the equations were formed.
     """
 
     program: Program

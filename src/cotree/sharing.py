@@ -1,8 +1,8 @@
-"""What threads share: made at its first use, by one of them while the others wait.
+"""Objects that threads share: one thread makes each at its first use while the others wait.
 
-Everything that a call changes belongs to the call or to its thread. What stays is made once: a
-library of C is compiled, derivatives that few ask for are formed. Forming makes nodes, whose
-numbers an arena hands out in order, so that one thread at a time may do it.
+Everything that a call changes belongs to the call or to its thread. Everything that persists is
+made once: a library of C is compiled, derivatives that are rarely needed are formed. Forming makes
+nodes, whose numbers an arena hands out in order, so that only one thread at a time may do it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ forming = threading.RLock()
 def made_once(make: Callable[_P, _T]) -> Callable[_P, _T]:
     """Remember what a function gives for its arguments, and let one thread at a time make it.
 
-    ``functools.cache`` lets two threads make the same. ``cache_clear`` forgets everything.
+    ``functools.cache`` lets two threads compute the same value. ``cache_clear`` forgets everything.
     """
     lock, made = threading.RLock(), {}
 

@@ -1,6 +1,6 @@
-"""Which tolerances an integration may be asked for: one rule for runs, scenes, benches and C.
+"""Rules that decide which tolerances are accepted, the same for runs, scenes, benches and C.
 
-In: a number. Out: why it cannot be one, as a sentence without a capital and an end.
+In: a number. Out: the reason why it is refused, as a sentence without a capital and a full stop.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ FARTHEST_CORRECTION = 10.0
 
 
 def rtol_fault(rtol: float, least: float = math.ulp(0.0)) -> str:
-    """Say why a number is no relative tolerance; nothing where it is one.
+    """Say why a number is not accepted as a relative tolerance; empty where it is.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def rtol_fault(rtol: float, least: float = math.ulp(0.0)) -> str:
 
 
 def loose_rtol(rtol: float) -> str:
-    """Warn of a relative tolerance that is accepted but loose; nothing where it is not."""
+    """Return a warning of a relative tolerance that is accepted but loose; empty for others."""
     if not LOOSE_RTOL < rtol < LARGEST_RTOL:
         return ""
     return (

@@ -1,9 +1,9 @@
 """A program to a folder of C files that a C99 compiler turns into an executable.
 
 The folder holds the model, an integrator without dependencies, and a main program that integrates
-the model to its end time and prints the end state. The main program holds a model with constraints
-to them as ``solvers/project.py`` does, from a consistent start that is found here and written down.
-Algebraic unknowns are solved for at each evaluation, and the other states integrated.
+the model to its end time and prints the end state. If the model has constraints, the main program
+holds it to them as ``solvers/project.py`` does, from a consistent start that is found here and
+written down. Algebraic unknowns are solved for at each evaluation; the other states are integrated.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class CProject:
     files : tuple of Path
         The files written there.
     command : str
-        What builds the executable, to be run in the folder.
+        Command that builds the executable, to be run in the folder.
     """
 
     directory: Path
@@ -71,7 +71,7 @@ class CProject:
 
 @dataclass(frozen=True)
 class MainContext:
-    """What the template of the main program gets.
+    """The values that the template of the main program receives.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class MainContext:
     is_implicit : bool
         Whether it takes a Jacobian.
     command : str
-        What builds the executable.
+        Command that builds the executable.
     t_end, rtol, atol : str
         C literals.
     guards : list of str
@@ -93,7 +93,7 @@ class MainContext:
     has_sensitivities : bool
         Whether the unknowns are states and sensitivities, or states alone.
     seeds : list of int
-        Places of the parameters of sensitivity, -1 of initial values.
+        Positions of the sensitivity parameters, -1 for initial values.
     start : list of str
         Lines of C literals: the initial states and sensitivities of a model whose start has to
         satisfy more than its kernels of the initial state; empty for others.
@@ -110,11 +110,11 @@ class MainContext:
     is_strict : bool
         Whether constraints are dependent, so that rates are taken on them.
     step : str
-        Length of all steps; empty where it is controlled.
+        Length of all steps; empty where the step size is controlled.
     is_extended : bool
         Whether algebraic unknowns are integrated, too.
     sizes : list of str
-        Lines of C literals: what each state's absolute tolerance is multiplied by, if anything.
+        Lines of C literals: the factor of each state's absolute tolerance, if any.
     least : str
         The least absolute tolerance.
     """
@@ -316,7 +316,7 @@ def _found_start(program: Program) -> Start | None:
 
 
 def _sizes(program: Program, start: Start | None) -> list[float]:
-    """List what the absolute tolerances of states are multiplied by; nothing for one."""
+    """List the factors of the absolute tolerances of states; empty where all are one."""
     if start is None:
         return []
     model = CompiledModel(program, PythonKernels(program))

@@ -1,4 +1,4 @@
-"""What the steps of a formulation can be written for, and which edge is beyond them."""
+"""Tests whether the steps of a formulation can be written, naming the edge that prevents it."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def edge_beyond(
 
 
 def _reason(edge: Edge, space: Sequence[MotionStep], is_branch: bool) -> str | None:
-    """Say what of an edge is beyond the terminal equations that the steps write."""
+    """Say which property of an edge the terminal equations of the steps cannot express."""
     role = edge.component.role
     if role is Role.CONSTRAINT and not edge.component.domains:
         return "couples coordinates outside the graphs, so that what it exerts is not in (1)"

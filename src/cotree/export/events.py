@@ -1,4 +1,4 @@
-"""Events for people: what they look at and what they do, as SymPy and as plain text."""
+"""Events for people: the expressions they watch and their effects, as SymPy and as plain text."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _WAYS = {-1: "falls through", 0: "passes", 1: "rises through"}
 
 @dataclass(frozen=True)
 class SymbolicEvent:
-    """What happens where an expression passes through zero.
+    """An event, which happens where an expression passes through zero.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class SymbolicEvent:
     direction : int
         -1 for downwards, 1 for upwards, 0 for both.
     set : mapping of str to sympy.Expr
-        New values of states and modes by name, of the values before.
+        New values of states and modes by name, as expressions in the values before.
     restitution : sympy.Expr or None
         Of an impact.
     is_stop : bool
@@ -41,12 +41,12 @@ class SymbolicEvent:
     is_stop: bool
 
     def line(self, name: str, spell: Callable[[Any], str], symbols: Mapping[Any, Any]) -> str:
-        """Write it as plain text.
+        """Write the event as plain text.
 
         Parameters
         ----------
         name : str
-            Its name.
+            Name of the event.
         spell : callable
             Writes an expression.
         symbols : mapping of str to sympy.Symbol
@@ -71,7 +71,7 @@ def symbolic_events(
     equations : Equations
         The equations, whose output values end with the expressions of the events.
     known : mapping of Node to sympy.Symbol
-        How symbols are spelt.
+        Spelling of the symbols.
     states : tuple of str
         Names of the states.
     """

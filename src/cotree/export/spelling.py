@@ -21,7 +21,7 @@ _INDEXED = re.compile(r"(?P<letter>[A-Za-z]+?)(?P<index>\d+|(?<=^v)[xyz])")
 
 @dataclass(frozen=True)
 class Spelt:
-    """How a variable is spelt: its short name, and which rate of it is meant.
+    """The spelling of a variable: its short name, and which rate of it is meant.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The paper's way from a linear graph to its equations, printed as it is taken.
+"""The paper's derivation of the equations from a linear graph, printed step by step.
 
 In: a scene, its graphs and trees, the first graph, and the parameter of the sensitivity graph.
 Out: a text with the paper's Table 1 and Eq. (1) to (7), in the scene's own names.
@@ -110,7 +110,7 @@ def _end(limit: str) -> str:
 
 @dataclass(frozen=True)
 class _Board:
-    """What all sections share."""
+    """The data that all sections share."""
 
     scene: SceneDescription
     graphs: Mapping[str, LinearGraph]

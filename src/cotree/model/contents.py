@@ -1,7 +1,7 @@
-"""What storages hold together, as states, and the variables that follow from it, at starts.
+"""Contents of storages as states, and the variables that follow from them, at the start of runs.
 
-A scene gives a voltage where the state is a charge: the start then has the one and finds the other.
-Absolute tolerances are of voltages, too; those of charges follow.
+A scene gives a voltage where the state is a charge: the start finds the charge from the voltage.
+Absolute tolerances, too, are given for voltages; those of charges follow from them.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ _AGREE = 1e-6
 
 
 def held_followers(model: CompiledModel, initial: Mapping[str, float]) -> list[Pair]:
-    """List the states that a start finds from what follows from them.
+    """List the states that a start finds from the variables that follow from them.
 
     Parameters
     ----------
     model : CompiledModel
         The model.
     initial : mapping of str to float
-        Initial values of a run in place of the scene's. Where they give both, the state counts.
+        Initial values of a run in place of the scene's. Where both are given, the state counts.
     """
     layout, names = model.layout, model.states
     is_found = [model.begins_at_rest or not is_given for is_given in layout.given]
@@ -47,7 +47,7 @@ def held_followers(model: CompiledModel, initial: Mapping[str, float]) -> list[P
 
 
 def held_along(model: CompiledModel, held: Sequence[Pair], name: str) -> list[Pair]:
-    """List the same for the sensitivity to an initial value: what is named is given there."""
+    """List the same for the sensitivity to an initial value: the named variable is given."""
     names = model.states
     return [
         pair
@@ -62,7 +62,8 @@ def check_followers(model: CompiledModel, initial: Mapping[str, float], y: Array
     Raises
     ------
     ParameterError
-        If a run gives both what storages hold and what follows from it, and they do not agree.
+        If a run gives both the content of a storage and the variable that follows from it, and
+        they do not agree.
     """
     names = model.states
     for total, follower in model.layout.followers:
@@ -78,10 +79,10 @@ def check_followers(model: CompiledModel, initial: Mapping[str, float], y: Array
 def content_sizes(
     model: CompiledModel, t: float, p: Array, u: Array | None, y: Array
 ) -> Array | None:
-    """Give what absolute tolerances of states are multiplied by, shape (n_states,); None for one.
+    """Return the factors of the absolute tolerances of states, shape (n_states,); None for one.
 
-    Of what storages hold that is what a unit of the variable that follows from it changes there: a
-    capacitance. It is one for all others.
+    For the content of a storage, the factor is the change of the content per unit of the variable
+    that follows from it: a capacitance. It is one for all other states.
     """
     if not model.layout.followers:
         return None

@@ -71,15 +71,16 @@ class NativeModel:
     Attributes
     ----------
     address : int
-        Of its ``cotree_model``.
+        Address of its ``cotree_model``.
     p, k : ndarray
-        Parameters and what is prepared of them.
+        Parameters and the values prepared from them.
     library : LoadedLibrary
-        Keeps the code loaded.
+        The library, which keeps the code loaded.
     can_extend : bool
         Whether it has rates of its algebraic unknowns.
     newton : callable
-        Gives what implicit methods need besides, built at the first call; None where it cannot be.
+        Returns what implicit methods need in addition, built at the first call; None where it
+        cannot be built.
     """
 
     address: int
@@ -95,7 +96,7 @@ class Kernels(Protocol):
 
     @property
     def backend(self) -> str:
-        """What evaluates them: ``C`` or ``Python``."""
+        """The evaluator of the kernels: ``C`` or ``Python``."""
         ...
 
     def prepare(self, p: Array) -> None:
@@ -113,7 +114,7 @@ class Kernels(Protocol):
         ...
 
     def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
-        """Evaluate a kernel; arguments that it has no use for are not looked at.
+        """Evaluate a kernel; arguments that it does not use are ignored.
 
         Raises
         ------
@@ -281,7 +282,7 @@ class PythonKernels:
 
 @dataclass(frozen=True)
 class _Plan:
-    """What evaluating a kernel in Python needs, found once."""
+    """The data needed to evaluate a kernel in Python, found once."""
 
     results: tuple[Node, ...]
     accepted: tuple[Node, ...]

@@ -86,7 +86,7 @@ class CompiledModel(Structure):
 
     @property
     def sensitivities(self) -> tuple[str, ...]:
-        """Parameters and states that sensitivities are taken to."""
+        """Parameters and states with respect to which sensitivities are taken."""
         return self.layout.sensitivities
 
     @property
@@ -100,14 +100,14 @@ class CompiledModel(Structure):
 
     @property
     def is_rheonomic(self) -> bool:
-        """Whether what the start is to satisfy depends on time."""
+        """Whether the equations that the start has to satisfy depend on time."""
         kernels = self._program.kernels
         read = symbols_in([*kernels["constraints"].results, *kernels["start"].results])
         return any(node.data[0] == "t" for node in read)
 
     @property
     def backend(self) -> str:
-        """What evaluates the kernels: ``C`` or ``Python``."""
+        """The evaluator of the kernels: ``C`` or ``Python``."""
         return self._kernels.backend
 
     @property
@@ -137,7 +137,7 @@ class CompiledModel(Structure):
 
     @property
     def constraints(self) -> tuple[str, ...]:
-        """Names of what is zero on a motion: constraints, their rates, norms of quaternions."""
+        """Names of residuals that vanish on a motion: constraints, rates, quaternion norms."""
         return tuple(row.name for row in self.layout.constraints)
 
     def start(
@@ -205,7 +205,7 @@ class CompiledModel(Structure):
         return Start(y, s, start.is_chosen)
 
     def initial_values(self, t: float, p: Array, u: Any) -> tuple[Array, Array]:
-        """Give initial states and sensitivities as they are before anything has to hold."""
+        """Return initial states and sensitivities before any equation is imposed on them."""
         return self.initial(p), self.initial_sensitivity(p)
 
     @formed_once
@@ -214,7 +214,7 @@ class CompiledModel(Structure):
         return Junctions.of(self._program)
 
     def constraint_values(self, t: float, y: Any, p: Any = None) -> Array:
-        """Evaluate what is zero on a motion, shape (n_constraints,); see :attr:`constraints`."""
+        """Evaluate the residuals of :attr:`constraints`, shape (n_constraints,)."""
         return self._at("constraints", t, y, p, None)
 
     def parameter_array(self, values: Any = None) -> Array:

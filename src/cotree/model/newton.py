@@ -1,4 +1,4 @@
-"""What implicit methods need of a model besides its kernels, built when one is first used.
+"""Factors and second derivatives of a model for implicit methods, built when one is first used.
 
 In: a program after its passes. Out: a ``cotree_newton`` in this process.
 """
@@ -26,9 +26,9 @@ class Newton:
     Attributes
     ----------
     address : int
-        Of its ``cotree_newton``.
+        Address of its ``cotree_newton``.
     library : LoadedLibrary
-        Keeps the code loaded.
+        The library, which keeps the code loaded.
     """
 
     address: int
@@ -36,12 +36,12 @@ class Newton:
 
 
 def load_newton(program: Program) -> Newton | None:
-    """Build and load it; None where no compiler can.
+    """Build and load the factors and second derivatives of a model; None where no compiler can.
 
     Parameters
     ----------
     program : Program
-        After its passes.
+        The program after its passes.
     """
     toolchain = find_toolchain()
     if toolchain is None:

@@ -4,8 +4,8 @@ In: g, its derivatives and a guess. Out: a ``Root``, found or not. What is tried
 
 1. Newton's method, damped a little by the natural monotonicity test: the step with the same matrix
    from the new point must be shorter. The test is free of the units of g.
-2. The same from a better guess, if somebody has one: :mod:`cotree.model.junctions`; then from the
-   guess given, with more damping.
+2. The same from a better guess, if :mod:`cotree.model.junctions` has one; then from the guess
+   given, with more damping.
 3. Newton's method, damped so that the residual falls; g is scaled row by row.
 4. Continuation: roots of g(z) - (1 - l) g(z0) for l from 0 to 1, with step control. Where all laws
    vanish at zero, g(0) is what sources and states give: from zero this is source stepping.
@@ -37,7 +37,7 @@ Slope = Callable[[Array], Matrix]
 _MOST_STEPS = 200
 _LEAST_DAMPING = 1e-25
 
-# Close to a root little damping is needed; where there is none, that is to be known soon.
+# Close to a root little damping is needed; where there is no root, that should be found out soon.
 _MOST_STEPS_NEAR, _LEAST_DAMPING_NEAR = 30, 1.0 / 64.0
 _CORRECTIONS, _LEAST_ADVANCE, _MOST_ADVANCES = 8, 1e-6, 1000
 _MOST_TRIALS = 200
@@ -48,16 +48,16 @@ _ASIDE, _TRIES = 0.5, 3
 
 @dataclass(frozen=True)
 class Root:
-    """Where an iteration came to rest.
+    """The point where an iteration came to rest.
 
     Attributes
     ----------
     z : ndarray, shape (n,)
         The point.
     g : ndarray, shape (n,)
-        What is left there.
+        The residual there.
     is_found : bool
-        Whether nothing but rounding is left.
+        Whether the residual is nothing but rounding.
     """
 
     z: Array
@@ -73,10 +73,10 @@ class Equation:
     value : callable
         ``value(z)``, shape (n,).
     slope : callable
-        ``slope(z)``, shape (n, m + n): derivatives by what is held, then by the unknowns. Full, or
-        one of SciPy's matrices, compressed by rows.
+        ``slope(z)``, shape (n, m + n): derivatives with respect to the held values, then to the
+        unknowns. A full matrix, or one of SciPy's matrices, compressed by rows.
     held : ndarray, shape (m,)
-        What is held: it adds to the size of the terms that cancel.
+        The held values, which add to the size of the terms that cancel.
     """
 
     def __init__(self, value: Function, slope: Slope, held: Array) -> None:
@@ -85,7 +85,7 @@ class Equation:
         self.held = held
 
     def linearised(self, z: Array) -> Linear:
-        """Give what a Newton step from a point needs.
+        """Return the linearisation that a Newton step from a point needs.
 
         Raises
         ------
@@ -115,7 +115,7 @@ def find_root(
     equation : Equation
         The equations; what they give may be infinite or nan where they do not hold.
     guess : ndarray, shape (n,)
-        Where to begin.
+        The point to begin from.
     improve : callable, optional
         Gives a better guess, or None; it is asked where Newton's method fails from this one.
 
@@ -216,7 +216,7 @@ def _by_natural_test(
 
 
 def _by_residual_test(equation: Equation, z: Array) -> Root:
-    """Take Newton steps, each shortened until the residual is smaller, row by row scaled."""
+    """Take Newton steps, each shortened until the residual, scaled row by row, is smaller."""
     g = equation.value(z)
     for _ in range(_MOST_STEPS):
         try:

@@ -1,4 +1,4 @@
-"""What is left of a residual by rounding alone, where laws lose digits inside.
+"""Test whether a residual is due to rounding alone, where laws lose digits inside.
 
 In: equations, a point, and the Newton step from there. A difference of squares of two volts leaves
 1e-18 A of a conductance without a voltage, which neither the slopes nor the sizes of terms tell of.
@@ -27,7 +27,7 @@ class Differentiable(Protocol):
 
     @property
     def value(self) -> Callable[[Array], Array]:
-        """Give what is to vanish."""
+        """Return the function whose values are to vanish."""
         ...
 
     def square(self, z: Array) -> Array:
@@ -36,10 +36,11 @@ class Differentiable(Protocol):
 
 
 def is_rounding(equation: Differentiable, z: Array, g: Array, step: Array) -> bool:
-    """Say whether a residual is but rounding.
+    """Say whether a residual is nothing but rounding.
 
-    Neighbours are as far from the tangent then, whether near or four times as far; curves would be
-    16 times, kinks 4 times as far from it.
+    In that case, the values at neighbouring points deviate from the tangent by similar amounts
+    whether the points are near or four times as far away. The deviation of a curve would be 16
+    times, that of a kink 4 times as large.
 
     Parameters
     ----------

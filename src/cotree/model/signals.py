@@ -26,7 +26,7 @@ Signal = Callable[[float], float]
 
 @dataclass(frozen=True)
 class Signals:
-    """What a run puts in place of the scene's inputs.
+    """The inputs that a run puts in place of the scene's.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Signals:
     breakpoints : tuple of float
         Times where a table has a kink.
     has_function : bool
-        Whether one is a Python function of the user's.
+        Whether one of them is a Python function of the user's.
     parameters : mapping of str to frozenset of str
         The names that each replaced input's expression uses.
     tables : mapping of int to (times, values)
@@ -67,7 +67,7 @@ def read_signals(
     names : tuple of str
         The model's inputs.
     parameters : mapping of str to float
-        What expressions may use besides ``t``.
+        Parameters that expressions may use besides ``t``.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Where the Jacobian has entries, which of its columns share no row; what depends on parameters.
+"""Patterns of a model: entries of its Jacobian, colours of its columns, reach of its parameters.
 
 In: the patterns that a program's layout holds. Out: the same for users and for their solvers.
 """
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Structure:
-    """What a model knows of its derivatives before they are evaluated."""
+    """The structure of a model's derivatives, known before they are evaluated."""
 
     @property
     def layout(self) -> Layout:
@@ -33,12 +33,12 @@ class Structure:
 
     @property
     def jacobian_pattern(self) -> npt.NDArray[np.bool_]:
-        """Where the Jacobian may be nonzero, shape (n_states, n_states)."""
+        """Mask of the entries of the Jacobian that may be nonzero, shape (n_states, n_states)."""
         return np.asarray(self.jacobian_sparsity.toarray(), dtype=np.bool_)
 
     @property
     def jacobian_sparsity(self) -> csc_matrix:
-        """The same as a scipy CSC matrix of True, in the order of ``jacobian_sparse``'s entries."""
+        """Pattern as a SciPy CSC matrix of True, ordered like the one of ``jacobian_sparse``."""
         return self._sparse(np.ones(len(self._rows), dtype=np.bool_))
 
     def _sparse(self, values: npt.NDArray[Any]) -> csc_matrix:
@@ -95,11 +95,11 @@ class Structure:
 
     @property
     def sensitivity_pattern(self) -> npt.NDArray[np.bool_]:
-        """Which states depend on which parameters, shape (n_states, n_sensitivities).
+        """Mask of the sensitivities that may be nonzero, shape (n_states, n_sensitivities).
 
-        What is False is zero at all times: no path leads from the parameter to the state. It is
-        neither computed nor integrated. Parameters and states that sensitivities are taken to are
-        in the order of ``sensitivities``.
+        A sensitivity marked False is zero at all times: no path leads from the parameter to the
+        state. It is neither computed nor integrated. The columns are in the order of
+        ``sensitivities``.
 
         Examples
         --------

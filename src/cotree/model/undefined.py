@@ -1,4 +1,4 @@
-"""Why a kernel has no value at a point: the operation that its nan or infinity comes from.
+"""The reason why a kernel has no value at a point: the operation that makes it nan or infinite.
 
 In: a program and its arguments. Out: a phrase with the operation, its numbers, the field of the
 element that it stands in where that is known, and the time, states, parameters and inputs that it
@@ -28,7 +28,7 @@ _SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "**"}
 
 
 def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> str:
-    """Say which operation makes values of a kernel nan or infinite; nothing where none does.
+    """Say which operation makes values of a kernel nan or infinite; empty where none does.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> st
     kernel : str
         A name in ``KERNELS``.
     known : mapping of str to sequence of float
-        Its arguments by kind, ``t`` as one of one entry, ``p`` among them.
+        Its arguments by kind, ``p`` among them; ``t`` is a sequence of one entry.
     """
     order = reachable(program.kernels[kernel].results)
     given = {
@@ -46,7 +46,7 @@ def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> st
     with np.errstate(all="ignore"):
         values = dict(zip(order, evaluate(order, given, order=order), strict=True))
     lost = {node for node, value in values.items() if not np.all(np.isfinite(value))}
-    # What is infinite on the way may do no harm; nan does, wherever it goes.
+    # An infinite intermediate value may do no harm; a nan does, wherever it goes.
     wrong = next((node for node in order if np.any(np.isnan(values[node]))), None)
     if wrong is None:
         wrong = next((root for root in program.kernels[kernel].results if root in lost), None)

@@ -1,4 +1,4 @@
-"""What every solver gives back, and the protocol of a solver."""
+"""The result of every solver, and the protocol of a solver."""
 
 from __future__ import annotations
 
@@ -50,15 +50,15 @@ class Statistics:
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """How well a constrained motion is held to its constraints.
+    """A measure of how well a constrained motion satisfies its constraints.
 
     Attributes
     ----------
     names : tuple of str
         Constraints, their rates, and norms of quaternions less one.
     residual : ndarray, shape (n_rows, n_t)
-        What is left of them at the stored points, in their own units. A point that could not be
-        projected, the last one of a failed integration, shows what it has.
+        Their residuals at the stored points, in their own units. A point that could not be
+        projected, the last one of a failed integration, has its residuals as they are.
     correction : float
         The largest change that a projection made to a state, divided by that state or by 1 where
         it is less. A step's own error is part of it, so it grows with the tolerances.

@@ -1,6 +1,6 @@
-"""How fast what a problem forgets decays, and what it does not grows: its Jacobian's eigenvalues.
+"""Rates at which the modes of a problem decay and grow: the eigenvalues of its Jacobian.
 
-In: a ``Problem`` and points of its motion. Out: rates in 1/s. They tell stiff problems.
+In: a ``Problem`` and points of its motion. Out: rates in 1/s, which reveal stiff problems.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from cotree.solvers.problem import FloatArray, Problem
 
-# Eigenvalues of a sparse Jacobian that are looked for, and how exactly: only their size counts.
+# Number of eigenvalues sought of a sparse Jacobian, and their tolerance: only their size counts.
 _FEW = 6
 _ROUGH = 1e-2
 
@@ -30,7 +30,7 @@ def fastest_decay(problem: Problem, points: Sequence[tuple[float, FloatArray]]) 
     Parameters
     ----------
     problem : Problem
-        Whose modes.
+        The problem whose modes are examined.
     points : sequence of (float, ndarray)
         Times, [s], and states with sensitivities there, all without algebraic unknowns.
     """
@@ -44,13 +44,13 @@ def fastest_growth(problem: Problem, t: float, z: FloatArray) -> float:
     Parameters
     ----------
     problem : Problem
-        Whose modes.
+        The problem whose modes are examined.
     t : float
         Time, [s].
     z : ndarray
         States with sensitivities there, without algebraic unknowns.
     """
-    # Integrated the other way, what grows decays.
+    # Modes that grow decay when the integration runs the other way.
     modes = _modes(problem, [(t, z)], -problem.direction)
     return float(np.max(-modes.real, initial=0.0))
 
@@ -64,7 +64,7 @@ def largest_decaying(problem: Problem, t: float, z: FloatArray) -> float:
 def _modes(
     problem: Problem, points: Sequence[tuple[float, FloatArray]], way: float
 ) -> npt.NDArray[np.complex128]:
-    """Return the eigenvalues of modes that decay as time goes a way, at all points."""
+    """Return the eigenvalues, at all points, of modes that decay in a direction of time."""
     evaluator = Evaluator(reduce_problem(problem) if problem.n_algebraic else problem)
     return np.concatenate([np.zeros(0), *(_modes_at(evaluator, t, z, way) for t, z in points)])
 
@@ -80,16 +80,16 @@ def _modes_at(
             matrix = evaluator.state_jacobian(t, z)
     except IntegrationStopError:
         return np.zeros(0, dtype=np.complex128)
-    # Integrated backwards in time, what grows forwards decays.
+    # Modes that grow forwards in time decay when they are integrated backwards.
     eigenvalues = way * _eigenvalues(matrix, way, way == problem.direction)
     return eigenvalues[eigenvalues.real < 0.0]
 
 
 def _eigenvalues(matrix: Any, direction: float, is_bounded: bool) -> npt.NDArray[np.complex128]:
-    """Return the eigenvalues, of a sparse matrix a few of those that decay fastest.
+    """Return the eigenvalues; for a sparse matrix, a few of those that decay fastest.
 
-    Where the iteration for these does not converge, the sums of the entries' sizes bound them, if
-    a bound is wanted; or there are none.
+    Where the iteration for these does not converge, the smaller of the matrix's 1-norm and infinity
+    norm stands in for them if a bound is wanted; otherwise none are returned.
     """
     if isinstance(matrix, np.ndarray):
         return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from cotree.model.newton import Newton
     from cotree.solvers.problem import FloatArray, Problem
 
-# So often one event may make others happen at the same time, as in cotree_events.h.
+# How often one event may make others happen at the same time, as in cotree_events.h.
 _ROUNDS = 50
 
 # Of a stiff problem fewer steps than these are nothing to speak of, as in cotree_integrator.h.
@@ -40,7 +40,7 @@ _MOST_STIFF_STEPS = 1000
 # Of these, those that say that rates have no value.
 _OF_RATES = (4, 5)
 
-# What cotree_status says, in the words of the other methods.
+# The meaning of cotree_status, in the words of the other methods.
 _REASONS = {
     3: ROUNDING_LEVEL,
     4: "the right-hand side fails",
@@ -52,7 +52,7 @@ _REASONS = {
 
 @dataclass(frozen=True, eq=False)
 class Native:
-    """What C needs of a problem.
+    """The native form of a problem, which C needs.
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ class Job:
         places = problem.integrated
         states = places % problem.n_states
         is_left = states < np.where(places < problem.n_states, lead, cut)
-        # Where what C integrates stands in z.
+        # Positions in z of the entries that C integrates.
         self._places, atols = places[is_left], atols[is_left]
         n = len(atols)
         job = self._ffi.new("cotree_job *")
@@ -182,7 +182,7 @@ class Job:
             job.most_events = problem.max_events or 0
 
     def _tolerances(self, problem: Problem) -> tuple[float, FloatArray]:
-        """Give the relative tolerance, and the absolute one of each entry of z."""
+        """Return the relative tolerance, and the absolute tolerance of each entry of z."""
         return augmented_tolerances(problem)
 
     def run(self, most_steps: int) -> int:
@@ -219,7 +219,7 @@ class Job:
         return int(self.job.n_factorisations)
 
     def reason(self, problem: Problem) -> str:
-        """Say why it failed."""
+        """Say why the job failed."""
         status, entry = int(self.job.status), int(self.job.entry)
         if status in BY_STATUS:
             return self._verdict(problem, BY_STATUS[status])
@@ -237,17 +237,17 @@ class Job:
 
     @property
     def is_final(self) -> bool:
-        """Tell whether it failed for a reason that another method would meet, too."""
+        """Tell whether the job failed for a reason that another method would meet, too."""
         status = int(self.job.status)
         return status == TURNED or BY_STATUS.get(status, UNCERTAIN[0]) not in UNCERTAIN
 
     @property
     def has_spent_events(self) -> bool:
-        """Tell whether no more events may happen."""
+        """Tell whether the budget of events is spent."""
         return bool(0 < self.job.most_events <= self.job.n_records)
 
     def happened(self, problem: Problem) -> tuple[Occurrence, ...]:
-        """List what happened."""
+        """List the events that happened."""
         n, m = problem.n_states, problem.n_sensitivities
         return tuple(
             Occurrence(int(row[1]), float(row[0]), row[2 + m : 2 + m + n], row[-n:], row[2 : 2 + m])
@@ -265,7 +265,7 @@ class Job:
         self.job.turn_tolerances = self._doubles(turn_tolerances(problem))
 
     def _verdict(self, problem: Problem, name: str) -> str:
-        """Say why an event ended it."""
+        """Say why an event ended the job."""
         assert problem.events is not None  # whose status it is
         rows, c = problem.events.rows, self.job
         events = [rows[c.event].name]
@@ -279,7 +279,7 @@ class Job:
         return self._doubles(np.zeros(-(-size // 8)))
 
     def _make_room(self, rows: int) -> None:
-        """Make room for kept values; those that are there stay."""
+        """Make room for kept values; existing ones stay."""
         kept = int(self.job.n_kept)
         times, values = np.zeros(rows), np.zeros((rows, self._n))
         times[:kept], values[:kept] = self.times[:kept], self.values[:kept]
@@ -288,7 +288,7 @@ class Job:
         self.job.values = self._ffi.from_buffer("double[]", values) if self._n else self._ffi.NULL
 
     def _make_records(self, rows: int) -> None:
-        """Make room for what events write; what is there stays."""
+        """Make room for the records that events write; existing ones stay."""
         kept = int(self.job.n_records)
         records = np.zeros((rows, self._width))
         records[:kept] = self.records[:kept]

@@ -1,10 +1,10 @@
 """Events within one integration: found after each step, located, let happen.
 
-An event looks at a value g. It happens where g passes through zero in its direction, after which
-the same crossing does not count again. A step is looked at in a few points, and closer where g
+An event watches a value g. It happens where g passes through zero in its direction, after which
+the same crossing does not count again. A step is sampled at a few points, and more closely where g
 turns round near zero, so that two crossings within a step are not lost. Events that cannot be told
-apart in time happen in the order of the scene, each from what the one before left, if its value
-still moves through zero; a value that jumps through zero makes its event happen too.
+apart in time happen in the order of the scene, each from the state that the one before left, if
+its value still moves through zero; a value that jumps through zero makes its event happen, too.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ if TYPE_CHECKING:
 # Values of g below this share of the largest seen are rounding.
 _ROUNDING = 16 * float(np.finfo(np.float64).eps)
 
-# Rates below this share of that at the crossing are none; a crossing less deep than so many times
-# the tolerance may as well not take place.
+# Rates below this share of the rate at the crossing count as zero; a crossing shallower than this
+# many tolerances may as well not take place.
 _STILL, _GRAZING = 1e-10, 10.0
 
 # So many of one event within this share of the span are too many; as many as a few are enough to
 # call by its name what has become too small for the tolerance.
 _CROWD, _CROWDED, _A_FEW = 100, 1e-9, 3
 
-# Intervals that shrink by one ratio, within this share, so often in a row, are a geometric series;
-# the run ends where what is left of it is below this share of the span.
+# Intervals that shrink this often in a row by the same ratio, within this share, are a geometric
+# series; the run ends where the rest of the series is below this share of the span.
 _IN_A_ROW, _SAME_RATIO, _LEFT = 8, 0.02, 1e-6
 
-# Values that two orders of jumps lead to are the same within this share.
+# Values reached by two orders of the same jumps count as equal within this share.
 _SAME = 1e-8
 
-# So often one event may make others happen at the same time.
+# How often one event may make others happen at the same time.
 _MOST_ROUNDS = 50
 
 
@@ -54,9 +54,9 @@ class Occurrence:
     Attributes
     ----------
     event : int
-        Its number.
+        Number of the event.
     t : float
-        When, [s].
+        Time of the event, [s].
     before, after : ndarray
         States and sensitivities.
     time_sensitivity : ndarray, shape (n_sensitivities,)
@@ -76,7 +76,7 @@ class Watch:
     Attributes
     ----------
     happened : list of Occurrence
-        What happened so far.
+        Events that have happened so far.
     stopped : str
         The event that ends the run, once it happened.
     """
@@ -105,7 +105,7 @@ class Watch:
         self._times: list[deque[float]] = [deque(maxlen=_CROWD) for _ in range(n)]
 
     def begin(self, t: float, z: FloatArray) -> FloatArray:
-        """Look at the start of a run: what passes through zero just then happens."""
+        """Examine the start of a run: events whose values pass through zero just then happen."""
         self._look(t, z)
         rates = self._events.rates(t, z)
         at_zero = np.abs(self._g) <= self._band
@@ -117,7 +117,7 @@ class Watch:
         return self._happen(t, z, [int(i) for i in starting], moving)
 
     def resume(self, t: float, z: FloatArray, slopes: FloatArray) -> FloatArray:
-        """Look at a breakpoint: what jumps through zero there happens; its time has slopes."""
+        """Examine a breakpoint, whose time has slopes: events that jump through zero happen."""
         self._look(t, z)
         return self._happen(t, z, [], -self._side, slopes)
 
@@ -151,14 +151,14 @@ class Watch:
         return None
 
     def _check_left(self, i: int, stepper: Stepper) -> None:
-        """Refuse what rested at a jump and went to a side where its mode should be another one."""
+        """Refuse a value that rested at a jump and left to a side that needs another mode."""
         if np.sign(self._g[i]) == self._direction[i]:
             t = self._evaluator.inside(stepper.t)
             if self._events.is_due(i, t, stepper.z):
                 raise self._refusal("leaves", i, stepper.t)
 
     def _passing(self, located: Located) -> list[int]:
-        """List what is at zero on its way through.
+        """List the events whose values are at zero on their way through.
 
         A step that ends there may show one of two events at once beyond rounding, and the other
         within.
@@ -170,7 +170,7 @@ class Watch:
         return [int(i) for i in np.flatnonzero(passing)]
 
     def happen(self, located: Located) -> FloatArray:
-        """Let what was found happen."""
+        """Let the located events happen."""
         way = np.sign(self._events.rates(located.t, located.z))
         for i in located.events[:1]:
             if way[i] * self._side[i] > 0.0:  # it left zero by less than rounding
@@ -184,7 +184,7 @@ class Watch:
 
     @property
     def _tolerance(self) -> FloatArray:
-        """What values of g are uncertain by, as far as the error test knows."""
+        """Return the uncertainty of the values of g, as far as the error test knows."""
         problem = self._evaluator.problem
         found: FloatArray = problem.rtol * self._flight + float(np.min(problem.atol))
         return found
@@ -211,7 +211,7 @@ class Watch:
         return found
 
     def _margin(self, located: Located, i: int, step: float) -> float:
-        """Say by how much the time of an event is uncertain."""
+        """Return the uncertainty of the time of an event."""
         rate = abs(float(self._events.rates(located.t, located.z)[i]))
         least = 4 * float(np.spacing(abs(located.t)))
         known = self._tolerance[i] / rate if rate > 0.0 else np.inf
@@ -306,7 +306,7 @@ class Watch:
         return due
 
     def _check_order(self, t: float, z: FloatArray, jumps: list[int]) -> None:
-        """Refuse jumps at once where it matters which comes first: nothing has sensitivities."""
+        """Refuse simultaneous jumps whose order matters: nothing has sensitivities there."""
         if len(jumps) < 2 or not self._has_sensitivities:
             return
         ends = []
@@ -321,7 +321,7 @@ class Watch:
             raise self._refusal("parts", jumps[0], t)
 
     def _sides(self, t: float, z: FloatArray, fired: list[int], speed: FloatArray) -> FloatArray:
-        """Say on which side of zero values are, those at zero by where they move."""
+        """Return the side of zero of each value; a value at zero takes the side it moves to."""
         self._look(t, z)
         rates = self._events.rates(t, z)
         moving = np.where(np.abs(rates) > _STILL * speed, np.sign(rates), 0.0)
@@ -331,7 +331,7 @@ class Watch:
         return found
 
     def _check_rest(self, i: int, t: float, z: FloatArray, way: float, speed: float) -> None:
-        """Refuse what is left at zero without a speed, but pushed on through it."""
+        """Refuse a value that is left at zero without a speed but is pushed on through it."""
         if self._side[i] != 0.0 or self.stopped:
             return
         bend = self._bend(t, z)[i]

@@ -1,4 +1,4 @@
-"""Where within a step a value passes through zero, and the state there."""
+"""Location of the point within a step where a value passes through zero, and the state there."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _Answer = TypeVar("_Answer")
 
-# Shares of a step where values are looked at, its end besides.
+# Fractions of a step at which values are sampled, in addition to its end.
 _SHARES = (0.25, 0.5, 0.75)
 
 # Newton steps onto a root that an interpolant is close to.
@@ -40,17 +40,17 @@ class Located:
     Attributes
     ----------
     t : float
-        When, [s].
+        Time of the crossing, [s].
     z : ndarray
         The values just before it.
     stepper : Stepper
-        Whose last step it lies in.
+        The stepper whose last step the crossing lies in.
     events : tuple of int
-        What happens there.
+        The events that happen there.
     margin : float
-        What its time is uncertain by, [s].
+        Uncertainty of its time, [s].
     is_crossing : bool
-        False where the motion, seen more closely, has not come to the crossing there.
+        False where the motion, computed more accurately, has not reached the crossing there.
     """
 
     t: float
@@ -61,24 +61,24 @@ class Located:
     is_crossing: bool = True
 
     def with_events(self, events: tuple[int, ...], margin: float) -> Located:
-        """Say what happens there."""
+        """Return the same crossing with the events that happen there."""
         return replace(self, events=events, margin=margin)
 
 
 @dataclass(frozen=True, eq=False)
 class Looked:
-    """A step, looked at in a few points.
+    """A step that is sampled at a few points.
 
     Attributes
     ----------
     times : list of float
         From its start to its end, [s].
     points : list of ndarray
-        z there.
+        z at these times.
     g : ndarray, shape (n_times, n_events)
-        What the events look at.
+        The values that the events watch.
     stepper : Stepper
-        Whose last step it is.
+        The stepper whose last step it is.
     """
 
     times: list[float]
@@ -88,28 +88,28 @@ class Looked:
 
 
 class Guarded:
-    """Events at times within the segment; what the model refuses ends the run."""
+    """Events evaluated at times within the segment; a refusal by the model ends the run."""
 
     def __init__(self, events: Events, evaluator: Evaluator) -> None:
         self.rows = events.rows
         self._events, self._evaluator = events, evaluator
 
     def values(self, t: float, z: FloatArray) -> FloatArray:
-        """Evaluate what the events look at."""
+        """Evaluate the values that the events watch."""
         return self._call(self._events.values, t, z)
 
     def rates(self, t: float, z: FloatArray) -> FloatArray:
-        """Evaluate its time derivatives."""
+        """Evaluate the time derivatives of these values."""
         return self._call(self._events.rates, t, z)
 
     def apply(
         self, i: int, t: float, z: FloatArray, time_sensitivity: FloatArray | None
     ) -> tuple[FloatArray, FloatArray]:
-        """Let one happen."""
+        """Let an event happen."""
         return self._call(lambda t, z: self._events.apply(i, t, z, time_sensitivity), t, z)
 
     def is_due(self, i: int, t: float, z: FloatArray) -> bool:
-        """Tell whether one would change the mode that it sets."""
+        """Tell whether an event would change the mode that it sets."""
         return self._call(lambda t, z: self._events.is_due(i, t, z), t, z)
 
     def _call(
@@ -136,7 +136,7 @@ class Locator:
         self._has_rate = blocks.ravel()
 
     def look(self, stepper: Stepper, t: float, z: FloatArray, first: FloatArray) -> Looked:
-        """Look at the last step, which began at t with z, where the values were ``first``."""
+        """Sample the last step, which began at t with z, where the values were ``first``."""
         times = [t + share * (stepper.t - t) for share in _SHARES]
         points = [stepper.interpolate(at) for at in times]
         times, points = [*times, stepper.t], [*points, stepper.z]
@@ -210,15 +210,15 @@ class Locator:
         Parameters
         ----------
         stepper : Stepper
-            Whose last step it lies in.
+            The stepper whose last step the crossing lies in.
         crossing : (float, int, float)
-            About when, which event, and the side its value comes from.
+            Approximate time, number of the event, and the side from which its value comes.
         start : (float, ndarray)
             Where the step began.
         end : float
-            Where the segment ends, [s].
+            End of the segment, [s].
         band : float
-            What of the value is rounding.
+            Size below which the value is rounding.
         """
         t, i, side = crossing
         if t == stepper.t:

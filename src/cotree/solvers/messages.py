@@ -1,4 +1,4 @@
-"""What an integration says of itself in the end."""
+"""Sentences in which an integration reports its outcome."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from cotree.solvers.augmented import RTOL_FLOOR, augmented_tolerances
 if TYPE_CHECKING:
     from cotree.solvers.problem import FloatArray, Problem
 
-#: Why a method stops whose steps no longer change t.
+#: Reason given where a method stops because its steps no longer change t.
 ROUNDING_LEVEL = "the step size fell to rounding level"
 
-#: Why one stops that constraints move too far.
+#: Reason given where a method stops because the projection fails or moves a step too far.
 MOVED_FAR = "the projection onto the constraints fails, or moves a step by many tolerances"
 
-# A span that has fewer different times than the inverse of this may have too few.
+# Where the spacing of floating-point times exceeds this share of the span, it may be too coarse.
 _FINE = 1e-12
 
-# What is met within this share of the time that has passed made steps short; or, where none has,
-# within its square of the span.
+# Rates without a value made the steps short if they lie ahead within this share of the elapsed
+# time; at the start, within the square of this share of the span.
 _SOON = 1e-3
 
 
@@ -44,9 +44,10 @@ def summary(problem: Problem, method: str, t: float, reason: str) -> list[str]:
 
 
 def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
-    """Say why rates have no value soon after a point where a method stopped; nothing if they do.
+    """Say why rates have no value just beyond the point where a method stopped; empty if they do.
 
-    C says that they fail, and not why: they are looked at here along the tangent of the motion.
+    C reports that the rates fail, but not why: they are evaluated here along the tangent of the
+    motion.
     """
     if problem.undefined is None or problem.state_rhs is None:
         return ""
@@ -67,7 +68,7 @@ def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
 
 
 def _rounding_of_time(problem: Problem, t: float) -> str:
-    """Say where steps are short because t is large, and not for the motion's sake."""
+    """Report that rounding of a large t, not the motion, made steps short; empty otherwise."""
     spacing, (start, end) = float(np.spacing(abs(t))), problem.t_span
     if spacing <= _FINE * abs(end - start):
         return ""
@@ -78,7 +79,7 @@ def _rounding_of_time(problem: Problem, t: float) -> str:
 
 
 def told(problem: Problem, method: str, t: float, reason: str, cause: str, passage: str) -> str:
-    """Say the same with what caused a failure, and what was passed on the way."""
+    """Return the summary with the cause of a failure and with what was passed on the way."""
     why = f"{reason}; {cause}" if cause and cause not in reason else reason
     sentences = summary(problem, method, t, why)
     if passage:

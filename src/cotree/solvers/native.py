@@ -1,7 +1,7 @@
 """cotree's own integrators in C: no Python runs between the steps.
 
-In: a ``Problem`` with its native form. Out: a ``Trajectory``. Python looks up now and then only,
-for interrupts and budgets.
+In: a ``Problem`` with its native form. Out: a ``Trajectory``. Python regains control only now and
+then, to check for interrupts and budgets.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 # Results of cotree_job_run.
 _MORE, _FAILED, _STOPPED, _STIFF = 1, 2, 3, 4
 
-# How long C runs before Python looks up, [s], and how many steps it begins with.
+# Time that C runs before Python regains control, [s], and the number of steps it begins with.
 _GLANCE, _FIRST_STEPS = 0.1, 1000
 
 #: The methods of SciPy that stand in where there is no C.
@@ -42,7 +42,7 @@ STAND_INS = {
 
 
 def refusal(method: str, problem: Problem) -> str:
-    """Say why a method cannot take a problem; nothing where it can."""
+    """Say why a method cannot take a problem; empty where it can."""
     if problem.native is None or problem.size == 0:
         return problem.not_native or "there is nothing for C to do"
     if not METHODS[method].implicit:
@@ -57,7 +57,7 @@ def refusal(method: str, problem: Problem) -> str:
 
 
 def can_extend(method: str, problem: Problem) -> bool:
-    """Whether algebraic unknowns are integrated, too, in place of being solved for everywhere."""
+    """Whether algebraic unknowns are integrated, too, and not solved for at each evaluation."""
     native = problem.native
     return (
         native is not None
@@ -70,12 +70,12 @@ def can_extend(method: str, problem: Problem) -> bool:
 
 
 class Successor(Protocol):
-    """What may go on where an explicit method finds that its problem is stiff."""
+    """A method that may take over where an explicit method finds that its problem is stiff."""
 
     note: str
 
     def take_over(self, problem: Problem, first: Trajectory, job: Job) -> Trajectory | None:
-        """Go on from where a job waits; None has it go on by itself, and ``note`` says why."""
+        """Continue from where a job waits; None lets the job continue, and ``note`` says why."""
         ...
 
 
@@ -88,7 +88,7 @@ class NativeSolver:
     method : str
         "dopri5", "rkf45", "dop853", "rodas4" or "rodas5".
     successor : Successor or None
-        What may go on where an explicit method finds that the problem is stiff.
+        The method that may take over where an explicit method finds that the problem is stiff.
     """
 
     method: str
@@ -176,18 +176,18 @@ class NativeSolver:
 
 
 def compiled_in(trajectory: Trajectory, seconds: float) -> Trajectory:
-    """Say how long the C of the method took to compile or to find."""
+    """Record how long it took to compile or to find the C of the method."""
     statistics = replace(trajectory.statistics, compile_seconds=seconds)
     return replace(trajectory, statistics=statistics)
 
 
 def _less(problem: Problem, job: Job) -> Problem:
-    """Take the steps of a job off the budget of a problem."""
+    """Charge the steps of a job to the step budget of a problem."""
     return replace(problem, steps_taken=problem.steps_taken + int(job.job.n_steps))
 
 
 class Ended(NamedTuple):
-    """How a job ended, or that it waits: its status, why it failed, and what C took, [s]."""
+    """The outcome of a job that ended or waits: status, reason of a failure, time in C, [s]."""
 
     status: int
     reason: str
@@ -201,13 +201,13 @@ def run_job(job: Job, problem: Problem, method: str, spent: float = 0.0) -> Ende
     Parameters
     ----------
     job : Job
-        Not yet run, or waiting.
+        A job that has not run yet, or waits.
     problem : Problem
-        For its budgets.
+        The problem whose budgets apply.
     method : str
-        What runs, for a progress bar.
+        Name of the method, for a progress bar.
     spent : float
-        What was taken from the limit of time before, [s]; it counts as taken by C, too.
+        Time already taken from the time limit, [s]; it counts as time in C, too.
     """
     with Progress(method, problem.t_span) as progress:
         begin = time.perf_counter() - spent
@@ -245,7 +245,7 @@ def _advance(job: Job, problem: Problem, begin: float, progress: Progress) -> tu
 
 
 def trajectory_of(job: Job, problem: Problem, method: str, ended: Ended) -> Trajectory:
-    """Give what a job has kept, with the last good point of one that failed."""
+    """Return the values that a job has kept, with the last good point of a failed job."""
     c = job.job
     kept = int(c.n_kept)
     t, values = job.times[:kept], job.values[:kept]
@@ -266,7 +266,7 @@ def trajectory_of(job: Job, problem: Problem, method: str, ended: Ended) -> Traj
 
 
 def _drift(job: Job, problem: Problem, t: FloatArray, z: FloatArray) -> Drift | None:
-    """Say how well constraints and algebraic equations are met at the stored points."""
+    """Measure how well constraints and algebraic equations are met at the stored points."""
     n, cut = problem.n_states, problem.n_states - problem.n_algebraic
     if problem.residual is None and cut == n:
         return None

@@ -29,26 +29,26 @@ FloatArray = npt.NDArray[np.float64]
 
 
 class Events(Protocol):
-    """What happens where values pass through zero."""
+    """The events of a problem, which happen where values pass through zero."""
 
     @property
     def rows(self) -> tuple[EventRow, ...]:
-        """Names, directions, and which of them end a run."""
+        """Names and directions of the events, and which of them end a run."""
         ...
 
     def values(self, t: float, z: FloatArray) -> FloatArray:
-        """Evaluate what the events look at, shape (n_events,), a fresh array."""
+        """Evaluate the values that the events watch, shape (n_events,), as a fresh array."""
 
     def rates(self, t: float, z: FloatArray) -> FloatArray:
-        """Evaluate its time derivatives along the motion, shape (n_events,)."""
+        """Evaluate the time derivatives of these values along the motion, shape (n_events,)."""
 
     def apply(
         self, i: int, t: float, z: FloatArray, time_sensitivity: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Let one happen: give z after it, and how its time depends on the parameters."""
+        """Let an event happen: return z after it, and how its time depends on the parameters."""
 
     def is_due(self, i: int, t: float, z: FloatArray) -> bool:
-        """Tell whether one that stands for a jump would change the mode that it sets."""
+        """Tell whether an event that stands for a jump would change the mode that it sets."""
         ...
 
 
@@ -77,15 +77,16 @@ class Problem:
         Times of the wanted values, sorted in the direction of ``t_span``, [s]; None keeps the
         solver's own steps.
     rtol : float
-        Relative tolerance; what is below ``RTOL_FLOOR`` is raised to it, and the message says so.
+        Relative tolerance; one below ``RTOL_FLOOR`` is raised to it, and the message says so.
     atol : float or ndarray, shape (n_states,)
         Absolute tolerance, [state unit].
     sizes : ndarray, shape (n_states,), or None
-        What absolute tolerances of states are multiplied by: of what storages hold, what a unit of
-        the variable that follows from it changes. None for one.
+        Factors of the absolute tolerances of states. For the content of a storage, the factor is
+        the change of the content per unit of the variable that follows from it. None for one.
     scales : ndarray, shape (n_sensitivities,), or None
-        Sizes of the parameters, by which absolute tolerances of sensitivities are divided: what a
-        change of a parameter by its own size does is then tested as the states are. None for one.
+        Sizes of the parameters, by which absolute tolerances of sensitivities are divided: the
+        effect of a change of a parameter by its own size is then tested as the states are. None
+        for one.
     error_test_sensitivities : bool
         Whether sensitivities take part in the error test.
     breakpoints : tuple of float
@@ -93,7 +94,7 @@ class Problem:
         no pulse between two of them is stepped over. Those outside the span are ignored; where an
         end of it is one, nothing beyond it is seen.
     scale : float
-        The largest time that breakpoints are made of, whose rounding they have, [s].
+        The largest time from which breakpoints are computed; they have its rounding error, [s].
     shifts : mapping of float to Corner
         How times among these, and the start, depend on the parameters of sensitivity.
     names, parameters : tuple of str
@@ -110,7 +111,7 @@ class Problem:
         ``project(t, z)`` returns z on the constraints, states and sensitivities both, and raises
         SolveError or SingularSystemError where it cannot. None where nothing constrains z.
     residual : callable or None
-        ``residual(t, z)``, what is left of the constraints at a stored value, shape
+        ``residual(t, z)``, the residuals of the constraints at a stored value, shape
         (n_constraints,). ``project`` comes with it.
     constraints : tuple of str
         Names of the constraints' residuals.
@@ -118,8 +119,8 @@ class Problem:
         How many of the states, which come last, are algebraic unknowns. Their initial values need
         only be guesses.
     state_rhs : callable or None
-        ``state_rhs(t, y)``, the first ``n_states`` of rhs, which algebraic unknowns are found with;
-        None takes them from rhs.
+        ``state_rhs(t, y)``, the first ``n_states`` entries of rhs, by which algebraic unknowns are
+        found; None takes them from rhs.
     undefined : callable or None
         ``undefined(t, y)`` says why the states' rates have no value at a point, as a sentence
         without a capital and an end; empty where they have one.
@@ -130,17 +131,17 @@ class Problem:
         ``sparse_jacobian(t, y)``, the same Jacobian in SciPy's CSC form, of one pattern at all
         points; given where it has few entries, and then taken wherever a method can.
     native : Native or None
-        What C needs of the problem, where it can take it.
+        The native form of the problem, where C can take it.
     not_native : str
-        Why it cannot, as a sentence without a capital and an end.
+        The reason why C cannot take it, as a sentence without a capital and a full stop.
     singular : callable or None
         ``singular(t, z)`` names the edges whose constraints are nearly dependent at a point. With
         it the right-hand side is evaluated at projected points; see :mod:`cotree.solvers.passage`.
     events : Events or None
-        What happens where values pass through zero; time must then increase.
+        The events of the problem; with events, time must increase.
     places : ndarray of int or None
-        The places in z of what does not vanish at all times, states first, in order: methods
-        integrate nothing else. None where nothing is known to vanish.
+        The positions in z of the entries that do not vanish at all times, states first, in order:
+        methods integrate nothing else. None where no entry is known to vanish.
     """
 
     rhs: Callable[[float, FloatArray], FloatArray]
@@ -192,7 +193,7 @@ class Problem:
 
     @property
     def integrated(self) -> npt.NDArray[np.intp]:
-        """Return the places in z of what is integrated."""
+        """Return the positions in z of the entries that are integrated."""
         return np.arange(self.size) if self.places is None else self.places
 
     @property

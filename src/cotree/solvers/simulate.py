@@ -45,7 +45,7 @@ _LARGEST_SHARE = 0.1
 
 @dataclass(frozen=True)
 class Settings:
-    """How to run; see :meth:`cotree.Model.simulate`."""
+    """Settings of a run; see :meth:`cotree.Model.simulate`."""
 
     t_span: tuple[float, float]
     t_eval: Any = None
@@ -77,7 +77,7 @@ def simulate(
     model : CompiledModel
         The model.
     settings : Settings
-        How to run.
+        Settings of the run.
     units : mapping of str to str
         Unit of each state, output and input.
 
@@ -183,14 +183,14 @@ def simulate(
 
 
 def _places(model: CompiledModel) -> npt.NDArray[np.intp] | None:
-    """Tell where states and sensitivities stand that do not vanish; None where all do not."""
+    """Return positions of states and nonvanishing sensitivities; None where none vanishes."""
     n, m = len(model.states), len(model.sensitivities)
     places = np.array(model.layout.sensitivity_places, dtype=np.intp)
     return None if len(places) == n * m else np.concatenate([np.arange(n), n + places])
 
 
 def _event_times(model: CompiledModel, happened: Sequence[Occurrence]) -> dict[str, EventTimes]:
-    """Sort what happened by events."""
+    """Group the occurrences by event."""
     n, m, found = len(model.states), len(model.sensitivities), {}
     for i, row in enumerate(model.layout.events):
         own = [item for item in happened if item.event == i]
@@ -204,7 +204,7 @@ def _event_times(model: CompiledModel, happened: Sequence[Occurrence]) -> dict[s
 
 
 def _times_of(trajectory: Trajectory, seconds: float) -> dict[str, float]:
-    """Tell what compiling a method took from what integrating did."""
+    """Separate the time to compile a method from the time to integrate."""
     compiling = trajectory.statistics.compile_seconds
     return {"compile": compiling, "integrate": seconds - compiling}
 
@@ -221,7 +221,7 @@ def _check_settings(settings: Settings) -> None:
 
 
 def _whole(value: float | None, name: str) -> int | None:
-    """Accept a whole number, as one."""
+    """Accept a whole number, and return it as an int."""
     if value is None:
         return None
     if not check_number(value, name).is_integer():
@@ -232,7 +232,7 @@ def _whole(value: float | None, name: str) -> int | None:
 def _scales(
     model: CompiledModel, values: Mapping[str, float], given: Mapping[str, float]
 ) -> FloatArray:
-    """Give the sizes of parameters of sensitivity: their values, one for zeros and for states."""
+    """Return the sizes of sensitivity parameters: their values, or 1 for zeros and for states."""
     found = [abs(values.get(name, 1.0)) or 1.0 for name in model.sensitivities]
     for name, value in given.items():
         if name not in model.sensitivities:
@@ -248,7 +248,7 @@ def _scales(
 
 
 def _max_step(model: CompiledModel, p: FloatArray, settings: Settings) -> float:
-    """Give the longest step: what is asked for, or what the model needs."""
+    """Return the longest step: the one that is asked for, or the one that the model needs."""
     if settings.max_step is None:
         return model.longest_step(p, settings.inputs)
     if settings.max_step == math.inf:
@@ -352,7 +352,7 @@ def _sparse_jacobian(
 
 
 def _native(model: CompiledModel, p: FloatArray, signals: Signals) -> dict[str, Any]:
-    """Give what C needs of the problem, or why it cannot take it."""
+    """Return the native form of the problem, or the reason why C cannot take it."""
     if len(signals.tables) < len(signals.by_position):
         return {"not_native": "an input is neither a number nor a table"}
     native = model.native(p)
@@ -374,7 +374,7 @@ def _start(
 
 
 def _redundant(model: CompiledModel, projection: Projection | None, trajectory: Trajectory) -> int:
-    """Count redundant constraints, the most of a few points along the trajectory."""
+    """Return the largest number of redundant constraints at a few points of the trajectory."""
     n = len(trajectory.t)
     if projection is None or not model.layout.constraint_edges or n == 0:
         return 0

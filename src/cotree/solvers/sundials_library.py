@@ -1,4 +1,4 @@
-"""Where SUNDIALS' libraries are.
+"""The location of the SUNDIALS libraries.
 
 CVODE and IDA come with scikit-sundae, CVODES and IDAS with SUNDIALS' own package sundials4py. The
 environment variable COTREE_SUNDIALS names a file to take in place of both.
@@ -24,7 +24,7 @@ _LEAST_PYTHON = (3, 12)
 
 
 class LibraryPath(NamedTuple):
-    """The file of a library; or why there is none, as a sentence without a capital and an end."""
+    """The file of a library, or the reason why there is none, without a capital and a full stop."""
 
     path: str
     why_not: str = ""
@@ -54,7 +54,7 @@ def library_path(library: str) -> LibraryPath:
 
 
 def version_of(ffi: Any, library: Any, path: str) -> tuple[int, ...]:
-    """Tell the major and minor version of an opened library; nothing where it cannot be told.
+    """Return the major and minor version of an opened library; empty where it is not known.
 
     sundials4py leaves out the function that tells it: there the package's own version is
     SUNDIALS', and stands in a name beside the file.

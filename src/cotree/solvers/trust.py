@@ -1,4 +1,4 @@
-"""What a run is warned of, and fails for: tolerances that test little, corrections beyond them.
+"""Warnings and failures of runs whose tolerances test little or whose corrections exceed them.
 
 In: a ``Problem``, and later its ``Trajectory``. Out: warnings, to the caller of a model's
 ``simulate``, and trajectories that count as failed.
@@ -28,11 +28,11 @@ _CORRECTED_RTOL = 1e-3
 # Bricard's mechanism is off by 10 to 300 tolerances, above the second by as much as its size.
 _ROUGH, _ROUGHEST = 1e-4, 1e-3
 
-# What storages hold is tested; a variable that follows from it may err by more than this many times
-# its own tolerance before a run says so. So many points of a run are looked at.
+# The error test covers the contents of storages; a variable that follows from a content may err by
+# this many times its own tolerance before a run warns. The number of points that are examined.
 _LEFT_FREE, _N_LOOKED_AT = 10.0, 50
 
-# From these functions up to the caller of ``Model.simulate``.
+# Stack levels from these functions up to the caller of ``Model.simulate``.
 _CALLER = 5
 
 
@@ -60,9 +60,10 @@ def warn_of_redundancy(problem: Problem, trajectory: Trajectory, redundant: int)
 
 
 def held(problem: Problem, trajectory: Trajectory, redundant: int) -> Trajectory:
-    """Have a run fail that constraints cannot have held to the motion.
+    """Mark a run as failed where the constraints cannot have held it to the motion.
 
-    They moved states by far more than the tolerance, or are redundant where that is too loose.
+    Either the projection moved the states by far more than the tolerance, or constraints are
+    redundant and the tolerance is too loose for that.
     """
     tolerance = max(problem.rtol, float(np.min(problem.atol)), _CORRECTED_RTOL)
     drift = trajectory.drift
@@ -87,7 +88,7 @@ def held(problem: Problem, trajectory: Trajectory, redundant: int) -> Trajectory
 def _left_free(
     problem: Problem, trajectory: Trajectory, followers: Sequence[tuple[int, int]]
 ) -> str:
-    """Compare what tolerances of contents leave of variables that follow with their own."""
+    """Report a variable that the tolerance of a content leaves freer than its own tolerance."""
     if not followers or problem.jacobian is None:
         return ""
     totals, own = (list(places) for places in zip(*followers, strict=True))
@@ -112,12 +113,12 @@ def _left_free(
 
 
 def _untested(problem: Problem, trajectory: Trajectory) -> str:
-    """Compare the absolute tolerance with what the states ever were."""
+    """Report an absolute tolerance that is large compared with all states of the run."""
     n = problem.n_states - problem.n_algebraic
     sizes = np.ones(n) if problem.sizes is None else problem.sizes[:n]
     largest = float(np.max(np.abs(trajectory.z[:n]) / sizes[:, None], initial=0.0))
     atol = float(np.min(problem.atol))
-    # What is at rest leaves rounding, of which no tolerance asks anything.
+    # States at rest hold only rounding errors, which no tolerance is meant to test.
     if not np.finfo(np.float64).eps < largest < atol / LOOSE_RTOL:
         return ""
     return (

@@ -1,4 +1,4 @@
-"""Why events end a run, in sentences without a capital and an end: one text for Python and C."""
+"""Reasons why events end a run: sentences without a capital and a full stop, for Python and C."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-#: The sentences by name. ``t`` is when, ``detail`` a further time or length of time.
+#: The sentences by name: ``t`` is the time, ``detail`` a further time, a duration or a count.
 VERDICTS = {
     "not finite": "what event {event} looks at is not finite",
     "set not finite": "what event {event} sets is not finite",
@@ -61,14 +61,14 @@ UNCERTAIN = ("fails", "contradicts")
 
 
 def verdict(name: str, events: Sequence[str], t: float = 0.0, detail: float = 0.0) -> str:
-    """Say why events end a run.
+    """Return the sentence that says why events end a run.
 
     Parameters
     ----------
     name : str
         A name in :data:`VERDICTS`.
     events : sequence of str
-        Their names.
+        Names of the events.
     t, detail : float
         See :data:`VERDICTS`, [s].
     """

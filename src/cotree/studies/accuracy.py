@@ -1,7 +1,7 @@
-"""How wrong a run is: a reference that two methods agree on, and the error against it.
+"""The error of a run against a reference on which two methods agree.
 
 In: a model and times. Out: a ``Reference``, with the two methods that made it and how far they are
-apart, which bounds the errors that it can tell.
+apart, which bounds the errors that it can resolve.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Solution:
     s: Array
 
     def distance(self, other: Solution | Result) -> tuple[float, float]:
-        """Give the error of another one, of its states and of its sensitivities.
+        """Return the error of another solution, of its states and of its sensitivities.
 
         Returns
         -------
@@ -84,16 +84,16 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """What two different methods agree on.
+    """A solution on which two different methods agree.
 
     Attributes
     ----------
     solution : Solution
-        What errors are taken against.
+        The solution that errors are taken against.
     other : Solution
-        What confirms it.
+        The solution that confirms it.
     agreement_states, agreement_sensitivities : float
-        The error of one against the other. Errors below are not told apart from it.
+        The error of one against the other. Smaller errors cannot be told apart from it.
     """
 
     solution: Solution
@@ -103,7 +103,7 @@ class Reference:
 
     @property
     def agreement(self) -> float:
-        """Give the larger of both."""
+        """Return the larger of the two agreements."""
         return worse(self.agreement_states, self.agreement_sensitivities)
 
     def summary(self) -> str:

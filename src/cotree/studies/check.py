@@ -60,7 +60,7 @@ class ParameterCheck:
     step : float
         The step of this deviation; nan without one.
     note : str
-        What a reader must know: it reaches nothing, or it could not be checked.
+        A remark for the reader: the parameter reaches nothing, or it could not be checked.
     """
 
     name: str
@@ -242,16 +242,16 @@ def _say_nothing(text: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Runs:
-    """What is known before differences are formed.
+    """The runs that are made before differences are formed.
 
     Attributes
     ----------
     experiment : Experiment
-        What differences are formed with.
+        The experiment from which differences are formed.
     with_s, with_s_loose : Result
         Runs with sensitivities, at the tolerances and at looser ones.
     tight, loose : Result
-        The same of the experiment.
+        The same runs of the experiment.
     """
 
     experiment: Experiment
@@ -261,7 +261,7 @@ class _Runs:
     loose: Result
 
     def asked(self, array: Array) -> Array:
-        """Give what the solver was asked for, atol + rtol times the largest size over time."""
+        """Return the accuracy asked for: atol + rtol times the largest size over time."""
         rtol = float(self.experiment.settings["rtol"])
         return rtol * (_ATOL_SHARE + _largest(array))
 
