@@ -34,10 +34,10 @@ if TYPE_CHECKING:
 # How often one event may make others happen at the same time, as in cotree_events.h.
 _ROUNDS = 50
 
-# Of a stiff problem fewer steps than these are nothing to speak of, as in cotree_integrator.h.
+# A problem counts as stiff beyond this number of stiff steps, as in cotree_integrator.h.
 _MOST_STIFF_STEPS = 1000
 
-# Of these, those that say that rates have no value.
+# The keys of ``_REASONS`` that say that the rates have no value.
 _OF_RATES = (4, 5)
 
 # The meaning of cotree_status, in the words of the other methods.
@@ -205,7 +205,7 @@ class Job:
         return bool(self.job.is_stiff) and int(self.job.n_stiff_steps) > _MOST_STIFF_STEPS
 
     def wait_where_stiff(self, first_step: int) -> None:
-        """Have an explicit method wait where its problem is stiff, from a number of steps on."""
+        """Make an explicit method wait where its problem is stiff, from ``first_step`` on."""
         self._looks_from = first_step
 
     @property

@@ -239,7 +239,7 @@ class Watch:
     def _about_to_cross(
         self, stepper: Stepper, t: float, g: FloatArray
     ) -> list[tuple[float, int, float]]:
-        """List what lies at zero at the end of a step, but for what cannot be told from it."""
+        """List the crossings at the end of a step, or a negligible time after it."""
         near = (np.abs(g) <= self._tolerance) & (self._side != 0.0) & (self._side * g >= 0.0)
         near &= (self._direction == 0) | (self._direction == -self._side)
         if not np.any(near):
@@ -295,7 +295,7 @@ class Watch:
         return z
 
     def _leaving(self, t: float, z: FloatArray, side: FloatArray, *, is_timed: bool) -> list[int]:
-        """List which values rested at a jump, and now leave to a side with another mode.
+        """List the values that rested at a jump and now leave to a side with another mode.
 
         Something happened to them, or a breakpoint is there, or it is only found now.
         """
@@ -373,7 +373,7 @@ class Watch:
         raise self._refusal("grazes", i, t)
 
     def explain(self, t: float) -> None:
-        """Refuse events by their name where they have made steps too short."""
+        """Refuse, by name, events that have made the steps too short."""
         for i, times in enumerate(self._times):
             if len(times) > _A_FEW and t - times[-_A_FEW - 1] <= _LEFT * self._span:
                 raise self._refusal("accumulates", i, t, t)

@@ -23,13 +23,13 @@ _Answer = TypeVar("_Answer")
 # Fractions of a step at which values are sampled, in addition to its end.
 _SHARES = (0.25, 0.5, 0.75)
 
-# Newton steps onto a root that an interpolant is close to.
+# Limit on the Newton steps onto a root that an interpolant is close to.
 _MOST_NEWTON = 12
 
-# Halvings on the way back to a start at zero, of which rounding has the wrong sign.
+# Limit on the halvings on the way back to a start at zero whose rounding has the wrong sign.
 _MOST_HALVINGS = 50
 
-# Steps that repeat a step as far as an event.
+# Limit on the steps that repeat a step as far as an event.
 _MOST_STEPS = 1000
 
 
@@ -144,9 +144,9 @@ class Locator:
         return Looked([t, *times], [z, *points], np.array([first, *g]), stepper)
 
     def turn(self, looked: Looked, i: int, j: int, side: float) -> tuple[float, float] | None:
-        """Find where a value turns round between two samples, j the second: when, and how far off.
+        """Find the minimum of side * g between samples j - 1 and j: its time and its value.
 
-        None where it does not, or cannot come to zero there.
+        None where the value does not turn round there, or cannot reach zero.
         """
         g = side * looked.g[:, i]
         nearest = int(np.argmin(g))
@@ -158,7 +158,7 @@ class Locator:
         left, right = (side * self._events.rates(t, z)[i] for t, z in at)
         if not left < 0.0 < right:
             return None
-        # The tangents must meet below zero: the value does not come lower where it is convex.
+        # The tangents must meet below zero: where the value is convex, it does not fall lower.
         (a, _), (b, _) = at
         if (g[j - 1] / -left + g[j] / right) > b - a:
             return None

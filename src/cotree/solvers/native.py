@@ -130,7 +130,7 @@ class NativeSolver:
             return compiled_in(ended, ended.statistics.compile_seconds + begin - before)
         is_hard = problem.n_algebraic or problem.singular is not None
         if ended.status == FAILED and is_hard and not job.is_final:
-            # What looks far for algebraic unknowns, and passes singular positions, is Python.
+            # Wide searches for algebraic unknowns and passages of singular positions run in Python.
             why = f"{ended.reason} at t = {float(job.job.t):.10g}"
             return self._stand_in(_less(problem, job), why)
         trajectory = trajectory_of(job, problem, self.method, ended)

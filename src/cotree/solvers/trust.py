@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from cotree.solvers.base import Trajectory
     from cotree.solvers.problem import Problem
 
-# No correction larger than so many tolerances, or those of this one, is an error of integration.
+# Corrections are compared with the tolerance of the run, or with this one if it is larger.
 _CORRECTED_RTOL = 1e-3
 
-# Steps that leave redundant constraints come back to them by more than one way: above the first,
-# Bricard's mechanism is off by 10 to 300 tolerances, above the second by as much as its size.
+# Steps that leave redundant constraints can return to them in more than one way: with an rtol above
+# the first, Bricard's mechanism is off by 10 to 300 tolerances, above the second by its own size.
 _ROUGH, _ROUGHEST = 1e-4, 1e-3
 
 # The error test covers the contents of storages; a variable that follows from a content may err by
