@@ -23,6 +23,10 @@ if TYPE_CHECKING:
 _FEW = 6
 _ROUGH = 1e-2
 
+# Most restarts of the iteration. Eigenvalues that stand apart need a few; the slow modes of a long
+# ladder lie so close together that their order would take ten thousand.
+_MOST_RESTARTS = 200
+
 
 def fastest_decay(problem: Problem, points: Sequence[tuple[float, FloatArray]]) -> float:
     """Return the largest decay rate among modes that decay faster than they oscillate, [1/s].
@@ -99,7 +103,13 @@ def _eigenvalues(matrix: Any, direction: float, is_bounded: bool) -> npt.NDArray
     which = "SR" if direction > 0 else "LR"
     try:
         found = scipy.sparse.linalg.eigs(
-            matrix, k=_FEW, which=which, v0=start, tol=_ROUGH, return_eigenvectors=False
+            matrix,
+            k=_FEW,
+            which=which,
+            v0=start,
+            tol=_ROUGH,
+            maxiter=_MOST_RESTARTS,
+            return_eigenvectors=False,
         )
     except scipy.sparse.linalg.ArpackNoConvergence:
         if not is_bounded:
