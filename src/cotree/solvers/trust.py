@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cotree.solvers.evaluate import FAILED
+from cotree.solvers.methods import METHODS
 from cotree.tolerances import FARTHEST_CORRECTION, LOOSE_RTOL, loose_rtol
 
 if TYPE_CHECKING:
@@ -24,8 +25,9 @@ if TYPE_CHECKING:
 # Corrections are compared with the tolerance of the run, or with this one if it is larger.
 _CORRECTED_RTOL = 1e-3
 
-# Steps that leave redundant constraints can return to them in more than one way: with an rtol above
-# the first, Bricard's mechanism is off by 10 to 300 tolerances, above the second by its own size.
+# Steps that leave redundant constraints may return to them in more than one way. Above the first
+# tolerance, Bricard's mechanism is off by 10 to 300 tolerances; above the second, by its own size.
+# Multistep methods are off by that much above the first: a projection does not move their history.
 _ROUGH, _ROUGHEST = 1e-4, 1e-3
 
 # The error test covers the contents of storages; a variable that follows from a content may err by
@@ -75,14 +77,19 @@ def held(problem: Problem, trajectory: Trajectory, redundant: int) -> Trajectory
             f"{drift.correction:.2g}, far more than the tolerance, so that the motion may have "
             f"gone on along another branch: give an rtol of {0.1 * problem.rtol:.1g} or less."
         )
-    elif redundant and problem.rtol > _ROUGHEST:
+    elif redundant and problem.rtol > (loosest := _loosest(trajectory.statistics.method)):
         reason = (
             "constraints are redundant, and with so loose a tolerance steps that leave them come "
-            f"back to another motion: give an rtol of {_ROUGHEST:g} or less."
+            f"back to another motion: give an rtol of {loosest:g} or less."
         )
     else:
         return trajectory
     return replace(trajectory, status=FAILED, message=f"{trajectory.message} But {reason}")
+
+
+def _loosest(method: str) -> float:
+    """Return the loosest relative tolerance that redundant constraints allow a method."""
+    return _ROUGH if method in METHODS and METHODS[method].multistep else _ROUGHEST
 
 
 def _left_free(
