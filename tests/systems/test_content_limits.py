@@ -1,4 +1,4 @@
-"""What is refused of storages by content, what a run warns of, and where they begin."""
+"""Refusals and warnings of storages by content, and their starts."""
 
 from __future__ import annotations
 

@@ -89,6 +89,26 @@ def are_seen(dag: Dag, value: Node, moving: Sequence[Node]) -> bool:
     return all(known.get(node) for node in _conditions(value, moving))
 
 
+def jumps_at_stops(dag: Dag, value: Node, time: Node) -> bool:
+    """Tell whether a value jumps at one of its stops, or has no value there, at random places.
+
+    Parameters
+    ----------
+    dag : Dag
+        Its arena.
+    value : Node
+        A node of time and of symbols that are continuous in time, such as states.
+    time : Node
+        The symbol of time.
+    """
+    found, numbers = margins(dag, value, time), random.Random(1)
+    for _ in range(_N_MOTIONS if found else 0):
+        place = _motion(found, (), time, numbers)
+        if not all(_value(margin, place, 0.0) >= 0.0 for margin in found):
+            return True
+    return False
+
+
 def _conditions(value: Node, moving: Sequence[Node]) -> list[Node]:
     """List what may jump and looks at something that changes."""
     found = [node for node in reachable([value]) if node.op in _JUMPING]

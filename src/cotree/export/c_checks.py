@@ -3,31 +3,20 @@
 from __future__ import annotations
 
 import math
-import random
 import warnings
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from cotree.codegen.fixed import FIXED
-from cotree.dag.continuity import margins
-from cotree.dag.evaluate import evaluate
+from cotree.dag.continuity import jumps_at_stops
 from cotree.dag.traverse import substitute
 from cotree.errors import CodegenError, SceneError
-from cotree.model.kernels import PythonKernels
-from cotree.model.model import CompiledModel
 from cotree.solvers.jumps import ModelEvents
 from cotree.tolerances import loose_rtol, rtol_fault
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from cotree.dag.nodes import Node
+    from cotree.export.evaluated import Evaluated
     from cotree.model.start import Start
     from cotree.program import Program
-
-# Rates are compared on both sides of a corner at so many random states.
-_N_PLACES = 3
 
 
 def check_numbers(t_end: float, rtol: float, atol: float) -> None:
@@ -82,24 +71,12 @@ def _check_corners(program: Program, integrator: str) -> None:
     rates = substitute(substitute(list(program.kernels["rhs"].results), known), values)
     time = dag.symbol("t", 0)
     for state, rate in zip(layout.states, rates, strict=True):
-        if _jumps(margins(dag, rate, time), len(layout.states)):
+        if jumps_at_stops(dag, rate, time):
             raise CodegenError(
                 f"{integrator} passes over corners of sources in its steps, but the rate of "
                 f"'{state.name}' jumps there at times that depend on '{moving[0]}', and "
                 f"sensitivities with it: take dopri5, rkf45 or dop853, or leave out '{moving[0]}'"
             )
-
-
-def _jumps(differences: Sequence[Node], n_states: int) -> bool:
-    """Tell whether any margin of continuity is negative at some states, or has no value there."""
-    if not differences:
-        return False
-    dag, numbers = differences[0].dag, random.Random(1)
-    for _ in range(_N_PLACES):
-        places = {dag.symbol("x", i): numbers.uniform(0.3, 2.0) for i in range(n_states)}
-        if not all(value >= 0.0 for value in evaluate(differences, places)):
-            return True
-    return False
 
 
 def check_loops(program: Program, integrator: str, is_dependent: bool) -> None:
@@ -111,7 +88,7 @@ def check_loops(program: Program, integrator: str, is_dependent: bool) -> None:
         )
 
 
-def check_start(program: Program, start: Start | None) -> None:
+def check_start(evaluated: Evaluated, start: Start | None) -> None:
     """Refuse sensitivities where an expression jumps right at the start.
 
     Raises
@@ -119,11 +96,10 @@ def check_start(program: Program, start: Start | None) -> None:
     SolveError
         As :meth:`cotree.solvers.jumps.ModelEvents.check_start`.
     """
-    layout = program.layout
-    if not layout.sensitivities or not any(row.is_jump for row in layout.events):
+    layout = evaluated.program.layout
+    is_apart = not layout.sensitivities or not any(row.is_jump for row in layout.events)
+    if start is None or is_apart:
         return
-    model = CompiledModel(program, PythonKernels(program))
-    if start is None:
-        start = model.start()
-    z = np.concatenate([start.y, start.s.T.ravel()])
-    ModelEvents(model, model.default_parameters, lambda t: None, is_held=False).check_start(0.0, z)
+    model = evaluated.model
+    events = ModelEvents(model, model.default_parameters, lambda t: None, is_held=False)
+    events.check_start(0.0, start.z)

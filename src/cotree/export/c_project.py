@@ -15,8 +15,6 @@ import textwrap
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from cotree.codegen.context import model_context
 from cotree.codegen.fixed import FIXED
 from cotree.codegen.integrators import (
@@ -32,15 +30,12 @@ from cotree.codegen.render import render, render_model
 from cotree.dag.stops import value_of
 from cotree.errors import CodegenError, nearest
 from cotree.export.c_checks import check_loops, check_numbers, check_start, check_step
+from cotree.export.evaluated import Evaluated
 from cotree.files import target_path
-from cotree.model.contents import content_sizes
-from cotree.model.kernels import PythonKernels
-from cotree.model.model import CompiledModel
 from cotree.naming import c_string
-from cotree.solvers.project import Projection
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     from cotree.codegen.context import ModelContext
@@ -204,7 +199,8 @@ def write_c_project(
     check_step(program, integrator, step)
     model = model_context(program)
     driver = driver_files(integrator) if program.layout.events else {}
-    is_dependent = _are_dependent(program)
+    evaluated = Evaluated(program)
+    is_dependent = evaluated.is_dependent()
     own: Mapping[str, str] = {}
     if method.is_implicit:
         check_loops(program, integrator, is_dependent)
@@ -219,10 +215,11 @@ def write_c_project(
         "main.c",
     ]
     command = f"cc -std=c99 -O2 -ffp-contract=off -o {model.prefix} {' '.join(sources)} -lm"
-    found = _found_start(program) if start is None else start
-    check_start(program, found)
+    found = evaluated.found_start() if start is None else start
+    check_start(evaluated, found)
     numbers = t_end, rtol, atol, step
-    main = _main_context(program, model, integrator, command, numbers, is_dependent, found)
+    sizes = [] if found is None else evaluated.sizes(found)
+    main = _main_context(program, model, integrator, command, numbers, is_dependent, found, sizes)
     texts = {**render_model(model), **run_files(), **own, **integrator_files(integrator), **driver}
     texts["main.c"] = render("c/main.c.jinja", main=main)
     _write_files(directory, texts)
@@ -237,9 +234,10 @@ def _main_context(
     numbers: tuple[float, float, float, float | None],
     is_strict: bool,
     start: Start | None,
+    sizes: Sequence[float],
 ) -> MainContext:
     n_rated = len(program.layout.states) - program.layout.n_algebraic
-    (t_end, rtol, atol, step), sizes = numbers, _sizes(program, start)
+    t_end, rtol, atol, step = numbers
     return MainContext(
         title=model.title,
         name_literal=model.name_literal,
@@ -257,7 +255,7 @@ def _main_context(
         max_step=_max_step(program),
         has_sensitivities=bool(model.sensitivities),
         seeds=_seeds(program),
-        start=[] if start is None else _lines([*start.y, *start.s.T.ravel()]),
+        start=[] if start is None else _lines(start.z),
         n_constraints=model.n_constraints,
         n_algebraic=model.n_algebraic,
         n_reached=sum(i < n_rated for i in program.layout.sensitivity_rows),
@@ -303,40 +301,9 @@ def _max_step(program: Program) -> str:
     return literal(longest) if math.isfinite(longest) else ""
 
 
-def _found_start(program: Program) -> Start | None:
-    """Give the consistent start at the program's parameter values, where it has to be found."""
-    layout = program.layout
-    is_sought = layout.constraints or layout.start_rows or layout.n_algebraic
-    is_sought = is_sought or any(row.is_jump for row in layout.events)
-    if not layout.states or not (is_sought or layout.redundant):
-        return None
-    # A few evaluations need no compiler, which a machine that only writes C may not have.
-    start = CompiledModel(program, PythonKernels(program)).start()
-    return start if is_sought else None
-
-
-def _sizes(program: Program, start: Start | None) -> list[float]:
-    """List the factors of the absolute tolerances of states; empty where all are one."""
-    if start is None:
-        return []
-    model = CompiledModel(program, PythonKernels(program))
-    sizes = content_sizes(model, 0.0, model.default_parameters, None, start.y)
-    return [] if sizes is None else sizes.tolist()
-
-
 def _lines(values: Iterable[float]) -> list[str]:
     text = " ".join(f"{literal(float(value))}," for value in values)
     return textwrap.wrap(text, 96, break_long_words=False, break_on_hyphens=False)
-
-
-def _are_dependent(program: Program) -> bool:
-    """Tell whether constraints of edges are dependent at the start, or nearly so."""
-    if not program.layout.constraint_edges:
-        return False
-    model = CompiledModel(program, PythonKernels(program))
-    start = model.start()
-    projection = Projection(model, model.default_parameters, lambda t: None)
-    return bool(projection.singular(0.0, np.concatenate([start.y, start.s.T.ravel()])))
 
 
 def _write_files(directory: Path, texts: Mapping[str, str]) -> None:

@@ -71,6 +71,11 @@ class Start:
     s: Array
     is_chosen: bool = False
 
+    @property
+    def z(self) -> Array:
+        """States and then sensitivities, parameter by parameter, as integrations hold them."""
+        return np.concatenate([self.y, self.s.T.ravel()])
+
 
 def consistent_start(
     model: CompiledModel,

@@ -370,7 +370,7 @@ def _start(
 ) -> FloatArray:
     """Give the initial states and sensitivities, consistent with all equations."""
     start = model.start(t, p, initial, u(t))
-    return np.concatenate([start.y, start.s.T.ravel()])
+    return start.z
 
 
 def _redundant(model: CompiledModel, projection: Projection | None, trajectory: Trajectory) -> int:

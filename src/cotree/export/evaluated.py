@@ -1,0 +1,70 @@
+"""A program evaluated in Python at its parameter values: the start that a C project is given.
+
+A few evaluations need no compiler, which a machine that only writes C may not have.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from cotree.model.contents import content_sizes
+from cotree.model.kernels import PythonKernels
+from cotree.model.model import CompiledModel
+from cotree.solvers.project import Projection
+
+if TYPE_CHECKING:
+    from cotree.model.start import Start
+    from cotree.program import Program
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """A program whose model and start are made once, when something first asks for them.
+
+    Attributes
+    ----------
+    program : Program
+        The program.
+    """
+
+    program: Program
+
+    @cached_property
+    def model(self) -> CompiledModel:
+        """The model, without a library."""
+        return CompiledModel(self.program, PythonKernels(self.program))
+
+    @cached_property
+    def start(self) -> Start:
+        """The consistent start at the program's parameter values."""
+        return self.model.start()
+
+    def found_start(self) -> Start | None:
+        """Return the start where it has to be found; None where the initial values are the start.
+
+        Redundant initial values are checked in either case.
+        """
+        layout = self.program.layout
+        is_sought = layout.constraints or layout.start_rows or layout.n_algebraic
+        is_sought = is_sought or any(row.is_jump for row in layout.events)
+        if not layout.states or not (is_sought or layout.redundant):
+            return None
+        start = self.start
+        return start if is_sought else None
+
+    def sizes(self, start: Start) -> list[float]:
+        """List the factors of the absolute tolerances of states; empty where all are one."""
+        if not self.program.layout.followers:
+            return []
+        model = self.model
+        sizes = content_sizes(model, 0.0, model.default_parameters, None, start.y)
+        return [] if sizes is None else sizes.tolist()
+
+    def is_dependent(self) -> bool:
+        """Tell whether constraints of edges are dependent at the start, or nearly so."""
+        if not self.program.layout.constraint_edges:
+            return False
+        projection = Projection(self.model, self.model.default_parameters, lambda t: None)
+        return bool(projection.singular(0.0, self.start.z))
