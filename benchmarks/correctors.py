@@ -31,7 +31,7 @@ import cotree
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from cotree.solvers import Result
+    from cotree import Result
 
 PAGE = Path(__file__).parents[1] / "docs" / "solvers.md"
 MARKS = "<!-- correctors.py: begin -->\n", "<!-- correctors.py: end -->\n"

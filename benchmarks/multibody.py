@@ -31,8 +31,7 @@ from rod_chain import rod_chain
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from cotree import Model
-    from cotree.solvers import Result
+    from cotree import Model, Result
 
 TOLERANCES = (1e-6, 1e-8, 1e-10, 1e-13)
 #: Times at which the energy is looked at: few, since every one of them ends a step.

@@ -31,8 +31,7 @@ from cotree.solvers.methods import METHODS
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from cotree import Model
-    from cotree.solvers import Result
+    from cotree import Model, Result
 
 PAGE = Path(__file__).parents[1] / "docs" / "solvers.md"
 MARKS = "<!-- references.py: begin -->\n", "<!-- references.py: end -->\n"

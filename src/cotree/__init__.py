@@ -19,7 +19,7 @@ from cotree.errors import (
     TopologyError,
 )
 from cotree.reading import read_spice, read_urdf
-from cotree.solvers import Result
+from cotree.results import Result
 from cotree.studies.bench import bench
 from cotree.version import VERSION as __version__
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 import warnings
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +12,7 @@ from cotree.errors import ParameterError
 from cotree.operating import OperatingModel
 from cotree.program.counts import Operations
 from cotree.readers import load_source
+from cotree.results import Result
 from cotree.scene.description import SceneDescription, check_number
 from cotree.scene.tunable import keep_tunable, listed_names
 from cotree.sharing import forming
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from cotree.export.graph_report import GraphReport
     from cotree.pipeline import Compiled
     from cotree.scene.graphs import TreeChoice
-    from cotree.solvers import Result
 
 
 class Scene(SceneDescription):
@@ -266,7 +265,7 @@ class Model(OperatingModel):
             Initial values of states in place of the scene's; they depend on no parameter.
         inputs : mapping, optional
             Inputs in place of the scene's: a number, an expression of t and parameters,
-            (times, values), or a Python function of t (SciPy's methods only).
+            (times, values), or a Python function of t.
         error_test_sensitivities : bool
             Whether sensitivities take part in the error test.
         scales : mapping of str to float, optional
@@ -320,9 +319,10 @@ class Model(OperatingModel):
             throw=throw,
             project=project,
         )
-        result = simulate(self, settings, self.layout.units)
-        built = self.times.get("compile", 0.0) + result.times["compile"]
-        return replace(result, times={**self.times, **result.times, "compile": built}, model=self)
+        run = simulate(self, settings, self.layout.units)
+        built = self.times.get("compile", 0.0) + run.times["compile"]
+        times = {**self.times, **run.times, "compile": built}
+        return Result(**{**vars(run), "times": times}, model=self)
 
     def write(
         self, directory: str | Path, integrator: str = "dopri5", step: float | None = None

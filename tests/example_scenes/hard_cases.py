@@ -24,8 +24,7 @@ from cotree.studies.accuracy import find_reference, starts_implicit
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from cotree import Model, Scene
-    from cotree.solvers import Result
+    from cotree import Model, Result, Scene
 
 Array = hs.Array
 Values = hs.Values

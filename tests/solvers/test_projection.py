@@ -19,7 +19,15 @@ from ivp_cases import oscillator, scalar
 
 from cotree.equations import Quantity
 from cotree.errors import SingularSystemError, SolveError
-from cotree.solvers import METHODS, Drift, Projection, Result, Statistics, check_problem, integrate
+from cotree.solvers import (
+    METHODS,
+    Drift,
+    Projection,
+    RunRecord,
+    Statistics,
+    check_problem,
+    integrate,
+)
 
 # Those that take Python functions.
 ALL = [name for name, row in METHODS.items() if row.family in ("scipy", "sundials")]
@@ -319,7 +327,7 @@ def test_half_a_constrained_problem_is_refused():
 
 def test_the_result_says_how_constraints_are_held():
     t = np.array([0.0, 1.0])
-    result = Result(
+    result = RunRecord(
         t=t,
         y=np.array([t]),
         s=np.zeros((1, 0, 2)),

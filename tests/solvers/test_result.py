@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from cotree.errors import Error, ModelError
-from cotree.solvers import Result, Statistics
+from cotree.solvers import RunRecord, Statistics
 
 
 @pytest.fixture
-def result() -> Result:
+def result() -> RunRecord:
     t = np.array([0.0, 0.1, 1 / 3])
-    return Result(
+    return RunRecord(
         t=t,
         y=np.array([t, 2 * t]),
         s=np.array([[t + 1, t + 2], [t + 3, t + 4]]),

@@ -15,8 +15,7 @@ from domain_scenes import scene_of_domain
 from reference_scenes import read_reference
 
 if TYPE_CHECKING:
-    from cotree import Model
-    from cotree.solvers import Result
+    from cotree import Model, Result
 
 pytestmark = pytest.mark.compiler
 

@@ -15,8 +15,7 @@ from reference_scenes import absolute_tree, read_reference, scene_of, tree_witho
 import cotree
 
 if TYPE_CHECKING:
-    from cotree import Model, Scene
-    from cotree.solvers import Result
+    from cotree import Model, Result, Scene
 
 pytestmark = pytest.mark.compiler
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from cotree.api import Model
     from cotree.plot import Curves
-    from cotree.solvers import Result
+    from cotree.results import Result
     from cotree.studies.differences import Array
 
 _SMOOTH = 401  # times that make a curve look like one

@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from cotree.api import Model, Scene
-    from cotree.solvers import Result
+    from cotree.results import Result
 
 
 def run_report(scene: Scene, model: Model, result: Result) -> str:

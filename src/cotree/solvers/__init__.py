@@ -1,6 +1,6 @@
 """Integration of initial value problems with SciPy and SUNDIALS, and the result.
 
-``integrate(problem, method)`` turns a ``Problem`` into a ``Trajectory``; ``Result`` holds one
+``integrate(problem, method)`` turns a ``Problem`` into a ``Trajectory``; a ``RunRecord`` holds one
 with names, units and outputs.
 """
 
@@ -10,7 +10,7 @@ from cotree.solvers.base import Drift, Solver, Statistics, Trajectory
 from cotree.solvers.methods import METHODS, Method, solver_for
 from cotree.solvers.problem import Problem, check_problem
 from cotree.solvers.project import Projection
-from cotree.solvers.result import Result, UnknownNameError
+from cotree.solvers.result import RunRecord, UnknownNameError
 from cotree.solvers.select import choose_method, integrate
 
 __all__ = [
@@ -19,7 +19,7 @@ __all__ = [
     "Method",
     "Problem",
     "Projection",
-    "Result",
+    "RunRecord",
     "Solver",
     "Statistics",
     "Trajectory",

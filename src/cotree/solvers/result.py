@@ -1,13 +1,12 @@
-"""The result of a simulation, by name.
+"""The record of a simulation, by name.
 
 In: trajectories of states, sensitivities, outputs and inputs with their names. Out: arrays by
-name, tables, a picture, a text.
+name, tables, a text. Pictures are made above this room, in :mod:`cotree.results`.
 """
 
 from __future__ import annotations
 
 import csv
-import importlib
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +15,7 @@ from cotree.files import written_whole
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Mapping
 
     from cotree.solvers.base import Drift, Statistics
     from cotree.solvers.problem import FloatArray
@@ -51,8 +50,8 @@ class EventTimes:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Result:
-    """The outcome of one simulation.
+class RunRecord:
+    """The outcome of one simulation as numbers.
 
     Attributes
     ----------
@@ -95,8 +94,6 @@ class Result:
         What happened of each event of the scene.
     parameter_values : mapping of str to float
         The tunable parameters of the run.
-    model : Model or None
-        What ran; it is left behind where a result is copied or pickled.
     """
 
     t: FloatArray
@@ -118,11 +115,6 @@ class Result:
     redundant: int = 0
     events: Mapping[str, EventTimes] = field(default_factory=dict)
     parameter_values: Mapping[str, float] = field(default_factory=dict)
-    model: Any = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave the model behind, which is a library in memory."""
-        return {**self.__dict__, "model": None}
 
     def __repr__(self) -> str:
         return f"<Result of {len(self.states)} states at {len(self.t)} times: {self.message}>"
@@ -275,65 +267,6 @@ class Result:
             writer.writerow(table)
             for row in zip(*table.values(), strict=True):
                 writer.writerow([f"{value:.17g}" for value in row])
-
-    def plot(self, names: str | Sequence[str | tuple[str, str]] | None = None) -> Any:
-        """Draw curves over time by the titles of ``columns()``; see ``cotree.plot.plot_result``.
-
-        Sensitivities are "d(j1.s)/d(L)" or ("j1.s", "L"); where none is named, all those of the
-        states and outputs that are stand beside them.
-        """
-        # Drawing lies above this room, so it is looked up by name when someone asks for it.
-        return importlib.import_module("cotree.plot").plot_result(self, names)
-
-    def animate(
-        self,
-        *,
-        fps: float = 25.0,
-        speed: float | None = None,
-        view: tuple[float, float] | None = None,
-        model: Any = None,
-        trust_paths: bool = False,
-    ) -> Any:
-        """Draw the mechanism as it moves, in its plane or in space.
-
-        Positions between the points of the result follow from values, rates and accelerations at
-        both ends; where a body turns by more than about half a turn between two points, ask for
-        more with ``simulate(t_eval=...)``. A run that failed is shown up to where it got.
-
-        Parameters
-        ----------
-        fps : float
-            Frames for each second of watching. Of more than 2000 frames 2000 are made.
-        speed : float, optional
-            Seconds of the run for each second of watching. Runs of 2 to 30 s are shown as they
-            happened where absent, others slower or faster.
-        view : (float, float), optional
-            Azimuth and elevation of who looks, [deg]; a plane is seen along its normal where
-            absent.
-        model : Model, optional
-            What ran, where the result does not know it: after copying or pickling.
-        trust_paths : bool
-            Whether a robot's file may name meshes outside its folder and its packages.
-
-        Returns
-        -------
-        cotree.watch.Animation
-            With ``save("name.gif")`` and ``save("name.html")``; a notebook shows it.
-
-        Raises
-        ------
-        SceneError
-            If nothing in the scene moves in space, or a setting makes no sense.
-        """
-        watch = importlib.import_module("cotree.watch")
-        return watch.animate(
-            self,
-            model or self.model,
-            fps=fps,
-            speed=speed,
-            view=view,
-            trust_paths=trust_paths,
-        )
 
     def summary(self) -> str:
         """Return the last point with 10 digits, the solver's message and where time went."""

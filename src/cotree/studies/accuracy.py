@@ -19,7 +19,7 @@ from cotree.solvers.methods import METHODS
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from cotree.solvers import Result
+    from cotree.results import Result
 
 Array = npt.NDArray[np.float64]
 

@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from cotree.results import Result
     from cotree.scene.graphs import TreeChoice
-    from cotree.solvers import Result
     from cotree.solvers.base import Statistics
     from cotree.studies.accuracy import Reference
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from cotree.api import Model
-    from cotree.solvers import Result
+    from cotree.results import Result
 
 Array = npt.NDArray[np.float64]
 

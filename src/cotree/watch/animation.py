@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from cotree.api import Model
     from cotree.scene.description import SceneDescription
-    from cotree.solvers import Result
+    from cotree.solvers import RunRecord
     from cotree.watch.drawing import Drawing
 
 _SUFFIXES = (".gif", ".html")
@@ -150,7 +150,7 @@ def check_moving(scene: SceneDescription) -> None:
 
 
 def animate(
-    result: Result,
+    result: RunRecord,
     model: Model | None,
     *,
     fps: float = 25.0,
@@ -158,7 +158,7 @@ def animate(
     view: tuple[float, float] | None = None,
     trust_paths: bool = False,
 ) -> Animation:
-    """Draw a mechanism over a run; see :meth:`cotree.solvers.Result.animate`."""
+    """Draw a mechanism over a run; see :meth:`cotree.results.Result.animate`."""
     if model is None:
         raise SceneError(
             "this result was copied or read from a file and does not know its model: "
@@ -188,7 +188,7 @@ def animate(
     return Animation(draft.drawing(first.scene.name, note, frames))
 
 
-def _finite_part(result: Result, n: int) -> Result:
+def _finite_part(result: RunRecord, n: int) -> RunRecord:
     """Leave out what comes after coordinates that are no numbers, or beyond all bounds."""
     with np.errstate(invalid="ignore"):
         is_bad = ~(np.abs(result.y[:n]) < _FURTHEST).all(axis=0)

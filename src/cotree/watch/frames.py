@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from cotree.formulation.system import System
     from cotree.model.model import CompiledModel
-    from cotree.solvers import Result
+    from cotree.solvers import RunRecord
 
 Array = npt.NDArray[np.float64]
 
@@ -108,13 +108,13 @@ def _round(x: float) -> float:
 
 
 def coordinates_at(
-    result: Result, model: CompiledModel, system: System, p: Array, times: Array
+    result: RunRecord, model: CompiledModel, system: System, p: Array, times: Array
 ) -> Array:
     """Interpolate the coordinates of a run.
 
     Parameters
     ----------
-    result : Result
+    result : RunRecord
         With finite states, at one time or more.
     model, system : CompiledModel, System
         What ran.
@@ -147,7 +147,7 @@ def coordinates_at(
     return found
 
 
-def _with_events(result: Result) -> tuple[Array, Array, Array]:
+def _with_events(result: RunRecord) -> tuple[Array, Array, Array]:
     """Give times, states and inputs with those right before and after each event among them."""
     way = 1.0 if result.t[-1] >= result.t[0] else -1.0
     found = [row for row in result.events.values() if len(row.t)]
