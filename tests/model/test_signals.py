@@ -24,13 +24,13 @@ def test_table_and_its_breakpoints():
     signals, signal = _signal(([0.0, 1.0, 2.0], [0.0, 4.0, 4.0]))
     assert [signal(t) for t in (-1.0, 0.25, 1.5, 9.0)] == [0.0, 1.0, 4.0, 4.0]
     assert signals.breakpoints == (0.0, 1.0, 2.0)
-    assert not signals.has_function
+    assert list(signals.tables) == [1]
 
 
 def test_function():
     signals, signal = _signal(lambda t: t * t)
     assert signal(3.0) == 9.0
-    assert signals.has_function
+    assert not signals.tables
 
 
 @pytest.mark.parametrize(

@@ -104,12 +104,6 @@ def test_tables_and_numbers_in_place_of_inputs(forced, method):
     assert steady.inputs == ("u",)
 
 
-def test_what_c_cannot_take_is_said(forced):
-    result = forced.simulate((0.0, 1.0), [1.0], "dop853", inputs={"u": lambda t: 2.0})
-    assert result["v"][-1] == pytest.approx(1.0, rel=1e-12)
-    assert "DOP853 stood in for dop853: an input is neither a number nor a table" in result.message
-
-
 def test_budgets(slider):
     with pytest.warns(RuntimeWarning, match="the limit of 7 steps is reached"):
         result = slider.simulate((0.0, 10.0), None, "dop853", max_steps=7)

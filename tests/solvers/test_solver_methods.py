@@ -17,7 +17,6 @@ from ivp_cases import (
 
 from cotree.errors import SolveError
 from cotree.solvers import METHODS, integrate, solver_for
-from cotree.solvers.correctors import CORRECTORS
 
 # Those that take Python functions.
 ALL = [name for name, row in METHODS.items() if row.family in ("scipy", "sundials")]
@@ -254,8 +253,3 @@ def test_missing_sundials_names_the_package(method, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, f"sksundae.{method}", None)
     with pytest.raises(SolveError, match="pip install scikit-sundae"):
         integrate(oscillator(), method)
-
-
-def test_only_sundials_refuses_callable_inputs():
-    refusing = {name for name, row in METHODS.items() if not row.accepts_callable_inputs}
-    assert refusing == {"cvode", "ida", *CORRECTORS}

@@ -34,8 +34,6 @@ class Signals:
         The replaced inputs, by their place in u, as functions of time.
     breakpoints : tuple of float
         Times where a table has a kink.
-    has_function : bool
-        Whether one of them is a Python function of the user's.
     parameters : mapping of str to frozenset of str
         The names that each replaced input's expression uses.
     tables : mapping of int to (times, values)
@@ -44,7 +42,6 @@ class Signals:
 
     by_position: Mapping[int, Signal]
     breakpoints: tuple[float, ...]
-    has_function: bool
     parameters: Mapping[str, frozenset[str]]
     tables: Mapping[int, tuple[Array, Array]] = field(default_factory=dict)
 
@@ -95,8 +92,7 @@ def read_signals(
             if isinstance(value, (int, float)):
                 tables[names.index(name)] = np.zeros(1), np.array([float(value)])
         by_position[names.index(name)] = _function_of_time(parsed, parameters)
-    has_function = any(callable(value) for value in values.values())
-    return Signals(by_position, tuple(breakpoints), has_function, used, tables)
+    return Signals(by_position, tuple(breakpoints), used, tables)
 
 
 def _function_of_time(value: Expression | Table, parameters: Mapping[str, float]) -> Signal:

@@ -24,7 +24,7 @@ from cotree.solvers.verdicts import BY_STATUS, UNCERTAIN, verdict
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from cotree.build import LoadedLibrary
     from cotree.model.kernels import NativeModel
@@ -62,11 +62,14 @@ class Native:
         Number of inputs.
     replaced : mapping of int to (times, values)
         Inputs that are piecewise linear functions in place of the scene's own.
+    functions : mapping of int to callable
+        Inputs that are functions of time in Python, ``f(t)`` with t in [s].
     """
 
     model: NativeModel
     n_inputs: int
     replaced: Mapping[int, tuple[FloatArray, FloatArray]]
+    functions: Mapping[int, Callable[[float], float]]
 
 
 @made_once
@@ -143,6 +146,9 @@ class Job:
         job.p, job.k = self._doubles(native.model.p), self._doubles(native.model.k)
         job.u = self._doubles(np.zeros(native.n_inputs))
         job.n_replaced, job.replaced = len(native.replaced), self._tables(native)
+        self._error: BaseException | None = None
+        if native.functions:
+            job.input_function = self._callback(native.functions)
         job.has_sensitivities = int(problem.n_sensitivities > 0)
         job.is_held = int(problem.project is not None)
         job.is_extended = int(is_extended)
@@ -186,7 +192,10 @@ class Job:
         return augmented_tolerances(problem)
 
     def run(self, most_steps: int) -> int:
-        """Take some steps; see ``COTREE_JOB_DONE`` and its like."""
+        """Take some steps; see ``COTREE_JOB_DONE`` and its like.
+
+        An exception of an input that is a Python function ends the job, and is raised here.
+        """
         if self._keeps_steps:
             needed = int(self.job.n_kept) + most_steps + 1
             if needed > self._room:
@@ -197,7 +206,10 @@ class Job:
             unwatched = self._looks_from - int(self.job.n_steps)
             self.job.is_waiting = int(unwatched <= 0)
             most_steps = min(most_steps, unwatched) if unwatched > 0 else most_steps
-        return int(self._lib.cotree_job_run(self.job, most_steps))
+        result = int(self._lib.cotree_job_run(self.job, most_steps))
+        if self._error is not None:
+            raise self._error
+        return result
 
     @property
     def is_stiff(self) -> bool:
@@ -303,6 +315,23 @@ class Job:
         pointer = self._ffi.from_buffer("double[]", np.ascontiguousarray(array, dtype=np.float64))
         self._kept.append(pointer)
         return pointer
+
+    def _callback(self, functions: Mapping[int, Callable[[float], float]]) -> Any:
+        """Give C a function that asks Python for inputs."""
+
+        def ask(t: float, u: Any, context: Any) -> int:
+            if self._error is not None:  # C may try a shorter step before it gives up
+                return -1
+            for place, function in functions.items():
+                u[place] = function(t)
+            return 0
+
+        def remember(kind: Any, error: BaseException, traceback: Any) -> None:
+            self._error = error  # of the function, or Ctrl-C in it
+
+        callback = self._ffi.callback("cotree_input_function", ask, error=-1, onerror=remember)
+        self._kept.append(callback)
+        return callback
 
     def _tables(self, native: Native) -> Any:
         tables = self._ffi.new("cotree_table_input[]", max(1, len(native.replaced)))

@@ -39,34 +39,31 @@ class Method:
         Whether it uses a Jacobian.
     multistep : bool
         Whether a step builds on those before.
-    accepts_callable_inputs : bool
-        Whether inputs may be Python callables.
     """
 
     name: str
     family: str
     implicit: bool
     multistep: bool
-    accepts_callable_inputs: bool
 
 
 _ROWS = (
-    Method("dopri5", "cotree", False, False, True),
-    Method("rkf45", "cotree", False, False, True),
-    Method("dop853", "cotree", False, False, True),
-    Method("rodas4", "cotree", True, False, True),
-    Method("rodas5", "cotree", True, False, True),
-    Method("RK45", "scipy", False, False, True),
-    Method("DOP853", "scipy", False, False, True),
-    Method("RK23", "scipy", False, False, True),
-    Method("Radau", "scipy", True, False, True),
-    Method("BDF", "scipy", True, True, True),
-    Method("LSODA", "scipy", True, True, True),
-    Method("cvode", "sundials", True, True, False),
-    Method("ida", "sundials", True, True, False),
-    Method("cvodes", "correctors", True, True, False),
-    Method("cvodes-simultaneous", "correctors", True, True, False),
-    Method("idas", "correctors", True, True, False),
+    Method("dopri5", "cotree", False, False),
+    Method("rkf45", "cotree", False, False),
+    Method("dop853", "cotree", False, False),
+    Method("rodas4", "cotree", True, False),
+    Method("rodas5", "cotree", True, False),
+    Method("RK45", "scipy", False, False),
+    Method("DOP853", "scipy", False, False),
+    Method("RK23", "scipy", False, False),
+    Method("Radau", "scipy", True, False),
+    Method("BDF", "scipy", True, True),
+    Method("LSODA", "scipy", True, True),
+    Method("cvode", "sundials", True, True),
+    Method("ida", "sundials", True, True),
+    Method("cvodes", "correctors", True, True),
+    Method("cvodes-simultaneous", "correctors", True, True),
+    Method("idas", "correctors", True, True),
 )
 
 METHODS: Mapping[str, Method] = {row.name: row for row in _ROWS}

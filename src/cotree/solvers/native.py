@@ -62,7 +62,7 @@ def can_extend(method: str, problem: Problem) -> bool:
     return (
         native is not None
         and native.model.can_extend
-        and not native.replaced  # their own rates are not known
+        and not (native.replaced or native.functions)  # their own rates are not known
         and not METHODS[method].implicit
         and problem.project is None
         and problem.events is None
@@ -217,7 +217,9 @@ def run_job(job: Job, problem: Problem, method: str, spent: float = 0.0) -> Ende
 
 def _advance(job: Job, problem: Problem, begin: float, progress: Progress) -> tuple[int, str, bool]:
     """Give the status, the reason of a failure, and whether the job waits."""
-    steps, limit, others = _FIRST_STEPS, problem.max_steps, problem.steps_taken
+    limit, others = problem.max_steps, problem.steps_taken
+    assert problem.native is not None  # or there were no job
+    steps = 1 if problem.native.functions else _FIRST_STEPS  # Python's functions may take long
     while True:
         allowed = steps if limit is None else min(steps, limit - others - job.job.n_steps)
         before, taken = time.perf_counter(), job.job.n_steps

@@ -18,10 +18,9 @@ from cotree.scene.description import check_number
 from cotree.solvers.augmented import DENSE_LIMIT
 from cotree.solvers.engine import Native
 from cotree.solvers.jumps import ModelEvents
-from cotree.solvers.methods import METHODS
 from cotree.solvers.problem import Problem
 from cotree.solvers.project import Projection
-from cotree.solvers.result import EventTimes, Result
+from cotree.solvers.result import EventTimes, RunRecord
 from cotree.solvers.select import integrate
 from cotree.solvers.sweep import sweep
 from cotree.solvers.timely import timely
@@ -69,7 +68,7 @@ def simulate(
     model: CompiledModel,
     settings: Settings,
     units: Mapping[str, str],
-) -> Result:
+) -> RunRecord:
     """Integrate a model.
 
     Parameters
@@ -94,7 +93,6 @@ def simulate(
     p = model.parameter_array(settings.parameters)
     values = dict(zip(model.parameters, p.tolist(), strict=True))
     signals = read_signals(settings.inputs, model.inputs, values)
-    _check_method(settings.method, signals)
     _check_replaced(model, settings.inputs, signals)
     u = _input_function(model, p, signals)
     is_held = settings.project and bool(model.layout.constraints)
@@ -141,10 +139,7 @@ def simulate(
         places=_places(model),
     )
     warn_of_tolerances(problem)
-    method = settings.method
-    if method == "auto" and signals.has_function:
-        method = "LSODA"  # switches between stiff and not, and takes any Python function
-    trajectory = timely(problem, integrate(problem, method))
+    trajectory = timely(problem, integrate(problem, settings.method))
     redundant = _redundant(model, projection, trajectory)
     trajectory = held(problem, trajectory, redundant)
     if trajectory.status != 0:
@@ -159,7 +154,7 @@ def simulate(
     outputs, output_s, inputs = sweep(model, p, u, trajectory.t, trajectory.z)
     if redundant and model.sensitivities:
         _leave_out(model, output_s)
-    return Result(
+    return RunRecord(
         t=trajectory.t,
         y=y,
         s=s,
@@ -265,15 +260,6 @@ def _times(t_eval: Any) -> FloatArray | None:
         raise SolveError("t_eval must be a sequence of numbers") from None
 
 
-def _check_method(method: str, signals: Signals) -> None:
-    row = METHODS.get(method)
-    if row is not None and signals.has_function and not row.accepts_callable_inputs:
-        raise SolveError(
-            f"method '{method}' cannot take a Python function as input: give an expression or "
-            "(times, values), or use one of SciPy's methods"
-        )
-
-
 def _check_replaced(model: CompiledModel, inputs: Mapping[str, Any], signals: Signals) -> None:
     """Refuse to replace an input where sensitivities depend on the input's own."""
     for name, used in signals.parameters.items():
@@ -353,12 +339,11 @@ def _sparse_jacobian(
 
 def _native(model: CompiledModel, p: FloatArray, signals: Signals) -> dict[str, Any]:
     """Return the native form of the problem, or the reason why C cannot take it."""
-    if len(signals.tables) < len(signals.by_position):
-        return {"not_native": "an input is neither a number nor a table"}
     native = model.native(p)
     if native is None:
         return {"not_native": "the model is evaluated in Python"}
-    return {"native": Native(native, len(model.inputs), signals.tables)}
+    others = {i: f for i, f in signals.by_position.items() if i not in signals.tables}
+    return {"native": Native(native, len(model.inputs), signals.tables, others)}
 
 
 def _start(
