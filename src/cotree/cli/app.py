@@ -236,21 +236,12 @@ def show_equations(
 
 
 def _steps(scene: Scene, sensitivities: Sequence[str], choice: TreeChoice) -> str:
-    """Write the steps of the formulation, once for each sensitivity."""
+    """Write the steps of the formulation, with a sensitivity graph for each sensitivity."""
     from cotree.export.steps import formulation_steps
-    from cotree.pipeline import draw_graphs, trees_to_try
-    from cotree.program.strategy import choose_first_graph
+    from cotree.pipeline import formulate
 
-    graphs, trees = draw_graphs(scene, choice)
-    branches = [set(tree.branches) for tree in trees.values()]
-    first = None
-    if choice is None or all(names == branches[0] for names in branches):
-        first = choose_first_graph(scene, trees_to_try(scene, choice), sensitivities)[0]
-        if set(first.system.trees.branches) != branches[0]:
-            # Another tree costs less, and its equations are those that are shown elsewhere.
-            graphs, trees = draw_graphs(scene, list(first.system.trees.branches))
-    names: list[str | None] = [*sensitivities] or [None]
-    return "\n".join(formulation_steps(scene, graphs, trees, first, name) for name in names)
+    first, equations, _ = formulate(scene, sensitivities, choice)
+    return formulation_steps(first, equations)
 
 
 @app.command("graph")

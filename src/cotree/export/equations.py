@@ -97,12 +97,12 @@ class SymbolicEquations:
         list of str
             One line for each speed, then one for each constraint.
         """
-        spell = _printer("text", {})
+        spell = printer("text", {})
         return [self._line(equation, spell, name) for equation in self._equations(name)]
 
     def latex(self) -> str:
         """Write all equations as one LaTeX ``align`` environment, the governing ones first."""
-        spell = _printer("latex", self.latex_names)
+        spell = printer("latex", self.latex_names)
         rows = [
             f"  {self._line(equation, spell, name).removesuffix(' = 0')} &= 0"
             for name in (None, *self.sensitivity)
@@ -112,7 +112,7 @@ class SymbolicEquations:
 
     def event_lines(self) -> list[str]:
         """Write the events as plain text, one line each."""
-        spell = _printer("text", {})
+        spell = printer("text", {})
         return [event.line(name, spell, self.symbols) for name, event in self.events.items()]
 
     def __str__(self) -> str:
@@ -139,8 +139,16 @@ class SymbolicEquations:
         return f"{joined([spell(term) for term in terms])} = 0"
 
 
-def _printer(kind: str, latex_names: Mapping[Any, str]) -> Callable[[Any], str]:
-    """Give SymPy's printer, made to spell each shared subexpression once."""
+def printer(kind: str, latex_names: Mapping[Any, str]) -> Callable[[Any], str]:
+    """Give SymPy's printer, made to spell each shared subexpression once.
+
+    Parameters
+    ----------
+    kind : {'text', 'latex'}
+        What to write.
+    latex_names : mapping of sympy.Symbol to str
+        How LaTeX spells symbols.
+    """
     from sympy.printing.latex import LatexPrinter
     from sympy.printing.str import StrPrinter
 
@@ -204,7 +212,7 @@ def symbolic_equations(equations: Equations) -> SymbolicEquations:
     m*s_ddot + k*s = 0
     m*s_ddot_k + k*s_k + s = 0
     """
-    names = _Names.of(equations)
+    names = SymbolTable.of(equations)
     known = names.known(equations)
     matrix = _matrix(equations, known)
     n_speeds = len(names.accelerations)
@@ -296,11 +304,11 @@ def _tidied(entry: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class _Names:
+class SymbolTable:
     """Symbols by name, and how LaTeX spells those of the unknowns and states.
 
     ``accelerations`` and ``multipliers`` are the unknowns, in their order; ``rates`` belong to the
-    states of networks.
+    states of networks; ``subscripts`` mark derivatives, by what they are taken with respect to.
     """
 
     states: tuple[str, ...]
@@ -309,9 +317,10 @@ class _Names:
     rates: tuple[str, ...]
     symbols: dict[Key, Any]
     latex: dict[Any, str]
+    subscripts: dict[str | None, str]
 
     @classmethod
-    def of(cls, equations: Equations) -> _Names:
+    def of(cls, equations: Equations) -> SymbolTable:
         """Choose the names of every symbol of the equations."""
         states = tuple(state.name for state in equations.states)
         multipliers = tuple(row.name for row in equations.constraints.rows)
@@ -326,13 +335,14 @@ class _Names:
         of_states = spell_states((*coordinates, *others), (*speeds, *stored), given)
         spelt = of_states | spell_multipliers(multipliers)
         rates = tuple(acceleration_name(name, ()) for name in stored)
-        names = cls(states, accelerations, multipliers, rates, {}, {})
+        names = cls(states, accelerations, multipliers, rates, {}, {}, {})
         used = {*given, "t"}
         for name in (*given, "t"):
             names.symbols[name] = real_symbol(name)
         for along in (None, *(direction.name for direction in equations.sensitivities)):
+            mark = names.subscripts[along] = subscript(along, of_states)
             for row, own in spelt.items():
-                text = f"{own.text}{subscript(along, of_states)}"
+                text = f"{own.text}{mark}"
                 while text in used:
                     text += "_"
                 used.add(text)
