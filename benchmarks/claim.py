@@ -36,6 +36,7 @@ from timing import Contender, about, difference, in_turn, keep, loop, show, spen
 
 import cotree
 from cotree.build import BuildOptions, build_library, find_toolchain, load_library
+from cotree.choice import choose_first_graph
 from cotree.codegen.context import model_context
 from cotree.codegen.render import cdef, render_model
 from cotree.dag.derivative import tangents
@@ -44,7 +45,6 @@ from cotree.model.kernels import CKernels
 from cotree.passes.recipe import run_passes
 from cotree.pipeline import trees_to_try
 from cotree.program.lower import lower
-from cotree.program.strategy import choose_first_graph
 from cotree.sensitivity.graphs import form_equations
 from cotree.version import ABI_VERSION
 

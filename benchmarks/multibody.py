@@ -21,8 +21,8 @@ import numpy as np
 
 import cotree
 from cotree import Scene
+from cotree.choice import choose_first_graph
 from cotree.pipeline import formulate, generate, trees_to_try
-from cotree.program.strategy import choose_first_graph
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "example_scenes"))
 from reference_scenes import absolute_tree, read_reference, scene_of, tree_without

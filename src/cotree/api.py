@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from cotree.build import BuildOptions
 from cotree.errors import ParameterError
 from cotree.operating import OperatingModel
-from cotree.program.counts import Operations
 from cotree.readers import load_source
 from cotree.results import Result
 from cotree.scene.description import SceneDescription, check_number
@@ -21,6 +20,7 @@ from cotree.solvers.simulate import Settings, simulate
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from cotree.choice import Operations
     from cotree.export.c_project import CProject
     from cotree.export.equations import SymbolicEquations
     from cotree.export.graph_report import GraphReport
@@ -213,6 +213,8 @@ class Model(OperatingModel):
     @property
     def operations(self) -> Operations:
         """Operation counts by kernel; ``alternatives`` are the formulations that were tried."""
+        from cotree.choice import Operations
+
         return Operations(super().operations, self._compiled.alternatives)
 
     def summary(self) -> str:

@@ -124,8 +124,9 @@ class OperatingModel(CompiledModel):
     @formed_once
     def _linearizer(self) -> Linearizer:
         from cotree.model.linearize import Linearizer
+        from cotree.pipeline import equations_of_deviations
 
-        return Linearizer.of(self.first_graph)
+        return Linearizer(*equations_of_deviations(self.first_graph))
 
     def linearize(
         self, t: float = 0.0, y: Any = None, p: Any = None, u: Any = None, *, reduced: bool = False

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.build import BuildOptions, find_toolchain, obtain_library
+from cotree.choice import choose_first_graph
 from cotree.codegen.context import model_context
 from cotree.codegen.render import cdef, render_model
 from cotree.errors import Error, FormulationError, TopologyError
@@ -24,7 +25,6 @@ from cotree.formulation.networks.network import draw_networks
 from cotree.model.kernels import CKernels, PythonKernels
 from cotree.passes.recipe import run_passes
 from cotree.program.lower import lower
-from cotree.program.strategy import choose_first_graph
 from cotree.scene.graphs import (
     candidate_trees,
     choose_trees,
@@ -34,20 +34,20 @@ from cotree.scene.graphs import (
 )
 from cotree.scene.inertias import impossible_inertias
 from cotree.scene.jumps import with_jumps
-from cotree.sensitivity.graphs import form_equations
+from cotree.sensitivity.graphs import form_equations, input_columns
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
+    from cotree.choice import Alternative
     from cotree.codegen.context import ModelContext
-    from cotree.equations import Equations
+    from cotree.equations import Derivative, Equations
     from cotree.formulation.first_graph import FirstGraph
     from cotree.graph import LinearGraph, Tree
     from cotree.model.kernels import Kernels
     from cotree.passes.recipe import PassReport
     from cotree.program import Program
-    from cotree.program.strategy import Alternative
     from cotree.scene.description import SceneDescription
     from cotree.scene.graphs import TreeChoice
     from cotree.scene.trees import Trees
@@ -181,6 +181,11 @@ def count_trees(scene: SceneDescription) -> tuple[Alternative, ...]:
     for row in alternatives:
         cheapest.setdefault(row.trees.listed(), row)
     return tuple(cheapest.values())
+
+
+def equations_of_deviations(first: FirstGraph) -> tuple[Equations, tuple[Derivative, ...]]:
+    """Form the equations without sensitivities, and their derivatives along each input."""
+    return form_equations(first, ()), input_columns(first)
 
 
 def generate(equations: Equations) -> tuple[Program, tuple[PassReport, ...]]:

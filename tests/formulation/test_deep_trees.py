@@ -9,8 +9,8 @@ from rod_chain import rod_chain
 import cotree
 from cotree.dag.evaluate import evaluate
 from cotree.formulation.deep_trees import LateMatrix
-from cotree.formulation.elimination import solve_unknowns
 from cotree.pipeline import formulate
+from cotree.program.solved import Solved
 
 
 def _equations(n):
@@ -37,7 +37,7 @@ def test_many_short_branches_are_not_deep():
 def test_both_eliminations_give_the_same_accelerations():
     n = 60
     equations, _ = _equations(n)
-    _, solved = solve_unknowns(equations)
+    solved = Solved.of(equations).unknowns
     rng = np.random.default_rng(5)
     values = {s.symbol: rng.uniform(-1.0, 1.0) for s in equations.states}
     values |= {equations.dag.symbol("p", i): v for i, v in enumerate(equations.parameter_values)}

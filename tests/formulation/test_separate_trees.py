@@ -18,13 +18,13 @@ from rod_chain import rod_chain
 
 import cotree
 from cotree import Scene, load, register_component
+from cotree.choice import choose_first_graph
 from cotree.components import Role
 from cotree.dag.derivative import tangents
 from cotree.dag.evaluate import evaluate
 from cotree.formulation.first_graph import form_first_graph
 from cotree.pipeline import count_trees, formulate, trees_to_try
 from cotree.program.lower import lower
-from cotree.program.strategy import choose_first_graph
 from cotree.scene.expressions import parse
 from cotree.scene.graphs import choose_trees, joint_tree, linear_graphs, separate_trees
 from cotree.sensitivity.graphs import form_equations

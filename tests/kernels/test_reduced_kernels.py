@@ -16,9 +16,7 @@ from test_embedded_algebraic import bridge
 
 from cotree import Scene, load
 from cotree.dag.evaluate import evaluate
-from cotree.dag.nodes import Dag
 from cotree.dag.traverse import symbols_in
-from cotree.formulation.static_pivots import factorise_static
 from cotree.model.unknowns import of_model
 
 # Some hundred operations: 1e-12 leaves a factor of ten. Where equations are solved, each route may
@@ -140,45 +138,6 @@ def test_operations():
     former = operations["rhs"].kernel + operations["jacobian"].kernel
     assert operations["extended_rhs"].kernel <= 1.1 * former
     assert operations["algebraic_step"].kernel <= 2 * former
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_static_pivots_solve_sparse_equations(seed):
-    rng = np.random.default_rng(seed)
-    n = int(rng.integers(1, 9))
-    values = rng.uniform(-1.0, 1.0, (n, n)) * (rng.random((n, n)) < 0.4)
-    # Rows exchanged: the diagonal is no better than other places.
-    values = (values + np.diag(3.0 + rng.random(n)))[rng.permutation(n)]
-    right = rng.uniform(-1.0, 1.0, n)
-    found, doubt = solved(values, right)
-    # Pivots that are not the largest lose what the doubt says.
-    np.testing.assert_allclose(found, np.linalg.solve(values, right), rtol=1e-12 * max(1.0, doubt))
-
-
-def solved(values, right):
-    dag, n = Dag(), len(right)
-    symbols = {(i, j): dag.symbol("a", i * n + j) for i, j in zip(*np.nonzero(values), strict=True)}
-    rows = [{j: s for (k, j), s in symbols.items() if k == i} for i in range(n)]
-    factors = factorise_static(dag, rows, 1000)
-    b = [dag.symbol("b", i) for i in range(n)]
-    known = {s: values[place] for place, s in symbols.items()} | dict(zip(b, right, strict=True))
-    *found, doubt = evaluate([*factors.solve(b), factors.doubt], known)
-    return found, doubt
-
-
-def test_doubt_tells_of_cancellation():
-    values = np.array([[1.0, 1.0], [1.0, 1.0 + 1e-9]])
-    assert solved(values, [1.0, 2.0])[1] == pytest.approx(2e9, rel=1e-6)
-    # One equation after another: nothing is subtracted from a pivot.
-    assert solved(np.array([[1e-9, 0.0], [1.0, 1.0]]), [1.0, 2.0])[1] == 0.0
-
-
-def test_equations_without_a_solution_have_no_factors():
-    dag = Dag()
-    a = dag.symbol("a", 0)
-    assert factorise_static(dag, [{0: a}, {0: a}], 10) is None
-    full = [{j: dag.symbol("a", 3 * i + j) for j in range(3)} for i in range(3)]
-    assert factorise_static(dag, full, 4) is None  # two by two entries, then one, are changed
 
 
 @pytest.mark.parametrize("method", ["dopri5", "dop853"])

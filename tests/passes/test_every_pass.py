@@ -12,6 +12,8 @@ from network_scenes import rc_ladder
 from rod_chain import rod_chain
 
 import cotree
+from cotree import choice
+from cotree.choice import choose_first_graph
 from cotree.codegen import context, maps
 from cotree.codegen.blocks import Blocks, cut_into_blocks
 from cotree.codegen.context import model_context
@@ -21,9 +23,8 @@ from cotree.passes.curvature import form_curvature
 from cotree.passes.recipe import RECIPE, run_passes
 from cotree.passes.time_slope import form_time_slope
 from cotree.pipeline import formulate, generate, trees_to_try
-from cotree.program import columns, strategy
+from cotree.program import columns
 from cotree.program.lower import lower
-from cotree.program.strategy import choose_first_graph
 from cotree.sensitivity.graphs import form_equations
 
 SHIPPED = sorted(path.stem for path in (Path(cotree.__file__).parent / "scenes").glob("*.toml"))
@@ -109,13 +110,13 @@ def test_maps_keep_the_values(scene, monkeypatch):
 @pytest.mark.parametrize("scene", SHIPPED)
 def test_formulations_give_the_same_rates(scene, monkeypatch):
     """In all axes and by both eliminations, of the tree that is chosen: the states are the same."""
-    monkeypatch.setattr(strategy, "_LONG", 1)
+    monkeypatch.setattr(choice, "_LONG", 1)
     described = cotree.load(scene)
     wanted = list(described.parameters)[:2]
     tree = choose_first_graph(described, trees_to_try(described, None), wanted)[1][0].trees
     programs = [
         lower(form_equations(first, wanted))
-        for _, first in strategy._tried(described, tree, wanted, 0.0)
+        for _, first in choice._tried(described, tree, wanted, 0.0)
     ]
     for program in programs[1:]:
         assert program.layout.states == programs[0].layout.states

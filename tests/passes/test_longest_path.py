@@ -11,8 +11,8 @@ import pytest
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag
 from cotree.dag.traverse import symbols_in
-from cotree.formulation.elimination import eliminate
 from cotree.formulation.first_graph import form_first_graph, tree_links
+from cotree.linear.bordered import factorise_bordered
 from cotree.passes import order
 from cotree.passes.balance import balance_sums
 from cotree.passes.order import order_by_need
@@ -131,7 +131,7 @@ def test_deferred_elimination_gives_the_same_unknowns(own_axes):
     deferred = tuple(replace(link, is_deferred=True) for link in links)
     found = []
     for each in (links, deferred, ()):
-        factors = eliminate(first.system.dag, first.matrix, first.is_safe, (), each)
+        factors = factorise_bordered(first.system.dag, first.matrix, first.is_safe, (), each)
         found.append(factors.solve(first.forcing))
     for seed in range(3):
         along, later, by_matrix = (_at_random(roots, seed) for roots in found)

@@ -24,18 +24,18 @@ from cotree.codegen.printer_c import is_written_out
 from cotree.codegen.render import render
 from cotree.dag.several import Function, sizes_of
 from cotree.dag.traverse import symbols_in
+from cotree.linear.plan import plan_elimination
 from cotree.naming import c_identifier
 from cotree.passes.curvature import form_curvature
 from cotree.passes.time_slope import form_time_slope
-from cotree.program.sparse_lu import plan_elimination
 from cotree.version import ABI_VERSION, VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from cotree.codegen.context import KernelContext, TableContext
+    from cotree.linear.plan import Elimination, Entry
     from cotree.program import Program
-    from cotree.program.sparse_lu import Elimination, Entry
 
 # Beyond this number of products tables are walked through. Straight lines, in blocks, factor up to
 # twice as fast at any size (measured to 13,000), but gcc takes half a second for each thousand.

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cotree.dag.nodes import Dag, Node
-    from cotree.dag.vector import Matrix, Vector
+    from cotree.linear.tree import Link
 
 #: Parameters that a message names.
 _MOST_SHOWN = 5
@@ -166,41 +166,6 @@ class ConstraintSet:
     start_values: tuple[Node, ...]
     start_gradient: tuple[tuple[Node, ...], ...]
     redundant: tuple[RedundantRow, ...] = ()
-
-
-@dataclass(frozen=True)
-class Link:
-    """A moving branch of a tree, for elimination along it; vectors in the parent's basis.
-
-    Attributes
-    ----------
-    parent : int
-        Number of the link that carries it, from one on; zero for the ground.
-    speeds : tuple of int
-        The accelerations among its unknowns.
-    turning, shifting : tuple of Vector
-        Angular acceleration, and acceleration of the link's origin, for a unit of each.
-    offset : Vector
-        From the parent's origin to the link's.
-    step : Matrix or None
-        From the link's basis to the parent's; None where they are the same.
-    mass, moment, tensor : Node, Vector and Matrix, or None
-        Inertia about the link's origin, in its own basis.
-    is_deferred : bool
-        Whether what its speeds take is subtracted behind its offset only; see
-        :mod:`cotree.formulation.articulated`.
-    """
-
-    parent: int
-    speeds: tuple[int, ...]
-    turning: tuple[Vector, ...]
-    shifting: tuple[Vector, ...]
-    offset: Vector
-    step: Matrix | None
-    mass: Node | None
-    moment: Vector | None
-    tensor: Matrix | None
-    is_deferred: bool = False
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
+    from cotree.choice import Alternative
     from cotree.graph import LinearGraph, TopologyMatrix, Tree
-    from cotree.program.strategy import Alternative
 
 
 @dataclass(frozen=True)

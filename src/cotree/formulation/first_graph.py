@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from cotree.components import FreeRotation, Role
 from cotree.dag.nodes import Dag
 from cotree.dag.rotation import quaternion_rates
-from cotree.equations import Link, State
+from cotree.equations import State
 from cotree.errors import ExpressionError
 from cotree.formulation.across import accelerate, move
 from cotree.formulation.augmented import augmented_mass_matrix
@@ -30,6 +30,7 @@ from cotree.formulation.start import body_starts, start_conditions
 from cotree.formulation.system import bind
 from cotree.formulation.through import balance, load, mass_matrix
 from cotree.formulation.views import FirstView
+from cotree.linear.tree import Link
 from cotree.scene.motion_spaces import motion_spaces
 
 if TYPE_CHECKING:

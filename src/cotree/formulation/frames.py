@@ -2,7 +2,7 @@
 
 A cluster's vectors are resolved in its parent's axes or in its own. Ground axes throughout suit
 planar chains, where a turn adds its angle to the one before; own axes suit spatial arms, whose
-inertias are then constant. Both give the same values; :mod:`cotree.program.strategy` counts
+inertias are then constant. Both give the same values; :mod:`cotree.choice` counts
 what they cost. Where the trees differ a cluster has two parents, and ground axes suit both.
 """
 

@@ -15,21 +15,19 @@ import numpy.typing as npt
 
 from cotree.dag.evaluate import evaluate
 from cotree.dag.several import results
-from cotree.dag.traverse import reachable, substitute, symbols_in
+from cotree.dag.traverse import reachable, symbols_in
 from cotree.equations import spread
 from cotree.errors import Error, SingularSystemError
-from cotree.formulation.elimination import solve_unknowns
 from cotree.model.algebraic import eliminated
 from cotree.model.deviations import Point, Reduced, is_same, is_still, reduce
 from cotree.model.unknowns import solve_states
-from cotree.sensitivity.graphs import form_equations, input_columns
+from cotree.program.solved import Solved
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cotree.dag.nodes import Node
     from cotree.equations import Derivative, Equations
-    from cotree.formulation.first_graph import FirstGraph
     from cotree.model.model import CompiledModel
 
 Array = npt.NDArray[np.float64]
@@ -95,7 +93,15 @@ class Linearization:
 
 
 class Linearizer:
-    """The derivatives of a scene's equations along its states and inputs, formed once."""
+    """The derivatives of equations along states and inputs, formed once.
+
+    Parameters
+    ----------
+    equations : Equations
+        The equations; they need no sensitivities.
+    input_columns : sequence of Derivative
+        Along each input.
+    """
 
     def __init__(self, equations: Equations, input_columns: Sequence[Derivative]) -> None:
         self._equations = equations
@@ -116,11 +122,6 @@ class Linearizer:
         #: Whether time itself stands in the equations, or in the scene's inputs.
         self.is_timed = equations.dag.symbol("t", 0) in found
         self.has_timed_inputs = equations.dag.symbol("t", 0) in reachable(equations.input_values)
-
-    @classmethod
-    def of(cls, first: FirstGraph) -> Linearizer:
-        """Form the equations of a scene and their derivatives."""
-        return cls(form_equations(first, ()), input_columns(first))
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -279,12 +280,11 @@ def _without_algebraic(whole: Array, cut: int, equations: Equations) -> Array:
 
 def _solved(equations: Equations, columns: Sequence[Derivative]) -> tuple[list[Node], list[Node]]:
     """Form the derivatives of the rates and of the outputs along each column, and the rates."""
-    factors, solved = solve_unknowns(equations)
+    solved = Solved.of(equations)
     zero, n, k = equations.dag.zero, len(equations.states), len(equations.outputs)
-    found: list[Node] = []
-    for column in columns:
-        forcing = substitute(column.forcing, solved)
-        tangents = dict(zip(equations.unknown_tangents, factors.solve(forcing), strict=True))
-        rows = [*spread(column.rates, n, zero), *spread(column.outputs, k, zero)]
-        found += substitute(rows, {**solved, **tangents})
-    return found, substitute(equations.rates, solved)
+    found = [
+        node
+        for row in solved.along(columns)
+        for node in (*spread(row.rates, n, zero), *spread(row.outputs, k, zero))
+    ]
+    return found, solved.put(equations.rates)

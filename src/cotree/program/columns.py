@@ -9,7 +9,7 @@ parameters, it is formed first and multiplied with each s_j. The costs of all wa
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -21,12 +21,12 @@ from cotree.program.lanes import cost_of_map, gather_columns
 from cotree.program.sources import CommonDirection, part_sources
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Sequence
 
     from cotree.dag.linear_map import LinearMap
     from cotree.dag.nodes import Dag, Node
     from cotree.equations import Derivative, Equations
-    from cotree.formulation.elimination import Solver
+    from cotree.program.solved import Solved
 
 #: Fewer operations than these are written out for each direction.
 _FEW_OPERATIONS = 600
@@ -59,8 +59,7 @@ class MappedRates:
 
 def map_rates(
     equations: Equations,
-    factors: Solver,
-    solved: Mapping[Node, Node],
+    solved: Solved,
     rates: Sequence[Node],
     reached: Sequence[Sequence[int]],
 ) -> MappedRates:
@@ -70,10 +69,8 @@ def map_rates(
     ----------
     equations : Equations
         The equations.
-    factors : Solver
-        Their factorised matrix.
-    solved : mapping of Node to Node
-        The unknowns' symbols and values.
+    solved : Solved
+        Their solution.
     rates : sequence of Node
         Rates of the states, solved.
     reached : sequence of sequences of int
@@ -81,10 +78,10 @@ def map_rates(
     """
     if equations.n_algebraic:
         return MappedRates(None, None)
-    common = part_sources(equations, solved)
+    common = part_sources(equations, solved.unknowns)
     if common is None:
         return MappedRates(None, None)
-    ways = _Ways(equations, common, factors, solved, rates, reached)
+    ways = _Ways(equations, common, solved, rates, reached)
     along_states = ways.along_states() if equations.unknowns else None
     columns = None
     if along_states and ways.are_worth([along_states], equations.columns):
@@ -140,8 +137,7 @@ class _Ways:
 
     equations: Equations
     common: CommonDirection
-    factors: Solver
-    solved: Mapping[Node, Node]
+    solved: Solved
     rates: Sequence[Node]
     reached: Sequence[Sequence[int]]
 
@@ -247,9 +243,9 @@ class _Ways:
         n, rates = len(self.common.forcing), [self.common.rates[i] for i in places]
         zeros = dict.fromkeys(still, self._dag.zero)
         known = substitute([*self.common.forcing, *rates], zeros)
-        unknowns = self.factors.solve(known[:n])
-        tangents = dict(zip(self.equations.unknown_tangents, unknowns, strict=True))
-        return substitute(known[n:], tangents)
+        found = dict(zip(places, known[n:], strict=True))
+        direction = replace(self.common, forcing=tuple(known[:n]), rates=found)
+        return list(self.solved.along([direction])[0].rates.values())
 
     def _map(
         self,
@@ -288,21 +284,14 @@ class _Ways:
         known = reachable([*self.rates, *(node for one in maps for node in one.known)])
         shared = {node for node in known if node.op != "map"}
         scalar = count_operations(shared).total
-        samples = [rows[j] for j in _sample(len(rows))]
+        samples = [replace(rows[j], outputs={}) for j in _sample(len(rows))]
+        written_out = [reachable(row.rates.values()) for row in self.solved.along(samples)]
         apart = sum(
-            count_operations(node for node in self._written_out(row) if node not in shared).total
-            for row in samples
+            count_operations(node for node in order if node not in shared).total
+            for order in written_out
         )
         longhand = scalar + apart * len(rows) / len(samples)
         return longhand > _FEW_OPERATIONS and self._cost(maps) < _WORTH * longhand
-
-    def _written_out(self, row: Derivative) -> list[Node]:
-        """Write the rates along one direction out."""
-        size = len(row.forcing)
-        known = substitute([*row.forcing, *row.rates.values()], self.solved)
-        unknowns = self.factors.solve(known[:size])
-        tangents = dict(zip(self.equations.unknown_tangents, unknowns, strict=True))
-        return reachable(substitute(known[size:], tangents))
 
 
 def _are_too_many(n_given: int, n_columns: int, n_results: int) -> bool:

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Mapping
 
     from cotree.dag.nodes import Node
-    from cotree.program.strategy import Alternative
 
 
 @dataclass(frozen=True)
@@ -39,36 +38,6 @@ class OperationCount:
         return OperationCount(
             dict(Counter(self.by_kind) + Counter(share.by_kind)), self.kernel, share.kernel
         )
-
-
-class Operations(dict[str, OperationCount]):
-    """Operation counts by kernel, and the formulations that were tried.
-
-    Attributes
-    ----------
-    alternatives : tuple of Alternative
-        What the equations would have cost, the fewest estimated cycles first, which was taken.
-    """
-
-    def __init__(
-        self, counts: Mapping[str, OperationCount], alternatives: Sequence[Alternative]
-    ) -> None:
-        super().__init__(counts)
-        self.alternatives = tuple(alternatives)
-
-    def __str__(self) -> str:
-        """Show what each kernel takes, and the formulations."""
-        lines = [
-            f"{name}: {count.kernel} operations, {count.prepare} of prepare"
-            for name, count in self.items()
-            if count.total
-        ]
-        return "\n".join([*lines, *self.tried()])
-
-    def tried(self) -> list[str]:
-        """Describe the formulations, a line each under a head."""
-        rows = [f"  {row.summary()}" for row in self.alternatives]
-        return ["formulations tried, the fewest estimated cycles first:", *rows]
 
 
 def count_operations(nodes: Iterable[Node]) -> OperationCount:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Node
     from cotree.equations import Equations, EventRow
-    from cotree.formulation.elimination import Solver
+    from cotree.program.solved import Along, Solved
 
 
 def event_quantities(equations: Equations) -> tuple[EventRow, ...]:
@@ -28,10 +28,10 @@ def event_quantities(equations: Equations) -> tuple[EventRow, ...]:
 
 def event_kernels(
     equations: Equations,
-    factors: Solver,
+    solved: Solved,
     values: Sequence[Node],
-    along: Sequence[Mapping[int, Node]],
-    motion: tuple[Mapping[int, Node], Mapping[int, Node]],
+    along: Sequence[Along],
+    motion: Along,
 ) -> dict[str, list[Node]]:
     """Form the results of the kernels of events; empty where there are none.
 
@@ -39,14 +39,14 @@ def event_kernels(
     ----------
     equations : Equations
         The equations.
-    factors : Solver
-        Their factorised matrix.
+    solved : Solved
+        Their solution.
     values : sequence of Node
         Outputs, then the expressions of events, unknowns eliminated.
-    along : sequence of mapping of int to Node
-        Their derivatives along each parameter, by place.
-    motion : pair of mappings of int to Node
-        Derivatives along the motion of the rates, and of these values.
+    along : sequence of Along
+        Derivatives along each parameter; outputs are followed by these expressions.
+    motion : Along
+        Derivatives along the motion.
     """
     if not equations.events:
         return {name: [] for name in ("events", "jumps", "event_sensitivity", "event_rates")}
@@ -58,9 +58,7 @@ def event_kernels(
         places.append((range(place, place + len(row.targets)), place + len(row.targets)))
         place += len(row.targets) + row.is_impact
     impacts = [
-        form_impact(equations, factors, start + i, values[last], row.name)
-        if row.is_impact
-        else None
+        form_impact(equations, solved, start + i, values[last], row.name) if row.is_impact else None
         for i, (row, (_, last)) in enumerate(zip(equations.events, places, strict=True))
     ]
     jumps: list[Node] = []
@@ -73,18 +71,18 @@ def event_kernels(
         for (own, last), impact in zip(places, impacts, strict=True):
             found += [whole[i] for i in own]
             if impact is not None:
-                found += impact.tangent(equations, factors, seed, whole[last])
+                found += impact.tangent(solved, seed, whole[last])
         return found
 
     assert equations.motion is not None  # it comes with the events
     directions = zip(along, equations.sensitivities, strict=True)
     n_rated = len(equations.states) - equations.n_algebraic
-    residuals = (motion[0].get(i, dag.zero) for i in range(n_rated, len(equations.states)))
+    residuals = (motion.rates.get(i, dag.zero) for i in range(n_rated, len(equations.states)))
     return {
         "events": list(values[start : start + n_events]),
         "jumps": jumps,
         "event_sensitivity": [
-            node for row, direction in directions for node in derivatives(row, direction.seed)
+            node for row, own in directions for node in derivatives(row.outputs, own.seed)
         ],
-        "event_rates": [*derivatives(motion[1], equations.motion.seed), *residuals],
+        "event_rates": [*derivatives(motion.outputs, equations.motion.seed), *residuals],
     }

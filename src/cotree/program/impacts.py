@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Node
     from cotree.equations import Equations
-    from cotree.formulation.elimination import Solver
+    from cotree.program.solved import Solved
 
 
 @dataclass(frozen=True)
@@ -46,21 +46,12 @@ class Impact:
     restitution: Node
     speeds: tuple[Node, ...]
 
-    def tangent(
-        self, equations: Equations, factors: Solver, seed: Mapping[Node, Node], restitution: Node
-    ) -> list[Node]:
-        """Differentiate the speeds after it, along a direction that changes ``restitution`` too.
-
-        The factors serve again: ``A w' = D' - A' w``.
-        """
+    def tangent(self, solved: Solved, seed: Mapping[Node, Node], restitution: Node) -> list[Node]:
+        """Differentiate the speeds after it, along a direction that changes ``restitution`` too."""
         n = len(self.gradient)
         gradient = tangents(self.gradient, seed)
-        zero = equations.dag.zero
-        forcing = [*gradient, *([zero] * (len(self.response) - n))]
-        for i, row in enumerate(equations.matrix):
-            for d, w in zip(tangents(row, seed), self.response, strict=True):
-                forcing[i] = forcing[i] - d * w
-        response = factors.solve(forcing)[:n]
+        forcing = [*gradient, *([solved.dag.zero] * (len(self.response) - n))]
+        response = solved.solve_again(forcing, self.response, seed)[:n]
         known = {**seed, self.restitution: restitution, self.rate: tangents([self.rate], seed)[0]}
         known |= dict(zip(self.gradient, gradient, strict=True))
         known |= dict(zip(self.response, response, strict=False))
@@ -68,7 +59,7 @@ class Impact:
 
 
 def form_impact(
-    equations: Equations, factors: Solver, place: int, restitution: Node, name: str
+    equations: Equations, solved: Solved, place: int, restitution: Node, name: str
 ) -> Impact:
     """Form the impact of an event.
 
@@ -76,8 +67,8 @@ def form_impact(
     ----------
     equations : Equations
         The equations.
-    factors : Solver
-        Their factorised matrix.
+    solved : Solved
+        Their solution.
     place : int
         Where the event's expression stands among the output values.
     restitution : Node
@@ -111,7 +102,7 @@ def form_impact(
     with dag.labelled(f"impact of {name}"):
         rate = substitute([along], moving)[0]
         zeros = [dag.zero] * (len(equations.unknowns) - n)
-        response = factors.solve([*gradient, *zeros])
+        response = solved.factors.solve([*gradient, *zeros])
         answer = dag.zero
         for d, a in zip(gradient, response, strict=False):
             answer = answer + d * a

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, TypeVar
 
 from cotree.dag.corners import stops_along
 from cotree.dag.stops import acts_in_part, find_longest_steps, find_stops
-from cotree.dag.traverse import dependent, reachable, substitute, symbols_in
+from cotree.dag.traverse import dependent, reachable, symbols_in
 from cotree.equations import Quantity, spread
 from cotree.errors import ParameterError
-from cotree.formulation.elimination import solve_unknowns
 from cotree.program.columns import map_rates
 from cotree.program.events import event_kernels, event_quantities
 from cotree.program.kernels import KERNELS
@@ -25,6 +24,7 @@ from cotree.program.sensitivity_pattern import (
     timed_by,
     without_vanishing,
 )
+from cotree.program.solved import Along, Solved
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
     from cotree.dag.stops import Stop
     from cotree.equations import Equations
-    from cotree.formulation.elimination import Solver
 
 _Found = TypeVar("_Found")
 
@@ -53,27 +52,26 @@ def lower(equations: Equations) -> Program:
         If a sensitivity to an algebraic unknown is asked for.
     """
     _check_sensitivities(equations)
-    factors, solved = solve_unknowns(equations)
-    rates = substitute(equations.rates, solved)
+    solved = Solved.of(equations)
+    rates = solved.put(equations.rates)
     n_outputs, n_events = len(equations.outputs), len(equations.events)
-    watched = substitute(equations.output_values[n_outputs : n_outputs + n_events], solved)
-    reached = reached_states(equations, factors, timed_by(equations, rates, watched))
+    watched = solved.put(equations.output_values[n_outputs : n_outputs + n_events])
+    reached = reached_states(equations, solved, timed_by(equations, rates, watched))
     equations = without_vanishing(equations, reached)
-    outputs = substitute(equations.output_values, solved)
+    outputs = solved.put(equations.output_values)
     zero, n, m = equations.dag.zero, len(equations.states), len(equations.outputs)
-    mapped = map_rates(equations, factors, solved, rates, reached)
-    along, written_out, observed, motion = _solve_derivatives(
+    mapped = map_rates(equations, solved, rates, reached)
+    along, written_out, motion = _differentiate(
         equations,
-        factors,
         solved,
         is_mapped=bool(mapped.sensitivities),
         with_columns=not mapped.columns,
     )
-    columns = mapped.columns or written_out
+    columns = mapped.columns or [row.rates for row in written_out]
     sensitivity_rates = mapped.sensitivities or [
-        node for row in along for node in spread(row, n, zero)
+        node for row in along for node in spread(row.rates, n, zero)
     ]
-    output_tangents = [node for row in observed for node in spread(row, m, zero)]
+    output_tangents = [node for row in along for node in spread(row.outputs, m, zero)]
     starts, rows, values = _compress(columns)
     packed = pack_rates(equations.dag, reached, n, sensitivity_rates)
     results: dict[str, list[Node]] = {
@@ -89,9 +87,9 @@ def lower(equations: Equations) -> Program:
         "sensitivity_rhs": packed,
         "outputs": outputs[:m],
         "output_sensitivity": output_tangents,
-        **projection_kernels(equations, factors),
-        **event_kernels(equations, factors, outputs, observed, motion),
-        **reduced_kernels(equations, rates, columns, along, motion[0], reached),
+        **projection_kernels(equations, solved),
+        **event_kernels(equations, solved, outputs, along, motion),
+        **reduced_kernels(equations, rates, columns, along, motion, reached),
     }
     names = [row.name for row in equations.parameters]
     layout = replace(
@@ -152,63 +150,25 @@ def _check_sensitivities(equations: Equations) -> None:
             )
 
 
-#: Derivatives along one direction, by place.
-_Row = dict[int, "Node"]
+def _differentiate(
+    equations: Equations, solved: Solved, *, is_mapped: bool, with_columns: bool
+) -> tuple[list[Along], list[Along], Along]:
+    """Differentiate along each sensitivity, along each state, and along the motion.
 
-
-def _solve_derivatives(
-    equations: Equations,
-    factors: Solver,
-    solved: dict[Node, Node],
-    *,
-    is_mapped: bool,
-    with_columns: bool,
-) -> tuple[list[_Row], list[_Row], list[_Row], tuple[_Row, _Row]]:
-    """Form the derivatives of the rates along each sensitivity and each state, and of outputs.
-
-    The last pair are those of both along the motion, empty where there are no events. Where rates
-    of sensitivities, or columns, are a map, they are not written out.
+    Rates of sensitivities that are a map, and columns that are one, are not written out. Without
+    events or algebraic unknowns there is no motion.
     """
-    n = len(equations.sensitivities)
-    motion = () if equations.motion is None else (equations.motion,)
+    nothing = Along((), {}, {})
+    wanted = [row for row in equations.sensitivities if row.outputs or not is_mapped]
+    motion = [] if equations.motion is None else [equations.motion]
     # Outputs are differentiated along all but the states.
-    columns = equations.columns if with_columns else ()
-    directions = (*equations.sensitivities, *motion, *columns)
-    n_observed = n + len(motion)
-    solves = [not is_mapped or i >= n or bool(row.outputs) for i, row in enumerate(directions)]
-    # One substitution for all directions: what they share is visited once.
-    known = iter(
-        substitute(
-            [
-                node
-                for i, row in enumerate(directions)
-                if solves[i]
-                for node in (
-                    *row.forcing,
-                    *row.rates.values(),
-                    *(row.outputs.values() if i < n_observed else ()),
-                )
-            ],
-            solved,
-        )
-    )
-    rates: list[_Row] = []
-    outputs: list[_Row] = []
-    for i, row in enumerate(directions):
-        if not solves[i]:
-            rates.append({})
-            outputs.append({})
-            continue
-        forcing = [next(known) for _ in row.forcing]
-        unsolved = [next(known) for _ in row.rates]
-        observed = [next(known) for _ in row.outputs] if i < n_observed else []
-        unknowns = factors.solve(forcing)
-        tangents = dict(zip(equations.unknown_tangents, unknowns, strict=True))
-        rates.append(dict(zip(row.rates, substitute(unsolved, tangents), strict=True)))
-        if i < n_observed:
-            outputs.append(dict(zip(row.outputs, substitute(observed, tangents), strict=True)))
-    along_motion = (rates[n], outputs[n]) if motion else ({}, {})
-    return rates[:n], rates[n_observed:], outputs[:n], along_motion
+    columns = [replace(row, outputs={}) for row in equations.columns] if with_columns else []
+    found = iter(solved.along([*wanted, *motion, *columns]))
+    along = [
+        next(found) if row.outputs or not is_mapped else nothing for row in equations.sensitivities
+    ]
+    along_motion = next(found) if motion else nothing
+    return along, list(found), along_motion
 
 
 def _compress(columns: Sequence[Mapping[int, Node]]) -> tuple[list[int], list[int], list[Node]]:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Node
     from cotree.equations import Equations
-    from cotree.formulation.elimination import Solver
+    from cotree.program.solved import Solved
 
 
 #: Near a singular configuration, at a distance whose square is this, constraints are about to
@@ -40,7 +40,7 @@ def constraint_quantities(equations: Equations) -> tuple[Quantity, ...]:
     return (*values, *rates, *norms)
 
 
-def projection_kernels(equations: Equations, factors: Solver) -> dict[str, list[Node]]:
+def projection_kernels(equations: Equations, solved: Solved) -> dict[str, list[Node]]:
     """Form the results of the kernels of constraints; empty where there are none."""
     rows = equations.constraints
     results: dict[str, list[Node]] = {
@@ -66,7 +66,7 @@ def projection_kernels(equations: Equations, factors: Solver) -> dict[str, list[
         for (_, q), norm in zip(rows.quaternions, norms, strict=True):
             factor = norm / (2.0 * _square(q))
             shrink |= {entry: -(factor * entry) for entry in q}
-        results["projection"] = _step(equations, factors, values, rows.rates, shrink)
+        results["projection"] = _step(equations, solved, values, rows.rates, shrink)
         for row in equations.sensitivities:
             d_norms = tangents(norms, row.seed)
             held = [d for d, v in zip(row.held, rows.values, strict=True) if v is not None]
@@ -76,7 +76,7 @@ def projection_kernels(equations: Equations, factors: Solver) -> dict[str, list[
                 factor = d_norm / (2.0 * _square(q))
                 shrink |= {entry: -(factor * entry) for entry in q}
             results["sensitivity_projection"] += _step(
-                equations, factors, row.held, row.held_rates, shrink
+                equations, solved, row.held, row.held_rates, shrink
             )
     return results
 
@@ -90,7 +90,7 @@ def _square(q: Sequence[Node]) -> Node:
 
 def _step(
     equations: Equations,
-    factors: Solver,
+    solved: Solved,
     values: Sequence[Node],
     rates: Sequence[Node],
     shrink: dict[Node, Node],
@@ -98,8 +98,8 @@ def _step(
     """Form the change of the states that removes given residuals."""
     n, n_coordinates = equations.n_speeds, equations.n_coordinates
     zeros = [equations.dag.zero] * n
-    shift = factors.solve([*zeros, *values], _RANK)[:n]
-    speed = factors.solve([*zeros, *rates], _RANK)[:n]
+    shift = solved.factors.solve([*zeros, *values], _RANK)[:n]
+    speed = solved.factors.solve([*zeros, *rates], _RANK)[:n]
     speeds = [state.symbol for state in equations.states[n_coordinates : n_coordinates + n]]
     known = dict(zip(speeds, shift, strict=True))
     moved = substitute(equations.rates[:n_coordinates], known)

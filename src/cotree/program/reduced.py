@@ -22,7 +22,8 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.derivative import tangents
 from cotree.dag.traverse import dependent, reachable, substitute
-from cotree.formulation.static_pivots import factorise_static
+from cotree.equations import spread
+from cotree.linear.factors import factorise_unsymmetric
 from cotree.program.counts import count_operations
 
 if TYPE_CHECKING:
@@ -30,7 +31,8 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
     from cotree.equations import Equations
-    from cotree.formulation.static_pivots import StaticFactors
+    from cotree.linear.factors import SparseFactors
+    from cotree.program.solved import Along
 
 #: Beyond these a kernel costs more to compile than loops over dense matrices cost to run.
 _MOST_UNKNOWNS, _MOST_UPDATES, _MOST_OPERATIONS = 100, 2000, 3000
@@ -48,8 +50,8 @@ def reduced_kernels(
     equations: Equations,
     rates: Sequence[Node],
     columns: Sequence[Mapping[int, Node]],
-    along: Sequence[Mapping[int, Node]],
-    motion: Mapping[int, Node],
+    along: Sequence[Along],
+    motion: Along,
     reached: Sequence[Sequence[int]],
 ) -> dict[str, list[Node]]:
     """Form the results of the kernels; empty where there is nothing to eliminate, or too much.
@@ -62,9 +64,9 @@ def reduced_kernels(
         f, then g.
     columns : sequence of mapping of int to Node
         Their derivatives by each state, by place.
-    along : sequence of mapping of int to Node
+    along : sequence of Along
         The same along each parameter, in terms of the states' sensitivities.
-    motion : mapping of int to Node
+    motion : Along
         The same along the motion, in terms of the states' rates.
     reached : sequence of sequences of int
         For each parameter the states whose sensitivities do not vanish.
@@ -80,11 +82,12 @@ def reduced_kernels(
         return found
     with equations.dag.labelled("elimination of algebraic unknowns"):
         slopes = _rows_of(columns[cut:], cut, len(rates))
-        factors = factorise_static(equations.dag, slopes, _MOST_UPDATES)
-        if factors is None:
+        factorised = factorise_unsymmetric(equations.dag, slopes, _MOST_UPDATES)
+        if factorised is None:
             return found
+        factors, doubt = factorised
         symbols = [state.symbol for state in equations.states[cut:]]
-        found["algebraic_step"] = _step(factors, rates, slopes, symbols)
+        found["algebraic_step"] = [*_step(factors, rates, slopes, symbols), doubt]
         # Constraints are held by projections of their own.
         is_held = equations.constraints.rows or equations.constraints.quaternions
         if cut > 0 and equations.motion is not None and not is_held:
@@ -112,12 +115,12 @@ def _rows_of(columns: Sequence[Mapping[int, Node]], low: int, high: int) -> list
 
 
 def _step(
-    factors: StaticFactors,
+    factors: SparseFactors,
     rates: Sequence[Node],
     slopes: Sequence[Mapping[int, Node]],
     symbols: Sequence[Node],
 ) -> list[Node]:
-    """Form rates at the end of a step, the step, its last part, its reach, and its doubt."""
+    """Form rates at the end of a step, the step, its last part, and its reach."""
     dag, cut = factors.dag, len(rates) - len(symbols)
     first = factors.solve([-node for node in rates[cut:]])
     known = {dag.symbol("step", j): node for j, node in enumerate(first)}
@@ -130,7 +133,7 @@ def _step(
         last = factors.solve([-0.5 * node for node in curved])
     step = [a + b for a, b in zip(first, last, strict=True)]
     ends = _values_after(rates[:cut], dict(zip(symbols, step, strict=True)))
-    return [*ends, *step, *last, reach, factors.doubt]
+    return [*ends, *step, *last, reach]
 
 
 def _curvature(
@@ -205,23 +208,23 @@ def _moved(
 
 def _unknown_rates(
     equations: Equations,
-    factors: StaticFactors,
+    factors: SparseFactors,
     rates: Sequence[Node],
-    motion: Mapping[int, Node],
+    motion: Along,
 ) -> list[Node]:
     """Form z': what the residuals change by along the motion where z rests is made up for."""
     dag, n = equations.dag, len(rates)
     cut = n - equations.n_algebraic
     moving = {dag.symbol("s", i): rates[i] if i < cut else dag.zero for i in range(n)}
-    changes = substitute([motion.get(i, dag.zero) for i in range(cut, n)], moving)
+    changes = substitute([motion.rates.get(i, dag.zero) for i in range(cut, n)], moving)
     return factors.solve([-node for node in changes])
 
 
 def _sensitivities(
     equations: Equations,
-    factors: StaticFactors,
+    factors: SparseFactors,
     columns: Sequence[Mapping[int, Node]],
-    along: Sequence[Mapping[int, Node]],
+    along: Sequence[Along],
     reached: Sequence[Sequence[int]],
 ) -> tuple[list[Node], list[Node]]:
     """Form the rates of sensitivities and the sensitivities of the unknowns.
@@ -239,7 +242,7 @@ def _sensitivities(
         known |= {
             dag.symbol("s", j * n + i): dag.symbol("s", len(rates) + k) for k, i in enumerate(left)
         }
-        at_rest = substitute([row.get(i, dag.zero) for i in range(n)], known)
+        at_rest = substitute(spread(row.rates, n, dag.zero), known)
         solved = factors.solve([-node for node in at_rest[cut:]])
         moved = _moved(at_rest[:cut], columns, solved)
         rates += [moved[i] for i in left]

@@ -1,6 +1,6 @@
 """Pattern of the sensitivities that can be nonzero: a path connects them to their parameter.
 
-In: equations and their factorised matrix. Out: for each parameter the states that depend on it,
+In: equations and their solution. Out: for each parameter the states that depend on it,
 and the equations without the sensitivities that vanish. Beginning with the states whose initial
 value or rate has the parameter in it, a state is reached where its rate depends on one that is.
 Algebraic unknowns are reached together where equations connect them, and what a constraint or an
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
     from cotree.equations import Derivative, Equations
-    from cotree.formulation.elimination import Solver
+    from cotree.program.solved import Solved
 
 #: What a value depends on, as bits, and whether it may be nonzero where all of that is zero.
 _Part = tuple[int, bool]
@@ -32,7 +32,7 @@ _ZERO: _Part = (0, False)
 
 
 def reached_states(
-    equations: Equations, factors: Solver, timed: Sequence[Timed]
+    equations: Equations, solved: Solved, timed: Sequence[Timed]
 ) -> tuple[tuple[int, ...], ...]:
     """Tell which states depend on each parameter of sensitivity.
 
@@ -40,8 +40,8 @@ def reached_states(
     ----------
     equations : Equations
         The equations.
-    factors : Solver
-        Their factorised matrix.
+    solved : Solved
+        Their solution.
     timed : sequence of Timed
         What looks at times that each sensitivity moves; see :func:`timed_by`.
 
@@ -59,7 +59,7 @@ def reached_states(
     bits |= {symbol: 1 << (n + i) for i, symbol in enumerate(equations.unknown_tangents)}
     motion = () if equations.motion is None else (equations.motion,)
     parts = _Parts([node for row in (*rows, *motion) for node in _nodes_of(row)], bits)
-    solving = _solving(equations, factors)
+    solving = _solving(solved)
     directions = [_Direction(row, parts, solving, n) for row in rows]
     choosers = _choosers(equations)
     groups = _connected([part for along in directions for part in along.rates.items()], equations)
@@ -222,10 +222,10 @@ def _either(parts: Iterable[_Part]) -> _Part:
     return mask, rest
 
 
-def _solving(equations: Equations, factors: Solver) -> list[int]:
+def _solving(solved: Solved) -> list[int]:
     """Tell which places of the forcing each unknown depends on, as bits."""
-    own = [equations.dag.symbol("own", k) for k in range(len(equations.unknowns))]
-    unknowns = factors.solve(own) if own else []
+    own = [solved.dag.symbol("own", k) for k in range(len(solved.unknowns))]
+    unknowns = solved.factors.solve(own) if own else []
     parts = _Parts(unknowns, {symbol: 1 << k for k, symbol in enumerate(own)})
     return [parts[node][0] for node in unknowns]
 

@@ -9,7 +9,7 @@ can be: sources are the largest values that depend on no sensitivity of a state.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from cotree.dag.traverse import dependent, reachable, substitute
@@ -28,6 +28,8 @@ _SUMS = frozenset({"add", "sub", "neg"})
 class CommonDirection:
     """Derivatives along any direction, from sensitivities of states and from sources.
 
+    It is a :class:`cotree.program.solved.Direction`, of rates alone.
+
     Attributes
     ----------
     forcing : tuple of Node
@@ -44,16 +46,17 @@ class CommonDirection:
     rates: Mapping[int, Node]
     sources: tuple[Node, ...]
     given: list[dict[int, Node]]
+    outputs: Mapping[int, Node] = field(default_factory=dict)
 
 
-def part_sources(equations: Equations, solved: Mapping[Node, Node]) -> CommonDirection | None:
+def part_sources(equations: Equations, unknowns: Mapping[Node, Node]) -> CommonDirection | None:
     """Part what all directions have in common from the sources; None where nothing is in common.
 
     Parameters
     ----------
     equations : Equations
         The equations.
-    solved : mapping of Node to Node
+    unknowns : mapping of Node to Node
         The unknowns' symbols and values.
     """
     common, dag = equations.direction, equations.dag
@@ -61,7 +64,7 @@ def part_sources(equations: Equations, solved: Mapping[Node, Node]) -> CommonDir
         return None
     states = [dag.symbol("s", i) for i in range(len(equations.states))]
     changes = [dag.symbol("dp", j) for j in range(len(equations.sensitivities))]
-    roots = substitute([*common.forcing, *common.rates.values()], solved)
+    roots = substitute([*common.forcing, *common.rates.values()], unknowns)
     parting = _Parting(dag, roots, [*states, *equations.unknown_tangents], changes)
     parted, n = [parting.parted(root) for root in roots], len(common.forcing)
     rates = dict(zip(common.rates, parted[n:], strict=True))

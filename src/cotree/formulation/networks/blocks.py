@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from cotree.dag.several import SolveShape, solve
-from cotree.formulation.elimination import factorise
+from cotree.linear.factors import factorise_definite
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -76,11 +76,10 @@ def factorise_block(dag: Dag, matrix: Sequence[Mapping[int, Node]], is_safe: boo
     is_safe : bool
         Whether it is positive definite for every state, if it is symmetric.
     """
-    n = len(matrix)
-    full = tuple(tuple(row.get(j, dag.zero) for j in range(n)) for row in matrix)
     if is_safe and _is_symmetric(matrix):
-        return factorise(dag, full, [True] * n)
-    return _at_run_time(dag, full)
+        return factorise_definite(dag, matrix)
+    n = range(len(matrix))
+    return _at_run_time(dag, [[row.get(j, dag.zero) for j in n] for row in matrix])
 
 
 def _is_symmetric(matrix: Sequence[Mapping[int, Node]]) -> bool:

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 from cotree.components import Kind
 from cotree.dag.traverse import symbols_in
-from cotree.formulation.elimination import factorise_definite
 from cotree.formulation.networks.rules import Lawful
+from cotree.linear.factors import factorise_definite
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

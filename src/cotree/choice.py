@@ -7,22 +7,23 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import TYPE_CHECKING
 
-from cotree.dag.traverse import reachable, substitute
+from cotree.dag.traverse import reachable
 from cotree.errors import FormulationError, ModelError
 from cotree.formulation.deep_trees import is_deep
-from cotree.formulation.elimination import eliminate
 from cotree.formulation.first_graph import form_first_graph, tree_links
 from cotree.graph import tree_walk
-from cotree.program.counts import count_operations
+from cotree.linear.bordered import factorise_bordered
+from cotree.program.counts import OperationCount, count_operations
 from cotree.program.machine import cycles
+from cotree.program.solved import Solved
 from cotree.scene.motion_spaces import motion_spaces
-from cotree.sensitivity.graphs import form_derivatives
+from cotree.sensitivity.graphs import form_derivatives, unknown_tangents
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from cotree.equations import Link
     from cotree.formulation.first_graph import FirstGraph
+    from cotree.linear.tree import Link
     from cotree.scene.description import SceneDescription
     from cotree.scene.trees import Trees
 
@@ -45,7 +46,7 @@ class Alternative:
     is_along_tree : bool
         Whether unknowns are eliminated along the tree.
     is_deferred : bool
-        Whether that defers what they take; see :mod:`cotree.formulation.articulated`.
+        Whether that defers what they take; see :mod:`cotree.linear.tree`.
     n_states, n_multipliers : int
         Size of the equations.
     n_operations : int
@@ -73,6 +74,36 @@ class Alternative:
             f"{self.n_states:3} states, {self.n_multipliers:3} multipliers, {way},"
             f" tree {{{self.trees.listed()}}}; clusters in their own axes: {axes}"
         )
+
+
+class Operations(dict[str, OperationCount]):
+    """Operation counts by kernel, and the formulations that were tried.
+
+    Attributes
+    ----------
+    alternatives : tuple of Alternative
+        What the equations would have cost, the fewest estimated cycles first, which was taken.
+    """
+
+    def __init__(
+        self, counts: Mapping[str, OperationCount], alternatives: Sequence[Alternative]
+    ) -> None:
+        super().__init__(counts)
+        self.alternatives = tuple(alternatives)
+
+    def __str__(self) -> str:
+        """Show what each kernel takes, and the formulations."""
+        lines = [
+            f"{name}: {count.kernel} operations, {count.prepare} of prepare"
+            for name, count in self.items()
+            if count.total
+        ]
+        return "\n".join([*lines, *self.tried()])
+
+    def tried(self) -> list[str]:
+        """Describe the formulations, a line each under a head."""
+        rows = [f"  {row.summary()}" for row in self.alternatives]
+        return ["formulations tried, the fewest estimated cycles first:", *rows]
 
 
 def choose_first_graph(
@@ -188,8 +219,9 @@ def _estimate(first: FirstGraph, sensitivities: Sequence[str]) -> tuple[int, flo
 
     The cycles count the Jacobian in, as far as implicit methods form it: a column in place of all.
     """
-    factors = eliminate(
-        first.system.dag, first.matrix, first.is_safe, first.constraints.sizes, first.links
+    dag = first.system.dag
+    factors = factorise_bordered(
+        dag, first.matrix, first.is_safe, first.constraints.sizes, first.links
     )
     unknowns = factors.solve(first.forcing)
     alone = reachable(unknowns)
@@ -199,10 +231,12 @@ def _estimate(first: FirstGraph, sensitivities: Sequence[str]) -> tuple[int, flo
     if not middle or not unknowns:
         return n_alone, time_alone
     row = form_derivatives(first, middle[:1])[0]
-    solved = dict(zip(first.unknowns, unknowns, strict=True))
-    tangents = factors.solve(substitute(row.forcing, solved))
-    known = set(alone)
-    along = count_operations(node for node in reachable(tangents) if node not in known).total
+    known = dict(zip(first.unknowns, unknowns, strict=True))
+    solved = Solved(dag, first.matrix, factors, known, unknown_tangents(first))
+    (derivative,) = solved.along([replace(row, rates={}, outputs={})])
+    shared = set(alone)
+    apart = [node for node in reachable(derivative.unknowns) if node not in shared]
+    along = count_operations(apart).total
     # Derivatives along several directions do not wait for one another.
     times = n + _SHARE_OF_JACOBIANS * len(states)
     return n_alone + n * along, time_alone + _PER_OPERATION * times * along

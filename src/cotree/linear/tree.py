@@ -1,8 +1,8 @@
-"""Elimination along the tree: articulated inertias (R. Featherstone, 1983), O(n) for each solution.
+"""Elimination along a tree: articulated inertias (R. Featherstone, 1983), O(n) for each solution.
 
-The unknowns are those of :mod:`cotree.formulation.elimination`, but the mass matrix is not formed:
-the inertia that a branch feels, less the part that its own motion releases, is carried to the
-parent. Long chains cost less this way, short ones more; both are counted.
+The unknowns are those of a bordered mass matrix, which is not formed: the inertia that a branch
+feels, less the part that its own motion releases, is carried to the parent. Long chains cost less
+this way, short ones more; both are counted.
 
 Each speed takes w w^T / d from the inertia, w being the wrench of a unit of the speed. This term
 is subtracted at once, or *deferred*: w is carried past the next arm, and its share of the next
@@ -16,21 +16,49 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from cotree.dag import vector
-from cotree.dag.several import RANK_TOLERANCE, SolveShape, solve
+from cotree.dag.several import RANK_TOLERANCE
+from cotree.linear.factors import Core, kept_size
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cotree.dag.nodes import Dag, Node
     from cotree.dag.vector import Matrix, Vector
-    from cotree.equations import Link
-
-
-#: Squared gradients of constraints below this share of what they are made of are scaled as if they
-#: were that large: those of rounding, 1e-31 or so, then fall below the rank tolerance.
-SMALLEST_SHARE = 1e-17
-
 _NO_AXIS = -1  # among force and torque
+
+
+@dataclass(frozen=True)
+class Link:
+    """A moving branch of a tree; vectors in the parent's basis.
+
+    Attributes
+    ----------
+    parent : int
+        Number of the link that carries it, from one on; zero for the ground.
+    speeds : tuple of int
+        The accelerations among its unknowns.
+    turning, shifting : tuple of Vector
+        Angular acceleration, and acceleration of the link's origin, for a unit of each.
+    offset : Vector
+        From the parent's origin to the link's.
+    step : Matrix or None
+        From the link's basis to the parent's; None where they are the same.
+    mass, moment, tensor : Node, Vector and Matrix, or None
+        Inertia about the link's origin, in its own basis.
+    is_deferred : bool
+        Whether what its speeds take is subtracted behind its offset only.
+    """
+
+    parent: int
+    speeds: tuple[int, ...]
+    turning: tuple[Vector, ...]
+    shifting: tuple[Vector, ...]
+    offset: Vector
+    step: Matrix | None
+    mass: Node | None
+    moment: Vector | None
+    tensor: Matrix | None
+    is_deferred: bool = False
 
 
 @dataclass(frozen=True)
@@ -56,7 +84,7 @@ class _Spatial:
 
 
 @dataclass(frozen=True)
-class ArticulatedFactors:
+class TreeFactors:
     """A factorised tree, bordered by constraints.
 
     Attributes
@@ -74,40 +102,33 @@ class ArticulatedFactors:
         The rows of the multipliers, over the accelerations.
     responses : tuple of rows of Node
         Accelerations for a unit of each multiplier's column.
-    sizes : tuple of Node
-        Of the core's diagonal.
-    core : tuple of rows of Node
-        What is left for the multipliers.
+    core : Core or None
+        What is left for the multipliers; None where there are none.
     """
 
     dag: Dag
     links: tuple[Link, ...]
     gates: tuple[tuple[_Gate, ...], ...]
     n_speeds: int
-    border: tuple[tuple[Node, ...], ...]
-    responses: tuple[tuple[Node, ...], ...]
-    sizes: tuple[Node, ...]
-    core: tuple[tuple[Node, ...], ...]
+    border: tuple[tuple[Node, ...], ...] = ()
+    responses: tuple[tuple[Node, ...], ...] = ()
+    core: Core | None = None
 
     def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
         """Solve for one right-hand side: accelerations, then multipliers."""
         free = self._along_tree(rhs[: self.n_speeds])
-        if not self.border:
+        if self.core is None:
             return free
         with self.dag.labelled("substitution"):
             rest = [
                 value - _dot(_entries(row), free)
                 for value, row in zip(rhs[self.n_speeds :], self.border, strict=True)
             ]
-            if all(value.is_zero for value in rest):
-                return [*free, *rest]
-            shape = SolveShape(len(rest), 0, tolerance)
-            found = solve(self.dag, self.core, rest, self.dag.one, shape, self.sizes)
-            multipliers = found[: len(rest)]
-            for response, multiplier in zip(self.responses, multipliers, strict=True):
-                for i, entry in _entries(response):
-                    free[i] = free[i] - entry * multiplier
-        return [*free, *multipliers]
+            multipliers = self.core.solve(rest, tolerance)
+            for i, multiplier in multipliers.items():
+                for at, entry in _entries(self.responses[i]):
+                    free[at] = free[at] - entry * multiplier
+        return [*free, *(multipliers.get(i, self.dag.zero) for i in range(len(rest)))]
 
     def _along_tree(self, rhs: Sequence[Node]) -> list[Node]:
         """Solve with the mass matrix: forces inwards, accelerations outwards."""
@@ -159,7 +180,7 @@ def factorise_tree(
     border: Sequence[Sequence[Node]],
     sizes: Sequence[Sequence[Node]],
     n_speeds: int,
-) -> ArticulatedFactors:
+) -> TreeFactors:
     """Carry articulated inertias inwards, and eliminate the accelerations from the border.
 
     Parameters
@@ -192,41 +213,33 @@ def factorise_tree(
             gates[i] = tuple(found)
             if link.parent:
                 carried[link.parent] = _sum(_shifted(own, link.offset), carried[link.parent])
-    bare = ArticulatedFactors(dag, tuple(links), tuple(gates), n_speeds, (), (), (), ())
+    bare = TreeFactors(dag, tuple(links), tuple(gates), n_speeds)
     if not border:
         return bare
     responses = tuple(tuple(bare.solve(row)) for row in border)
     entries = [_entries(row) for row in border]
+    n = range(len(border))
     with dag.labelled("elimination"):
-        n = len(border)
-        core = [[dag.zero] * n for _ in range(n)]
-        for i in range(n):
+        core = [[dag.zero for _ in n] for _ in n]
+        for i in n:
             for j in range(i + 1):
                 core[i][j] = core[j][i] = -_dot(entries[i], responses[j])
         inverses = [dag.zero] * n_speeds
         for link, opened in zip(links, gates, strict=True):
             for speed, gate in zip(_outwards(link), opened, strict=True):
                 inverses[link.speeds[speed]] = gate.inverse
-        natural = [_dot(_entries(row), inverses) for row in sizes]
-        diagonal = _sizes(dag, [core[i][i] for i in range(n)], natural)
-    rows = tuple(tuple(row) for row in border)
-    return ArticulatedFactors(
-        dag,
-        tuple(links),
-        tuple(gates),
-        n_speeds,
-        rows,
-        responses,
-        diagonal,
-        tuple(tuple(row) for row in core),
-    )
-
-
-def _sizes(dag: Dag, diagonal: Sequence[Node], natural: Sequence[Node]) -> tuple[Node, ...]:
-    """Give what makes the diagonal one; a row of rounding stays small."""
-    return tuple(
-        dag.function("abs", entry) + SMALLEST_SHARE * size
-        for entry, size in zip(diagonal, natural, strict=True)
+        diagonal = tuple(
+            kept_size(
+                dag.function("abs", core[i][i]),
+                [entry * inverses[k] for k, entry in _entries(sizes[i])],
+            )
+            for i in n
+        )
+    return replace(
+        bare,
+        border=tuple(map(tuple, border)),
+        responses=responses,
+        core=Core(tuple(n), tuple(map(tuple, core)), diagonal, 0),
     )
 
 

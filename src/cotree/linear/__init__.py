@@ -1,0 +1,1 @@
+"""Linear equations of nodes, or of a pattern alone: factors and solutions without any number."""

@@ -1,0 +1,268 @@
+"""Factors of matrices of nodes, for any number of right-hand sides.
+
+In: the nonzeros of a matrix. Out: its factors, which solve by substitution. Symmetric matrices are
+factorised as L D L^T; what has no safe pivot is left to a dense core, which chooses its pivots at
+run time. Unsymmetric ones take pivots of which no value is known, and say at run time what
+elimination may have lost to cancellation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+from cotree.dag.several import RANK_TOLERANCE, SolveShape, solve
+from cotree.linear.elimination import eliminate
+from cotree.linear.pivots import FewestCouplings, FewestUpdates
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cotree.dag.nodes import Dag, Node
+    from cotree.linear.elimination import Factors
+
+#: Squared gradients of constraints below this share of what they are made of are scaled as if they
+#: were that large: those of rounding, 1e-31 or so, then fall below the rank tolerance.
+_SMALLEST_SHARE = 1e-17
+
+
+class Solver(Protocol):
+    """A factorised matrix, whichever way."""
+
+    def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
+        """Solve for one right-hand side.
+
+        Parameters
+        ----------
+        rhs : sequence of Node
+            Right-hand side.
+        tolerance : float
+            Pivots chosen at run time that are below this share of their entries are zero.
+
+        Returns
+        -------
+        list of Node
+            The unknowns.
+        """
+
+
+@dataclass(frozen=True)
+class Core:
+    """Equations of which the pivots are chosen at run time.
+
+    Attributes
+    ----------
+    places : tuple of int
+        The unknowns.
+    matrix : tuple of rows of Node
+        Their symmetric matrix.
+    sizes : tuple of Node
+        What makes its diagonal one: divided by the roots of these, entries near 1 have lost nothing
+        to cancellation, which makes the rank decision free of units.
+    n_determined : int
+        How many unknowns, which come first, must have one solution only.
+    """
+
+    places: tuple[int, ...]
+    matrix: tuple[tuple[Node, ...], ...]
+    sizes: tuple[Node, ...]
+    n_determined: int
+
+    def solve(self, right: Sequence[Node], tolerance: float) -> dict[int, Node]:
+        """Solve for the values at its places in a right-hand side; nothing where these are zero."""
+        rest = [right[i] for i in self.places]
+        if all(value.is_zero for value in rest):
+            return {}
+        dag, shape = rest[0].dag, SolveShape(len(rest), self.n_determined, tolerance)
+        found = solve(dag, self.matrix, rest, dag.one, shape, self.sizes)
+        return dict(zip(self.places, found, strict=False))  # the rank stands behind them
+
+
+@dataclass(frozen=True)
+class SparseFactors:
+    """A factorised matrix.
+
+    Attributes
+    ----------
+    dag : Dag
+        The arena.
+    factors : Factors
+        Pivot by pivot.
+    is_symmetric : bool
+        Whether the multipliers below a pivot are those beside it, too.
+    core : Core or None
+        What is left without pivots.
+    """
+
+    dag: Dag
+    factors: Factors[Node]
+    is_symmetric: bool
+    core: Core | None = None
+
+    def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
+        """Solve for one right-hand side; see :class:`Solver`."""
+        own, right = self.factors, list(rhs)
+        found = [self.dag.zero] * len(right)
+        with self.dag.labelled("substitution"):
+            for (i, _), below in zip(own.pivots, own.lower, strict=True):
+                for k, multiplier in below.items():
+                    right[k] = right[k] - multiplier * right[i]
+            for i, value in self.core.solve(right, tolerance).items() if self.core else ():
+                found[i] = value
+            rows = own.lower if self.is_symmetric else own.upper
+            for (i, j), inverse, row in reversed(
+                list(zip(own.pivots, own.inverses, rows, strict=True))
+            ):
+                # Multipliers of symmetric matrices are divided by the pivot already.
+                value = right[i] * inverse if self.is_symmetric else right[i]
+                for k, entry in row.items():
+                    value = value - entry * found[k]
+                found[j] = value if self.is_symmetric else value * inverse
+        return found
+
+
+class _OfNodes:
+    """The arithmetic of nodes, which drop out where they vanish whatever their arguments are."""
+
+    def inverse(self, pivot: Node) -> Node:
+        return 1.0 / pivot
+
+    def scaled(self, entry: Node, inverse: Node) -> Node:
+        return entry * inverse
+
+    def less(self, entry: Node | None, multiplier: Node, other: Node) -> Node | None:
+        product = multiplier * other
+        left = -product if entry is None else entry - product
+        return None if left.is_zero else left
+
+
+def factorise(
+    dag: Dag,
+    matrix: Sequence[Sequence[Node]],
+    is_safe: Sequence[bool],
+    sizes: Sequence[Sequence[Node]] = (),
+) -> SparseFactors:
+    """Factorise a symmetric matrix, of which some pivots may vanish.
+
+    Parameters
+    ----------
+    dag : Dag
+        The arena.
+    matrix : sequence of rows of Node
+        Symmetric.
+    is_safe : sequence of bool
+        Whether the pivot of each unknown is known to be nonzero.
+    sizes : sequence of rows of Node
+        For each of the last unknowns, which are multipliers and may be redundant: squares of what
+        its row is made of, before anything cancels.
+    """
+    rows = _nonzeros([dict(enumerate(row)) for row in matrix])
+    with dag.labelled("elimination"):
+        choose = FewestCouplings(rows, [i for i in rows if is_safe[i]])
+        factors = eliminate(rows, _OfNodes(), choose, is_symmetric=True)
+        core = _core(dag, matrix, rows, sizes) if rows else None
+    return SparseFactors(dag, factors, True, core)
+
+
+def factorise_definite(dag: Dag, matrix: Sequence[Mapping[int, Node]]) -> SparseFactors:
+    """Factorise a symmetric, positive definite matrix of which only the nonzeros are given."""
+    rows = _nonzeros(matrix)
+    with dag.labelled("elimination"):
+        factors = eliminate(rows, _OfNodes(), FewestCouplings(rows, rows), is_symmetric=True)
+    return SparseFactors(dag, factors, True)
+
+
+def _nonzeros(matrix: Sequence[Mapping[int, Node]]) -> dict[int, dict[int, Node]]:
+    return {i: {j: e for j, e in row.items() if not e.is_zero} for i, row in enumerate(matrix)}
+
+
+def _core(
+    dag: Dag,
+    matrix: Sequence[Sequence[Node]],
+    rows: Mapping[int, Mapping[int, Node]],
+    natural: Sequence[Sequence[Node]],
+) -> Core:
+    """Scale what elimination has left, from both sides.
+
+    The diagonal is made one where it can be: by entries before elimination, but by those after it
+    where they begin at zero, as for multipliers. There elimination has left minus a sum of squares,
+    to which what couples them to the rest of the core is added.
+    """
+    core, n = sorted(rows), len(matrix) - len(natural)
+    fresh = [i for i in core if matrix[i][i].is_zero]
+    squares = {i: 1.0 / matrix[i][i] for i in core if i not in fresh}
+    sizes = {i: matrix[i][i] for i in core}
+    for i in fresh:
+        sizes[i] = dag.function("abs", rows[i].get(i, dag.zero))
+        for j, entry in rows[i].items():
+            if j != i and matrix[j][i] is not dag.zero:
+                sizes[i] = sizes[i] + entry * entry * squares.get(j, dag.one)
+        if i >= n:
+            parts = [
+                size / matrix[j][j]
+                for j, size in enumerate(natural[i - n])
+                if not size.is_zero and not matrix[j][j].is_zero
+            ]
+            sizes[i] = kept_size(sizes[i], parts)
+    return Core(
+        tuple(core),
+        tuple(tuple(rows[i].get(j, dag.zero) for j in core) for i in core),
+        tuple(dag.one if size.is_zero else size for size in sizes.values()),
+        sum(i < n for i in core),
+    )
+
+
+def kept_size(size: Node, parts: Sequence[Node]) -> Node:
+    """Keep the size of a multiplier's equation from vanishing with the sum that its diagonal is.
+
+    The sum may vanish where a constraint loses its gradient, or be what rounding leaves of it where
+    constraints are redundant: a share of what it would be if nothing cancelled keeps such a row
+    small.
+    """
+    return size + _SMALLEST_SHARE * sum(parts, size.dag.zero)
+
+
+def factorise_unsymmetric(
+    dag: Dag, matrix: Sequence[Mapping[int, Node]], most_updates: int
+) -> tuple[SparseFactors, Node] | None:
+    """Factorise a matrix; at each step the pivot whose elimination changes the fewest entries.
+
+    Parameters
+    ----------
+    dag : Dag
+        The arena.
+    matrix : sequence of mapping of int to Node
+        The rows; absent entries are zero.
+    most_updates : int
+        How many entries may be changed in all.
+
+    Returns
+    -------
+    (SparseFactors, Node) or None
+        The factors, and the doubt in them at run time: the sum of
+        ``|what a pivot is the sum of| / |pivot|``, of pivots that are sums. None where the matrix
+        is singular whatever the values, or where that takes more.
+    """
+    rows = _nonzeros(matrix)
+    factors = eliminate(rows, _OfNodes(), FewestUpdates(most_updates))
+    if rows:
+        return None
+    return SparseFactors(dag, factors, False), _doubt(dag, matrix, factors)
+
+
+def _doubt(dag: Dag, matrix: Sequence[Mapping[int, Node]], factors: Factors[Node]) -> Node:
+    """Compare pivots with what they are sums of."""
+    doubt = dag.zero
+    for n, ((i, j), inverse) in enumerate(zip(factors.pivots, factors.inverses, strict=True)):
+        parts = [
+            lower[i] * upper[j]
+            for lower, upper in zip(factors.lower[:n], factors.upper[:n], strict=True)
+            if i in lower and j in upper
+        ]
+        if not parts:
+            continue
+        size = dag.function("abs", matrix[i].get(j, dag.zero))
+        for part in parts:
+            size = size + dag.function("abs", part)
+        doubt = doubt + size * dag.function("abs", inverse)
+    return doubt

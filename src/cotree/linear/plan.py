@@ -1,0 +1,174 @@
+"""The elimination of a sparse matrix, planned from its pattern alone.
+
+In: the pattern of the Jacobian J, and the number of algebraic unknowns, which come last. Out: the
+steps that factor ``shift M - J`` and solve with the factors, where M is one on the diagonal of the
+other unknowns and zero elsewhere. Values are known at run time only: the code that takes the steps
+checks their results.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from cotree.linear.elimination import Remainder, columns_of, eliminate
+from cotree.linear.pivots import FewestUpdatesOfMatched, match
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cotree.linear.elimination import Factors
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One of the factors: ``(shift + -J - sum of products) * scale``, or its reciprocal.
+
+    Attributes
+    ----------
+    value : int
+        Its place among the entries of J, or -1 where there is none.
+    has_shift : bool
+        Whether ``shift`` is added.
+    products : tuple of (int, int)
+        Factors whose products are subtracted.
+    pivot : int
+        The factor that it is multiplied with, or -1 for none.
+    is_pivot : bool
+        Whether its reciprocal is kept.
+    """
+
+    value: int
+    has_shift: bool
+    products: tuple[tuple[int, int], ...]
+    pivot: int
+    is_pivot: bool
+
+
+@dataclass(frozen=True)
+class Elimination:
+    """Plan of the factorisation of a matrix, and of solutions with its factors.
+
+    Attributes
+    ----------
+    factors : tuple of Entry
+        In the order in which they are computed.
+    rows, columns : tuple of int
+        Row and column of each pivot, in order.
+    pivots : tuple of int
+        Place of each pivot's reciprocal among the factors.
+    lower : tuple of tuples of (int, int)
+        For each pivot, which earlier ones its row subtracts: number and factor.
+    upper : tuple of tuples of (int, int)
+        The same of later ones, for substitution backwards.
+    """
+
+    factors: tuple[Entry, ...]
+    rows: tuple[int, ...]
+    columns: tuple[int, ...]
+    pivots: tuple[int, ...]
+    lower: tuple[tuple[tuple[int, int], ...], ...]
+    upper: tuple[tuple[tuple[int, int], ...], ...]
+
+    @property
+    def n_operations(self) -> int:
+        """Number of products of the factorisation and of one solution."""
+        solving = sum(len(row) for row in (*self.lower, *self.upper))
+        return sum(len(entry.products) + 1 for entry in self.factors) + solving
+
+
+def plan_elimination(
+    n: int, column_starts: Sequence[int], row_indices: Sequence[int], n_algebraic: int
+) -> Elimination | None:
+    """Plan the factors of ``shift M - J``.
+
+    Parameters
+    ----------
+    n : int
+        Number of unknowns.
+    column_starts, row_indices : sequence of int
+        The pattern of J, compressed by columns.
+    n_algebraic : int
+        How many of the unknowns are algebraic.
+
+    Returns
+    -------
+    Elimination or None
+        None where the pattern alone makes the matrix singular.
+    """
+    n_shifted = n - n_algebraic
+    rows: dict[int, dict[int, _Sum]] = {i: {} for i in range(n)}
+    for j in range(n):
+        for at in range(column_starts[j], column_starts[j + 1]):
+            rows[row_indices[at]][j] = _Sum(at)
+    for i in range(n_shifted):
+        rows[i].setdefault(i, _Sum()).has_shift = True
+    columns = columns_of(rows)
+    row_of = match([columns[j] for j in range(n)])
+    if row_of is None:
+        return None
+    choose = FewestUpdatesOfMatched(Remainder(rows, columns), row_of)
+    return _listed(eliminate(rows, _OfSums(), choose))
+
+
+@dataclass(eq=False, slots=True)
+class _Sum:
+    """An entry while it is eliminated: its place in J, and the products subtracted from it."""
+
+    value: int = -1
+    has_shift: bool = False
+    products: list[_Sum] = field(default_factory=list)  # pairs, one factor after the other
+    pivot: _Sum | None = None
+    is_pivot: bool = False
+    number: int = -1  # among the factors, once their order is known
+
+
+class _OfSums:
+    """Elimination on paper: what is subtracted is noted down, and nothing vanishes."""
+
+    def inverse(self, pivot: _Sum) -> _Sum:
+        pivot.is_pivot = True
+        return pivot
+
+    def scaled(self, entry: _Sum, inverse: _Sum) -> _Sum:
+        entry.pivot = inverse
+        return entry
+
+    def less(self, entry: _Sum | None, multiplier: _Sum, other: _Sum) -> _Sum:
+        if entry is None:
+            entry = _Sum()
+        entry.products += multiplier, other
+        return entry
+
+
+def _listed(plan: Factors[_Sum]) -> Elimination:
+    """Give the factors their numbers: pivot by pivot, each in the order of the other pivots."""
+    rows, columns = [i for i, _ in plan.pivots], [j for _, j in plan.pivots]
+    rank_of_row = {row: k for k, row in enumerate(rows)}
+    rank_of_column = {column: k for k, column in enumerate(columns)}
+    below = [sorted((rank_of_row[i], entry) for i, entry in own.items()) for own in plan.lower]
+    beside = [sorted((rank_of_column[j], entry) for j, entry in own.items()) for own in plan.upper]
+    factors: list[_Sum] = []
+    for pivot, down, along in zip(plan.inverses, below, beside, strict=True):
+        factors += [pivot, *(entry for _, entry in down), *(entry for _, entry in along)]
+    for number, entry in enumerate(factors):
+        entry.number = number
+    lower: list[list[tuple[int, int]]] = [[] for _ in rows]
+    for m, down in enumerate(below):
+        for k, entry in down:
+            lower[k].append((m, entry.number))
+    return Elimination(
+        tuple(map(_entry, factors)),
+        tuple(rows),
+        tuple(columns),
+        tuple(pivot.number for pivot in plan.inverses),
+        tuple(map(tuple, lower)),
+        tuple(tuple((k, entry.number) for k, entry in along) for along in beside),
+    )
+
+
+def _entry(own: _Sum) -> Entry:
+    numbers = [factor.number for factor in own.products]
+    products = tuple(zip(numbers[::2], numbers[1::2], strict=True))
+    pivot = -1 if own.pivot is None else own.pivot.number
+    return Entry(own.value, own.has_shift, products, pivot, own.is_pivot)

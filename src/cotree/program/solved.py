@@ -1,0 +1,152 @@
+"""Equations solved for their unknowns, and differentiated along any direction.
+
+In: ``A w = b`` and what is made of the unknowns w. Out: the same without unknowns, and its
+derivatives: along a direction ``A w' = b'``, with the factors of A that are known already
+(b' = db - dA w, which the sensitivity graphs give). Whatever needs the derivative of the solved
+system takes it from here: Jacobian columns, sensitivities, events along the motion, linearisation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+from cotree.dag.derivative import tangents
+from cotree.dag.traverse import substitute
+from cotree.linear.bordered import factorise_bordered
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cotree.dag.nodes import Dag, Node
+    from cotree.equations import Equations
+    from cotree.linear.factors import Solver
+
+
+class Direction(Protocol):
+    """Derivatives along one direction, in terms of unknowns and of their derivatives."""
+
+    @property
+    def forcing(self) -> Sequence[Node]:
+        """Right-hand side of ``A w' = forcing``."""
+
+    @property
+    def rates(self) -> Mapping[int, Node]:
+        """Derivatives of rates, by place."""
+
+    @property
+    def outputs(self) -> Mapping[int, Node]:
+        """Derivatives of outputs, by place."""
+
+
+@dataclass(frozen=True)
+class Along:
+    """Derivatives along one direction, in terms of states, inputs and parameters alone.
+
+    Attributes
+    ----------
+    unknowns : tuple of Node
+        w'.
+    rates, outputs : dict of int to Node
+        By place, those that the direction leaves out being zero.
+    """
+
+    unknowns: tuple[Node, ...]
+    rates: dict[int, Node]
+    outputs: dict[int, Node]
+
+
+@dataclass(frozen=True)
+class Solved:
+    """The solution of linear equations, and the means to solve them again.
+
+    Attributes
+    ----------
+    dag : Dag
+        The arena.
+    matrix : sequence of rows of Node
+        A, symmetric.
+    factors : Solver
+        Its factors.
+    unknowns : dict of Node to Node
+        The value of each unknown, by its symbol.
+    tangents : tuple of Node
+        The symbols of the derivatives of the unknowns.
+    """
+
+    dag: Dag
+    matrix: Sequence[Sequence[Node]]
+    factors: Solver
+    unknowns: dict[Node, Node]
+    tangents: tuple[Node, ...]
+
+    @classmethod
+    def of(cls, equations: Equations) -> Solved:
+        """Factorise the matrix of some equations, and solve them for their unknowns."""
+        factors = factorise_bordered(
+            equations.dag,
+            equations.matrix,
+            equations.is_safe,
+            equations.constraints.sizes,
+            equations.links,
+        )
+        found = dict(zip(equations.unknowns, factors.solve(equations.forcing), strict=True))
+        return cls(equations.dag, equations.matrix, factors, found, equations.unknown_tangents)
+
+    def put(self, nodes: Sequence[Node]) -> list[Node]:
+        """Put the values of the unknowns in the place of their symbols."""
+        return substitute(nodes, self.unknowns)
+
+    def along(self, directions: Sequence[Direction]) -> list[Along]:
+        """Differentiate along directions.
+
+        Parameters
+        ----------
+        directions : sequence of Direction
+            One by one; values that they share are visited once.
+        """
+        # Derivatives of thousands of states share most of what they are made of.
+        known = iter(
+            self.put(
+                [
+                    node
+                    for row in directions
+                    for node in (*row.forcing, *row.rates.values(), *row.outputs.values())
+                ]
+            )
+        )
+        found = []
+        for row in directions:
+            forcing = [next(known) for _ in row.forcing]
+            rates = [next(known) for _ in row.rates]
+            outputs = [next(known) for _ in row.outputs]
+            unknowns = self.factors.solve(forcing)
+            changes = dict(zip(self.tangents, unknowns, strict=True))
+            found.append(
+                Along(
+                    tuple(unknowns),
+                    dict(zip(row.rates, substitute(rates, changes), strict=True)),
+                    dict(zip(row.outputs, substitute(outputs, changes), strict=True)),
+                )
+            )
+        return found
+
+    def solve_again(
+        self, forcing: Sequence[Node], solution: Sequence[Node], seed: Mapping[Node, Node]
+    ) -> list[Node]:
+        """Differentiate another solution of the same matrix: ``A w' = forcing - A' w``.
+
+        Parameters
+        ----------
+        forcing : sequence of Node
+            The derivative of that solution's right-hand side.
+        solution : sequence of Node
+            w.
+        seed : mapping of Node to Node
+            The direction: tangents of the symbols in A.
+        """
+        rest = list(forcing)
+        for i, row in enumerate(self.matrix):
+            for d, w in zip(tangents(row, seed), solution, strict=True):
+                rest[i] = rest[i] - d * w
+        return self.factors.solve(rest)
