@@ -241,7 +241,7 @@ def _measured(motion: Motion, observed: Mapping[str, Node]) -> dict[Node, Node]:
         If there is none of a name, or it is an acceleration or a force.
     """
     found = {}
-    for name, symbol in motion.system.measured.items():
+    for name, symbol in motion.system.signals.gathered().items():
         value = observed.get(name)
         if value is None:
             value = observe_motion(motion, name, is_acting=True)

@@ -191,7 +191,7 @@ def _with_names(motion: Motion, own: Mapping[str, Node]) -> Any:
     """Resolve an edge's own names before those of the scene."""
 
     def resolve(name: str) -> Node:
-        return own[name] if name in own else motion.system.of_everything(name)
+        return own[name] if name in own else motion.system.signals.node(name)
 
     return resolve
 

@@ -14,14 +14,14 @@ from cotree.components import FreeRotation, Role
 from cotree.dag.evaluate import evaluate
 from cotree.dag.several import Table, table
 from cotree.equations import State
-from cotree.errors import ExpressionError, nearest
 from cotree.formulation.continuous import motion_guards
 from cotree.formulation.fields import Resolver, Resolvers, bind_edge, lower_vector
 from cotree.formulation.initial import initial_values
+from cotree.formulation.signals import Signals, resolver_of
 from cotree.scene.motion_spaces import motion_spaces
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping, Sequence
+    from collections.abc import Callable, Collection, Mapping
 
     from cotree.components import MotionStep
     from cotree.dag.nodes import Dag, Node
@@ -125,10 +125,8 @@ class System:
         The scene's own value of every input, of time and parameters.
     of_parameters : callable
         Gives the node of a parameter's name.
-    of_everything : callable
+    signals : Signals
         Gives the node of any name that a field may use.
-    measured : mapping of str to Node
-        Symbols of the across variables that fields use, by name; what they stand for follows.
     """
 
     dag: Dag
@@ -145,8 +143,7 @@ class System:
     at_scene: Callable[[Node], float]
     input_values: tuple[Node, ...]
     of_parameters: Resolver
-    of_everything: Resolver
-    measured: Mapping[str, Node]
+    signals: Signals
 
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:
@@ -212,8 +209,8 @@ def bind(
     }
     at_scene = partial(_at, {parameters[name]: scene.parameters[name].value for name in tunable})
     inputs = {name: dag.symbol("u", i) for i, name in enumerate(scene.inputs)}
-    of_parameters = _resolver([parameters], "parameters", scene.modes)
-    of_time = _resolver([parameters, {"t": time}], "parameters and t", scene.modes)
+    of_parameters = resolver_of([parameters], "parameters", scene.modes)
+    of_time = resolver_of([parameters, {"t": time}], "parameters and t", scene.modes)
     spaces = motion_spaces(scene)
     with dag.labelled("initial values"):
         steps = _steps(scene, trees, spaces.of, dag, of_parameters, starts or {})
@@ -224,30 +221,9 @@ def bind(
     states |= {v.name: v.symbol for step in kept for v in step.speeds}
     modes = _modes(scene, dag, len(states), of_parameters)
     states |= {mode.name: mode.symbol for mode in modes}
-    measured: dict[str, Node] = {}
-    of_states = _resolver([parameters, {"t": time}, inputs, states], "")
-
-    pending: list[str] = []
-    nodes = frozenset(scene.nodes)
-
-    def of_everything(name: str) -> Node:
-        if name in scene.outputs and name not in parameters:
-            if name in pending:
-                raise ExpressionError(f"uses output '{name}', which is made of itself")
-            pending.append(name)
-            found = scene.outputs[name].lower(dag, of_everything)
-            pending.remove(name)
-            return found
-        first = name.partition(".")[0]
-        is_known = first in nodes or first in scene.edges or first in names
-        is_across = "." in name and name not in states and is_known
-        if not is_across:
-            return of_states(name)
-        if name not in measured:
-            measured[name] = dag.symbol("measured", len(measured))
-        return measured[name]
-
-    resolvers = Resolvers(of_parameters, of_time, of_everything)
+    everything = {**parameters, "t": time, **inputs, **states}
+    signals = Signals(scene, dag, everything, names)
+    resolvers = Resolvers(of_parameters, of_time, signals.node)
     edges: dict[str, BoundEdge] = {}
     guards: list[Guard] = []
     for edge in scene.edges.values():
@@ -274,8 +250,7 @@ def bind(
             for row in scene.inputs.values()
         ),
         of_parameters=of_parameters,
-        of_everything=of_everything,
-        measured=measured,
+        signals=signals,
     )
 
 
@@ -311,25 +286,6 @@ def _modes(
 def _at(values: Mapping[Node, float], node: Node) -> float:
     """Evaluate a node of parameters."""
     return float(evaluate([node], values)[0])
-
-
-def _resolver(
-    known: Sequence[Mapping[str, Node]], allowed: str, refused: Collection[str] = ()
-) -> Resolver:
-    """Make the function that gives the node of a name; ``allowed`` says what may be used."""
-    by_name = {name: node for mapping in known for name, node in mapping.items()}
-
-    def resolve(name: str) -> Node:
-        if name in by_name:
-            return by_name[name]
-        if allowed and (name == "t" or "." in name or name in refused):
-            told = f"uses '{name}', but may depend on {allowed} only"
-            if name in refused:
-                told += ": let an output depend on modes, which fields may name"
-            raise ExpressionError(told)
-        raise ExpressionError(f"uses the unknown name '{name}'{nearest(name, by_name)}")
-
-    return resolve
 
 
 def _steps(

@@ -103,7 +103,8 @@ class SparseFactors:
         """Solve for one right-hand side; see :class:`Solver`."""
         own, right = self.factors, list(rhs)
         found = [self.dag.zero] * len(right)
-        with self.dag.labelled("substitution"):
+        # Substitution in unsymmetric factors belongs to the item that asks for it.
+        with self.dag.labelled("substitution" if self.is_symmetric else self.dag.section):
             for (i, _), below in zip(own.pivots, own.lower, strict=True):
                 for k, multiplier in below.items():
                     right[k] = right[k] - multiplier * right[i]

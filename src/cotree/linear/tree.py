@@ -18,13 +18,14 @@ from typing import TYPE_CHECKING
 from cotree.dag import vector
 from cotree.dag.several import RANK_TOLERANCE
 from cotree.linear.factors import Core, kept_size
+from cotree.linear.spatial import nothing, released, resolved, rigid, shifted, total
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cotree.dag.nodes import Dag, Node
     from cotree.dag.vector import Matrix, Vector
-_NO_AXIS = -1  # among force and torque
+    from cotree.linear.spatial import Gate, Spatial
 
 
 @dataclass(frozen=True)
@@ -62,28 +63,6 @@ class Link:
 
 
 @dataclass(frozen=True)
-class _Gate:
-    """A wrench of one speed, and the reciprocal of its pivot."""
-
-    force: Vector
-    torque: Vector
-    inverse: Node
-
-
-@dataclass(frozen=True)
-class _Spatial:
-    """Force F a + E alpha and torque E^T a + J alpha of a linear and an angular acceleration.
-
-    The deferred terms of speeds, w w^T / d of each wrench taken, are still to be subtracted.
-    """
-
-    force: Matrix
-    coupling: Matrix
-    torque: Matrix
-    taken: tuple[_Gate, ...] = ()
-
-
-@dataclass(frozen=True)
 class TreeFactors:
     """A factorised tree, bordered by constraints.
 
@@ -93,7 +72,7 @@ class TreeFactors:
         The arena.
     links : tuple of Link
         The moving branches, parents first.
-    gates : tuple of tuple of _Gate
+    gates : tuple of tuple of Gate
         Of each branch, in the order of their elimination: the last speed first. Wrenches are those
         of a unit of each speed over its pivot, so that they are 1 along an axis of their own.
     n_speeds : int
@@ -108,7 +87,7 @@ class TreeFactors:
 
     dag: Dag
     links: tuple[Link, ...]
-    gates: tuple[tuple[_Gate, ...], ...]
+    gates: tuple[tuple[Gate, ...], ...]
     n_speeds: int
     border: tuple[tuple[Node, ...], ...] = ()
     responses: tuple[tuple[Node, ...], ...] = ()
@@ -195,24 +174,25 @@ def factorise_tree(
     n_speeds : int
         Number of accelerations.
     """
-    carried: list[_Spatial | None] = [None] * (len(links) + 1)
-    gates: list[tuple[_Gate, ...]] = [()] * len(links)
+    carried: list[Spatial | None] = [None] * (len(links) + 1)
+    gates: list[tuple[Gate, ...]] = [()] * len(links)
     for i in range(len(links) - 1, -1, -1):
         link = links[i]
         with dag.labelled("articulated inertias"):
-            own = _sum(_rigid(dag, link), carried[i + 1])
+            own = total(_own_inertia(link), carried[i + 1])
             if own is None:
-                own = _nothing(dag)
-            own = _resolved(link, own)
+                own = nothing(dag)
+            if link.step is not None:
+                own = resolved(own, link.step)
             found = []
             for speed in _outwards(link):
-                gate, own = _opened(
+                gate, own = released(
                     own, link.turning[speed], link.shifting[speed], link.is_deferred
                 )
                 found.append(gate)
             gates[i] = tuple(found)
             if link.parent:
-                carried[link.parent] = _sum(_shifted(own, link.offset), carried[link.parent])
+                carried[link.parent] = total(shifted(own, link.offset), carried[link.parent])
     bare = TreeFactors(dag, tuple(links), tuple(gates), n_speeds)
     if not border:
         return bare
@@ -272,142 +252,8 @@ def _down(link: Link, a: Vector) -> Vector:
     return a if link.step is None else vector.transposed_times(link.step, a)
 
 
-def _nothing(dag: Dag) -> _Spatial:
-    zero = vector.zeros(dag)
-    return _Spatial((zero, zero, zero), (zero, zero, zero), (zero, zero, zero))
-
-
-def _skew(a: Vector) -> Matrix:
-    zero = a[0].dag.zero
-    return ((zero, -a[2], a[1]), (a[2], zero, -a[0]), (-a[1], a[0], zero))
-
-
-def _rigid(dag: Dag, link: Link) -> _Spatial | None:
+def _own_inertia(link: Link) -> Spatial | None:
     """Give the inertia of the child's own cluster."""
     if link.mass is None or link.moment is None or link.tensor is None:
         return None
-    zero, mass = dag.zero, link.mass
-    unit = ((mass, zero, zero), (zero, mass, zero), (zero, zero, mass))
-    coupling = _skew(vector.neg(link.moment))
-    return _Spatial(unit, coupling, link.tensor)
-
-
-def _sum(a: _Spatial | None, b: _Spatial | None) -> _Spatial | None:
-    if a is None or b is None:
-        return a if b is None else b
-    return _Spatial(
-        vector.matadd(a.force, b.force),
-        vector.matadd(a.coupling, b.coupling),
-        vector.matadd(a.torque, b.torque),
-        (*a.taken, *b.taken),
-    )
-
-
-def _resolved(link: Link, a: _Spatial) -> _Spatial:
-    """Resolve in the parent's basis."""
-    if link.step is None:
-        return a
-    return _Spatial(
-        vector.congruence(link.step, a.force),
-        vector.matmul(vector.matmul(link.step, a.coupling), vector.transpose(link.step)),
-        vector.congruence(link.step, a.torque),
-        tuple(_Gate(_up(link, w.force), _up(link, w.torque), w.inverse) for w in a.taken),
-    )
-
-
-def _opened(
-    a: _Spatial, turning: Vector, shifting: Vector, is_deferred: bool
-) -> tuple[_Gate, _Spatial]:
-    """Release one speed: subtract w w^T / d, or defer it."""
-    force = vector.add(vector.times(a.force, shifting), vector.times(a.coupling, turning))
-    torque = vector.add(
-        vector.transposed_times(a.coupling, shifting), vector.times(a.torque, turning)
-    )
-    pivot = vector.dot(shifting, force) + vector.dot(turning, torque)
-    for w in a.taken:
-        along = vector.dot(shifting, w.force) + vector.dot(turning, w.torque)
-        pivot = pivot - w.inverse * (along * along)
-        force = _less_scaled(force, w.inverse, along, w.force)
-        torque = _less_scaled(torque, w.inverse, along, w.torque)
-        a = _less_product(a, w, w, w.inverse)
-    inverse = 1.0 / pivot
-    wrench = _Gate(force, torque, inverse)
-    gate = _Gate(vector.scale(inverse, force), vector.scale(inverse, torque), inverse)
-    if is_deferred:
-        return gate, _struck(a, wrench, turning, shifting)
-    return gate, _less_product(a, wrench, gate, inverse.dag.one)
-
-
-def _less_scaled(a: Vector, inverse: Node, along: Node, b: Vector) -> Vector:
-    """Form a - inverse along b, with the reciprocal as the last factor."""
-    return vector.sub(a, vector.scale(inverse, vector.scale(along, b)))
-
-
-def _less_product(a: _Spatial, u: _Gate, v: _Gate, scale: Node) -> _Spatial:
-    """Form a - scale u v^T, where v is a multiple of u."""
-    return _Spatial(
-        _less(a.force, u.force, v.force, scale, is_symmetric=True),
-        _less(a.coupling, u.force, v.torque, scale, is_symmetric=False),
-        _less(a.torque, u.torque, v.torque, scale, is_symmetric=True),
-    )
-
-
-def _less(m: Matrix, a: Vector, b: Vector, scale: Node, is_symmetric: bool) -> Matrix:
-    """Form m - scale a b^T, one half of it where it is symmetric."""
-    rows = [[m[i][j] for j in range(3)] for i in range(3)]
-    for i in range(3):
-        for j in range(3):
-            if is_symmetric and j < i:
-                rows[i][j] = rows[j][i]
-            else:
-                rows[i][j] = m[i][j] - scale * (a[i] * b[j])
-    return _matrix(rows)
-
-
-def _struck(a: _Spatial, wrench: _Gate, turning: Vector, shifting: Vector) -> _Spatial:
-    """Defer what a speed takes; where it goes along an axis, its row and column vanish at once."""
-    zero, parts = wrench.inverse.dag.zero, (*shifting, *turning)
-    axis, *others = (i for i, part in enumerate(parts) if not part.is_zero)
-    if others or parts[axis].value not in (1.0, -1.0):
-        axis = _NO_AXIS
-
-    def struck(m: Matrix, rows: int, columns: int) -> Matrix:
-        return _matrix(
-            [
-                [zero if axis in (rows + i, columns + j) else m[i][j] for j in range(3)]
-                for i in range(3)
-            ]
-        )
-
-    left = [zero if i == axis else x for i, x in enumerate((*wrench.force, *wrench.torque))]
-    taken = _Gate((left[0], left[1], left[2]), (left[3], left[4], left[5]), wrench.inverse)
-    return _Spatial(
-        struck(a.force, 0, 0), struck(a.coupling, 0, 3), struck(a.torque, 3, 3), (taken,)
-    )
-
-
-def _matrix(rows: Sequence[Sequence[Node]]) -> Matrix:
-    x, y, z = ((row[0], row[1], row[2]) for row in rows)
-    return (x, y, z)
-
-
-def _shifted(a: _Spatial, arm: Vector) -> _Spatial:
-    """Move the point of reference back along an arm."""
-    if vector.is_zero(arm):
-        return a
-    skew = _skew(arm)
-    moved = vector.matmul(a.force, skew)
-    coupling = _minus(a.coupling, moved)
-    # J - E^T R + R E - R F R, with R F R = R (F R) and R E - R F R = R (E - F R).
-    across = vector.matmul(vector.transpose(a.coupling), skew)
-    torque = vector.matadd(_minus(a.torque, across), vector.matmul(skew, coupling))
-    x, y, z = torque
-    symmetric = (x, (x[1], y[1], y[2]), (x[2], y[2], z[2]))
-    taken = tuple(
-        replace(w, torque=vector.add(w.torque, vector.cross(arm, w.force))) for w in a.taken
-    )
-    return _Spatial(a.force, coupling, symmetric, taken)
-
-
-def _minus(a: Matrix, b: Matrix) -> Matrix:
-    return (vector.sub(a[0], b[0]), vector.sub(a[1], b[1]), vector.sub(a[2], b[2]))
+    return rigid(link.mass, link.moment, link.tensor)

@@ -86,7 +86,7 @@ def attach_network(scene: SceneDescription, view: FirstView) -> Attached:
     system = view.motion.system
     couplings = form_couplings(scalar_ports(scene), view)
     throughs = {
-        name: system.of_everything(through_name(coupling.port))
+        name: system.signals.node(through_name(coupling.port))
         for name, coupling in couplings.items()
     }
     observing = (*scene.outputs.values(), *event_expressions(scene.events.values()))
@@ -96,11 +96,11 @@ def attach_network(scene: SceneDescription, view: FirstView) -> Attached:
         system.time,
         len(system.coordinates) + len(system.speeds) + len(system.modes),
         system.of_parameters,
-        system.of_everything,
+        system.signals.node,
         couplings,
         frozenset(mode.symbol for mode in system.modes if mode.symbol.op == "symbol"),
     )
-    network, observed = form_network(scene, around, sorted(names | system.measured.keys()))
+    network, observed = form_network(scene, around, sorted(names.union(system.signals.measured)))
     slopes = {}
     for name, coupling in couplings.items():
         own = _slopes(observed[through_name(coupling.port)], system)

@@ -1,0 +1,102 @@
+"""Names in the fields of a scene, and the nodes that they stand for."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cotree.errors import ExpressionError, nearest
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping, Sequence
+
+    from cotree.dag.nodes import Dag, Node
+    from cotree.formulation.fields import Resolver
+    from cotree.scene.description import SceneDescription
+
+
+def resolver_of(
+    known: Sequence[Mapping[str, Node]], allowed: str = "", refused: Collection[str] = ()
+) -> Resolver:
+    """Make the function that gives the node of a name; ``allowed`` says what may be used."""
+    by_name = {name: node for mapping in known for name, node in mapping.items()}
+
+    def resolve(name: str) -> Node:
+        if name in by_name:
+            return by_name[name]
+        if allowed and (name == "t" or "." in name or name in refused):
+            told = f"uses '{name}', but may depend on {allowed} only"
+            if name in refused:
+                told += ": let an output depend on modes, which fields may name"
+            raise ExpressionError(told)
+        raise ExpressionError(f"uses the unknown name '{name}'{nearest(name, by_name)}")
+
+    return resolve
+
+
+class Signals:
+    """Names that fields may use: parameters, inputs, states, outputs and across variables.
+
+    Across variables follow from the motion, which is formed after the first fields are bound: each
+    gets a symbol when a field names it. :meth:`gathered` ends that.
+
+    Parameters
+    ----------
+    scene : SceneDescription
+        Its outputs, nodes and edges have names.
+    dag : Dag
+        The arena.
+    known : mapping of str to Node
+        Nodes by name.
+    others : collection of str
+        Further nodes and edges, of the scalar networks.
+    """
+
+    def __init__(
+        self,
+        scene: SceneDescription,
+        dag: Dag,
+        known: Mapping[str, Node],
+        others: Collection[str],
+    ) -> None:
+        self._scene, self._dag, self._known = scene, dag, known
+        self._of_known = resolver_of([known])
+        self._places = {*scene.nodes, *scene.edges, *others}
+        self._pending: list[str] = []
+        self._measured: dict[str, Node] = {}
+        self._is_gathered = False
+
+    def node(self, name: str) -> Node:
+        """Give the node of a name.
+
+        Raises
+        ------
+        ExpressionError
+            If the name is unknown, or that of an output that is made of itself.
+        """
+        if name in self._scene.outputs and name not in self._scene.parameters:
+            return self._output(name)
+        is_across = "." in name and name.partition(".")[0] in self._places
+        if not is_across or name in self._known:
+            return self._of_known(name)
+        if name not in self._measured:
+            assert not self._is_gathered  # nothing would say what it stands for
+            self._measured[name] = self._dag.symbol("measured", len(self._measured))
+        return self._measured[name]
+
+    def _output(self, name: str) -> Node:
+        if name in self._pending:
+            raise ExpressionError(f"uses output '{name}', which is made of itself")
+        self._pending.append(name)
+        found = self._scene.outputs[name].lower(self._dag, self.node)
+        self._pending.remove(name)
+        return found
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """Names of the across variables that fields use so far, in the order of their use."""
+        return tuple(self._measured)
+
+    def gathered(self) -> dict[str, Node]:
+        """Give the symbols of all across variables by name; no further ones may follow."""
+        self._is_gathered = True
+        return dict(self._measured)
