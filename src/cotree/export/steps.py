@@ -219,7 +219,7 @@ class _Writer:
             graphs.append(_Graph(f"G{number}", direction.name, mark, seed))
         kinds = {name: edge.component.name for name, edge in first.scene.edges.items()}
         writer = cls(first.system.dag, tuple(graphs), kinds, known, {}, printer("text", {}))
-        for name, symbol in first.system.measured.items():
+        for name, symbol in first.system.signals.gathered().items():
             writer._introduce(symbol, name, "")
         return writer
 
