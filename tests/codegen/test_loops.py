@@ -7,26 +7,39 @@ import pytest
 from rod_chain import rod_chain
 
 from cotree.codegen.context import model_context
+from cotree.codegen.expressions import apply, element, number, temporary
 from cotree.codegen.loops import roll
+from cotree.codegen.printing import print_lines
+from cotree.codegen.statements import Assign, Comment
 from cotree.errors import ParameterError
 from cotree.pipeline import formulate, generate
 
 
+def _let(i, value):
+    return Assign((temporary("v", i),), value)
+
+
 def _links(first, last, places=lambda i: i):
     """Three statements for each link, under a comment with its name."""
-    lines = []
+    rows = []
+    v = [temporary("v", i) for i in range(3 * last)]
     for i in range(first, last):
-        lines += [
-            f"/* f-cutset of h{i} */",
-            f"const double v{3 * i} = p[{places(i)}] * x[{i}];",
-            f"const double v{3 * i + 1} = v{3 * i} + v{3 * i - 1};",
-            f"const double v{3 * i + 2} = sin(v{3 * i + 1});",
+        rows += [
+            Comment(f"f-cutset of h{i}"),
+            _let(3 * i, apply("mul", element("p", places(i)), element("x", i))),
+            _let(3 * i + 1, apply("add", v[3 * i], v[3 * i - 1])),
+            _let(3 * i + 2, apply("sin", v[3 * i + 1])),
         ]
-    return lines
+    return rows
+
+
+def _rolled(*links, array="v"):
+    return print_lines(roll([_let(2, number(0.5)), *_links(*links)], array))
 
 
 def test_a_comment_of_each_time_is_one_of_the_loop():
-    lines = roll(["const double v2 = 0.5;", *_links(1, 30), "dx[0] = v89;"])
+    result = Assign((element("dx", 0),), temporary("v", 89))
+    lines = print_lines(roll([_let(2, number(0.5)), *_links(1, 30), result]))
     assert lines == [
         "double v[88];",
         "v[0] = 0.5;",
@@ -42,20 +55,19 @@ def test_a_comment_of_each_time_is_one_of_the_loop():
 
 def test_loops_without_tables_are_taken_where_they_cover_about_as_much():
     """The place in p grows evenly up to link 20, and evenly after it."""
-    lines = roll(["const double v2 = 0.5;", *_links(1, 40, lambda i: i if i < 20 else 90 - i)])
+    lines = _rolled(1, 40, lambda i: i if i < 20 else 90 - i)
     assert sum(line.startswith("for (") for line in lines) == 2
     assert not any(line.startswith("static const int") for line in lines)
 
 
 def test_tables_serve_where_places_grow_unevenly():
-    lines = roll(["const double v2 = 0.5;", *_links(1, 40, lambda i: i * i)])
+    lines = _rolled(1, 40, lambda i: i * i)
     assert sum(line.startswith("for (") for line in lines) == 1
     assert "static const int j_0[39] = {" in lines
 
 
 def test_the_array_may_have_another_name():
-    lines = roll(["const double v2 = 0.5;", *_links(1, 30)], "z")
-    assert lines[:2] == ["double z[88];", "z[0] = 0.5;"]
+    assert _rolled(1, 30, array="z")[:2] == ["double z[88];", "z[0] = 0.5;"]
 
 
 @pytest.mark.compiler
@@ -75,7 +87,7 @@ def test_the_rates_of_a_chain_are_as_long_for_any_number_of_rods():
     for n in (30, 40):
         program = generate(formulate(rod_chain(n)[0], (), None)[1])[0]
         kernel = next(k for k in model_context(program).kernels if "_rhs(" in k.signature)
-        lines.append(sum(not line.strip()[:1].isdigit() for line in kernel.lines))
+        lines.append(sum(not line.strip()[:1].isdigit() for line in kernel.body.lines))
     # Loops end where links are left over: a line or two either way. Tables are not counted.
     assert abs(lines[1] - lines[0]) <= 4
     assert max(lines) < 200

@@ -16,7 +16,8 @@ from made_up_scenes import HOSTILE, busy_scene
 from cotree.codegen import context as contexts
 from cotree.codegen.context import model_context
 from cotree.codegen.maps import ConstantColumns, MapContext
-from cotree.codegen.printer_c import literal, print_nodes
+from cotree.codegen.printer_c import print_nodes
+from cotree.codegen.printing import literal, print_expression, print_lines
 from cotree.codegen.render import cdef, render_model, template_folder
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag
@@ -34,7 +35,11 @@ def test_literals_read_back_equal_and_are_doubles(value):
 
 
 def _text(node, prepared=None):
-    return print_nodes([node], prepared or {}, {}).values[0]
+    return print_expression(print_nodes([node], prepared or {}, {}).values[0])
+
+
+def _lines(*roots):
+    return print_lines(print_nodes(roots, {}, {}).statements)
 
 
 def _trees():
@@ -70,11 +75,11 @@ def test_statements_compute_in_the_order_of_the_program(tree):
         assume(False)
     printed = print_nodes([root], {}, {})
     known = {"x": x, "sin": math.sin, "exp": math.exp}
-    for line in printed.lines:
+    for line in print_lines(printed.statements):
         name, expression = re.fullmatch(r"const double (v\d+) = (.*);", line).groups()
         known[name] = eval(expression, known)
     # To the last bit: parentheses regroup nothing.
-    assert eval(printed.values[0], known) == expected
+    assert eval(print_expression(printed.values[0]), known) == expected
 
 
 def test_parentheses_stand_only_where_they_must():
@@ -92,8 +97,8 @@ def test_what_is_used_twice_becomes_a_constant():
     x = dag.symbol("x", 0)
     root = dag.function("sin", x)
     printed = print_nodes([root * root, root + 1.0], {}, {})
-    assert printed.lines == ["const double v0 = sin(x[0]);"]
-    assert printed.values == ["v0 * v0", "1.0 + v0"]
+    assert print_lines(printed.statements) == ["const double v0 = sin(x[0]);"]
+    assert [*map(print_expression, printed.values)] == ["v0 * v0", "1.0 + v0"]
     assert printed.n_statements == 1
 
 
@@ -102,8 +107,7 @@ def test_long_expressions_are_broken():
     total = dag.zero
     for i in range(200):
         total = total + dag.function("cos", dag.symbol("x", i))
-    printed = print_nodes([total], {}, {})
-    assert max(map(len, printed.lines)) < 120
+    assert max(map(len, _lines(total))) < 120
 
 
 def test_prepared_values_are_read():
@@ -116,7 +120,7 @@ def test_sections_become_comments_without_escape():
     dag = Dag()
     with dag.labelled(f"joint {HOSTILE}"):
         root = dag.function("sin", dag.symbol("x", 0))
-    comment, statement = print_nodes([root * root], {}, {}).lines
+    comment, statement = _lines(root * root)
     assert statement == "const double v0 = sin(x[0]);"
     _check_comment(comment)
 
@@ -229,7 +233,7 @@ def _used():
 
 def test_templates_use_the_fields_of_their_contexts_and_all_of_them():
     # What serves other stages: the flags of the compiler, and the arguments of cotree_abi.h.
-    elsewhere = {"model": {"abi_version", "generator"}, "map": {"n_written"}}
+    elsewhere = {"model": {"abi_version", "generator"}, "map": {"n_stack"}}
     for name, used in _used().items():
         fields = {field.name for field in dataclasses.fields(_VARIABLES[name])}
         known = fields | elsewhere.get(name, set())

@@ -62,7 +62,7 @@ def test_blocks_of_a_map_give_the_same_bits(monkeypatch):
         model = _model()
         found[longest] = _values(model)
         rows = model._compiled.context.maps
-        n_blocks[longest] = [len(row.functions) for row in rows]
+        n_blocks[longest] = [len(row.body.blocks) for row in rows]
         # Each rod waits for the one before, so that two vectors of the Jacobian go in turn.
         assert max(row.n_together for row in rows) == (2 if longest == 50 else 1)
     assert not any(n_blocks[10_000])
@@ -76,7 +76,7 @@ def test_loops_of_a_map_give_the_same_bits(monkeypatch):
     """Of fifty rods and more the statements of a map are loops."""
     model = _model(50)
     rows = model._compiled.context.maps
-    lines = [line for row in rows for part in (row, *row.functions) for line in part.lines]
+    lines = [line for row in rows for line in row.body.text]
     assert any(line.strip().startswith("for (") for line in lines)
     assert any(line.strip().startswith("VECTOR v[") for line in lines)
     monkeypatch.setattr(maps, "roll", list)

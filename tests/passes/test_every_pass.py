@@ -243,14 +243,14 @@ def _curvature(_):
 
 def _loops(monkeypatch):
     program = generate(formulate(rc_ladder(100), (), None)[1])[0]
-    after = sum(len(kernel.text) for kernel in model_context(program).kernels)
-    monkeypatch.setattr(context, "roll", lambda lines, array="v": list(lines))
-    return sum(len(kernel.text) for kernel in model_context(program).kernels), after
+    after = sum(len(kernel.body.text) for kernel in model_context(program).kernels)
+    monkeypatch.setattr(context, "roll", lambda rows, array="v": list(rows))
+    return sum(len(kernel.body.text) for kernel in model_context(program).kernels), after
 
 
 def _blocks(monkeypatch):
-    def whole(_names, lines, *_):
-        return Blocks([], list(lines))
+    def whole(_names, statements, *_):
+        return Blocks([], list(statements))
 
     cuts = whole, cut_into_blocks
     models = [_with(monkeypatch, context, "cut_into_blocks", cut, 30) for cut in cuts]
@@ -262,7 +262,7 @@ def _blocks_of_maps(monkeypatch):
     for longest in (10_000, 50):
         monkeypatch.setattr(maps, "_LONGEST_IN_TURN", longest)
         found.append(_with(monkeypatch, maps, "_LONGEST_BLOCK", longest))
-    return [max(max(row.written) for row in model.maps) for model in found]
+    return [max(max(row.body.written) for row in model.maps) for model in found]
 
 
 #: What falls, and by which factor at least: measured, and a tenth less.

@@ -4,28 +4,43 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from cotree.codegen.blocks import Block, cut_into_blocks
-from cotree.codegen.c_statements import Counted, count_written
-from cotree.codegen.heads import function_head, wrapped
+from cotree.codegen.blocks import cut_into_blocks
+from cotree.codegen.expressions import Affine, call, element, named, whole
 from cotree.codegen.loops import roll
 from cotree.codegen.maps import ConstantColumns, MapContext, constant_columns, map_context
 from cotree.codegen.own_rows import own_rows
 from cotree.codegen.places import StartsContext, name_starts, starts_of_maps
-from cotree.codegen.printer_c import SINES, Printed, is_written_out, literal, print_nodes
+from cotree.codegen.printer_c import SINES, Printed, is_written_out, print_nodes
+from cotree.codegen.printing import (
+    DOUBLE,
+    Body,
+    Counted,
+    function_head,
+    literal,
+    print_body,
+    wrapped,
+)
 from cotree.codegen.stack import n_bytes
+from cotree.codegen.statements import (
+    Argument,
+    Array,
+    Assign,
+    Guard,
+    Loop,
+)
 from cotree.dag.operations import OPERATIONS
 from cotree.dag.several import Function, Table, sizes_of
 from cotree.dag.traverse import reachable
 from cotree.naming import c_comment, c_identifier, c_string
-from cotree.program.kernels import ARGUMENTS
 from cotree.version import ABI_VERSION, VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
+    from cotree.codegen.expressions import Expression
+    from cotree.codegen.statements import Statement
     from cotree.dag.nodes import Node
     from cotree.equations import Quantity
     from cotree.program import Kernel, Layout, Program
@@ -63,26 +78,9 @@ class KernelContext:
     n_operations: int
     n_statements: int
     unused: list[str]
-    lines: list[str]
+    body: Body
     uses_status: bool
-    blocks: list[Block]  # none where it is not cut
     n_stack: int
-
-    @property
-    def n_written(self) -> int:
-        """Number of operations in its longest function, with those of a loop counted once."""
-        return max(self.written)
-
-    @cached_property
-    def written(self) -> list[int]:
-        """Number of operations in each of its functions."""
-        return [count_written(rows) for rows in (self.lines, *(b.lines for b in self.blocks))]
-
-    @property
-    def text(self) -> list[str]:
-        """All of its lines."""
-        rows = [row for block in self.blocks for row in (block.signature, *block.lines)]
-        return [*rows, self.signature, *self.lines]
 
 
 @dataclass(frozen=True)
@@ -161,10 +159,9 @@ class ModelContext(Counted):
     hybrid: HybridContext
 
     @property
-    def _written(self) -> list[int]:
-        """Count the operations of each function, with those of a loop counted once."""
-        written = [n for kernel in self.kernels for n in kernel.written]
-        return [*written, *(n for row in self.maps for n in row.written)]
+    def bodies(self) -> list[Body]:
+        """The functions."""
+        return [*(row.body for row in self.kernels), *(row.body for row in self.maps)]
 
 
 def model_context(program: Program) -> ModelContext:
@@ -203,7 +200,7 @@ def model_context(program: Program) -> ModelContext:
         own = kernel_context(prefix, kernel, program, names, called)
         kernels.append(own)
         called[f"{prefix}_{kernel.spec.name}"] = own.n_stack  # others may call it
-    lines = "\n".join(line for kernel in kernels for line in kernel.text)
+    lines = "\n".join(line for kernel in kernels for line in (kernel.signature, *kernel.body.text))
     return ModelContext(
         title=layout.name,
         name_literal=c_string(layout.name),
@@ -312,9 +309,9 @@ def kernel_context(
     spec = kernel.spec
     guards = program.guards if spec.name == "prepare" else ()
     if spec.tail_of and kernel.results:
-        whole = program.kernels[spec.tail_of]
-        printed = Printed(_tail_lines(prefix, kernel, whole), [], 1, uses_status=True)
-        unused, operations = [], whole.operations.total
+        whole_kernel = program.kernels[spec.tail_of]
+        printed = Printed([_tail(prefix, kernel, whole_kernel)], [], 1, uses_status=True)
+        unused, operations = [], whole_kernel.operations.total
     else:
         roots = [*kernel.results, *(guard.value for guard in guards)]
         order = None if guards else kernel.order
@@ -323,54 +320,53 @@ def kernel_context(
         unused, operations = _unused(kernel, roots), kernel.operations.total
     n_results = len(kernel.results)
     results, checks = printed.values[:n_results], printed.values[n_results:]
-    lines = [*printed.lines, *_written(spec.result, results)]
-    for i, (guard, value) in enumerate(zip(guards, checks, strict=True)):
-        comparison = ">" if guard.is_strict else ">="
-        lines.append(f"if (!({value} {comparison} 0.0)) return -{i + 1};")
+    statements = [*printed.statements, *_written(spec.result, results)]
+    statements += [
+        Guard(value, whole(i), guard.is_strict)
+        for i, (guard, value) in enumerate(zip(guards, checks, strict=True), 1)
+    ]
     name, arguments = f"{prefix}_{spec.name}", _arguments(kernel)
-    rolled = roll(lines, "z" if "v" in arguments else "v")
+    rolled = roll(statements, "z" if "v" in spec.arguments else "v")
     cut = cut_into_blocks(f"{name}_{{}}", rolled, arguments, (spec.result, *printed.filled))
+    heads = [DOUBLE.declared(argument) for argument in arguments]
     return KernelContext(
-        signature=function_head("int", name, arguments.values()),
-        prototype=function_head("COTREE_EXPORT int", name, arguments.values()),
+        signature=function_head("int", name, heads),
+        prototype=function_head("COTREE_EXPORT int", name, heads),
         doc=spec.doc[0].upper() + spec.doc[1:],
         n_results=n_results,
         n_operations=operations,
         n_statements=printed.n_statements,
         unused=unused,
-        lines=cut.lines,
+        body=print_body(cut),
         uses_status=printed.uses_status,
-        blocks=cut.functions,
-        n_stack=n_bytes(cut.lines, cut.functions, called),
+        n_stack=n_bytes(cut, called),
     )
 
 
-def _written(array: str, results: Sequence[str]) -> Iterator[str]:
+def _written(array: str, results: Sequence[Expression]) -> Iterator[Statement]:
     """Write the results that are not in their places already."""
     for i, value in enumerate(results):
-        place = f"{array}[{i}]"
+        place = element(array, i)
         if value != place:
-            yield f"{place} = {value};"
+            yield Assign((place,), value)
 
 
-def _tail_lines(prefix: str, kernel: Kernel, whole: Kernel) -> list[str]:
+def _tail(prefix: str, kernel: Kernel, whole_kernel: Kernel) -> list[Statement]:
     """Call another kernel and keep its last results."""
-    n, skipped = len(whole.results), len(whole.results) - len(kernel.results)
-    arguments = ", ".join([*kernel.spec.arguments, "whole"])
-    result = kernel.spec.result
+    n, n_kept = len(whole_kernel.results), len(kernel.results)
+    given = map(named, (*kernel.spec.arguments, "whole"))
+    first, kept = element("whole", Affine(1, n - n_kept)), element(kernel.spec.result, Affine(1, 0))
     return [
-        f"double whole[{n}];",
-        "int i;",
-        f"status = {prefix}_{whole.spec.name}({arguments});",
-        f"for (i = 0; i < {n - skipped}; ++i) {result}[i] = whole[{skipped} + i];",
+        Array("whole", n),
+        Assign((named("status"),), call(f"{prefix}_{whole_kernel.spec.name}", *given)),
+        Loop(n_kept, (Assign((kept,), first),)),
     ]
 
 
-def _arguments(kernel: Kernel) -> dict[str, str]:
-    """Give the declarations of a kernel's arguments, the result last."""
-    result = kernel.spec.result
-    declared = {key: ARGUMENTS[key][0] for key in kernel.spec.arguments}
-    return {**declared, result: f"double *COTREE_RESTRICT {result}"}
+def _arguments(kernel: Kernel) -> list[Argument]:
+    """List a kernel's arguments, the result last."""
+    read = [Argument(key, is_array=key != "t") for key in kernel.spec.arguments]
+    return [*read, Argument(kernel.spec.result, is_constant=False)]
 
 
 def _unused(kernel: Kernel, roots: Sequence[Node]) -> list[str]:

@@ -2,26 +2,34 @@
 
 from __future__ import annotations
 
-import re
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import TYPE_CHECKING
 
-from cotree.codegen.blocks import Block, cut_into_blocks
-from cotree.codegen.c_statements import NAME, count_written
-from cotree.codegen.heads import function_head, wrapped
+from cotree.codegen.blocks import Blocks, cut_into_blocks
+from cotree.codegen.expressions import call, element, named, whole, zero
 from cotree.codegen.loops import roll
 from cotree.codegen.own_rows import OwnRows, own_rows
-from cotree.codegen.printer_c import literal, print_nodes
+from cotree.codegen.printer_c import print_nodes, symbol
+from cotree.codegen.printing import LANES, Body, literal, print_body, wrapped
 from cotree.codegen.segments import cut_into_segments
-from cotree.codegen.stack import n_bytes
+from cotree.codegen.stack import VECTOR, n_bytes
+from cotree.codegen.statements import (
+    REAL,
+    Argument,
+    Array,
+    Assign,
+    Call,
+    function_of,
+    uses,
+)
 from cotree.dag.linear_map import BLOCK
 from cotree.program.machine import bounds, by_need
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable
 
+    from cotree.codegen.expressions import Expression
     from cotree.dag.linear_map import LinearMap
     from cotree.dag.nodes import Node
 
@@ -35,18 +43,18 @@ _LONGEST_BLOCK = 500
 _LONGEST_IN_TURN = 80
 _FEWEST_IN_TURN = 300  # statements; of fewer, what crosses between blocks is too much
 
-_COLUMN = re.compile(r"\bcolumn\[(\d+)\]")
-_OWN = re.compile(r"\bown\[((?:[^\[\]]|\[[^\[\]]*\])*)\]")  # with a place from a table, too
-_HEAD = "TARGET COTREE_APART static void"
 #: What statements name, as a function gets it.
 _ARGUMENTS = {
-    "shared": "const double *COTREE_RESTRICT shared",
-    "column": "const VECTOR *COTREE_RESTRICT column",
-    "here": "const double *here",
-    "at": "const PLACE *at",
-    "live": "const unsigned char *live",
-    "w": "VECTOR *COTREE_RESTRICT w",
-    "result": "VECTOR *COTREE_RESTRICT result",
+    argument.name: argument
+    for argument in (
+        Argument("shared"),
+        Argument("column", REAL),
+        Argument("here", is_restricted=False),
+        Argument("at", "PLACE", is_restricted=False),
+        Argument("live", "unsigned char", is_restricted=False),
+        Argument("w", REAL, is_constant=False),
+        Argument("result", REAL, is_constant=False),
+    )
 }
 
 
@@ -65,23 +73,12 @@ class MapContext:
     n_own: int  # rows of these
     n_results: int
     block: int
-    functions: list[Block]  # none where it is not cut
-    lines: list[str]
+    body: Body
     n_crossing: int
     n_together: int  # vectors
     n_guards: int
     live: list[str]  # for each block of columns, which guarded segments are run
-
-    @property
-    def n_stack(self) -> int:
-        """Bytes of the stack that it takes at most."""
-        n = self.n_together * (self.n_sensitive + self.n_results + self.n_crossing)
-        return n_bytes([f"VECTOR column[{n}];", *self.lines], self.functions, {})
-
-    @cached_property
-    def written(self) -> list[int]:
-        """Number of operations in each of its functions."""
-        return [count_written(rows) for rows in (self.lines, *(b.lines for b in self.functions))]
+    n_stack: int  # bytes that it takes at most
 
 
 @dataclass(frozen=True)
@@ -94,19 +91,13 @@ class ConstantColumns:
 
 
 @dataclass(frozen=True)
-class _Text:
+class _Cut:
     """The statements of a map, in functions where they are long."""
 
-    functions: list[Block]
-    lines: list[str]
-    live: list[list[int]]
-    n_crossing: int
+    blocks: Blocks
+    live: list[list[int]] = field(default_factory=list)
+    n_crossing: int = 0
     n_together: int = 1
-
-    @property
-    def written(self) -> list[list[str]]:
-        """The lines of each function."""
-        return [self.lines, *(function.lines for function in self.functions)]
 
 
 def map_context(node: Node, name: str) -> MapContext:
@@ -123,10 +114,14 @@ def map_context(node: Node, name: str) -> MapContext:
     own = own_rows(node)
     n_blocks = -(-linear.n_columns // BLOCK)
     skips = linear.n_times < (1.0 - _SKIPPED) * n_blocks * len(linear.statements)
-    text = _in_segments(own, name) if skips else _in_blocks(own, name)
-    n_guards = len(text.live[0]) if text.live else 0
+    cut = _in_segments(own, name) if skips else _in_blocks(own, name)
+    n_guards = len(cut.live[0]) if cut.live else 0
     # Vectors wider than a block read two rows.
-    rows = [*text.live, *([[0] * n_guards] * (len(text.live) % 2))]
+    rows = [*cut.live, *([[0] * n_guards] * (len(cut.live) % 2))]
+    blocks, n_results = cut.blocks, len(linear.results)
+    bodies = [blocks.statements, *(function.body for function in blocks.functions)]
+    # What the template declares besides.
+    vectors = Array("column", cut.n_together * (own.first + n_results + cut.n_crossing))
     return MapContext(
         name=name,
         doc=f"{linear.n_columns} columns, {linear.counts.total()} operations",
@@ -134,17 +129,17 @@ def map_context(node: Node, name: str) -> MapContext:
         width=own.width,
         n_shared=linear.n_shared,
         n_sensitive=own.first,
-        reads_own=any("OWN(" in line for rows in text.written for line in rows),
+        reads_own=any("here" in uses(row) for body in bodies for row in body),
         places=[] if own.is_whole else wrapped(map(str, chain.from_iterable(own.places))),
         n_own=own.n_rows,
-        n_results=len(linear.results),
+        n_results=n_results,
         block=BLOCK,
-        functions=text.functions,
-        lines=text.lines,
-        n_crossing=text.n_crossing,
-        n_together=text.n_together,
+        body=print_body(blocks, LANES),
+        n_crossing=cut.n_crossing,
+        n_together=cut.n_together,
         n_guards=n_guards,
         live=["".join(f"{bit}, " for bit in row).strip() for row in rows],
+        n_stack=n_bytes(replace(blocks, statements=[vectors, *blocks.statements]), {}, real=VECTOR),
     )
 
 
@@ -164,76 +159,53 @@ def _is_waiting(linear: LinearMap) -> bool:
     return longest > started and len(linear.statements) > _FEWEST_IN_TURN
 
 
-def _in_segments(own: OwnRows, name: str) -> _Text:
+def _in_segments(own: OwnRows, name: str) -> _Cut:
     """Write statements with many zeros as segments, each run only where it is not all zero."""
     linear = own.linear
     longest, together = (_LONGEST_IN_TURN, 2) if _is_waiting(linear) else (_LONGEST_BLOCK, 1)
-    cut = cut_into_segments(linear, longest)
-    parts = [_read_own(own, _tell_apart(part, own.first)) for part in cut.parts]
-    if len(parts) == 1:
-        return _Text([], parts[0], cut.live, cut.n_crossing)
+    cut = cut_into_segments(linear, _symbols(own), longest)
+    if len(cut.parts) == 1:
+        return _Cut(Blocks([], cut.parts[0]), cut.live, cut.n_crossing)
     given = {}
     if together > 1:
-        n_results = len(linear.results)
-        sizes = {"column": own.first, "w": cut.n_crossing, "result": n_results}
+        sizes = {"column": own.first, "w": cut.n_crossing, "result": len(linear.results)}
         given = {key: f"OF({key}, {size})" for key, size in sizes.items()} | {
             "here": "HERE(turn)",
             "at": "AT(turn)",
             "live": "LIVE_OF(turn)",
         }
-    pairs = [_function(f"{name}_{i}", part, given) for i, part in enumerate(parts, 1)]
-    functions, calls = [function for function, _ in pairs], [call for _, call in pairs]
-    return _Text(functions, calls, cut.live, cut.n_crossing, together)
+    arguments = [replace(row, given=given.get(key, "")) for key, row in _ARGUMENTS.items()]
+    pairs = [function_of(f"{name}_{i}", part, arguments) for i, part in enumerate(cut.parts, 1)]
+    functions = [function for function, _ in pairs]
+    calls = [Call(called, "IN_TURN " if given else "") for _, called in pairs]
+    return _Cut(Blocks(functions, [*calls]), cut.live, cut.n_crossing, together)
 
 
-def _in_blocks(own: OwnRows, name: str) -> _Text:
+def _in_blocks(own: OwnRows, name: str) -> _Cut:
     """Write statements that are run for all columns, repeated ones as loops."""
     linear = own.linear
-    printed = print_nodes(linear.results, {}, {}, by_need(linear.order), has_groups=False)
-    lines = printed.lines + [
-        f"result[{i}] = {'ZERO' if root.is_zero else value};"
+    order = by_need(linear.order)
+    printed = print_nodes(linear.results, {}, {}, order, has_groups=False, symbols=_symbols(own))
+    statements = printed.statements + [
+        Assign((element("result", i),), zero() if root.is_zero else value)
         for i, (root, value) in enumerate(zip(linear.results, printed.values, strict=True))
     ]
-    rolled = roll(_tell_apart(lines, own.first))
-    lines = [line.replace("double v", "VECTOR v", 1) for line in rolled]
-    cut = cut_into_blocks(
-        f"NAMED({name}_{{}})",
-        _read_own(own, lines),
-        {key: head for key, head in _ARGUMENTS.items() if key != "w"},  # blocks have their own
-        ("result",),
-        _LONGEST_BLOCK,
-        _HEAD,
+    # Blocks have an array of their own for what crosses.
+    arguments = [row for key, row in _ARGUMENTS.items() if key != "w"]
+    return _Cut(
+        cut_into_blocks(f"{name}_{{}}", roll(statements), arguments, ("result",), _LONGEST_BLOCK)
     )
-    return _Text(cut.functions, cut.lines, [], 0)
 
 
-def _tell_apart(lines: Sequence[str], n_sensitive: int) -> list[str]:
-    """Rename inputs that are neither shared nor sensitivities, so that no loop reads both."""
+def _symbols(own: OwnRows) -> Callable[[str, int], Expression]:
+    """Say where the inputs of a map stand: sensitivities in their columns, others in rows."""
 
-    def named(found: re.Match[str]) -> str:
-        i = int(found[1])
-        return found[0] if i < n_sensitive else f"own[{i - n_sensitive}]"
+    def read(kind: str, i: int) -> Expression:
+        if kind != "column" or i < own.first:
+            return symbol(kind, i)
+        place = i - own.first
+        row = whole(own.width * place) if own.is_whole else element("at", place)
+        # As long as other inputs, so that the same expressions are written out.
+        return replace(call("OWN", named("here"), row), width=symbol(kind, i).width)
 
-    return [_COLUMN.sub(named, line) for line in lines]
-
-
-def _read_own(own: OwnRows, lines: Sequence[str]) -> list[str]:
-    """Replace such inputs by reads from their rows."""
-
-    def read(found: re.Match[str]) -> str:
-        place = found[1]
-        if not own.is_whole:
-            return f"OWN(here, at[{place}])"
-        whole = own.width * int(place) if place.isdigit() else f"{own.width} * ({place})"
-        return f"OWN(here, {whole})"
-
-    return [_OWN.sub(read, line) for line in lines]
-
-
-def _function(name: str, lines: Sequence[str], given: Mapping[str, str]) -> tuple[Block, str]:
-    """Write a function that runs some statements, and its call: one for each vector, if given."""
-    names = {found for line in lines for found in NAME.findall(line)}
-    used = [key for key in _ARGUMENTS if key in names]
-    signature = function_head(_HEAD, f"NAMED({name})", [_ARGUMENTS[key] for key in used])
-    call = f"NAMED({name})({', '.join(given.get(key, key) for key in used)});"
-    return Block(signature, list(lines)), f"IN_TURN {call}" if given else call
+    return read

@@ -11,17 +11,18 @@ import hashlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.codegen.blocks import Block, Blocks, cut_into_blocks
-from cotree.codegen.c_statements import Counted, count_written
+from cotree.codegen.blocks import cut_into_blocks
 from cotree.codegen.context import (
     is_call,
     kernel_context,
     name_tables,
     table_context,
 )
-from cotree.codegen.heads import wrapped
+from cotree.codegen.expressions import apply, element, named, number, temporary
 from cotree.codegen.printer_c import is_written_out
+from cotree.codegen.printing import Body, Counted, print_body, wrapped
 from cotree.codegen.render import render
+from cotree.codegen.statements import Argument, Assign
 from cotree.dag.several import Function, sizes_of
 from cotree.dag.traverse import symbols_in
 from cotree.linear.plan import plan_elimination
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from cotree.codegen.context import KernelContext, TableContext
+    from cotree.codegen.expressions import Expression
+    from cotree.codegen.statements import Statement
     from cotree.linear.plan import Elimination, Entry
     from cotree.program import Program
 
@@ -52,26 +55,10 @@ class EliminationContext:
     is_unrolled: bool
     reads_values: bool
     reads_shift: bool
-    factor_blocks: list[Block]
-    factor_lines: list[str]
-    solve_blocks: list[Block]
-    solve_lines: list[str]
+    factor: Body
+    solve: Body
     n_factor_steps: int
     n_solve_steps: int
-
-    @property
-    def text(self) -> list[str]:
-        """All of its lines."""
-        blocks = [row for b in (*self.factor_blocks, *self.solve_blocks) for row in b.lines]
-        return [*blocks, *self.factor_lines, *self.solve_lines]
-
-    @property
-    def written(self) -> list[int]:
-        """Number of operations in each of its functions; empty where it is a loop."""
-        if not self.is_unrolled:
-            return []
-        blocks = [block.lines for block in (*self.factor_blocks, *self.solve_blocks)]
-        return [count_written(rows) for rows in (self.factor_lines, self.solve_lines, *blocks)]
 
 
 @dataclass(frozen=True)
@@ -97,10 +84,11 @@ class NewtonContext(Counted):
     places: list[str]
 
     @property
-    def _written(self) -> list[int]:
+    def bodies(self) -> list[Body]:
+        """The functions."""
         plan = self.elimination
-        written = [n for kernel in self.kernels for n in kernel.written]
-        return [0, *written, *(plan.written if plan is not None else ())]
+        bodies = [kernel.body for kernel in self.kernels]
+        return bodies if plan is None else [*bodies, plan.factor, plan.solve]
 
 
 def render_newton(model: NewtonContext) -> Mapping[str, str]:
@@ -150,9 +138,9 @@ def newton_context(program: Program) -> NewtonContext:
     tables = name_tables(node.data for node in nodes if node.op == "table")
     kernels = [kernel_context(prefix, kernel, program, tables, {}) for kernel in made]
     places = [] if curvature is None else wrapped(map(str, curvature.places))
-    lines = [line for kernel in kernels for line in kernel.text] + places
+    lines = [line for kernel in kernels for line in (kernel.signature, *kernel.body.text)] + places
     if elimination is not None:
-        lines += elimination.text
+        lines += [*elimination.factor.text, *elimination.solve.text]
     rates = [*program.kernels["rhs"].results, *program.kernels["augmented_rhs"].results]
     uses_solve = any(node.op == "solve" for node in nodes)
     return NewtonContext(
@@ -178,7 +166,6 @@ def newton_context(program: Program) -> NewtonContext:
 
 def _elimination_context(plan: Elimination) -> EliminationContext:
     is_unrolled = plan.n_operations <= _LONGEST
-    factor, solve = _cut_lines(plan) if is_unrolled else (None, None)
     factors = [row for entry in plan.factors for row in _factor_steps(entry)]
     solving = [row for steps in _solve_steps(plan) for row in steps]
     return EliminationContext(
@@ -188,58 +175,70 @@ def _elimination_context(plan: Elimination) -> EliminationContext:
         is_unrolled=is_unrolled,
         reads_values=any(entry.value >= 0 for entry in plan.factors),
         reads_shift=any(entry.has_shift for entry in plan.factors),
-        factor_blocks=factor.functions if factor else [],
-        factor_lines=factor.lines if factor else wrapped(map(str, factors)),
-        solve_blocks=solve.functions if solve else [],
-        solve_lines=solve.lines if solve else wrapped(map(str, solving)),
+        factor=_factor(plan) if is_unrolled else Body(wrapped(map(str, factors)), [], []),
+        solve=_solve(plan) if is_unrolled else Body(wrapped(map(str, solving)), [], []),
         n_factor_steps=len(factors),
         n_solve_steps=len(solving),
     )
 
 
-def _cut_lines(plan: Elimination) -> tuple[Blocks, Blocks]:
-    """Write both functions as straight-line code, cut into blocks where they are long."""
-    values = {"v": "const double *COTREE_RESTRICT v", "shift": "double shift"}
-    factors = {"f": "double *COTREE_RESTRICT f"}
-    given = {"f": "const double *COTREE_RESTRICT f", "b": "double *COTREE_RESTRICT b"}
-    return (
-        cut_into_blocks("factorise_{}", _factor_lines(plan), {**values, **factors}),
-        cut_into_blocks("solve_{}", _solve_lines(plan), given),
-    )
+def _factor(plan: Elimination) -> Body:
+    """Write the factors as straight-line code, cut into blocks where they are many."""
+    given = [Argument("v"), Argument("shift", is_array=False), Argument("f", is_constant=False)]
+    return print_body(cut_into_blocks("factorise_{}", _factor_rows(plan), given))
 
 
-def _factor_lines(plan: Elimination) -> list[str]:
+def _solve(plan: Elimination) -> Body:
+    """Write a solution in the same way."""
+    given = [Argument("f"), Argument("b", is_constant=False)]
+    return print_body(cut_into_blocks("solve_{}", _solve_rows(plan), given))
+
+
+def _factor_rows(plan: Elimination) -> list[Statement]:
     """Write each factor; those that later factors read become constants."""
-    read = {number for entry in plan.factors for pair in entry.products for number in pair}
+    read = {i for entry in plan.factors for pair in entry.products for i in pair}
     read.update(entry.pivot for entry in plan.factors)
-    lines = []
+    rows: list[Statement] = []
     for i, entry in enumerate(plan.factors):
-        sum_of = "shift" if entry.has_shift else ""
+        total = named("shift") if entry.has_shift else None
         if entry.value >= 0:
-            sum_of += f" - v[{entry.value}]" if sum_of else f"-v[{entry.value}]"
+            total = _less(total, element("v", entry.value))
         for a, b in entry.products:
-            sum_of += f" - f{a} * f{b}" if sum_of else f"-f{a} * f{b}"
+            total = _less(total, temporary("f", a), temporary("f", b))
+        assert total is not None
         if entry.is_pivot:
-            text = f"1.0 / ({sum_of})"
+            total = apply("div", number(1.0), total)
         elif entry.pivot >= 0:
-            text = f"({sum_of}) * f{entry.pivot}"
-        else:
-            text = sum_of
-        name = f"const double f{i} = f[{i}]" if i in read else f"f[{i}]"
-        lines.append(f"{name} = {text};")
-    return lines
+            total = apply("mul", total, temporary("f", entry.pivot))
+        declared = [temporary("f", i)] if i in read else []
+        rows.append(Assign((*declared, element("f", i)), total))
+    return rows
 
 
-def _solve_lines(plan: Elimination) -> list[str]:
-    lines = []
+def _less(total: Expression | None, *factors: Expression) -> Expression:
+    """Subtract a product of one or two factors, from nothing if need be."""
+    if total is not None:
+        return apply("sub", total, factors[0] if len(factors) == 1 else apply("mul", *factors))
+    first = apply("neg", factors[0])
+    return first if len(factors) == 1 else apply("mul", first, factors[1])
+
+
+def _solve_rows(plan: Elimination) -> list[Statement]:
+    rows: list[Statement] = []
     for k, (row, pairs) in enumerate(zip(plan.rows, plan.lower, strict=True)):
-        products = "".join(f" - f[{factor}] * y{m}" for m, factor in pairs)
-        lines.append(f"const double y{k} = b[{row}]{products};")
+        total = element("b", row)
+        for m, factor in pairs:
+            total = _less(total, element("f", factor), temporary("y", m))
+        rows.append(Assign((temporary("y", k),), total))
     for k in reversed(range(len(plan.rows))):
-        products = "".join(f" - f[{factor}] * x{j}" for j, factor in plan.upper[k])
-        lines.append(f"const double x{k} = (y{k}{products}) * f[{plan.pivots[k]}];")
+        total = temporary("y", k)
+        for j, factor in plan.upper[k]:
+            total = _less(total, element("f", factor), temporary("x", j))
+        total = apply("mul", total, element("f", plan.pivots[k]))
+        rows.append(Assign((temporary("x", k),), total))
     # All are known before any is written: rows and columns may be exchanged.
-    return lines + [f"b[{column}] = x{k};" for k, column in enumerate(plan.columns)]
+    columns = enumerate(plan.columns)
+    return rows + [Assign((element("b", at),), temporary("x", k)) for k, at in columns]
 
 
 def _factor_steps(entry: Entry) -> Iterable[int]:

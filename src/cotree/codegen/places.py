@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.codegen.heads import wrapped
+from cotree.codegen.expressions import element
+from cotree.codegen.printing import wrapped
 from cotree.dag.several import results as results_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
+    from cotree.codegen.expressions import Expression
     from cotree.dag.nodes import Node
     from cotree.program import Kernel
 
@@ -22,10 +24,10 @@ class Starts:
     array: str
     places: tuple[int, ...]
 
-    def place(self, i: int, n_rows: int) -> str:
-        """Name a result of the map, in C."""
+    def place(self, i: int, n_rows: int) -> Expression:
+        """Give the element that holds a result of the map."""
         column, row = divmod(i, n_rows)
-        return f"{self.array}[{self.places[column] + row}]"
+        return element(self.array, self.places[column] + row)
 
 
 @dataclass(frozen=True)

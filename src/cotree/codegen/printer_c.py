@@ -1,4 +1,4 @@
-"""Nodes to C statements.
+"""Nodes to statements.
 
 A value that is used once stands where it is used; the others become constants in the order of
 evaluation. Comments name the group that a statement belongs to.
@@ -10,61 +10,76 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from cotree.codegen.c_statements import ALIGNED
+from cotree.codegen.expressions import (
+    apply,
+    call,
+    element,
+    named,
+    number,
+    temporary,
+    whole,
+)
 from cotree.codegen.own_rows import own_rows, padded
-from cotree.dag.operations import OPERATIONS
+from cotree.codegen.statements import (
+    WHOLE,
+    Array,
+    Assign,
+    Call,
+    Comment,
+    Report,
+)
 from cotree.dag.several import SEVERAL, is_symmetric, sizes_of
 from cotree.dag.traverse import reachable
-from cotree.naming import c_comment
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
+    from cotree.codegen.expressions import Expression
     from cotree.codegen.places import Starts
+    from cotree.codegen.statements import Statement
     from cotree.dag.linear_map import LinearMap
     from cotree.dag.nodes import Node
 
 _LARGEST_SYSTEM = 12  # that is written out: 300 statements
 _LONGEST_INLINE = 72  # characters of an expression that may stand inside another
-_ATOM = 9
-_SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
-_PRECEDENCE = {"add": 1, "sub": 1, "mul": 2, "div": 2, "neg": 3}
-_OUTER = {"sign": _ATOM, "select": 3}  # arguments that do not stand between commas
-
 
 #: The key of the function that takes several angles.
 SINES = "sines"
 
 
+def symbol(kind: str, position: int) -> Expression:
+    """Name an argument of a kernel, or an element of one."""
+    return named(kind) if kind == "t" else element(kind, position)
+
+
 @dataclass(frozen=True)
 class Printed:
-    """C statements that compute some values.
+    """Statements that compute some values.
 
     Attributes
     ----------
-    lines : list of str
-        The statements, with comments.
-    values : list of str
+    parts : list of list of Statement
+        The statements, with comments; in one part, or in those that were asked for.
+    values : list of Expression
         An expression for each value asked for.
     n_statements : int
-        Number of statements.
+        Number of values that have a statement.
     uses_status : bool
         Whether a statement may set ``status``.
     filled : list of str
         Arrays that statements fill and only maps read.
     """
 
-    lines: list[str]
-    values: list[str]
+    parts: list[list[Statement]]
+    values: list[Expression]
     n_statements: int
     uses_status: bool
     filled: list[str] = field(default_factory=list)
 
-
-def literal(value: float) -> str:
-    """Write a double as the shortest C literal that reads back equal."""
-    text = repr(float(value))
-    return text if any(char in text for char in ".en") else f"{text}.0"
+    @property
+    def statements(self) -> list[Statement]:
+        """All of them."""
+        return [statement for part in self.parts for statement in part]
 
 
 def print_nodes(
@@ -75,8 +90,9 @@ def print_nodes(
     places: Mapping[Node, Starts] = MappingProxyType({}),
     *,
     has_groups: bool = True,
+    symbols: Callable[[str, int], Expression] = symbol,
 ) -> Printed:
-    """Print the statements that some values need.
+    """Form the statements that some values need.
 
     Parameters
     ----------
@@ -93,29 +109,24 @@ def print_nodes(
         Where the results of a map are to be written, if not to an array of its own.
     has_groups : bool
         Whether values of a group stand together, so that comments name it.
+    symbols : callable
+        Expression for a symbol, from its kind and its position.
     """
     order = reachable(roots, stop=prepared) if order is None else order
-    printer = _Printer(prepared, names, places, has_groups)
+    printer = _Printer(prepared, names, places, has_groups, symbols)
     printer.count_uses(roots, order)
     for node in order:
         printer.visit(node)
-    values = [printer.operand(root, 0) for root in roots]
-    n = printer.n_statements
-    return Printed(printer.lines, values, n, printer.uses_status, printer.filled)
-
-
-@dataclass(frozen=True)
-class PrintedParts:
-    """C statements in parts, and an expression for each value asked for."""
-
-    parts: list[list[str]]
-    values: list[str]
+    return printer.printed(roots, [printer.statements])
 
 
 def print_parts(
-    roots: Sequence[Node], parts: Sequence[Sequence[Node]], kept: Collection[Node]
-) -> PrintedParts:
-    """Print statements in parts, in an order of evaluation that is given.
+    roots: Sequence[Node],
+    parts: Sequence[Sequence[Node]],
+    kept: Collection[Node],
+    symbols: Callable[[str, int], Expression] = symbol,
+) -> Printed:
+    """Form statements in parts, in an order of evaluation that is given.
 
     Parameters
     ----------
@@ -125,8 +136,10 @@ def print_parts(
         All that they depend on, but symbols and constants.
     kept : collection of Node
         What gets a statement even if it is used once.
+    symbols : callable
+        As for :func:`print_nodes`.
     """
-    printer = _Printer({}, {}, {}, has_groups=False)
+    printer = _Printer({}, {}, {}, False, symbols)
     order = [node for part in parts for node in part]
     printer.count_uses([*roots, *kept], order)
     for node in reachable(roots):
@@ -136,9 +149,9 @@ def print_parts(
     for part in parts:
         for node in part:
             printer.visit(node)
-        found.append(printer.lines[done:])
-        done = len(printer.lines)
-    return PrintedParts(found, [printer.operand(root, 1) for root in roots])
+        found.append(printer.statements[done:])
+        done = len(printer.statements)
+    return printer.printed(roots, found)
 
 
 def is_written_out(node: Node) -> bool:
@@ -157,15 +170,16 @@ class _Printer:
     names: Mapping[Any, str]
     places: Mapping[Node, Starts]
     has_groups: bool
-    lines: list[str] = field(default_factory=list)
+    symbols: Callable[[str, int], Expression]
+    statements: list[Statement] = field(default_factory=list)
     uses_status: bool = False
     filled: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self._text: dict[Node, tuple[str, int]] = {}  # expression and its precedence
+        self._known: dict[Node, Expression] = {}
         self._number: dict[Node, int] = {}  # of the values that have a statement
         self._uses: dict[Node, int] = {}
-        self._factors: dict[Any, str] = {}  # number of each factorised matrix
+        self._factors: dict[Any, int] = {}  # number of each factorised matrix
         self._section = ""
 
     def count_uses(self, roots: Sequence[Node], order: Sequence[Node]) -> None:
@@ -178,170 +192,165 @@ class _Printer:
         for root in roots:
             uses[root] = uses.get(root, 0) + 1
 
-    @property
-    def n_statements(self) -> int:
-        return len(self._number)
-
-    def operand(self, node: Node, precedence: int) -> str:
-        """Give an expression, in parentheses where it binds less than asked for."""
-        text, own = self._text[node]
-        return text if own >= precedence else f"({text})"
+    def printed(self, roots: Sequence[Node], parts: list[list[Statement]]) -> Printed:
+        """Give all that was found, for those values."""
+        values = [self._known[root] for root in roots]
+        return Printed(parts, values, len(self._number), self.uses_status, self.filled)
 
     def visit(self, node: Node) -> None:
         op = node.op
         if node in self.prepared:
-            self._text[node] = (f"k[{self.prepared[node]}]", _ATOM)
+            self._known[node] = element("k", self.prepared[node])
         elif op == "constant":
             assert node.value is not None
-            self._text[node] = (literal(node.value), _ATOM if node.value >= 0.0 else 3)
+            self._known[node] = number(node.value)
         elif op == "symbol":
-            kind, position = node.data
-            self._text[node] = (kind if kind == "t" else f"{kind}[{position}]", _ATOM)
+            self._known[node] = self.symbols(*node.data)
         elif op in SEVERAL:
-            self._several(node)
+            getattr(self, f"_{op}")(node)
         elif op == "result":
-            owner, i = node.args[0], node.data
-            if owner in self.places:
-                self._text[node] = (self.places[owner].place(i, len(owner.data.results)), _ATOM)
-                return
-            if owner.op == "sines" and i >= owner.data:
-                i += padded(owner.data) - owner.data  # cosines begin with a vector of their own
-            if owner.op == "map":
-                column, row = divmod(i, len(owner.data.results))
-                i = row * padded(owner.data.n_columns) + column
-            self._text[node] = (f"v{self._number[owner]}[{i}]", _ATOM)
+            self._known[node] = self._result(node.args[0], node.data)
         else:
             self._scalar(node)
 
-    def _declare(self, node: Node) -> str:
-        """Give a statement its name, after a comment where a group begins."""
+    def _result(self, owner: Node, i: int) -> Expression:
+        """Read a result of a node with several."""
+        if owner in self.places:
+            return self.places[owner].place(i, len(owner.data.results))
+        if owner.op == "sines" and i >= owner.data:
+            i += padded(owner.data) - owner.data  # cosines begin with a vector of their own
+        if owner.op == "map":
+            column, row = divmod(i, len(owner.data.results))
+            i = row * padded(owner.data.n_columns) + column
+        return element(f"v{self._number[owner]}", i)
+
+    def _declare(self, node: Node) -> int:
+        """Give a statement its number, after a comment where a group begins."""
         if self.has_groups and node.section and node.section != self._section:
-            self.lines.append(f"/* {c_comment(node.section)} */")
+            self.statements.append(Comment(node.section))
         self._section = node.section
-        self._number[node] = len(self._number)
-        return f"v{self._number[node]}"
+        self._number[node] = found = len(self._number)
+        return found
 
     def _scalar(self, node: Node) -> None:
-        op = node.op
-        sign = _SIGNS.get(op)
-        if sign is not None:
-            level = _PRECEDENCE[op]
-            # The right operand binds tighter, so that values are computed in the program's order
-            # and not regrouped; the left one may share the level.
-            a, b = node.args
-            text = f"{self.operand(a, level)} {sign} {self.operand(b, level + 1)}"
-        elif op == "neg":
-            level = _PRECEDENCE[op]
-            text = f"-{self.operand(node.args[0], level + 1)}"
-        else:
-            level, outer = _ATOM, _OUTER.get(op, 0)
-            text = OPERATIONS[op].c.format(*(self.operand(arg, outer) for arg in node.args))
-        if self._uses[node] == 1 and len(text) <= _LONGEST_INLINE:
-            self._text[node] = (text, level)
+        value = apply(node.op, *[self._known[arg] for arg in node.args])
+        if self._uses[node] == 1 and value.width <= _LONGEST_INLINE:
+            self._known[node] = value
             return
-        name = self._declare(node)
-        self.lines.append(f"const double {name} = {text};")
-        self._text[node] = (name, _ATOM)
+        own = temporary("v", self._declare(node))
+        self.statements.append(Assign((own,), value))
+        self._known[node] = own
 
-    def _several(self, node: Node) -> None:
-        getattr(self, f"_{node.op}")(node)
-
-    def _array(self, name: str, args: Sequence[Node]) -> str:
-        return f"double {name}[{len(args)}] = {{{', '.join(self.operand(a, 0) for a in args)}}};"
+    def _values(self, args: Iterable[Node]) -> tuple[Expression, ...]:
+        return tuple(self._known[arg] for arg in args)
 
     def _solve(self, node: Node) -> None:
-        """Print a solution; a matrix that several solutions share is factorised once."""
-        n, name = node.data.size, self._declare(node)
+        """Solve a system; a matrix that several solutions share is factorised once."""
+        n, at = node.data.size, self._declare(node)
         matrix, rhs = node.args[: n * n], node.args[n * n : n * n + n]
-        sizes, reference, is_apart = sizes_of(node), node.args[-1], is_written_out(node)
-        key, own = (matrix, sizes, reference, node.data), f"_{n}" if is_apart else ""
+        sizes, is_apart = sizes_of(node), is_written_out(node)
+        key = (matrix, sizes, node.args[-1], node.data)
         if key not in self._factors:
-            self._factors[key] = number = name[1:]
-            self.lines.append(self._array(f"a{number}", matrix))
-            if sizes:
-                self.lines.append(self._array(f"s{number}", sizes))
-                if not is_apart:
-                    self.lines.append(f"cotree_scale({n}, s{number}, a{number});")
-            given = f"s{number}, " if is_apart else ""
-            self.lines += [
-                f"int r{number}[{n}], c{number}[{n}];",
-                f"const int rank{number} = cotree_factorise{own}({n}, "
-                f"{self.operand(reference, 0)}, {literal(node.data.tolerance)}, "
-                f"a{number}, {given}r{number}, c{number});",
-                f"const int accepted{number} = cotree_complete{own}({n}, {node.data.n_determined}, "
-                f"rank{number}, a{number}, c{number});",
-            ]
-        number = self._factors[key]
-        values = [self.operand(arg, 0) for arg in rhs]
-        values += [f"(double)rank{number}", f"(double)accepted{number}"]
-        given = f"s{number}, " if is_apart else ""
-        scaling = [f"cotree_multiply({n}, s{number}, {name});"] if sizes and not is_apart else []
-        self.lines += [
-            f"double {name}[{n + 2}] = {{{', '.join(values)}}};",
+            self._factors[key] = at
+            self._factorise(node, at)
+        f = self._factors[key]
+        own, x = f"_{n}" if is_apart else "", named(f"v{at}")
+        rank, accepted = temporary("rank", f), temporary("accepted", f)
+        given = [named(f"s{f}")] if is_apart else []
+        read = [rank, named(f"a{f}"), *given, named(f"r{f}"), named(f"c{f}"), x]
+        scaling = [Call(call("cotree_multiply", whole(n), named(f"s{f}"), x))]
+        scaling = scaling if sizes and not is_apart else []
+        values = (*self._values(rhs), apply("real", rank), apply("real", accepted))
+        self.statements += [
+            Array(f"v{at}", n + 2, values=values),
             *scaling,
-            f"cotree_substitute{own}({n}, rank{number}, a{number}, {given}r{number}, c{number}, "
-            f"{name});",
+            Call(call(f"cotree_substitute{own}", whole(n), *read)),
             *scaling,
-            f"if (!accepted{number}) status = COTREE_SINGULAR;",
+            Report(apply("not", accepted), "COTREE_SINGULAR"),
         ]
         self.uses_status = True
 
-    def _table(self, node: Node) -> None:
-        name, table = self._declare(node), self.names[node.data]
-        n = len(node.data.x)
-        self.lines += [
-            f"double {name}[2];",
-            f"cotree_table({n}, {table}_x, {table}_y, {self.operand(node.args[0], 0)}, {name});",
+    def _factorise(self, node: Node, f: int) -> None:
+        n, sizes, is_apart = node.data.size, sizes_of(node), is_written_out(node)
+        a, s, rows, columns = (named(f"{prefix}{f}") for prefix in "asrc")
+        own, given = (f"_{n}", [s]) if is_apart else ("", [])
+        self.statements.append(Array(f"a{f}", n * n, values=self._values(node.args[: n * n])))
+        if sizes:
+            self.statements.append(Array(f"s{f}", n, values=self._values(sizes)))
+            if not is_apart:
+                self.statements.append(Call(call("cotree_scale", whole(n), s, a)))
+        reference, tolerance = self._known[node.args[-1]], number(node.data.tolerance)
+        rank, accepted = temporary("rank", f), temporary("accepted", f)
+        factorised = [whole(n), reference, tolerance, a, *given, rows, columns]
+        completed = [whole(n), whole(node.data.n_determined), rank, a, columns]
+        self.statements += [
+            Array(f"r{f}", n, WHOLE),
+            Array(f"c{f}", n, WHOLE),
+            Assign((rank,), call(f"cotree_factorise{own}", *factorised)),
+            Assign((accepted,), call(f"cotree_complete{own}", *completed)),
         ]
 
+    def _table(self, node: Node) -> None:
+        at, table = self._declare(node), self.names[node.data]
+        x, y = named(f"{table}_x"), named(f"{table}_y")
+        given = [whole(len(node.data.x)), x, y, self._known[node.args[0]], named(f"v{at}")]
+        self.statements += [Array(f"v{at}", 2), Call(call("cotree_table", *given))]
+
     def _call(self, node: Node) -> None:
-        name = self._declare(node)
-        self.lines += [
-            f"const {self._array(f'a{name[1:]}', node.args)}",
-            f"double {name}[{node.data.n_results}];",
-            f"if ({node.data.name}(a{name[1:]}, {name}) != 0) status = COTREE_FAILED_CALL;",
+        at = self._declare(node)
+        args = self._values(node.args)
+        called = call(node.data.name, named(f"a{at}"), named(f"v{at}"))
+        self.statements += [
+            Array(f"a{at}", len(args), values=args, is_constant=True),
+            Array(f"v{at}", node.data.n_results),
+            Report(apply("fails", called), "COTREE_FAILED_CALL"),
         ]
         self.uses_status = True
 
     def _sines(self, node: Node) -> None:
-        """Print sines and cosines, one after the other where no function takes them together."""
-        name, n, width = self._declare(node), node.data, padded(node.data)
-        angles = [self.operand(angle, 0) for angle in node.args]
+        """Take sines and cosines, one after the other where no function takes them together."""
+        at, n, width = self._declare(node), node.data, padded(node.data)
+        angles, v = self._values(node.args), f"v{at}"
         if SINES in self.names:
-            filled = ", ".join([*angles, *["0.0"] * (width - n)])
-            self.lines += [
-                f"const double a{name[1:]}[{width}] = {{{filled}}};",
-                f"double {name}[{2 * width}];",
-                f"{self.names[SINES]}({n}, a{name[1:]}, {name}, {name} + {width});",
+            filled = (*angles, *[number(0.0)] * (width - n))
+            cosines = apply("add", named(v), whole(width))
+            given = [whole(n), named(f"a{at}"), named(v), cosines]
+            self.statements += [
+                Array(f"a{at}", width, values=filled, is_constant=True),
+                Array(v, 2 * width),
+                Call(call(self.names[SINES], *given)),
             ]
             return
-        self.lines.append(f"double {name}[{2 * width}];")
+        self.statements.append(Array(v, 2 * width))
         for i, angle in enumerate(angles):
-            self.lines.append(f"{name}[{i}] = sin({angle});")
-            self.lines.append(f"{name}[{width + i}] = cos({angle});")
+            self.statements.append(Assign((element(v, i),), apply("sin", angle)))
+            self.statements.append(Assign((element(v, width + i),), apply("cos", angle)))
 
     def _map(self, node: Node) -> None:
         """Gather what the columns share and what each has of its own, row by row, and call it."""
         linear: LinearMap = node.data
-        name = self._declare(node)
+        at = self._declare(node)
         rows, width = own_rows(node), padded(linear.n_columns)
-        shared, given = f"shared{name[1:]}", self.names.get(node, f"own{name[1:]}")
-        self._fill(shared, max(1, linear.n_shared), dict(enumerate(node.args[: linear.n_shared])))
+        shared, given = f"shared{at}", self.names.get(node, f"own{at}")
+        self._fill(
+            Array(shared, max(1, linear.n_shared)), dict(enumerate(node.args[: linear.n_shared]))
+        )
         if node not in self.names:
-            self.lines.insert(0, f"cotree_clear({given}, {rows.length});")
-            self._fill(given, rows.length, rows.values(node), ALIGNED)
-        to, starts = name, "NULL"
+            self.statements.insert(0, Call(call("cotree_clear", named(given), whole(rows.length))))
+            self._fill(Array(given, rows.length, is_aligned=True), rows.values(node))
+        to, starts = f"v{at}", "NULL"
         if node in self.places:
             to, starts = self.places[node].array, self.names[self.places[node].places]
         else:
-            self.lines.append(f"double {name}[{max(1, width * len(linear.results))}];")
+            self.statements.append(Array(to, max(1, width * len(linear.results))))
         own = "s" if rows.first else given
-        self.lines.append(f"{self.names[rows]}({shared}, {own}, {given}, {starts}, {to});")
+        args = map(named, (shared, own, given, starts, to))
+        self.statements.append(Call(call(self.names[rows], *args)))
 
-    def _fill(
-        self, array: str, length: int, values: Mapping[int, Node], qualifier: str = ""
-    ) -> None:
+    def _fill(self, array: Array, values: Mapping[int, Node]) -> None:
         """Declare an array at the top, and fill it here."""
-        self.filled.append(array)
-        self.lines.insert(0, f"{qualifier}double {array}[{length}];")
-        self.lines += [f"{array}[{i}] = {self.operand(v, 0)};" for i, v in values.items()]
+        self.filled.append(array.name)
+        self.statements.insert(0, array)
+        self.statements += [
+            Assign((element(array.name, i),), self._known[v]) for i, v in values.items()
+        ]

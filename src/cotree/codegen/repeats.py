@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Hashable, Iterator, Sequence
 
     import numpy.typing as npt
 
@@ -23,31 +23,32 @@ _FEWEST_EVEN = 24  # the same of one without tables
 _FEWEST_TIMES = 8
 
 
-@dataclass(frozen=True)
-class Statement:
-    """A statement, split into its text without numbers and the numbers themselves.
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A statement, split into what it does and the numbers that it does it to.
 
     Attributes
     ----------
-    form : str
-        Its text without numbers; empty where it is never part of a loop.
+    form : hashable or None
+        Equal for statements that differ in their numbers only; None where it is never part of a
+        loop.
     whole : tuple of int
         Its whole numbers, in order.
-    real : tuple of str
-        Its other numbers, in order.
+    real : tuple of float
+        Its constants, in order.
     """
 
-    form: str
-    whole: tuple[int, ...]
-    real: tuple[str, ...]
+    form: Hashable
+    whole: tuple[int, ...] = ()
+    real: tuple[float, ...] = ()
 
 
-def pieces(statements: Sequence[Statement]) -> Iterator[tuple[int, int, int]]:
+def pieces(statements: Sequence[Row]) -> Iterator[tuple[int, int, int]]:
     """Cut statements into pieces: start, length of the body, number of repetitions.
 
     Parameters
     ----------
-    statements : sequence of Statement
+    statements : sequence of Row
         In order of evaluation.
 
     Yields
@@ -81,41 +82,23 @@ def pieces(statements: Sequence[Statement]) -> Iterator[tuple[int, int, int]]:
         yield plain, start - plain, 1
 
 
-def may_repeat(forms: Sequence[str]) -> npt.NDArray[np.bool_]:
-    """Tell which statements may stand in a loop, given about what they are.
-
-    Parameters
-    ----------
-    forms : sequence of str
-        Texts that are equal wherever statements differ in their numbers only.
-    """
-    n = len(forms)
-    labels = _labels(forms)
-    reach = np.maximum(_form_reach(labels), _form_reach(labels, _FEWEST_EVEN))
-    begins = np.flatnonzero(reach)
-    changes = np.zeros(n + 1, dtype=np.intp)
-    changes[begins] += 1
-    np.subtract.at(changes, begins + reach[begins], 1)
-    return np.asarray(np.cumsum(changes)[:n] > 0)
-
-
-def _labels(forms: Sequence[str]) -> npt.NDArray[np.intp]:
-    """Give each form a number; those that are empty are like no other."""
-    numbers: dict[str, int] = {}
+def _labels(forms: Sequence[Hashable]) -> npt.NDArray[np.intp]:
+    """Give each form a number; a statement without one is like no other."""
+    numbers: dict[Hashable, int] = {}
     return np.array(
-        [numbers.setdefault(f, len(numbers)) if f else -1 - i for i, f in enumerate(forms)],
+        [-1 - i if f is None else numbers.setdefault(f, len(numbers)) for i, f in enumerate(forms)],
         dtype=np.intp,
     )
 
 
-def _form_reach(labels: npt.NDArray[np.intp], fewest: int = FEWEST_LINES) -> npt.NDArray[np.intp]:
+def _form_reach(labels: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
     """Count the statements of the longest loop that begins at each place, whatever its numbers."""
     n = len(labels)
     reach = np.zeros(n + 1, dtype=np.intp)
     for period in range(1, min(LONGEST_BODY, n - 1) + 1):
         agreed = _run_lengths(labels[:-period] == labels[period:])
         part = reach[: n - period]
-        np.maximum(part, _worth(agreed // period + 1, period, fewest), out=part)
+        np.maximum(part, _worth(agreed // period + 1, period, FEWEST_LINES), out=part)
     return reach
 
 
@@ -132,13 +115,13 @@ def _shortest_period(labels: npt.NDArray[np.intp], start: int, length: int) -> i
 
 
 def _even_reach(
-    statements: Sequence[Statement], labels: npt.NDArray[np.intp]
+    statements: Sequence[Row], labels: npt.NDArray[np.intp]
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     """Count the statements of the longest even loop at each place, and of its body."""
     n = len(labels)
     best, period_of = np.zeros(n + 1, dtype=np.intp), np.zeros(n + 1, dtype=np.intp)
     whole = _padded([row.whole for row in statements])
-    names: dict[str, int] = {}
+    names: dict[float, int] = {}
     real = _padded([tuple(names.setdefault(r, len(names)) for r in row.real) for row in statements])
     for period in range(1, min(LONGEST_BODY, (n - 1) // 2) + 1):
         is_same = labels[:-period] == labels[period:]

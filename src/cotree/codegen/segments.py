@@ -10,24 +10,24 @@ of a zero could differ, which a sum with zero takes away from each result.
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
-from functools import cached_property
 from heapq import heapify, heappop, heappush
 from typing import TYPE_CHECKING
 
 from cotree.codegen.blocks import LONGEST_BLOCK
+from cotree.codegen.crossing import Crossing
+from cotree.codegen.expressions import apply, call, element, named, whole, zero
 from cotree.codegen.printer_c import print_parts
+from cotree.codegen.statements import REAL, Assign, When
 from cotree.dag.linear_map import BLOCK
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
+    from cotree.codegen.expressions import Expression
+    from cotree.codegen.statements import Statement
     from cotree.dag.linear_map import LinearMap
     from cotree.dag.nodes import Node
-
-_NAME = re.compile(r"\bv\d+\b")
-_TEMPORARY = re.compile(r"const double (v\d+) = ")
 
 
 @dataclass(frozen=True)
@@ -36,15 +36,15 @@ class Segments:
 
     Attributes
     ----------
-    parts : list of list of str
-        C statements; more than one part where it is long.
+    parts : list of list of Statement
+        Its statements; more than one part where it is long.
     live : list of list of int
         For each block of columns, which of the guarded segments are run: one or zero.
     n_crossing : int
         Values that segments hand over at a time.
     """
 
-    parts: list[list[str]]
+    parts: list[list[Statement]]
     live: list[list[int]]
     n_crossing: int
 
@@ -57,56 +57,74 @@ class _Segment:
     nodes: list[Node]
 
 
-@dataclass(frozen=True)
-class _Piece:
-    """Lines of a segment, and the results that are among them."""
+def cut_into_segments(
+    linear: LinearMap,
+    symbols: Callable[[str, int], Expression],
+    longest: int = LONGEST_BLOCK,
+) -> Segments:
+    """Cut a map into segments, and these into parts of so many statements at most.
 
-    blocks: int
-    lines: list[str]
-    results: list[int]
-
-    @cached_property
-    def makes(self) -> list[str]:
-        """The temporaries that it declares."""
-        return [found[1] for line in self.lines if (found := _TEMPORARY.match(line))]
-
-    @cached_property
-    def made(self) -> set[str]:
-        """The same as a set."""
-        return set(self.makes)
-
-    @cached_property
-    def read_here(self) -> set[str]:
-        """The temporaries that it reads."""
-        texts = (_TEMPORARY.sub("", line, count=1) for line in self.lines)
-        return {name for text in texts for name in _NAME.findall(text)}
-
-    @property
-    def reads(self) -> set[str]:
-        """Those that others declare."""
-        return self.read_here - self.made
-
-
-def cut_into_segments(linear: LinearMap, longest: int = LONGEST_BLOCK) -> Segments:
-    """Cut a map into segments, and these into parts of so many statements at most."""
+    Parameters
+    ----------
+    linear : LinearMap
+        The map.
+    symbols : callable
+        Expression for an input, from its kind and its position.
+    longest : int
+        Statements of a part at most.
+    """
     segments = _shorter(_segments(linear), longest)
-    pieces, values = _printed(linear, segments)
-    writer = _Writer(pieces, linear.n_columns)
-    parts: list[list[str]] = []
+    number = {node: i for i, segment in enumerate(segments) for node in segment.nodes}
+    crossing = {arg for node, i in number.items() for arg in node.args if number.get(arg, i) != i}
+    printed = print_parts(
+        linear.results, [segment.nodes for segment in segments], crossing, symbols
+    )
+    groups = printed.parts
+    for i, (root, value) in enumerate(zip(linear.results, printed.values, strict=True)):
+        if root in number:
+            # A sum with zero: what is minus zero in some widths of vectors is skipped in others.
+            total = Assign((element("result", i),), apply("add", value, zero()))
+            groups[number[root]].append(total)
+    parts, live, n_crossing = _joined(segments, groups, linear.n_columns, longest)
+    parts[-1] += [
+        Assign((element("result", i),), zero() if root.is_zero else value)
+        for i, (root, value) in enumerate(zip(linear.results, printed.values, strict=True))
+        if root not in number
+    ]
+    return Segments(parts, live, n_crossing)
+
+
+def _joined(
+    segments: Sequence[_Segment], groups: Sequence[list[Statement]], n_columns: int, longest: int
+) -> tuple[list[list[Statement]], list[list[int]], int]:
+    """Join segments to parts, each with a guard if it is not always run."""
+    crossing = Crossing(groups)
+    blocks = range(-(-n_columns // BLOCK))
+    everywhere = (1 << len(blocks)) - 1
+    guarded: list[int] = []
+    parts: list[list[Statement]] = []
     length = longest
-    for number, segment in enumerate(segments):
+    for segment, group in zip(segments, groups, strict=True):
         if length + len(segment.nodes) > longest:
             parts.append([])
             length = 0
-        parts[-1] += writer.written(number)
         length += len(segment.nodes)
-    computed = {node for segment in segments for node in segment.nodes}
-    parts[-1] += [
-        f"result[{i}] = {'ZERO' if root.is_zero else value};"
-        for i, (root, value) in enumerate(zip(linear.results, values, strict=True))
-        if root not in computed
-    ]
-    return Segments(parts, writer.live, writer.n_crossing)
+        rows = crossing.written(group)
+        if segment.blocks == everywhere:
+            parts[-1] += rows
+            continue
+        condition = call("LIVE", named("live"), whole(len(guarded)))
+        guarded.append(segment.blocks)
+        parts[-1].append(When(condition, tuple(rows), tuple(_vanishing(rows))))
+    live = [[reach >> k & 1 for reach in guarded] for k in blocks]
+    return parts, live, crossing.lengths[REAL]
+
+
+def _vanishing(rows: Sequence[Statement]) -> list[Statement]:
+    """Set to zero what a segment leaves behind: places of what crosses, then results."""
+    places = [row.to[-1] for row in rows if isinstance(row, Assign)]
+    left = [place for place in places if place.form.op == "element"]
+    return [Assign((place,), zero()) for place in left]
 
 
 def _segments(linear: LinearMap) -> list[_Segment]:
@@ -187,85 +205,3 @@ def _shorter(segments: Sequence[_Segment], longest: int) -> list[_Segment]:
         for segment in segments
         for at in range(0, len(segment.nodes), longest)
     ]
-
-
-def _printed(linear: LinearMap, segments: Sequence[_Segment]) -> tuple[list[_Piece], list[str]]:
-    """Print each segment, with those results whose values it gives; and what all results are."""
-    number = {node: i for i, segment in enumerate(segments) for node in segment.nodes}
-    crossing = {arg for node, i in number.items() for arg in node.args if number.get(arg, i) != i}
-    printed = print_parts(linear.results, [segment.nodes for segment in segments], crossing)
-    results: list[list[int]] = [[] for _ in segments]
-    for i, root in enumerate(linear.results):
-        if root in number:
-            results[number[root]].append(i)
-    pieces = []
-    for segment, lines, own in zip(segments, printed.parts, results, strict=True):
-        # A sum with zero: what is minus zero in some widths of vectors is skipped in others.
-        rows = [*lines, *(f"result[{i}] = {printed.values[i]} + ZERO;" for i in own)]
-        pieces.append(_Piece(segment.blocks, rows, own))
-    return pieces, printed.values
-
-
-class _Writer:
-    """Writes segments, and keeps what crosses between them in an array."""
-
-    def __init__(self, pieces: Sequence[_Piece], n_columns: int) -> None:
-        self._pieces = pieces
-        self._place: dict[str, str] = {}
-        self.n_crossing = 0
-        blocks = range(-(-n_columns // BLOCK))
-        self._all = (1 << len(blocks)) - 1
-        guarded = [piece.blocks for piece in pieces if piece.blocks != self._all]
-        self.live = [[reach >> k & 1 for reach in guarded] for k in blocks]
-        self._guards = iter(range(len(guarded)))
-        self._allot_places()
-
-    def _allot_places(self) -> None:
-        """Give what crosses a place; one whose value is read no more serves again."""
-        last = {name: i for i, piece in enumerate(self._pieces) for name in piece.reads}
-        leaving: dict[int, list[int]] = {}
-        free: list[int] = []
-        for i, piece in enumerate(self._pieces):
-            for name in piece.makes:
-                if name not in last:
-                    continue
-                if not free:
-                    free.append(self.n_crossing)
-                    self.n_crossing += 1
-                slot = heappop(free)
-                self._place[name] = f"w[{slot}]"
-                leaving.setdefault(last[name], []).append(slot)
-            for slot in leaving.pop(i, ()):
-                heappush(free, slot)
-
-    def written(self, number: int) -> list[str]:
-        """Write a segment."""
-        piece = self._pieces[number]
-        lines = [self._line(row, piece) for row in piece.lines]
-        if piece.blocks == self._all:
-            return lines
-        kept = [self._place[name] for name in piece.makes if name in self._place]
-        places = [*kept, *(f"result[{i}]" for i in piece.results)]
-        guard = next(self._guards)
-        lines = [f"if (LIVE(live, {guard})) {{", *(f"    {line}" for line in lines)]
-        if places:
-            lines += ["} else {", *(f"    {place} = ZERO;" for place in places)]
-        return [*lines, "}"]
-
-    def _line(self, line: str, piece: _Piece) -> str:
-        made = _TEMPORARY.match(line)
-        if made:
-            name, value = made.group(1), self._placed(line[made.end() :], piece)
-            place = self._place.get(name)
-            if place is None:
-                return f"const VECTOR {name} = {value}"
-            if name not in piece.read_here:
-                return f"{place} = {value}"
-            return f"const VECTOR {name} = {place} = {value}"
-        return self._placed(line, piece)
-
-    def _placed(self, text: str, piece: _Piece) -> str:
-        """Read what other segments made from its place."""
-        return _NAME.sub(
-            lambda found: found[0] if found[0] in piece.made else self._place[found[0]], text
-        )

@@ -1,22 +1,23 @@
 """Upper bound of the stack that a function of the generated C takes.
 
-In: its lines. Out: a bound in bytes, from its declarations: an optimising compiler keeps many of
-these values in registers, one that does not optimise keeps all of them on the stack.
+In: its statements. Out: a bound in bytes, from its declarations: an optimising compiler keeps many
+of these values in registers, one that does not optimise keeps all of them on the stack.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from cotree.codegen.c_statements import ALIGNED, ARRAY, SCALAR
+from cotree.codegen.statements import REAL, Array, Assign, kind_of, simple, uses
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from cotree.codegen.blocks import Block
+    from cotree.codegen.blocks import Blocks
+    from cotree.codegen.statements import Statement
 
 #: Bytes of one number; of a vector, the widest that a machine has.
-_SIZES = {"double": 8, "int": 8, "VECTOR": 64}
+NUMBER, VECTOR = 8, 64
 
 #: Further bytes of each function: registers that it saves, arguments, parts of expressions.
 _OWN = 512
@@ -25,37 +26,37 @@ _OWN = 512
 _HELPER = 2048
 
 
-def n_bytes(lines: Iterable[str], blocks: Iterable[Block], called: Mapping[str, int]) -> int:
+def n_bytes(blocks: Blocks, called: Mapping[str, int], real: int = NUMBER) -> int:
     """Count the bytes that a function and those that it calls take at most.
 
     Parameters
     ----------
-    lines : iterable of str
-        Its statements.
-    blocks : iterable of Block
-        Its blocks, which it calls in turn.
+    blocks : Blocks
+        Its statements, and those of its blocks, which it calls in turn.
     called : mapping of str to int
         Bytes that other functions take which it may call, by their names in C.
+    real : int
+        Bytes of one of the values that statements compute with.
 
     Returns
     -------
     int
         The bytes, without those of functions of the C library and of users.
     """
-    rows, inner = list(lines), [block.lines for block in blocks]
-    text = "\n".join(line for part in (rows, *inner) for line in part)
-    sizes = [size for name, size in called.items() if f"{name}(" in text]
-    helper = _HELPER if "cotree_" in text else 0
-    return _frame(rows) + max(map(_frame, inner), default=0) + max(helper, *sizes, 0)
+    inner = [function.body for function in blocks.functions]
+    names = {key for rows in (blocks.statements, *inner) for row in rows for key in uses(row)}
+    sizes = [size for name, size in called.items() if name in names]
+    helper = any(isinstance(name, str) and name.startswith("cotree_") for name in names)
+    deepest = max((_frame(rows, real) for rows in inner), default=0)
+    return _frame(blocks.statements, real) + deepest + max(_HELPER * helper, *sizes, 0)
 
 
-def _frame(lines: Iterable[str]) -> int:
+def _frame(statements: Iterable[Statement], real: int) -> int:
     """Count the bytes that one function declares."""
     found = _OWN
-    for line in lines:
-        if scalar := SCALAR.match(line.strip()):
-            found += _SIZES[scalar.group(1)]
-        elif array := ARRAY.match(line):
-            kind, _, first, _, second, _ = array.groups()
-            found += _SIZES[kind.removeprefix(ALIGNED)] * (int(first) + int(second or 0))
+    for row in simple(statements):
+        if isinstance(row, Array):
+            found += row.length * (real if row.kind == REAL else NUMBER)
+        elif isinstance(row, Assign) and row.declares is not None:
+            found += real if kind_of(row.declares) == REAL else NUMBER
     return found

@@ -25,7 +25,7 @@ from cotree.codegen.integrators import (
     stiff_files,
 )
 from cotree.codegen.newton import newton_context, render_newton
-from cotree.codegen.printer_c import literal
+from cotree.codegen.printing import literal
 from cotree.codegen.render import render, render_model
 from cotree.dag.stops import value_of
 from cotree.errors import CodegenError, nearest

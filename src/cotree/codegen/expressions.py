@@ -1,0 +1,279 @@
+"""Expressions as data, between a program and its text.
+
+An expression is a form and numbers. The form is the tree of its operations, arrays and names, and
+leaves out the numbers: constants, indices and the numbers of temporaries. Statements that do the
+same to other numbers therefore have equal forms, which is what loops are found by; and whatever
+depends on the form alone (names, operations, text) is derived once for all of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import chain
+from string import Formatter
+from typing import TYPE_CHECKING, Any
+
+from cotree.dag.operations import OPERATIONS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+#: A temporary: its prefix and its number.
+Temporary = tuple[str, Any]
+
+#: What binds tightest: names, calls, elements.
+_ATOM = 9
+#: How tightly an operation binds, and how tightly its arguments must. The right operand binds
+#: tighter, so that values are computed in the program's order and not regrouped.
+_BINDING: dict[str, tuple[int, tuple[int, ...]]] = {
+    "add": (1, (1, 2)),
+    "sub": (1, (1, 2)),
+    "mul": (2, (2, 3)),
+    "div": (2, (2, 3)),
+    "neg": (3, (4,)),
+    "sign": (_ATOM, (_ATOM, _ATOM)),
+    "select": (_ATOM, (3, 3, 3)),
+    "real": (3, (_ATOM,)),
+    "not": (3, (_ATOM,)),
+    "fails": (0, (1,)),
+}
+#: A leaf's number, if it has one: a constant, a whole number, an index, a temporary's number.
+_SLOTS = {"number": "r", "whole": "w", "element": "i", "temporary": "t", "name": "", "zero": ""}
+#: Operations that count otherwise than as one: comparisons of a sign; what costs nothing.
+_COUNTS = {"sign": 3, "real": 0, "not": 0, "fails": 0} | dict.fromkeys(_SLOTS, 0)
+
+
+def fields_of(spelling: str) -> list[int]:
+    """List the arguments of a format in the order in which its text has them."""
+    return [int(name) for _, name, _, _ in Formatter().parse(spelling) if name is not None]
+
+
+#: Operations whose text repeats an argument or exchanges some.
+_ARRANGED = {
+    name: fields
+    for name, row in OPERATIONS.items()
+    if (fields := fields_of(row.c)) != [*range(row.arity)]
+}
+_WIDTHS = {name: len(row.c.format(*[""] * row.arity)) for name, row in OPERATIONS.items()}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Form:
+    """An expression without its numbers.
+
+    Attributes
+    ----------
+    op : str
+        ``number``, ``whole``, ``zero``, ``name``, ``element`` of an array, ``temporary``, ``call``
+        of a function, ``part``, a call of one that is part of the caller's text, or an operation.
+    name : str
+        Of a name, an array or a function; the prefix of a temporary.
+    args : tuple of Form
+        What an operation or a function is applied to.
+    level : int
+        How tightly it binds.
+    slots : str
+        For each number, in the order of the text, what it is: ``r`` a constant, ``w`` a whole
+        number, ``i`` an index, ``t`` the number of a temporary.
+    n_operations : int
+        Operations in it.
+    width : int
+        Characters in C that are not of a number.
+    names : frozenset of str
+        All names in it but those of temporaries.
+    temporaries : tuple of (int, str)
+        Place among the numbers, and prefix, of each temporary.
+    """
+
+    op: str
+    name: str
+    args: tuple[Form, ...]
+    level: int
+    slots: str
+    n_operations: int
+    width: int
+    names: frozenset[str]
+    temporaries: tuple[tuple[int, str], ...]
+    _hash: int
+
+    # Forms are equal by value: those that a cache dropped and made again are the same as before.
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __eq__(self, other: object) -> bool:
+        if self is other:
+            return True
+        return isinstance(other, Form) and (
+            self._hash == other._hash
+            and self.op == other.op
+            and self.name == other.name
+            and self.args == other.args
+        )
+
+    @property
+    def needs(self) -> tuple[int, ...]:
+        """How tightly each argument must bind in order to stand without parentheses."""
+        return _BINDING[self.op][1] if self.op in _BINDING else (0,) * len(self.args)
+
+
+@lru_cache(maxsize=1 << 14)
+def _form(op: str, name: str, args: tuple[Form, ...] = ()) -> Form:
+    level, needs = _BINDING.get(op, (_ATOM, (0,) * len(args)))
+    slots = _SLOTS.get(op) if op in _SLOTS else "".join(arg.slots for arg in args)
+    width = sum(arg.width + 2 * (arg.level < need) for arg, need in zip(args, needs, strict=True))
+    if op in ("call", "part"):
+        width += len(name) + 2 * max(1, len(args))
+    else:
+        width += _WIDTHS.get(op, len(name) + 2 * (op == "element"))
+    names = frozenset(chain.from_iterable(arg.names for arg in args))
+    temporaries: list[tuple[int, str]] = [(0, name)] if op == "temporary" else []
+    start = 0
+    for arg in args:
+        temporaries += [(start + place, prefix) for place, prefix in arg.temporaries]
+        start += len(arg.slots)
+    return Form(
+        op=op,
+        name=name,
+        args=args,
+        level=level,
+        slots=slots or "",
+        n_operations=_COUNTS.get(op, 1) + sum(arg.n_operations for arg in args),
+        width=width,
+        names=names | {name} if name and op != "temporary" else names,
+        temporaries=tuple(temporaries),
+        _hash=hash((op, name, args)),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Affine:
+    """A number of a loop that grows by the same amount each time: ``step * i + first``."""
+
+    step: int
+    first: int
+
+    @property
+    def n_operations(self) -> int:
+        """Operations of integers that it takes."""
+        return (abs(self.step) != 1) + (self.step < 0 or self.first != 0)
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A number of a loop that stands in a table, one for each time."""
+
+    table: str
+
+
+Number = int | float | Affine | Entry
+
+
+@dataclass(frozen=True, slots=True)
+class Expression:
+    """A form, the numbers in it, and how many characters it has as C text."""
+
+    form: Form
+    numbers: tuple[Number, ...]
+    width: int
+
+
+_ZERO = Expression(_form("zero", ""), (), 4)
+
+
+def number(value: float) -> Expression:
+    """Write a constant; the sign of a negative one is an operation."""
+    value = float(value)
+    if value < 0.0:
+        return apply("neg", number(-value))
+    return Expression(_form("number", ""), (value,), len(repr(value)))
+
+
+def whole(value: Number) -> Expression:
+    """Write a whole number that is not negative."""
+    return Expression(_form("whole", ""), (value,), len(str(value)))
+
+
+def zero() -> Expression:
+    """Write a zero of the type that statements compute with."""
+    return _ZERO
+
+
+def named(text: str) -> Expression:
+    """Write a name: of an argument, an array or a constant."""
+    return Expression(_form("name", text), (), len(text))
+
+
+def element(array: str, index: Number) -> Expression:
+    """Write an element of an array."""
+    form = _form("element", array)
+    return Expression(form, (index,), form.width + len(str(index)))
+
+
+def temporary(prefix: str, value: int) -> Expression:
+    """Write a temporary."""
+    return Expression(_form("temporary", prefix), (value,), len(prefix) + len(str(value)))
+
+
+def apply(op: str, *args: Expression) -> Expression:
+    """Apply an operation: a row of :data:`cotree.dag.operations.OPERATIONS`, or one of C.
+
+    The latter are ``real``, a conversion; ``not``; and ``fails``, a comparison with 0.
+    """
+    if op in _ARRANGED:
+        args = tuple(args[i] for i in _ARRANGED[op])
+    return _joined(_form(op, "", tuple([arg.form for arg in args])), args)
+
+
+def call(function: str, *args: Expression, op: str = "call") -> Expression:
+    """Call a function, which may be a ``part`` of the one that calls."""
+    return _joined(_form(op, function, tuple([arg.form for arg in args])), args)
+
+
+def _joined(form: Form, args: Sequence[Expression]) -> Expression:
+    numbers: tuple[Number, ...] = ()
+    width = form.width
+    for arg in args:
+        numbers += arg.numbers
+        width += arg.width - arg.form.width
+    return Expression(form, numbers, width)
+
+
+def read_from(expression: Expression, places: Mapping[Temporary, Expression]) -> Expression:
+    """Read temporaries from their places in arrays, where they have one.
+
+    Parameters
+    ----------
+    expression : Expression
+        What reads temporaries, or is one.
+    places : mapping of Temporary to Expression
+        The element of an array that holds each.
+    """
+    form, numbers = expression.form, expression.numbers
+    found = [
+        (at, places[key])
+        for at, prefix in form.temporaries
+        if (key := (prefix, numbers[at])) in places
+    ]
+    if not found:
+        return expression
+    moved = list(numbers)
+    for at, place in found:
+        (moved[at],) = place.numbers
+    new = _replaced(form, tuple([(at, place.form) for at, place in found]))
+    return Expression(new, tuple(moved), expression.width)
+
+
+@lru_cache(maxsize=1 << 14)
+def _replaced(form: Form, found: tuple[tuple[int, Form], ...]) -> Form:
+    """Put other forms, of one number each, in the place of some temporaries."""
+    if form.op == "temporary":
+        return found[0][1]
+    args: list[Form] = []
+    start = 0
+    for arg in form.args:
+        end = start + len(arg.slots)
+        own = tuple([(at - start, new) for at, new in found if start <= at < end])
+        args.append(_replaced(arg, own) if own else arg)
+        start = end
+    return _form(form.op, form.name, tuple(args))

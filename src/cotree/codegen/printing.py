@@ -1,0 +1,350 @@
+"""Statements to lines of C, for one target.
+
+This is the only place that knows how C spells a statement. What differs between targets (the type
+of numbers, qualifiers, names of functions) stands in :class:`Target`.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from dataclasses import dataclass
+from itertools import chain
+from string import Formatter
+from typing import TYPE_CHECKING
+
+from cotree.codegen.expressions import Affine, Entry
+from cotree.codegen.statements import (
+    REAL,
+    SCALAR,
+    WHOLE,
+    Array,
+    Assign,
+    Call,
+    Comment,
+    Guard,
+    Loop,
+    Report,
+    Simple,
+    Table,
+    When,
+    kind_of,
+    n_operations,
+)
+from cotree.dag.operations import OPERATIONS
+from cotree.naming import c_comment
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable, Iterator
+
+    from cotree.codegen.blocks import Blocks
+    from cotree.codegen.expressions import Expression, Form, Number
+    from cotree.codegen.statements import Argument, Statement
+
+_WIDTH, _INDENT = 98, "    "
+
+#: Expressions without arguments, with a mark in the place of the number.
+_LEAVES = {
+    "number": "%s{suffix}",
+    "whole": "%s",
+    "element": "{name}[%s]",
+    "temporary": "{name}%s",
+    "name": "{name}",
+    "zero": "{zero}",
+}
+
+#: Operations of C that are none of the program's.
+_SPELLED = {"real": "(double){0}", "not": "!{0}", "fails": "{0} != 0"}
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """Spelling of types and qualifiers.
+
+    Attributes
+    ----------
+    real : str
+        Type that statements compute with: one number, or a vector of some.
+    scalar : str
+        Type of one number, in arguments and tables.
+    zero : str
+        A zero of type ``real``.
+    suffix : str
+        What follows literals and the names of the C library's functions.
+    function : str
+        What stands before the name of a function that is part of another.
+    name : str
+        Name of such a function, its own left open.
+    aligned : str
+        What stands before an array that vectors are read from.
+    restrict : str
+        What says of an argument that no other leads to the same array.
+    """
+
+    real: str = "double"
+    scalar: str = "double"
+    zero: str = "0.0"
+    suffix: str = ""
+    function: str = "COTREE_APART static void"
+    name: str = "{}"
+    aligned: str = "COTREE_ALIGNED "
+    restrict: str = "COTREE_RESTRICT "
+
+    def type_of(self, kind: str) -> str:
+        """Spell a type; one that is of C already stays."""
+        return {REAL: self.real, SCALAR: self.scalar, WHOLE: "int"}.get(kind, kind)
+
+    def declared(self, argument: Argument) -> str:
+        """Declare an argument."""
+        text = self.type_of(argument.kind)
+        if not argument.is_array:
+            return f"{text} {argument.name}"
+        constant = "const " if argument.is_constant else ""
+        restrict = self.restrict if argument.is_restricted else ""
+        return f"{constant}{text} *{restrict}{argument.name}"
+
+    def spelling(self, op: str) -> str:
+        """Spell an operation, its arguments left open."""
+        if op in _SPELLED:
+            text = _SPELLED[op]
+        else:
+            row = OPERATIONS[op]
+            is_named = row.is_call and row.c[0].isalpha()
+            text = row.c.replace("(", f"{self.suffix}(", 1) if is_named else row.c
+        return text.replace("double", self.scalar)
+
+
+#: Kernels: one number at a time.
+DOUBLE = Target()
+#: Maps of columns: as many at a time as a vector has lanes, whatever their number is.
+LANES = Target(
+    real="VECTOR",
+    zero="ZERO",
+    function="TARGET COTREE_APART static void",
+    name="NAMED({})",
+)
+
+
+@dataclass(frozen=True)
+class Block:
+    """A function that is part of another, as text: its head and its statements."""
+
+    signature: str
+    lines: list[str]
+
+
+@dataclass(frozen=True)
+class Body:
+    """The statements of a function as text.
+
+    Attributes
+    ----------
+    lines : list of str
+        Its own.
+    blocks : list of Block
+        The functions that it was cut into, in the order of their calls.
+    written : list of int
+        Number of operations in each of all these, its own last; those of a loop count once.
+    """
+
+    lines: list[str]
+    blocks: list[Block]
+    written: list[int]
+
+    @property
+    def text(self) -> list[str]:
+        """All of its lines."""
+        return [*chain.from_iterable((b.signature, *b.lines) for b in self.blocks), *self.lines]
+
+
+class Counted:
+    """A text of several functions whose operations are counted."""
+
+    @property
+    def bodies(self) -> list[Body]:
+        """The functions."""
+        raise NotImplementedError
+
+    @property
+    def n_written(self) -> int:
+        """About how many operations the longest function has."""
+        return max(self._written, default=0)
+
+    @property
+    def n_written_in_all(self) -> int:
+        """About how many operations all functions have."""
+        return sum(self._written)
+
+    @property
+    def _written(self) -> list[int]:
+        return [n for body in self.bodies for n in body.written]
+
+
+def literal(value: float) -> str:
+    """Write a double as the shortest C literal that reads back equal."""
+    return repr(float(value))
+
+
+def print_lines(statements: Iterable[Statement], target: Target = DOUBLE) -> list[str]:
+    """Print statements, each on one line or more."""
+    return list(_Printer(target).lines(statements))
+
+
+def print_expression(expression: Expression, target: Target = DOUBLE) -> str:
+    """Print an expression."""
+    return _Printer(target).expression(expression)
+
+
+def print_body(cut: Blocks, target: Target = DOUBLE) -> Body:
+    """Print the statements of a function, and the functions that it is cut into."""
+    blocks = []
+    for function in cut.functions:
+        heads = [target.declared(argument) for argument in function.arguments] or ["void"]
+        head = function_head(target.function, target.name.format(function.name), heads)
+        blocks.append(Block(head, print_lines(function.body, target)))
+    counted = [*(function.body for function in cut.functions), cut.statements]
+    return Body(print_lines(cut.statements, target), blocks, [*map(n_operations, counted)])
+
+
+class _Printer:
+    """Prints statements for one target; forms that return are spelt once."""
+
+    def __init__(self, target: Target) -> None:
+        self._target = target
+        self._formats: dict[Form, str] = {}
+        self._is_in_loop = False
+
+    def lines(self, statements: Iterable[Statement]) -> Iterator[str]:
+        """Print statements."""
+        for statement in statements:
+            if isinstance(statement, Simple):
+                yield self._simple(statement)
+            elif isinstance(statement, Comment):
+                yield f"/* {c_comment(statement.text)} */"
+            else:
+                yield from self._compound(statement)
+
+    def expression(self, expression: Expression) -> str:
+        """Print an expression."""
+        form, numbers = expression.form, expression.numbers
+        text = self._formats.get(form)
+        if text is None:
+            text = self._formats[form] = self._format(form)
+        if self._is_in_loop:
+            return text % tuple(map(_number, numbers, form.slots))
+        return text % numbers
+
+    def _assign(self, row: Assign) -> str:
+        to = " = ".join([self.expression(place) for place in row.to])
+        declared = row.declares
+        head = f"const {self._target.type_of(kind_of(declared))} " if declared else ""
+        return f"{head}{to} = {self.expression(row.value)};"
+
+    def _simple(self, row: Simple) -> str:
+        """Print what stands on one line."""
+        if isinstance(row, Assign):
+            return self._assign(row)
+        if isinstance(row, Guard):
+            comparison = ">" if row.is_strict else ">="
+            number = self.expression(row.number)
+            return f"if (!({self.expression(row.value)} {comparison} 0.0)) return -{number};"
+        if isinstance(row, Report):
+            return (
+                f"if ({self.expression(row.condition)}) {self.expression(row.status)} = {row.code};"
+            )
+        if isinstance(row, Call):
+            return f"{row.loop}{self.expression(row.value)};"
+        assert isinstance(row, Array)
+        head = f"{self._target.type_of(row.kind)} {row.name}[{row.length}]"
+        if row.is_aligned:
+            head = f"{self._target.aligned}{head}"
+        if not row.values:
+            return f"{head};"
+        constant = "const " if row.is_constant else ""
+        return f"{constant}{head} = {{{', '.join(map(self.expression, row.values))}}};"
+
+    def _compound(self, row: Table | Loop | When) -> Iterator[str]:
+        """Print what takes several lines."""
+        if isinstance(row, Table):
+            kind = self._target.type_of(row.kind)
+            yield f"static const {kind} {row.name}[{len(row.values)}] = {{"
+            suffix = self._target.suffix if row.kind == SCALAR else ""
+            text = " ".join([f"{value}{suffix}," for value in row.values])
+            yield from textwrap.wrap(text, 92, initial_indent=_INDENT, subsequent_indent=_INDENT)
+            yield "};"
+        elif isinstance(row, Loop):
+            yield f"for (int i = 0; i < {row.times}; ++i) {{"
+            self._is_in_loop = True
+            yield from self._indented(row.body)
+            self._is_in_loop = False
+            yield "}"
+        else:
+            yield f"if ({self.expression(row.condition)}) {{"
+            yield from self._indented(row.body)
+            if row.otherwise:
+                yield "} else {"
+                yield from self._indented(row.otherwise)
+            yield "}"
+
+    def _indented(self, rows: Iterable[Statement]) -> Iterator[str]:
+        return (f"{_INDENT}{line}" for line in self.lines(rows))
+
+    def _format(self, form: Form) -> str:
+        """Spell a form, with a mark in the place of each number."""
+        op, name = form.op, form.name
+        if op in _LEAVES:
+            return _LEAVES[op].format(name=name, suffix=self._target.suffix, zero=self._target.zero)
+        args = [self._format(arg) for arg in form.args]
+        if op in ("call", "part"):
+            own = self._target.name.format(name) if op == "part" else name
+            return f"{own}({', '.join(args)})"
+        parts, given = [], iter(zip(args, form.args, form.needs, strict=True))
+        for text, place, _, _ in Formatter().parse(self._target.spelling(op)):
+            parts.append(text)
+            if place is not None:
+                spelt, arg, needed = next(given)
+                parts.append(spelt if arg.level >= needed else f"({spelt})")
+        return "".join(parts)
+
+
+def _number(number: Number, slot: str) -> str:
+    """Print a number of a loop, in parentheses where it is a sum that stands in no brackets."""
+    if isinstance(number, Entry):
+        return f"{number.table}[i]"
+    if not isinstance(number, Affine):
+        return str(number)
+    step, first = number.step, number.first
+    if step < 0:
+        text = f"{first} - {'i' if step == -1 else f'{-step} * i'}"
+    else:
+        text = "i" if step == 1 else f"{step} * i"
+        text = f"{text} + {first}" if first else text
+    return f"({text})" if slot == "w" and " " in text else text
+
+
+def function_head(result: str, name: str, arguments: Collection[str]) -> str:
+    """Write a function's head, broken between arguments only.
+
+    Parameters
+    ----------
+    result : str
+        What stands before the name: what it returns, and how it is linked.
+    name : str
+        Its name.
+    arguments : collection of str
+        Their declarations.
+    """
+    lines = [f"{result} {name}("]
+    indent = " " * len(lines[0])
+    for i, argument in enumerate(arguments):
+        separator = ")" if i == len(arguments) - 1 else ","
+        if len(lines[-1]) + len(argument) > _WIDTH and not lines[-1].endswith("("):
+            lines[-1] = lines[-1].rstrip()
+            lines.append(indent)
+        lines[-1] += f"{argument}{separator} "
+    return "\n".join(lines).rstrip()
+
+
+def wrapped(items: Iterable[str]) -> list[str]:
+    """Fill lines with items, each followed by a comma."""
+    text = " ".join(f"{item}," for item in items)
+    return textwrap.wrap(text, 96, break_long_words=False, break_on_hyphens=False)
