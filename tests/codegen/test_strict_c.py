@@ -15,7 +15,7 @@ from cotree import load
 from cotree.codegen import context
 from cotree.codegen.blocks import cut_into_blocks
 from cotree.codegen.context import model_context
-from cotree.codegen.integrators import INTEGRATORS, engine_files, sundials_files
+from cotree.codegen.integrators import STEPPERS, engine_files
 from cotree.codegen.render import render_model
 from cotree.dag.several import SolveShape
 from cotree.equations import Guard
@@ -100,13 +100,8 @@ def test_solve_call_and_table_are_clean(made_up, run_compiler, is_staged):
         run_compiler(_files(program), "-c")
 
 
-@pytest.mark.parametrize("method", ["cvode", "ida", "cvodes", "idas"])
-def test_what_drives_sundials_is_clean(run_compiler, method):
-    run_compiler(sundials_files(method), "-c")
-
-
-@pytest.mark.parametrize("method", INTEGRATORS)
-def test_what_drives_own_methods_is_clean(run_compiler, method):
+@pytest.mark.parametrize("method", STEPPERS)
+def test_engines_are_clean(run_compiler, method):
     run_compiler(engine_files(method), "-c")
 
 

@@ -35,6 +35,16 @@ NAMES = [
     "cotree_integrator.c",
     "cotree_dopri5.h",
     "cotree_dopri5.c",
+    "cotree_history.h",
+    "cotree_history.c",
+    "cotree_jumps.h",
+    "cotree_jumps.c",
+    "cotree_events.h",
+    "cotree_events.c",
+    "cotree_job.h",
+    "cotree_job.c",
+    "cotree_stepper.h",
+    "cotree_dopri5_stepper.c",
     "main.c",
 ]
 
@@ -73,7 +83,8 @@ def test_files_and_command(program: Program, tmp_path: Path) -> None:
     assert sorted(os.listdir(folder)) == sorted(NAMES)  # and no temporary one
     assert project.command == (
         "cc -std=c99 -O2 -ffp-contract=off -o spring_mass_damper "
-        "spring_mass_damper.c cotree_run.c cotree_dopri5.c cotree_integrator.c main.c -lm"
+        "spring_mass_damper.c cotree_run.c cotree_dopri5.c cotree_integrator.c cotree_history.c "
+        "cotree_jumps.c cotree_events.c cotree_job.c cotree_dopri5_stepper.c main.c -lm"
     )
     main = (folder / "main.c").read_text()
     assert project.command in main[: main.index("*/")]
@@ -88,9 +99,8 @@ def test_constraints_add_a_start_and_a_projection(
         (write(p, tmp_path / p.layout.name).directory / "main.c").read_text()
         for p in (program, constrained)
     )
-    for word in ("project", "start["):
-        assert word not in free
-        assert word in held
+    assert "start[" not in free
+    assert "start[" in held
     assert "spring_mass_damper_initial(" in free
     assert "swing_initial(" not in held
     numbers = re.search(r"start\[N_UNKNOWNS\] = \{(.*?)\};", held, re.DOTALL)
@@ -177,7 +187,7 @@ def test_scene_with_the_name_of_a_project_file(program: Program, tmp_path: Path,
     """The model's own files step aside, so that none takes the place of another."""
     project = write(renamed(program, name), tmp_path)
     stems = [path.name.lower() for path in project.files]
-    assert len(set(stems)) == len(stems) == 10
+    assert len(set(stems)) == len(stems) == len(NAMES)
     prefix = name.replace("-", "_")
     assert f"{prefix}_.c" in {path.name for path in project.files}
 
@@ -201,7 +211,7 @@ def test_numbers_that_are_none(program: Program, tmp_path: Path, value: float) -
 )
 def test_template_uses_every_field_of_its_context(template: str, name: str, context: type) -> None:
     text = (template_folder() / "c" / template).read_text()
-    for part in re.findall(r'include "(c/integrators/.*?)"', text):
+    for part in re.findall(r'"(c/(?:integrators/|main_).*?)"', text):
         text += (template_folder() / part).read_text()
     tags = " ".join(re.findall(r"\{[{%](.*?)[}%]\}", text))
     used = set(re.findall(rf"\b{name}\.(\w+)", tags))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections import Counter
+
 import numpy as np
 from network_scenes import rc_ladder, rc_ladder_matrix
 
@@ -31,3 +34,29 @@ def follows_a_long_ladder(method):
     # Some hundred steps of 1e-9, times t.
     np.testing.assert_allclose(result.s[:, 0, -1], -end * rates, atol=1e-6)
     return result
+
+
+@contextlib.contextmanager
+def counted_contexts(sundials):
+    """Count the calls of functions that make and free what SUNDIALS holds."""
+    counts, functions, kept = Counter(), sundials.functions, {}
+
+    def count(name):
+        own = kept[name] = getattr(functions, name)
+
+        def call(*arguments):
+            counts[name] += 1
+            return own(*arguments)
+
+        return sundials.engine.ffi.callback(sundials.engine.ffi.typeof(own), call)
+
+    names = ("SUNContext_Create", "SUNContext_Free", "N_VMake_Serial", "N_VDestroy")
+    names += ("SUNNonlinSolNewEmpty", "SUNNonlinSolFreeEmpty")
+    callbacks = {name: count(name) for name in names}
+    for name, callback in callbacks.items():
+        setattr(functions, name, callback)
+    try:
+        yield counts
+    finally:
+        for name, own in kept.items():
+            setattr(functions, name, own)

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 from cotree.codegen.fixed import FIXED, FixedStep
 from cotree.codegen.render import declared, render
 from cotree.codegen.rosenbrock import ROSENBROCK, RosenbrockTableau
+from cotree.codegen.statuses import EVENT_STATUSES, STATUSES, TURNED
 from cotree.codegen.sundials import (
+    SUNDIALS_FLAGS,
     SUNDIALS_FUNCTIONS,
     SUNDIALS_VERSION,
     VERSION_FUNCTION,
@@ -24,6 +26,9 @@ _FOLDER = "c/integrators"
 
 #: Every integrator with error control, by name.
 INTEGRATORS: dict[str, Tableau | RosenbrockTableau] = {**TABLEAUS, **ROSENBROCK}
+
+#: Every method that C takes the steps of, by name: cotree's own, and the libraries of SUNDIALS.
+STEPPERS = (*INTEGRATORS, *SUNDIALS_FUNCTIONS)
 
 
 def integrator_files(name: str) -> Mapping[str, str]:
@@ -54,105 +59,89 @@ def integrator_files(name: str) -> Mapping[str, str]:
 
 
 def engine_files(name: str) -> Mapping[str, str]:
-    """Write an integrator with a job that it runs, the same for every model.
+    """Write the engine of a method: a job with the stepper that runs it, the same for every model.
 
     Parameters
     ----------
     name : str
-        A name in ``INTEGRATORS``.
+        A name in ``STEPPERS``.
 
     Returns
     -------
     mapping of str to str
         Text by file name.
     """
-    files = {**integrator_files(name), **driver_files(name)}
+    files = {**driver_files(name), **run_files()}
+    files["cotree_abi.h"] = render("c/cotree_abi.h.jinja", abi_version=ABI_VERSION, **_COMMON)
     # In one file, so that what is called often can be inlined.
-    parts = [files.pop(f"cotree_{part}.c") for part in ("history", name, "job")]
-    del files["cotree_integrator.c"]
-    own = stiff_files() if INTEGRATORS[name].is_implicit else {}
-    return {**files, **_job_files(), **own, "engine.c": "\n".join(parts)}
+    parts = [files.pop(f"cotree_{name}_stepper.c")]
+    if name in INTEGRATORS:
+        files |= integrator_files(name)
+        parts = [files.pop("cotree_history.c"), files.pop(f"cotree_{name}.c"), *parts]
+        if INTEGRATORS[name].is_implicit:
+            files |= stiff_files()
+    files["cotree_integrator.h"] = render(f"{_FOLDER}/cotree_integrator.h.jinja", **_COMMON)
+    files.pop("cotree_integrator.c", None)
+    return {**files, "engine.c": "\n".join(parts)}
 
 
 def driver_files(name: str) -> Mapping[str, str]:
-    """Write the driver of an integrator through breakpoints, wanted points and events.
+    """Write a job, which drives a method through breakpoints, wanted points and events.
 
     Parameters
     ----------
     name : str
-        A name in ``INTEGRATORS``.
+        A name in ``STEPPERS``.
 
     Returns
     -------
     mapping of str to str
         Text by file name; :func:`run_files` and :func:`integrator_files` come with it.
     """
-    job = render("c/engine/cotree_job.c.jinja", method=INTEGRATORS[name], **_COMMON)
-    header = render("c/engine/cotree_job.h.jinja", **_COMMON)
-    return {**_event_files(), "cotree_job.h": header, "cotree_job.c": job}
-
-
-def _event_files() -> Mapping[str, str]:
-    """Write the location and execution of events, the same for every engine."""
-    return {
+    files = {
         f"cotree_{part}{end}": render(f"{folder}/cotree_{part}{end}.jinja", **_COMMON)
-        for part, folder in (("history", _FOLDER), ("jumps", "c/run"), ("events", "c/run"))
+        for part, folder in (
+            ("history", _FOLDER),
+            ("jumps", "c/run"),
+            ("events", "c/run"),
+            ("job", "c/engine"),
+        )
         for end in (".h", ".c")
     }
-
-
-def sundials_files(library: str) -> Mapping[str, str]:
-    """Write the engine that runs a job with SUNDIALS, the same for every model.
-
-    Parameters
-    ----------
-    library : str
-        A name in ``SUNDIALS_FUNCTIONS``.
-
-    Returns
-    -------
-    mapping of str to str
-        Text by file name.
-    """
+    files["cotree_stepper.h"] = render("c/engine/cotree_stepper.h.jinja", **_COMMON)
+    if name in INTEGRATORS:
+        text = render("c/engine/own_stepper.c.jinja", method=INTEGRATORS[name], **_COMMON)
+        return {**files, f"cotree_{name}_stepper.c": text}
+    method = WITH_SENSITIVITIES.get(name, name)
     about = {
-        "library": library,
-        "method": WITH_SENSITIVITIES.get(library, library),
-        "has_correctors": library in WITH_SENSITIVITIES,
-        "has_together": library == "cvodes",
-        "functions": SUNDIALS_FUNCTIONS[library],
+        "library": name,
+        "method": method,
+        "has_correctors": name in WITH_SENSITIVITIES,
+        "has_together": name == "cvodes",
+        "functions": SUNDIALS_FUNCTIONS[name],
+        "flags": SUNDIALS_FLAGS[method],
+        "version": ".".join(map(str, SUNDIALS_VERSION)),
         **_COMMON,
     }
-    version = ".".join(map(str, SUNDIALS_VERSION))
-    return {
-        **_job_files(),
-        **_event_files(),
-        "cotree_integrator.h": render(f"{_FOLDER}/cotree_integrator.h.jinja", **_COMMON),
-        "cotree_sundials.h": render("c/engine/cotree_sundials.h.jinja", **about),
-        "engine.c": render("c/engine/sundials_job.c.jinja", version=version, **about),
-    }
+    files["cotree_sundials.h"] = render("c/engine/cotree_sundials.h.jinja", **about)
+    text = render("c/engine/sundials_stepper.c.jinja", **about)
+    return {**files, f"cotree_{name}_stepper.c": text}
 
 
-def sundials_declarations(files: Mapping[str, str], library: str) -> str:
-    """Give the declarations of that engine, and of SUNDIALS' functions, that cffi reads."""
-    functions = {**SUNDIALS_FUNCTIONS[library], **VERSION_FUNCTION}.items()
-    pointers = "int cotree_sundials_pointers(const cotree_model *);\n"
+def engine_declarations(files: Mapping[str, str], name: str) -> str:
+    """Give the declarations that cffi reads of an engine, and of what it is to find at run time."""
+    headers = ["cotree_abi.h", "cotree_run.h", "cotree_job.h"]
+    functions: Mapping[str, tuple[str, str]] = {}
+    if name in SUNDIALS_FUNCTIONS:
+        headers.append("cotree_sundials.h")
+        functions = {**SUNDIALS_FUNCTIONS[name], **VERSION_FUNCTION}
     return (
-        _declared(files, ("cotree_abi.h", "cotree_run.h", "cotree_job.h", "cotree_sundials.h"))
-        + "size_t cotree_sundials_doubles(const cotree_model *, int, int, int);\n"
-        + "int cotree_sundials_ints(const cotree_model *);\n"
-        + (pointers if library in WITH_SENSITIVITIES else "")
+        "".join(declared(files[header]) for header in headers)
+        + f"const cotree_stepper *cotree_{name}_stepper(void);\n"
+        + "size_t cotree_job_memory(cotree_job *);\n"
         + "int cotree_job_run(cotree_job *, long);\nvoid cotree_job_end(cotree_job *);\n"
-        + "".join(f"{result} {name}({arguments});\n" for name, (result, arguments) in functions)
+        + "".join(f"{result} {f}({arguments});\n" for f, (result, arguments) in functions.items())
     )
-
-
-def _job_files() -> Mapping[str, str]:
-    """Write the files that every job needs: its own header, and the model's side of it."""
-    headers = {
-        "cotree_abi.h": render("c/cotree_abi.h.jinja", abi_version=ABI_VERSION, **_COMMON),
-        "cotree_job.h": render("c/engine/cotree_job.h.jinja", **_COMMON),
-    }
-    return {**headers, **run_files()}
 
 
 def run_files() -> Mapping[str, str]:
@@ -186,17 +175,11 @@ def sweep_declarations(files: Mapping[str, str]) -> str:
     )
 
 
-def job_declarations(files: Mapping[str, str]) -> str:
-    """Give the declarations that cffi reads, from an engine's headers."""
-    of_newton = "size_t cotree_job_newton(const cotree_model *, const void *);\n"
-    return _declared(files, ("cotree_abi.h", "cotree_run.h", "cotree_job.h")) + (
-        "size_t cotree_job_memory(const cotree_model *, int);\n"
-        "int cotree_job_run(cotree_job *, long);\n" + of_newton
-    )
-
-
-def _declared(files: Mapping[str, str], headers: tuple[str, ...]) -> str:
-    return "".join(declared(files[name]) for name in headers)
-
-
-_COMMON = {"generator": VERSION, "farthest": FARTHEST_CORRECTION}
+_COMMON = {
+    "generator": VERSION,
+    "farthest": FARTHEST_CORRECTION,
+    "statuses": STATUSES,
+    "event_statuses": EVENT_STATUSES,
+    "turned": TURNED,
+    "steppers": STEPPERS,
+}

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-#: Major and minor version whose structures ``sundials_job.c`` fills.
+#: Major and minor version whose structures ``sundials_stepper.c`` fills.
 SUNDIALS_VERSION = (7, 9)
 
 _COMMON = {
@@ -119,6 +119,33 @@ SUNDIALS_FUNCTIONS: dict[str, Mapping[str, tuple[str, str]]] = {
 
 #: Libraries with sensitivities, and their counterparts without.
 WITH_SENSITIVITIES: Mapping[str, str] = {"cvodes": "cvode", "idas": "ida"}
+
+#: What negative results mean, by their values, without sensitivities and with them: names of
+#: :data:`cotree.codegen.statuses.STATUSES`.
+SUNDIALS_FLAGS: Mapping[str, Mapping[int, str]] = {
+    "cvode": {
+        -2: "TOO_TIGHT",
+        -3: "ERROR_TEST_FAILED",
+        -4: "NOT_CONVERGED",
+        -8: "RATE_STOPPED",
+        -9: "CANNOT_START",
+        -10: "RATE_FAILED",
+        -11: "RATE_FAILED",
+        -41: "SENSITIVITIES_FAILED",
+        -42: "SENSITIVITIES_FAILED",
+        -43: "SENSITIVITIES_FAILED",
+        -44: "SENSITIVITIES_FAILED",
+    },
+    "ida": {
+        -2: "TOO_TIGHT",
+        -3: "ERROR_TEST_FAILED",
+        -4: "NOT_CONVERGED",
+        -8: "RATE_STOPPED",
+        -9: "RATE_FAILED",
+        -12: "CANNOT_START",
+        -42: "SENSITIVITIES_FAILED",
+    },
+}
 
 #: Tells the version, before anything else is called.
 VERSION_FUNCTION: Mapping[str, tuple[str, str]] = {

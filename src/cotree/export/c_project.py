@@ -198,7 +198,7 @@ def write_c_project(
     check_numbers(t_end, rtol, atol)
     check_step(program, integrator, step)
     model = model_context(program)
-    driver = driver_files(integrator) if program.layout.events else {}
+    driver = {} if integrator in FIXED else driver_files(integrator)
     evaluated = Evaluated(program)
     is_dependent = evaluated.is_dependent()
     own: Mapping[str, str] = {}

@@ -14,23 +14,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.codegen.integrators import sundials_declarations, sundials_files
-from cotree.codegen.sundials import SUNDIALS_FUNCTIONS, SUNDIALS_VERSION, WITH_SENSITIVITIES
-from cotree.model.kernels import SINGULAR
+from cotree.codegen.integrators import engine_declarations, engine_files
+from cotree.codegen.sundials import SUNDIALS_FUNCTIONS, SUNDIALS_VERSION
 from cotree.sharing import made_once
-from cotree.solvers.corners import TURNED, segments, turning
+from cotree.solvers.corners import segments
 from cotree.solvers.engine import Job, build_engine
 from cotree.solvers.evaluate import FAILED
-from cotree.solvers.messages import ROUNDING_LEVEL, undefined_ahead
 from cotree.solvers.native import compiled_in, run_job, trajectory_of
-from cotree.solvers.problem import describe_entry
 from cotree.solvers.sundials_library import library_path, version_of
-from cotree.solvers.verdicts import BY_STATUS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from cotree.build import LoadedLibrary
+    from cotree.model.newton import Newton
     from cotree.solvers.base import Trajectory
     from cotree.solvers.problem import Problem
 
@@ -43,38 +40,6 @@ _MOST_REDUCED = 2000
 # Multiplications of a factorisation beyond which a sparse one with an order of its own is better.
 _MOST_MULTIPLICATIONS = 3e7
 
-# What our own flags say, and those of SUNDIALS that both methods share.
-_REASONS = {
-    12: "it cannot start",
-    11: "the constraints cannot be met",
-    10: "the algebraic unknowns cannot be solved for",
-    9: "the solution is no longer finite",
-    8: "SUNDIALS got no memory",
-    3: ROUNDING_LEVEL,
-    -2: "the tolerances are too tight for double precision",
-    -3: "the error test fails again and again, or the step size fell to its least",
-    -4: "Newton's method fails again and again, or the step size fell to its least",
-    -6: "the Newton matrix cannot be formed",
-    -7: "the Newton matrix cannot be solved with",
-    -8: "the right-hand side stopped the integration",
-}
-_OWN_REASONS = {
-    "cvode": {
-        -9: "it cannot start",
-        -10: "the right-hand side fails again and again",
-        -11: "the right-hand side fails, and the step cannot be shortened",
-        -41: "the rates of sensitivities stopped the integration",
-        -42: "it cannot start with the sensitivities",
-        -43: "the rates of sensitivities fail again and again",
-        -44: "the rates of sensitivities fail, and the step cannot be shortened",
-    },
-    "ida": {
-        -9: "the right-hand side fails again and again",
-        -12: "it cannot start",
-        -42: "the equations of sensitivities fail again and again",
-    },
-}
-
 
 @dataclass(frozen=True, eq=False)
 class Sundials:
@@ -82,8 +47,8 @@ class Sundials:
 
     Attributes
     ----------
-    method : str
-        "cvode" or "ida", for CVODES and IDAS, too.
+    name : str
+        A name in ``SUNDIALS_FUNCTIONS``.
     engine : LoadedLibrary
         Runs jobs.
     functions : object
@@ -92,7 +57,7 @@ class Sundials:
         Keeps SUNDIALS loaded.
     """
 
-    method: str
+    name: str
     engine: LoadedLibrary
     functions: Any
     library: Any
@@ -167,8 +132,8 @@ def load_sundials(library: str) -> Sundials | str:
 
 @made_once
 def _load(name: str, path: str) -> Sundials | str:
-    files = sundials_files(name)
-    engine = build_engine(files, sundials_declarations(files, name))
+    files = engine_files(name)
+    engine = build_engine(files, engine_declarations(files, name))
     if engine is None:
         return "no compiler can build its engine"
     ffi = engine.ffi
@@ -184,7 +149,7 @@ def _load(name: str, path: str) -> Sundials | str:
             setattr(functions, function, ffi.addressof(library, function))
     except (OSError, AttributeError) as error:
         return f"SUNDIALS' functions cannot be found ({error})"
-    return Sundials(WITH_SENSITIVITIES.get(name, name), engine, functions, library)
+    return Sundials(name, engine, functions, library)
 
 
 class SundialsJob(Job):
@@ -201,75 +166,30 @@ class SundialsJob(Job):
     ) -> None:
         self._sundials, self.name = sundials, name
         # IDA's equations need not be solved for the rates.
-        self.keeps_algebraic = sundials.method == "ida"
-        super().__init__(sundials.engine, problem, corners)
+        self.keeps_algebraic = sundials.name.startswith("ida")
+        super().__init__(sundials.engine, sundials.name, problem, corners)
 
     @property
     def is_wide(self) -> bool:
         """Tell whether a sparse factorisation would be much cheaper."""
-        c, n = self._memory, self.job.model.n_states
+        c, n = self._aid, self.job.model.n_states
         return bool(n * c.lower * (c.lower + c.upper) > _MOST_MULTIPLICATIONS)
 
-    @property
-    def n_jacobians(self) -> int:
-        """Return how many Jacobians were evaluated."""
-        return int(self._memory.n_jacobians)
-
-    @property
-    def n_factorisations(self) -> int:
-        """Return how many matrices were factorised."""
-        return int(self._memory.n_factorisations)
-
-    def reason(self, problem: Problem) -> str:
-        """Say why it failed."""
-        status, c = int(self.job.status), self._memory
-        if status in BY_STATUS:
-            return self._verdict(problem, BY_STATUS[status])
-        if status == TURNED:
-            return turning(problem, float(self.job.t), int(self.job.turned))
-        known = _REASONS | _OWN_REASONS[self._sundials.method]
-        reason = known.get(status, f"flag {status}")
-        reasons = [f"SUNDIALS says: {reason}" if status < 0 else reason]
-        if c.complaint == SINGULAR and not problem.n_algebraic:
-            reasons.append("a linear system of the model is singular ahead")
-        if c.row >= 0:
-            of, by = describe_entry(problem, c.row), describe_entry(problem, c.column)
-            reasons.append(f"the derivative of {of} differentiated by {by} is not finite ahead")
-        if self.job.entry >= 0:
-            entry = describe_entry(problem, int(self._places[self.job.entry]))
-            reasons.append(f"the derivative of {entry} is not finite ahead")
-        # What makes steps short may be that rates have no value beyond a point.
-        why = undefined_ahead(problem, float(self.job.t), self.z)
-        return "; ".join([*reasons, *([why] if why else [])])
-
-    def end(self) -> None:
-        """Free what SUNDIALS holds."""
-        self._lib.cotree_job_end(self.job)
-
-    def _make_memory(self, problem: Problem) -> Any:
-        ffi, job, model = self._ffi, self.job, self.job.model
-        c = self._memory = ffi.new("cotree_bdf *")
+    def _make_aid(self, problem: Problem, newton: Newton | None) -> Any:
+        c = self._aid = self._ffi.new("cotree_sundials_aid *")
         c.sundials = self._sundials.functions
-        c.row = c.column = -1
         # Nothing else would make the iteration go on for them.
         c.are_followed = problem.n_sensitivities > 0 and not problem.error_test_sensitivities
         if problem.n_algebraic and not self.keeps_algebraic:
             # What is left after an elimination has no pattern.
             c.lower = c.upper = problem.n_states - problem.n_algebraic - 1
         else:
-            c.lower, c.upper, order = _order(ffi, model)
-            c.places = ffi.NULL if order is None else self._ints(order.tolist())
-        c.ints = self._ints([0] * self._lib.cotree_sundials_ints(model))
-        size = self._lib.cotree_sundials_doubles(model, job.has_sensitivities, c.lower, c.upper)
-        c.doubles = self._doubles(np.zeros(size))
+            c.lower, c.upper, order = _order(self._ffi, self.job.model)
+            if order is not None:
+                self._kept.append(self._ffi.new("int[]", order.tolist()))
+                c.places = self._kept[-1]
         self._kept.append(c)
         return c
-
-    def _ints(self, values: list[int]) -> Any:
-        """Point to integers, which are kept."""
-        pointer = self._ffi.new("int[]", values)
-        self._kept.append(pointer)
-        return pointer
 
 
 def _order(ffi: Any, model: Any) -> tuple[int, int, Any]:

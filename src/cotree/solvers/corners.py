@@ -24,9 +24,6 @@ if TYPE_CHECKING:
 # on one side of a breakpoint: that is rounding of its time.
 _NOISE = 1e3
 
-#: What C gives where a sensitivity does not exist, as in cotree_run.h.
-TURNED = 60
-
 
 def segments(problem: Problem) -> list[tuple[float, float]]:
     """Cut the span at the breakpoints inside it."""

@@ -27,6 +27,7 @@ from cotree.solvers.sundials_library import library_path
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from cotree.model.newton import Newton
     from cotree.solvers.base import Trajectory
     from cotree.solvers.problem import FloatArray, Problem
 
@@ -125,11 +126,7 @@ class CorrectorJob(SundialsJob):
         # SUNDIALS itself leaves sensitivities out of the test, and the states' tolerances alone.
         return augmented_tolerances(dataclasses.replace(problem, error_test_sensitivities=True))
 
-    def _make_memory(self, problem: Problem) -> Any:
-        c = super()._make_memory(problem)
-        c.corrector = CORRECTORS[self.name].number
-        size = self._lib.cotree_sundials_pointers(self.job.model)
-        pointers = self._ffi.new("void *[]", size)
-        self._kept.append(pointers)
-        c.pointers = pointers
-        return c
+    def _make_aid(self, problem: Problem, newton: Newton | None) -> Any:
+        aid = super()._make_aid(problem, newton)
+        aid.corrector = CORRECTORS[self.name].number
+        return aid

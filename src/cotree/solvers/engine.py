@@ -11,14 +11,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.build import BuildOptions, find_toolchain, obtain_library
-from cotree.codegen.integrators import engine_files, job_declarations
+from cotree.codegen.integrators import engine_declarations, engine_files
+from cotree.codegen.statuses import NUMBERS, STATUSES, TURNED
 from cotree.dag.corners import Corner
 from cotree.errors import BuildError
+from cotree.model.kernels import SINGULAR
 from cotree.sharing import made_once
 from cotree.solvers.augmented import augmented_tolerances
-from cotree.solvers.corners import TURNED, turn_tolerances, turning
+from cotree.solvers.corners import turn_tolerances, turning
 from cotree.solvers.events import Occurrence
-from cotree.solvers.messages import MOVED_FAR, ROUNDING_LEVEL, undefined_ahead
+from cotree.solvers.messages import undefined_ahead
 from cotree.solvers.problem import describe_entry
 from cotree.solvers.verdicts import BY_STATUS, UNCERTAIN, verdict
 from cotree.version import ABI_VERSION
@@ -37,17 +39,8 @@ _ROUNDS = 50
 # A problem counts as stiff beyond this number of stiff steps, as in cotree_integrator.h.
 _MOST_STIFF_STEPS = 1000
 
-# The keys of ``_REASONS`` that say that the rates have no value.
-_OF_RATES = (4, 5)
-
-# The meaning of cotree_status, in the words of the other methods.
-_REASONS = {
-    3: ROUNDING_LEVEL,
-    4: "the right-hand side fails",
-    5: "the right-hand side is not finite",
-    6: "the right-hand side stopped the integration",
-    7: MOVED_FAR,
-}
+# What a status means.
+_SENTENCES = {row.number: row.sentence for row in STATUSES}
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,10 +72,10 @@ def load_engine(method: str) -> LoadedLibrary | None:
     Parameters
     ----------
     method : str
-        A name in ``INTEGRATORS``.
+        A name in ``STEPPERS``.
     """
     files = engine_files(method)
-    return build_engine(files, job_declarations(files))
+    return build_engine(files, engine_declarations(files, method))
 
 
 def build_engine(files: Mapping[str, str], declarations: str) -> LoadedLibrary | None:
@@ -122,6 +115,7 @@ class Job:
     def __init__(
         self,
         engine: LoadedLibrary,
+        stepper: str,
         problem: Problem,
         corners: Sequence[float],
         is_extended: bool = False,
@@ -162,17 +156,17 @@ class Job:
         if wanted is not None:
             job.n_wanted, job.wanted = len(wanted), self._doubles(np.array(wanted, dtype=float))
         self.z = np.array(problem.z0, dtype=np.float64)
-        job.z, job.t, job.entry = self._doubles(self.z), corners[0], -1
+        job.z, job.t = self._doubles(self.z), corners[0]
+        job.entry = job.row = job.column = -1
         self.job = job
         job.scale = problem.scale
         job.is_start_sharp = int(corners[0] in problem.breakpoints)
         job.is_end_sharp = int(corners[-1] in problem.breakpoints)
         self._let_turn(problem, corners)
-        job.memory = self._make_memory(problem)
-        if newton is not None:
-            job.newton = self._ffi.cast("void *", newton.address)
-            size = int(self._lib.cotree_job_newton(job.model, job.newton))
-            job.newton_memory = self._doubles(np.zeros(size))
+        job.stepper = getattr(self._lib, f"cotree_{stepper}_stepper")()
+        job.aid = self._ffi.cast("void *", self._make_aid(problem, newton))
+        size = int(self._lib.cotree_job_memory(job))
+        job.memory = self._doubles(np.zeros(-(-size // 8)))
         self._n = n_full
         self._room = 0
         self._looks_from: int | None = None
@@ -220,32 +214,35 @@ class Job:
         """Make an explicit method wait where its problem is stiff, from ``first_step`` on."""
         self._looks_from = first_step
 
-    @property
-    def n_jacobians(self) -> int:
-        """Return how many Jacobians were evaluated."""
-        return int(self.job.n_jacobians)
-
-    @property
-    def n_factorisations(self) -> int:
-        """Return how many matrices were factorised."""
-        return int(self.job.n_factorisations)
-
     def reason(self, problem: Problem) -> str:
         """Say why the job failed."""
-        status, entry = int(self.job.status), int(self.job.entry)
+        c, status = self.job, int(self.job.status)
         if status in BY_STATUS:
             return self._verdict(problem, BY_STATUS[status])
         if status == TURNED:
-            return turning(problem, float(self.job.t), int(self.job.turned))
-        if entry >= 0:
-            name = describe_entry(problem, int(self._places[entry]))
-            reason = f"the derivative of {name} is not finite ahead"
-        else:
-            reason = _REASONS.get(status, f"the integrator gives status {status}")
-        if entry < 0 and status not in _OF_RATES:
-            return reason
-        why = undefined_ahead(problem, float(self.job.t), self.z)
+            return turning(problem, float(c.t), int(c.turned))
+        reasons = []
+        if c.flag:
+            known = status != NUMBERS["FLAGGED"]
+            reasons = [f"SUNDIALS says: {_SENTENCES[status] if known else f'flag {c.flag}'}"]
+        elif status != NUMBERS["RATE_NOT_FINITE"] or c.entry < 0:
+            reasons = [_SENTENCES.get(status, f"the integrator gives status {status}")]
+        if c.complaint == SINGULAR and not problem.n_algebraic:
+            reasons.append("a linear system of the model is singular ahead")
+        if c.row >= 0:
+            of, by = describe_entry(problem, c.row), describe_entry(problem, c.column)
+            reasons.append(f"the derivative of {of} differentiated by {by} is not finite ahead")
+        if c.entry >= 0:
+            name = describe_entry(problem, int(self._places[c.entry]))
+            reasons.append(f"the derivative of {name} is not finite ahead")
+        reason = "; ".join(reasons)
+        # What makes steps short may be that rates have no value beyond a point.
+        why = undefined_ahead(problem, float(c.t), self.z)
         return f"{reason}: {why}" if why else reason
+
+    def end(self) -> None:
+        """Free what the stepper holds."""
+        self._lib.cotree_job_end(self.job)
 
     @property
     def is_final(self) -> bool:
@@ -285,10 +282,9 @@ class Job:
             events = [row.name for i, row in enumerate(rows) if c.has_fired[i]]
         return verdict(name, events, float(c.event_time), float(c.event_detail))
 
-    def _make_memory(self, problem: Problem) -> Any:
-        """Give the engine its memory."""
-        size = int(self._lib.cotree_job_memory(self.job.model, self.job.has_sensitivities))
-        return self._doubles(np.zeros(-(-size // 8)))
+    def _make_aid(self, problem: Problem, newton: Newton | None) -> Any:
+        """Point to what the stepper needs besides."""
+        return self._ffi.NULL if newton is None else newton.address
 
     def _make_room(self, rows: int) -> None:
         """Make room for kept values; existing ones stay."""

@@ -7,16 +7,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cotree.codegen.statuses import SENTENCES
 from cotree.solvers.augmented import RTOL_FLOOR, augmented_tolerances
 
 if TYPE_CHECKING:
     from cotree.solvers.problem import FloatArray, Problem
 
 #: Reason given where a method stops because its steps no longer change t.
-ROUNDING_LEVEL = "the step size fell to rounding level"
+ROUNDING_LEVEL = SENTENCES["STEP_TOO_SMALL"]
 
 #: Reason given where a method stops because the projection fails or moves a step too far.
-MOVED_FAR = "the projection onto the constraints fails, or moves a step by many tolerances"
+MOVED_FAR = SENTENCES["PROJECTION_FAILED"]
 
 # Where the spacing of floating-point times exceeds this share of the span, it may be too coarse.
 _FINE = 1e-12

@@ -120,11 +120,11 @@ class NativeSolver:
         corners = segments(problem)
         times = [corners[0][0], *(end for _, end in corners)]
         is_extended = can_extend(self.method, problem)
-        job = Job(engine, problem, times, is_extended, newton)
+        job = Job(engine, self.method, problem, times, is_extended, newton)
         ended = self._run(job, problem)
         if isinstance(ended, Ended) and ended.status == FAILED and is_extended:
             problem = _less(problem, job)
-            job = Job(engine, problem, times)
+            job = Job(engine, self.method, problem, times)
             ended = self._run(job, problem, ended.seconds)
         if isinstance(ended, Trajectory):
             return compiled_in(ended, ended.statistics.compile_seconds + begin - before)
@@ -256,8 +256,8 @@ def trajectory_of(job: Job, problem: Problem, method: str, ended: Ended) -> Traj
     statistics = Statistics(
         method=method,
         nfev=int(c.n_evaluations),
-        njev=job.n_jacobians,
-        nlu=job.n_factorisations,
+        njev=int(c.n_jacobians),
+        nlu=int(c.n_factorisations),
         n_steps=int(c.n_steps),
         seconds=ended.seconds,
     )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from cotree.codegen.statuses import EVENT_STATUSES
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -39,22 +41,8 @@ VERDICTS = {
     "fails": "the equations of the events cannot be evaluated at t = {t:.10g}",
 }
 
-#: Names by the results of cotree_events.h.
-BY_STATUS = {
-    20: "fails",
-    21: "not finite",
-    22: "set not finite",
-    23: "contradicts",
-    24: "chooses",
-    25: "rests",
-    26: "grazes",
-    27: "accumulates",
-    28: "chatters",
-    29: "endless",
-    40: "slides",
-    41: "leaves",
-    42: "parts",
-}
+#: Names by the results of C.
+BY_STATUS = {row.number: row.verdict for row in EVENT_STATUSES}
 
 #: Those that another way to solve for what follows from constraints might avoid.
 UNCERTAIN = ("fails", "contradicts")
