@@ -41,7 +41,7 @@ SCRIPTS = {
 
 @dataclass
 class Outcome:
-    """What a script gave.
+    """Output of a script.
 
     Attributes
     ----------

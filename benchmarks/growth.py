@@ -79,7 +79,7 @@ _REPEATS = 7
 
 @dataclass(frozen=True)
 class Row:
-    """What one size costs; times in seconds of the processor, but of a call in nanoseconds."""
+    """Costs of one size; processor times in seconds, those of a call in nanoseconds."""
 
     n: int
     operations: int

@@ -1,4 +1,4 @@
-"""What steps of one length cost in accuracy: the slider-pendulum by C projects for real time.
+"""Accuracy of fixed steps: the slider-pendulum by C projects for real time.
 
 ``python benchmarks/real_time.py`` prints, for each method and length of steps, how far the end of
 the shipped scene is from that of dop853 at a tolerance of 1e-13, and what a step takes.

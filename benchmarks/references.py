@@ -67,7 +67,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Run:
-    """What a method does at a tolerance."""
+    """Error and cost of a method at a tolerance."""
 
     method: str
     rtol: float

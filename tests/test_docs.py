@@ -1,4 +1,4 @@
-"""What the documents say holds: examples run, tables are complete."""
+"""The documents hold: their examples run, and their tables are complete."""
 
 from __future__ import annotations
 

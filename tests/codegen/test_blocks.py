@@ -157,7 +157,7 @@ def test_a_status_is_told_to_the_caller():
 
 
 def test_the_longest_function_of_a_long_chain_is_short():
-    """What compilers take long for is the longest function; the text grows, that does not."""
+    """Compilers take long for the longest function: its length stays bounded as the text grows."""
     program = _program(rod_chain(12)[0], [])
     jacobian = next(k for k in model_context(program).kernels if "_jacobian(" in k.signature)
     assert jacobian.n_operations > 8_000

@@ -1,4 +1,4 @@
-"""Where C has what columns of a map do not share."""
+"""Storage in C of the arguments that columns of a map do not share."""
 
 from __future__ import annotations
 

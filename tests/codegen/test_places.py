@@ -1,4 +1,4 @@
-"""Where maps write their results."""
+"""Offsets at which maps write their results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What vanishes along a column of a map is left out, and everything else stays as it is."""
+"""Entries that vanish along a column of a map are left out, and the others are unchanged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What C does with several numbers at a time: the same whatever the width of vectors is."""
+"""Vectorised C gives the same results for every width of vectors."""
 
 from __future__ import annotations
 

@@ -80,7 +80,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one run reached.
+    """Result of one run: its error and its cost.
 
     Attributes
     ----------

@@ -80,7 +80,7 @@ class NewtonEuler(Loops):
     # ---- what acts
 
     def loads(self, t: float, x: Any, u: Any = None) -> Iterator[Load]:
-        """What every force element, every joint's law and gravity do."""
+        """Sum the wrenches of force elements, joint laws and gravity."""
         q, rates = self.split(x)
         known, nudged = self.names(t, x, u), self.nudged(q)
         yield from self._weights(q)

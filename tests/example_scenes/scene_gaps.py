@@ -1,4 +1,4 @@
-"""What a scene's chords hold: gaps between places that stay zero, and slips that are no gaps.
+"""Constraints of a scene's chords: gaps that stay zero, and slips, which are no gaps.
 
 A gap is a function of places and time; its rate and second derivative are numerical. A slip is a
 velocity that is zero without being the rate of anything (nonholonomic).
@@ -34,7 +34,7 @@ def angle_gap(turned: Any, axis: Any, angle: Any) -> Any:
 
 
 def chord_gaps(edge: Any, fields: Mapping[str, Any], turned: Any, reach: Any) -> list[Any]:
-    """What vanishes where a chord is closed: a list of scalars or vectors.
+    """List the scalars and vectors that vanish where a chord is closed.
 
     ``turned`` and ``reach`` are the second node's orientation and origin in the first.
     """
@@ -79,7 +79,7 @@ def chord_gaps(edge: Any, fields: Mapping[str, Any], turned: Any, reach: Any) ->
 
 
 def chord_senses(edge: Any, fields: Mapping[str, Any], turned: Any, reach: Any) -> list[float]:
-    """What is one on a closed chord, and minus one where its gaps vanish half a turn off."""
+    """Give one on a closed chord, and minus one where its gaps vanish half a turn off."""
     kind = edge.component.name
     if kind in ("arm", "weld", "prismatic"):
         still = fixed_turn(fields) if kind != "prismatic" else np.eye(3)

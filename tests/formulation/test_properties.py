@@ -1,4 +1,4 @@
-"""What holds in every scene: balances of momentum and energy, and whatever frame it is drawn in."""
+"""Properties of every scene: balances of momentum and energy, and independence of the frame."""
 
 from __future__ import annotations
 

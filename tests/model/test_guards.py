@@ -1,4 +1,4 @@
-"""What ``prepare`` refuses: parameters that must be positive, in every domain, in C and Python."""
+"""``prepare`` refuses parameters that must be positive, in every domain, in C and Python."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is given of chords and of bodies that joints carry is a condition of the start."""
+"""Initial values of chords, and of bodies that joints carry, are conditions of the start."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_what_is_given_holds_with_its_sensitivities(given, tree):
 
 
 def test_bodies_start_as_given_whatever_the_tree():
-    """Where x = 0.9 and moves by 0.4 m/s, the linkage is one of few: positions are its outputs."""
+    """A linkage with x = 0.9 at 0.4 m/s has few configurations; each tree starts in one."""
     found = []
     for tree in TREES:
         model, start = start_of(linkage(m_coupler={"x": 0.9, "x_dot": 0.4}), tree, ())
@@ -137,7 +137,7 @@ def test_parameters_are_an_array_or_a_mapping():
 @pytest.mark.parametrize("level", ["whole", "positions"])
 @pytest.mark.parametrize("tree", TREES)
 def test_a_run_goes_on_from_any_state(tree, level):
-    """What the scene gives of a joint that is no state gives way to a state that a run gives."""
+    """The initial value of a joint that is no state gives way to a run's own start."""
     model = linkage(a={"theta": 1.5, "theta_dot": 6.0}).compile(tree=TREES[tree])
     settings = {"rtol": 1e-8, "atol": 1e-10, "method": "DOP853"}
     first = model.simulate((0.0, 0.1), **settings)

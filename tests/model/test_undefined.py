@@ -1,4 +1,4 @@
-"""What is not a number is named: the element, its operation, and the values that it depends on."""
+"""A result that is no number is named: the element, its operation, and the values it depends on."""
 
 from __future__ import annotations
 

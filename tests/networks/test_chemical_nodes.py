@@ -1,4 +1,4 @@
-"""What determines a concentration: species, sources, reactions that take; and where nothing does.
+"""Species, sources and reactions determine concentrations; a node without them is refused.
 
 Every legal use has a closed form here, every other is refused by name.
 """

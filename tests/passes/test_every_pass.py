@@ -235,7 +235,7 @@ def _trees(_):
 
 
 def _curvature(_):
-    """What depends on no direction is computed once at a point."""
+    """Values that depend on no direction are computed once at a point."""
     curvature = form_curvature(run_passes(_lowered("slider-pendulum"))[0])
     whole = replace(curvature.along, prepared={})
     return whole.operations.total, curvature.along.operations.total

@@ -1,4 +1,4 @@
-"""Which way derivatives along many directions take, what it costs, and that it gives the same."""
+"""Derivatives along many directions: the way that is chosen, its cost, and its results."""
 
 from __future__ import annotations
 

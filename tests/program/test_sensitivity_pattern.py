@@ -1,4 +1,4 @@
-"""Which sensitivities vanish at all times: no path leads from the parameter to the state."""
+"""Sensitivities that vanish at all times: no path leads from the parameter to the state."""
 
 from __future__ import annotations
 

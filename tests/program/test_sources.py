@@ -1,4 +1,4 @@
-"""What parameters change by themselves enters sensitivity graphs where these parameters stand."""
+"""Direct effects of parameters enter sensitivity graphs where these parameters stand."""
 
 from __future__ import annotations
 

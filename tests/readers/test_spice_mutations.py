@@ -89,7 +89,7 @@ def test_many_damaged_netlists():
 
 
 def test_bytes_that_are_no_text(tmp_path):
-    """What cannot be decoded is refused with its line too."""
+    """Bytes that cannot be decoded are refused with their line."""
     path = tmp_path / "damaged.cir"
     path.write_bytes(b"title\nR1 a 0 1\nR2 \xff 0 1\n")
     with pytest.raises(cotree.SceneError, match=r"damaged\.cir:3: not a text"):

@@ -1,4 +1,4 @@
-"""What a URDF file becomes, element by element, and how wrong ones are refused."""
+"""Translation of URDF files, element by element, and refusal of wrong ones."""
 
 from __future__ import annotations
 

@@ -134,7 +134,7 @@ def check_range(seeds):
 
 
 def check_equations(scenes):
-    """What was read gives equations, or one of cotree's own errors."""
+    """Form the equations of a scene that was read, or raise one of cotree's own errors."""
     messages = []
     for seed, scene in scenes:
         try:

@@ -1,4 +1,4 @@
-"""What every method of SUNDIALS' is to get right, with sensitivities."""
+"""Cases that every method of SUNDIALS must solve, with sensitivities."""
 
 from __future__ import annotations
 

@@ -274,7 +274,7 @@ def test_an_event_that_looks_at_a_jump_happens_with_it():
 
 
 def test_a_mode_that_only_a_sign_looks_at_moves_sensitivities():
-    """What looks at a mode without a derivative by it has another rate once that has changed."""
+    """An expression that uses a mode has another rate after the mode has changed."""
     scene = _charged("E + 3*sign(n - 0.5)", E=2.0, c=0.5, R=1.0)
     scene.mode("n", 0.8)
     scene.event("passed", "C.v - c", direction=1, set={"n": 0})

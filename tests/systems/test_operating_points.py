@@ -171,7 +171,7 @@ def test_a_current_that_no_diode_lets_through_names_edge_and_unknown():
 
 
 def test_junctions_evaluate_what_the_equations_are():
-    """Where exponentials are those of their exponents, and their slopes against differences."""
+    """Exponentials equal those of their exponents, and slopes equal differences."""
     model = circuits.darlington().scene().compile()
     y, p, u = model.start().y, model.default_parameters, np.zeros(0)
     point = model.junctions.at(0.0, y, p, u)

@@ -1,4 +1,4 @@
-"""What cannot work is refused by name, before or in place of a wrong number."""
+"""Impossible requests are refused by name, before or in place of a wrong number."""
 
 from __future__ import annotations
 

@@ -247,7 +247,7 @@ def test_systems_with_a_delay(system):
 
 @pytest.mark.parametrize("method", ["dopri5", "rodas5", "cvode", "ida", "DOP853"])
 def test_an_event_at_a_corner_moves_with_it(method):
-    """What a jump of a source sets off happens at its time: a mode that starts a clock."""
+    """An event that a jump of a source triggers happens at its time: a mode that starts a clock."""
 
     def scene_of():
         scene = cotree.Scene("clock")

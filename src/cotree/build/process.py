@@ -40,6 +40,20 @@ def run_limited(command: Sequence[str], directory: Path, time_limit: float) -> O
     nothing outlives it there. It reads nothing, and whatever it started dies with it when time
     runs out or the caller is interrupted.
 
+    Parameters
+    ----------
+    command : sequence of str
+        The program and its arguments; no shell reads them.
+    directory : Path
+        Its current directory.
+    time_limit : float
+        Seconds after which it is killed.
+
+    Returns
+    -------
+    Outcome
+        Exit status and output, or that time ran out.
+
     Raises
     ------
     OSError

@@ -71,6 +71,29 @@ def register_component(
     :func:`cotree.components.register.make_component`. With one it is a component of that graph,
     with parameters as in :func:`cotree.components.register_network.make_network_component`.
 
+    Parameters
+    ----------
+    name : str
+        Name of the component type in scenes.
+    law : callable, or mapping of str to callable
+        The terminal equation as a function of SymPy symbols, by port where there are several. The
+        names of its arguments say what they are.
+    domain : str
+        The physical domain of a scalar component; empty for a force element.
+    along : {'line', 'velocity'}
+        Direction along which a force element acts.
+    units : mapping of str to str, optional
+        SI unit of each field.
+    doc : str
+        One line on what it is.
+    **ports
+        Further options of scalar components.
+
+    Returns
+    -------
+    Component
+        The component, which scenes may now name.
+
     Raises
     ------
     SceneError

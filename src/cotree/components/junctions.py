@@ -24,7 +24,19 @@ def symbol(name: str) -> Any:
 
 
 def junction_current(voltage: Any, saturation_current: Any, thermal_voltage: Any) -> Any:
-    """Give I (exp(v / V) - 1)."""
+    """Form the current of a junction: I (exp(v / V) - 1).
+
+    Parameters
+    ----------
+    voltage : sympy.Expr
+        v across the junction, [V].
+    saturation_current, thermal_voltage : sympy.Expr
+        I, [A], and V, [V].
+
+    References
+    ----------
+    W. Shockley, Bell Syst. Tech. J. 28 (1949) 435.
+    """
     import sympy
 
     return saturation_current * (sympy.exp(voltage / thermal_voltage) - 1)
@@ -56,7 +68,15 @@ def depletion_capacity(voltage: Any, prefix: str, share: Any = None) -> Any:
 
 
 def depletion_fields(prefix: str, potential: float, grading: float) -> tuple[Field, ...]:
-    """Make the fields of a depletion capacitance, but for where its tangent begins."""
+    """Make the fields of a depletion capacitance, except the start of its linear continuation.
+
+    Parameters
+    ----------
+    prefix : str
+        How the names of the fields begin.
+    potential, grading : float
+        Default of the built-in potential, [V], and of the grading coefficient.
+    """
     return (
         optional(f"{prefix}_capacitance", "F", "of its charge at no voltage", 0.0, "nonnegative"),
         optional(f"{prefix}_potential", "V", "built in", potential, "positive"),

@@ -13,24 +13,60 @@ if TYPE_CHECKING:
 
 
 def value(name: str, unit: str, doc: str, sign: str = "positive") -> Field:
-    """Make the field of a law: an expression of anything, of a sign where it is constant."""
+    """Declare a required field of a law, which may depend on anything.
+
+    Parameters
+    ----------
+    name, unit, doc : str
+        Its name in scenes, SI unit and meaning.
+    sign : {'', 'nonnegative', 'positive'}
+        Sign that it must have where it is constant.
+    """
     return Field(name, unit, doc, required=True, constant=False, sign=sign)
 
 
 def optional(name: str, unit: str, doc: str, default: float | None, sign: str = "") -> Field:
-    """Make the field of a law that may be left out."""
+    """Declare a field of a law that may be left out.
+
+    Parameters
+    ----------
+    name, unit, doc : str
+        Its name in scenes, SI unit and meaning.
+    default : float or None
+        Value where a scene gives none; None leaves the field out.
+    sign : {'', 'nonnegative', 'positive'}
+        Sign that it must have where it is constant.
+    """
     return Field(name, unit, doc, default=default, constant=False, sign=sign)
 
 
 def one_port(name: str, doc: str, fields: tuple[Field, ...], terminal: Terminal) -> Component:
-    """Make a component of one edge."""
+    """Make a component with a single port.
+
+    Parameters
+    ----------
+    name, doc : str
+        Name of the component type, and one line on what it is.
+    fields : tuple of Field
+        Its fields.
+    terminal : Terminal
+        The terminal equation of its port.
+    """
     return Component(
         name, Role.NETWORK, doc, fields=fields, domains=(terminal.domain,), ports=(terminal,)
     )
 
 
 def across_source(domain: str, name: str, doc: str, field: Field) -> Component:
-    """Make a source of a given across variable."""
+    """Make a source of a prescribed across variable.
+
+    Parameters
+    ----------
+    domain, name, doc : str
+        Its domain, the name of the type, and one line on what it is.
+    field : Field
+        The across variable.
+    """
     law = Law.taking((field.name,), lambda given: given)
     return one_port(name, doc, (field,), Terminal(domain, Kind.ACROSS_SOURCE, across=law))
 
@@ -38,7 +74,17 @@ def across_source(domain: str, name: str, doc: str, field: Field) -> Component:
 def through_source(
     domain: str, name: str, doc: str, field: Field, acts_on_head: bool = False
 ) -> Component:
-    """Make a source of a given through variable, from head to tail inside or the other way."""
+    """Make a source of a prescribed through variable.
+
+    Parameters
+    ----------
+    domain, name, doc : str
+        Its domain, the name of the type, and one line on what it is.
+    field : Field
+        The through variable.
+    acts_on_head : bool
+        Whether it flows from tail to head within the source, in place of from head to tail.
+    """
     sign = -1 if acts_on_head else 1
     law = Law.taking((field.name,), lambda given: sign * given)
     return one_port(name, doc, (field,), Terminal(domain, Kind.THROUGH_SOURCE, through=law))
@@ -47,7 +93,17 @@ def through_source(
 def across_storage(
     domain: str, name: str, doc: str, field: Field, is_absolute: bool = False
 ) -> Component:
-    """Make a linear storage of the across variable."""
+    """Make a linear storage, whose state is its across variable.
+
+    Parameters
+    ----------
+    domain, name, doc : str
+        Its domain, the name of the type, and one line on what it is.
+    field : Field
+        The capacity: through = capacity * rate of across.
+    is_absolute : bool
+        Whether it must begin at the ground, as inertias do.
+    """
     law = Law.taking((field.name,), lambda given: given)
     terminal = Terminal(domain, Kind.ACROSS_STORAGE, storage=law, is_absolute=is_absolute)
     return one_port(name, doc, (field,), terminal)
@@ -56,20 +112,50 @@ def across_storage(
 def content_storage(
     domain: str, name: str, doc: str, field: Field, kind: Kind = Kind.ACROSS_STORAGE
 ) -> Component:
-    """Make a storage whose content, a field, is an expression of its across or through variable."""
+    """Make a storage whose content is an expression of its across or through variable.
+
+    Parameters
+    ----------
+    domain, name, doc : str
+        Its domain, the name of the type, and one line on what it is.
+    field : Field
+        The content, such as charge of voltage.
+    kind : Kind
+        A storage of across or of through variables.
+    """
     content = Law.taking((field.name,), lambda given: given)
     return one_port(name, doc, (field,), Terminal(domain, kind, content=content, is_passive=False))
 
 
 def resistance(domain: str, name: str, doc: str, field: Field) -> Component:
-    """Make a dissipator whose across variable is ``field`` times its through variable."""
+    """Make a dissipator with across = field * through.
+
+    Parameters
+    ----------
+    domain, name, doc : str
+        Its domain, the name of the type, and one line on what it is.
+    field : Field
+        The resistance.
+    """
     return one_port(name, doc, (field,), resistive(domain, field.name))
 
 
 def resistive(
     domain: str, field: str, port: str = "", between: tuple[str, str] = ("", "")
 ) -> Terminal:
-    """Make the terminal equation across = field * through."""
+    """Form the terminal equation across = field * through.
+
+    Parameters
+    ----------
+    domain : str
+        The domain of the port.
+    field : str
+        Name of the field that holds the resistance.
+    port : str
+        Name of the port; empty where it is the only one.
+    between : pair of str
+        The terminals at head and tail, where ports share nodes.
+    """
     return Terminal(
         domain,
         Kind.DISSIPATOR,
@@ -81,7 +167,15 @@ def resistive(
 
 
 def conductance(domain: str, name: str, doc: str, field: Field) -> Component:
-    """Make a dissipator whose through variable is ``field`` times its across variable."""
+    """Make a dissipator with through = field * across.
+
+    Parameters
+    ----------
+    domain, name, doc : str
+        Its domain, the name of the type, and one line on what it is.
+    field : Field
+        The conductance.
+    """
     terminal = Terminal(
         domain,
         Kind.DISSIPATOR,
@@ -94,9 +188,20 @@ def conductance(domain: str, name: str, doc: str, field: Field) -> Component:
 def ideal_coupling(
     name: str, doc: str, field: Field, first: tuple[str, str], second: tuple[str, str]
 ) -> Component:
-    """Make two ports: across of the first is ``field`` times that of the second, without losses.
+    """Make a lossless transformer: across of the first port is ``field`` times that of the second.
+
+    Power is conserved, so the through variables have the inverse ratio, with opposite sign.
 
     Ports are given as their domain and name.
+
+    Parameters
+    ----------
+    name, doc : str
+        Name of the component type, and one line on what it is.
+    field : Field
+        The ratio.
+    first, second : pair of str
+        Domain and name of each port.
     """
     laws = (
         (f"across_{second[1]}", lambda v, r: r * v),
@@ -110,9 +215,20 @@ def ideal_coupling(
 def ideal_gyration(
     name: str, doc: str, field: Field, first: tuple[str, str], second: tuple[str, str]
 ) -> Component:
-    """Make two ports: through of each is ``field`` times across of the other, without losses.
+    """Make a lossless gyrator: through of each port is ``field`` times across of the other.
+
+    What flows into the first drives the second.
 
     What flows into the first drives the second. Ports are given as their domain and name.
+
+    Parameters
+    ----------
+    name, doc : str
+        Name of the component type, and one line on what it is.
+    field : Field
+        The constant of gyration.
+    first, second : pair of str
+        Domain and name of each port.
     """
     laws = (
         (f"through_{second[1]}", lambda f, k: -f / k),

@@ -9,7 +9,22 @@ PLANE_AXES = {"z": ("x", "y"), "x": ("y", "z"), "y": ("z", "x")}
 
 
 def body_space(plane: str, is_particle: bool, line: str = "") -> tuple[MotionStep, ...]:
-    """Give the motion space of a body in the tree: along a line, in a plane, or free."""
+    """Give the motion space of a body in the tree: along a line, in a plane, or free.
+
+    Parameters
+    ----------
+    plane : {'', 'x', 'y', 'z'}
+        Normal of the plane that it moves in; empty where it moves in space.
+    is_particle : bool
+        Whether it has no inertia to rotation, so that its orientation does not matter.
+    line : {'', 'x', 'y', 'z'}
+        Direction of the line that it moves along; empty where there is none.
+
+    Returns
+    -------
+    tuple of MotionStep
+        Translations first, then the rotation.
+    """
     if line:
         return (Freedom(line, "m", rotates=False, axis=line),)
     if plane:

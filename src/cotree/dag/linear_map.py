@@ -311,6 +311,17 @@ def apply_map(
 ) -> list[tuple[Node, ...]]:
     """Apply a map to columns.
 
+    Parameters
+    ----------
+    dag : Dag
+        The arena.
+    linear : LinearMap
+        The map.
+    shared : sequence of Node
+        Arguments that all columns have in common.
+    columns : sequence of sequence of Node
+        Arguments of each column.
+
     Returns
     -------
     list of tuple of Node

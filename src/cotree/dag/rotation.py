@@ -125,9 +125,20 @@ def quaternion_rates(q: Sequence[Any], w: Sequence[Any]) -> tuple[Any, ...]:
 
 
 def quaternion_turn(q: Sequence[Node], d: Sequence[Node], is_own: bool) -> Vector:
-    """Form the rotation vector of a change ``d`` of a quaternion.
+    """Form the rotation vector of a change of a quaternion.
 
-    It is resolved in the axes of the turned frame (``is_own``) or of the frame it turns against.
+    Parameters
+    ----------
+    q, d : sequence of four Node
+        The quaternion, real part first, and its change. The norm of q need not be one.
+    is_own : bool
+        Whether the result is resolved in the axes of the turned frame, 2 Im(conj(q) d) / |q|^2, or
+        in those of the frame that it turns against, 2 Im(d conj(q)) / |q|^2.
+
+    Returns
+    -------
+    Vector
+        The rotation vector, [rad].
     """
     q0, q1, q2, q3 = q
     d0, d1, d2, d3 = d

@@ -238,13 +238,33 @@ def is_symmetric(node: Node) -> bool:
 
 
 def table(dag: Dag, data: Table, x: Node) -> tuple[Node, Node]:
-    """Form the value and the slope of a table at ``x``."""
+    """Form the value and the slope of a table at ``x``.
+
+    Parameters
+    ----------
+    dag : Dag
+        The arena.
+    data : Table
+        Points and interpolation.
+    x : Node
+        Where to look it up.
+    """
     value, slope = dag.several("table", [x], data, 2)
     return value, slope
 
 
 def call(dag: Dag, function: Function, args: Sequence[Node]) -> tuple[Node, ...]:
-    """Form the results of an external function."""
+    """Form the results of an external function.
+
+    Parameters
+    ----------
+    dag : Dag
+        The arena.
+    function : Function
+        The function.
+    args : sequence of Node
+        Its arguments.
+    """
     return dag.several("call", args, function, function.n_results)
 
 

@@ -20,7 +20,25 @@ if TYPE_CHECKING:
 
 
 def check_numbers(t_end: float, rtol: float, atol: float) -> None:
-    """Refuse an end time and tolerances that are none."""
+    """Refuse an end time or tolerances that make no sense.
+
+    Parameters
+    ----------
+    t_end : float
+        End time, [s]; must be finite.
+    rtol, atol : float
+        Relative and absolute tolerance.
+
+    Raises
+    ------
+    SceneError
+        For the first that is not accepted.
+
+    Warns
+    -----
+    RuntimeWarning
+        Where the relative tolerance is loose.
+    """
     if not math.isfinite(t_end):
         raise SceneError(f"t_end is {t_end}: give a finite number")
     fault = rtol_fault(rtol, least=0.0)
@@ -33,7 +51,23 @@ def check_numbers(t_end: float, rtol: float, atol: float) -> None:
 
 
 def check_step(program: Program, integrator: str, step: float | None) -> None:
-    """Refuse steps of one length where they do not go together with the rest."""
+    """Refuse a fixed step length that does not go together with the integrator or the scene.
+
+    Parameters
+    ----------
+    program : Program
+        The program.
+    integrator : str
+        Name of the method.
+    step : float or None
+        Length of every step, [s]; None where the method controls it.
+
+    Raises
+    ------
+    CodegenError
+        If the method needs a step and has none or the other way round, or the scene has events or
+        corners that it would step over.
+    """
     if integrator not in FIXED:
         if step is not None:
             raise CodegenError(
@@ -80,7 +114,22 @@ def _check_corners(program: Program, integrator: str) -> None:
 
 
 def check_loops(program: Program, integrator: str, is_dependent: bool) -> None:
-    """Refuse dependent constraints: stages off them would contradict each other."""
+    """Refuse dependent constraints, which stages of a method would contradict.
+
+    Parameters
+    ----------
+    program : Program
+        The program.
+    integrator : str
+        Name of the method.
+    is_dependent : bool
+        Whether the constraints are dependent at the start.
+
+    Raises
+    ------
+    CodegenError
+        If they are.
+    """
     if is_dependent:
         raise CodegenError(
             f"constraints of scene '{program.layout.name}' are dependent at the start, which "

@@ -82,7 +82,19 @@ def graph_report(
     trees: Mapping[str, Tree],
     costs: tuple[Alternative, ...] = (),
 ) -> GraphReport:
-    """Gather graphs, trees and their matrices."""
+    """Gather graphs, trees and their matrices.
+
+    Parameters
+    ----------
+    graphs, trees : mapping of str to LinearGraph, Tree
+        By domain.
+    costs : tuple of Alternative
+        Costs of the trees that were counted, the cheapest first.
+
+    References
+    ----------
+    [1] eq. 1, 2.
+    """
     return GraphReport(
         graphs,
         trees,

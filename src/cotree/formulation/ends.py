@@ -147,10 +147,19 @@ class Carried:
 def pair_pull(
     view: View, ends: Ends, force: Any, torque: Any, arms: tuple[Any, Any] | None = None
 ) -> Pull:
-    """Put a force and a torque on the second node and their opposites on the first.
+    """Apply a force and a torque to the second node, and their opposites to the first.
 
-    ``arms`` are the positions of the points of action from the clusters' origins; where absent,
-    the points of action are the nodes.
+    Parameters
+    ----------
+    view : View
+        The graph that they belong to: the first, or one of the sensitivity graphs.
+    ends : Ends
+        The nodes.
+    force, torque : Vector or None
+        In the basis of the nodes' common ancestor; None where there is none.
+    arms : pair of Vector, optional
+        Positions of the points of action from the origins of the nodes' clusters; where absent,
+        the forces act at the nodes.
     """
     found = []
     arms = arms or (ends.arm(view, 0), ends.arm(view, 1))
@@ -172,9 +181,18 @@ def pair_pull(
 
 
 def pull_in_place(view: View, ends: Ends, axis: Carried, beyond: Any | None = None) -> Pull:
-    """Put a force on the second node and its opposite on the first's body, at the same place.
+    """Apply a force to the second node, and its opposite at the same place to the first's body.
 
-    ``beyond`` is the vector from the second node to that place; None if the node is the place.
+    Parameters
+    ----------
+    view : View
+        The graph that it belongs to.
+    ends : Ends
+        The nodes.
+    axis : Carried
+        The direction of the force.
+    beyond : Vector, optional
+        From the second node to the place; none where the node is the place.
     """
     arms = vector.add(ends.arm(view, 0), ends.reach(view)), ends.arm(view, 1)
     if beyond is not None:

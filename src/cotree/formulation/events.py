@@ -24,6 +24,15 @@ def bind_events(
 ) -> tuple[EventRow, ...]:
     """Bind the events of a scene to the states that they set.
 
+    Parameters
+    ----------
+    scene : SceneDescription
+        The scene.
+    system : System
+        It bound to nodes.
+    states : sequence of State
+        All states, in their order.
+
     Raises
     ------
     SceneError
@@ -75,6 +84,15 @@ def started(
 
     A mode whose value depends on more than parameters, for example on the solution of algebraic
     equations, begins with zero; :meth:`cotree.model.model.CompiledModel.start` then finds it.
+
+    Parameters
+    ----------
+    states : sequence of State
+        The states.
+    jumps : mapping of str to Node
+        By name of a mode, the expression whose sign it stands for.
+    system : System
+        The bound scene.
     """
     if not jumps:
         return tuple(states)

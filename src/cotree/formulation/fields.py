@@ -60,9 +60,30 @@ class Resolvers:
 def bind_edge(
     edge: Edge, dag: Dag, resolvers: Resolvers, at_scene: Callable[[Node], float]
 ) -> tuple[BoundEdge, list[Guard]]:
-    """Bind the fields of an edge, and say what their values must satisfy.
+    """Bind the fields of an edge to nodes, with the conditions on their values.
 
-    ``at_scene`` evaluates a node of parameters at the scene's values.
+    Parameters
+    ----------
+    edge : Edge
+        The edge.
+    dag : Dag
+        The arena.
+    resolvers : Resolvers
+        From names to nodes, by what a field may depend on.
+    at_scene : callable
+        Evaluates a node of parameters at the scene's values.
+
+    Returns
+    -------
+    bound : BoundEdge
+        The edge with nodes as fields; axes are unit vectors.
+    guards : list of Guard
+        What parameter values must satisfy.
+
+    Raises
+    ------
+    ParameterError
+        If an axis has no direction, or a constant has the wrong sign.
     """
     expressions: dict[str, Expression] = {}
     guards: list[Guard] = []
@@ -101,7 +122,17 @@ def bind_edge(
 
 
 def lower_vector(value: FieldValue, dag: Dag, resolve: Resolver) -> Vector:
-    """Turn three expressions into nodes."""
+    """Turn three expressions into nodes.
+
+    Parameters
+    ----------
+    value : sequence of three Expression
+        The components.
+    dag : Dag
+        The arena.
+    resolve : callable
+        From names to nodes.
+    """
     x, y, z = (item.lower(dag, resolve) for item in value)  # type: ignore[union-attr]
     return (x, y, z)
 
@@ -179,6 +210,20 @@ def rotation_matrix(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
     """Form the axes of the turned frame from roll, pitch and yaw, or from three rows.
 
     Roll, pitch and yaw turn about the fixed x, y and z axis, in this order.
+
+    Parameters
+    ----------
+    value : sequence of three Expression, or of three rows of them
+        The angles, [rad], or the rows of the matrix.
+    dag : Dag
+        The arena.
+    resolve : callable
+        From names to nodes.
+
+    Returns
+    -------
+    Matrix
+        Its columns are the axes of the turned frame.
     """
     if isinstance(cast("Sequence[Any]", value)[0], Expression):
         angles = lower_vector(value, dag, resolve)

@@ -27,6 +27,19 @@ def initial_values(
 ) -> dict[str, Node]:
     """Bind the initial values of a branch; what the scene does not give is ``start``, or zero.
 
+    Parameters
+    ----------
+    edge : Edge
+        The branch.
+    space : sequence of MotionStep
+        Its motion space.
+    dag : Dag
+        The arena.
+    resolve : callable
+        From names of parameters to nodes.
+    start : mapping of str to Node
+        Values where the scene gives none, by short names of coordinates and rates.
+
     Returns
     -------
     dict of str to Node

@@ -54,7 +54,22 @@ def read_spice_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
 
 
 def read_spice_text(text: str, where: str, scene_type: type[_Scene]) -> _Scene:
-    """Read a circuit from the text of a netlist; ``where`` names it in messages."""
+    """Read a circuit from the text of a netlist.
+
+    Parameters
+    ----------
+    text : str
+        The netlist.
+    where : str
+        Names it in messages.
+    scene_type : type
+        The class to make.
+
+    Raises
+    ------
+    SceneError
+        If a line is not accepted; the message names its number.
+    """
     return Writer(scene_type, parse_netlist(text, where), where).write()
 
 
@@ -112,7 +127,19 @@ class Writer(Generic[_Scene]):
     def own_parameter(
         self, name: str, value: Value, line: int, unit: str = "", doc: str = ""
     ) -> Value:
-        """Make a parameter of a number, and give its name; expressions stay as they are."""
+        """Make a parameter of a number, and give its name; expressions stay as they are.
+
+        Parameters
+        ----------
+        name : str
+            The name wished for.
+        value : float or str
+            A number, or an expression.
+        line : int
+            Line of the netlist, for messages.
+        unit, doc : str
+            Unit and meaning.
+        """
         if isinstance(value, str):
             return value
         own = self.parameter_names.give("parameter", name)

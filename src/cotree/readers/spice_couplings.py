@@ -128,7 +128,17 @@ def complete_signs(place: Place, coupled: Coupled) -> dict[str, float] | None:
 def coupled_fields(
     place: Place, coupled: Coupled, windings: Mapping[str, tuple[list[str], Any]]
 ) -> dict[str, Any]:
-    """Give the fields of coupled inductors, of the nodes and the inductance of each."""
+    """Give the fields of coupled inductors.
+
+    Parameters
+    ----------
+    place : Place
+        The circuit that they stand in.
+    coupled : Coupled
+        The inductors, and the line of each coupling.
+    windings : mapping of str to (list of str, value)
+        By inductor: its nodes and its inductance, [H].
+    """
     fields: dict[str, Any] = {}
     number = {name: i for i, name in enumerate(coupled.inductors, 1)}
     for name, (nodes, inductance) in windings.items():

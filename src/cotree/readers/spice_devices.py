@@ -30,7 +30,31 @@ _DEFAULT_SIZE = 1e-4  # m, as ngspice has it
 def parts(
     place: Place, line: Line, known: set[str], counts: range
 ) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Split a line into words and settings."""
+    """Split a line into words and settings.
+
+    Parameters
+    ----------
+    place : Place
+        The circuit that the line stands in.
+    line : Line
+        The line of an element.
+    known : set of str
+        The settings that it may have.
+    counts : range
+        How many words may follow its name.
+
+    Returns
+    -------
+    words : tuple of str
+        The words after its name.
+    given : dict of str to str
+        Its settings.
+
+    Raises
+    ------
+    SceneError
+        If a setting is unknown, or the number of words is wrong.
+    """
     words, rest = split_settings(line.words[1:])
     given = settings(rest, place.at(line))
     checked_names(given, known, f"'{shown(line.words[0])}'", place.at(line))
@@ -66,7 +90,26 @@ def _count(place: Place, line: Line, given: dict[str, str]) -> Value:
 def initial_value(
     place: Place, line: Line, words: tuple[str, ...], given: dict[str, str], key: str
 ) -> dict[str, Any]:
-    """Give the initial value of a storage, where the run begins with such."""
+    """Give the initial value of a storage, where the netlist asks for ``uic``.
+
+    Parameters
+    ----------
+    place : Place
+        The circuit that the element stands in.
+    line : Line
+        Its line.
+    words : tuple of str
+        The words after its name, nodes first.
+    given : dict of str to str
+        Its settings.
+    key : {'c', 'l', 'r'}
+        The kind of element.
+
+    Returns
+    -------
+    dict of str to value
+        Voltage ``v``, [V], or current ``i``, [A]; empty where there is none.
+    """
     if not place.sheet.uses_initial or key == "r":
         return {}
     symbol = "v" if key == "c" else "i"

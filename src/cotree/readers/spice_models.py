@@ -204,7 +204,17 @@ def _check_temperature(name: str, value: Value, where: str) -> None:
 
 
 def device_fields(model: DeviceModel, area: Value, gmin: Value) -> dict[str, Value]:
-    """Give the fields of a diode or a bipolar transistor of a model."""
+    """Give the fields of a diode or a bipolar transistor from its model.
+
+    Parameters
+    ----------
+    model : DeviceModel
+        The model.
+    area : float or str
+        Factor of its area.
+    gmin : float or str
+        Conductance across its junctions, [S].
+    """
     fields: dict[str, Value] = {}
     for name, row in _TABLES[model.letter].items():
         value = model.values[name]
@@ -223,7 +233,19 @@ def device_fields(model: DeviceModel, area: Value, gmin: Value) -> dict[str, Val
 
 
 def bulk_fields(model: DeviceModel, side: str, gmin: float, count: Value = 1.0) -> dict[str, Value]:
-    """Give the fields of the diode between bulk and drain (``cbd``) or source (``cbs``)."""
+    """Give the fields of the diode between bulk and drain or source.
+
+    Parameters
+    ----------
+    model : DeviceModel
+        The model.
+    side : {'cbd', 'cbs'}
+        Its junction capacitance, by the side.
+    gmin : float
+        Conductance across it, [S].
+    count : float or str
+        Number of parallel devices.
+    """
     v = model.values
     fields: dict[str, Value] = {
         "saturation_current": scaled(v["is"], count),
@@ -239,7 +261,15 @@ def bulk_fields(model: DeviceModel, side: str, gmin: float, count: Value = 1.0) 
 
 
 def channel_fields(model: DeviceModel, width: Value, length: Value) -> dict[str, Value]:
-    """Give the fields of a field-effect transistor."""
+    """Give the fields of a field-effect transistor's channel.
+
+    Parameters
+    ----------
+    model : DeviceModel
+        The model.
+    width, length : float or str
+        Of the gate, [m].
+    """
     v = model.values
     inner = length if is_zero(v["ld"]) else f"{text_of(length)} - 2*{text_of(v['ld'])}"
     fields: dict[str, Value] = {

@@ -43,7 +43,19 @@ class Sheet(Protocol):
     def own_parameter(
         self, name: str, value: Value, line: int, unit: str = "", doc: str = ""
     ) -> Value:
-        """Make a parameter of a number."""
+        """Make a parameter of a number.
+
+        Parameters
+        ----------
+        name : str
+            The name wished for.
+        value : float or str
+            A number, or an expression, which stays as it is.
+        line : int
+            Line of the netlist, for messages.
+        unit, doc : str
+            Unit and meaning.
+        """
         ...
 
     def node(self, path: str, name: str) -> str:
@@ -130,7 +142,16 @@ class Place:
         return False
 
     def model(self, name: str, letter: str, line: Line) -> DeviceModel:
-        """Look a model up that elements of a letter may have.
+        """Look up the model of an element, here or in the circuits around.
+
+        Parameters
+        ----------
+        name : str
+            Name of the model.
+        letter : str
+            The letter of the elements that it must be for.
+        line : Line
+            The line that asks for it.
 
         Raises
         ------
@@ -179,13 +200,35 @@ class Place:
         fields: Mapping[str, Any],
         initial: Mapping[str, Any] | None = None,
     ) -> str:
-        """Add an edge of a name, and give what it is called in the scene."""
+        """Add an edge to the scene, and give its name there.
+
+        Parameters
+        ----------
+        name : str
+            Name of the element in the netlist.
+        type : str
+            Component type.
+        nodes : sequence of str
+            Its nodes in the scene.
+        fields, initial : mapping of str to value
+            Fields and initial values.
+        """
         edge = self.sheet.names.give("element", self.label(name))
         self.sheet.scene.edge(edge, type, *nodes, initial=initial, **fields)
         self.edges[name.lower()] = edge
         return edge
 
     def principal(self, line: Line, word: str, unit: str) -> Value:
-        """Read the value of an element: a number becomes the parameter of the element's name."""
+        """Read the value of an element; a number becomes a parameter of the element's name.
+
+        Parameters
+        ----------
+        line : Line
+            The line of the element.
+        word : str
+            The value as it is written.
+        unit : str
+            Its unit.
+        """
         value = self.scope.value(word, self.at(line))
         return self.sheet.own_parameter(self.label(line.words[0]), value, line.number, unit)

@@ -90,14 +90,31 @@ def _monomials(arguments: list[str]) -> Iterator[list[str]]:
 
 
 def voltage_between(place: Place, plus: str, minus: str) -> str:
-    """Write the voltage between two nodes as a part of an expression."""
+    """Write the voltage between two nodes as part of an expression.
+
+    Parameters
+    ----------
+    place : Place
+        The circuit that names them.
+    plus, minus : str
+        The nodes, as in the netlist.
+    """
     ends = [place.node(word) for word in (plus, minus)]
     first, second = ("0" if node == "ground" else f"{node}.v" for node in ends)
     return f"({first} - {second})" if second != "0" else first
 
 
 def current_of(place: Place, line: Line, name: str) -> str:
-    """Write the current of a voltage source as a part of an expression.
+    """Write the current of a voltage source as part of an expression.
+
+    Parameters
+    ----------
+    place : Place
+        The circuit that asks.
+    line : Line
+        The line that asks.
+    name : str
+        Name of the source.
 
     Raises
     ------

@@ -49,6 +49,17 @@ class Source:
 def read_source(words: tuple[str, ...], scope: Scope, times: Times, where: str) -> Source:
     """Read the waveform of a source from the words after its nodes.
 
+    Parameters
+    ----------
+    words : tuple of str
+        The words after its nodes.
+    scope : Scope
+        Parameters that they may use.
+    times : Times
+        Step and end of the run, which waveforms take defaults from.
+    where : str
+        Names the line in messages.
+
     Raises
     ------
     SceneError

@@ -195,7 +195,20 @@ def text_of(value: Value) -> str:
 
 
 def scaled(value: Value, factor: Value, sign: str = "*") -> Value:
-    """Multiply or divide two values; one as a number changes nothing."""
+    """Multiply or divide two values; a factor of one changes nothing.
+
+    Parameters
+    ----------
+    value, factor : float or str
+        Numbers or expressions.
+    sign : {'*', '/'}
+        The operation.
+
+    Returns
+    -------
+    float or str
+        A number where both are.
+    """
     if factor == 1.0:
         return value
     if isinstance(value, float) and isinstance(factor, float):
@@ -209,7 +222,16 @@ def is_zero(value: Value | None) -> bool:
 
 
 def checked_names(given: Mapping[str, str], known: set[str], what: str, where: str) -> None:
-    """Refuse names that are not known.
+    """Refuse unknown names.
+
+    Parameters
+    ----------
+    given : mapping of str to str
+        The settings that were given.
+    known : set of str
+        The names that are modelled.
+    what, where : str
+        What has them, and in which line, for the message.
 
     Raises
     ------

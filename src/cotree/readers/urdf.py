@@ -85,7 +85,24 @@ def read_urdf_scene(source: str | Path, scene_type: type[_Scene], options: UrdfO
 
 
 def read_urdf_text(text: str, where: str, scene_type: type[_Scene], options: UrdfOptions) -> _Scene:
-    """Read a robot from the text of a URDF file; ``where`` names it in messages."""
+    """Read a robot from the text of a URDF file.
+
+    Parameters
+    ----------
+    text : str
+        The XML text.
+    where : str
+        Names it in messages.
+    scene_type : type
+        The class to make.
+    options : UrdfOptions
+        The choices that the format leaves open.
+
+    Raises
+    ------
+    SceneError
+        If the text is no XML, or an element is not accepted; the message names it.
+    """
     robot = read_robot(parse_xml(text, where), where)
     root, joints = order_joints(robot, where)
     if options.mimic:

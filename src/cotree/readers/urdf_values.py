@@ -39,14 +39,44 @@ class Reader:
         return SceneError(f"{self.where}:{element.line}: {text}")
 
     def child(self, element: Element, tag: str, what: str) -> Element:
-        """Give the child that there must be."""
+        """Give a child element that must exist.
+
+        Parameters
+        ----------
+        element : Element
+            The parent.
+        tag : str
+            Tag of the child.
+        what : str
+            The robot's part that it describes, for messages.
+
+        Raises
+        ------
+        SceneError
+            If there is none.
+        """
         found = element.first(tag)
         if found is None:
             raise self.error(element, f"<{element.tag}> of {what} has no <{tag}>")
         return found
 
     def name(self, element: Element, what: str, attribute: str = "name") -> str:
-        """Give the name that there must be."""
+        """Give a name that must exist.
+
+        Parameters
+        ----------
+        element : Element
+            The element.
+        what : str
+            What it names, for messages.
+        attribute : str
+            The attribute that holds it.
+
+        Raises
+        ------
+        SceneError
+            If it is missing, empty or too long.
+        """
         found = element.attributes.get(attribute, "").strip()
         if not found:
             raise self.error(element, f'the {what} has no name: write {attribute}="..."')
@@ -57,7 +87,24 @@ class Reader:
         return found
 
     def number(self, element: Element, name: str, what: str, default: float | None = None) -> float:
-        """Give a number; it must be there where no default is given."""
+        """Give a number, which must exist where there is no default.
+
+        Parameters
+        ----------
+        element : Element
+            The element.
+        name : str
+            Its attribute.
+        what : str
+            The robot's part that it describes, for messages.
+        default : float, optional
+            Value where the attribute is missing.
+
+        Raises
+        ------
+        SceneError
+            If it is missing, or no finite number.
+        """
         text = element.attributes.get(name)
         if text is None:
             if default is None:
@@ -68,7 +115,24 @@ class Reader:
     def vector(
         self, element: Element, name: str, what: str, default: Vector | None = _ZERO
     ) -> Vector:
-        """Give three numbers."""
+        """Give three numbers.
+
+        Parameters
+        ----------
+        element : Element
+            The element.
+        name : str
+            Its attribute.
+        what : str
+            The robot's part that it describes, for messages.
+        default : tuple of three float or None
+            Value where the attribute is missing; None where it must exist.
+
+        Raises
+        ------
+        SceneError
+            If there are not three finite numbers.
+        """
         text = element.attributes.get(name)
         if text is None:
             if default is None:

@@ -107,7 +107,17 @@ class CoupledTrees:
         ports: Mapping[str, Port],
         weights: Mapping[str, float],
     ) -> CoupledTrees:
-        """Gather the edges of some graphs; those of infinite weight are never branches."""
+        """Gather the edges of graphs whose trees must be chosen together.
+
+        Parameters
+        ----------
+        graphs : sequence of LinearGraph
+            The graphs.
+        ports : mapping of str to Port
+            Their edges.
+        weights : mapping of str to float
+            How late each edge becomes a branch; infinite for edges that never do.
+        """
         ends = {
             edge.name: (f"{graph.domain}|{edge.tail}", f"{graph.domain}|{edge.head}")
             for graph in graphs

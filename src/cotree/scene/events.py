@@ -79,6 +79,16 @@ def make_event(
 ) -> Event:
     """Check an event; see :meth:`SceneDescription.event`.
 
+    Parameters
+    ----------
+    name, when, direction, values, stop, impact : object
+        The fields as they were given, of any type.
+
+    Returns
+    -------
+    Event
+        The event, its expressions parsed.
+
     Raises
     ------
     SceneError, ExpressionError

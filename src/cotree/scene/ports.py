@@ -112,6 +112,20 @@ def check_ports(
 def check_heat(edge: str, component: Component, fields: Mapping[str, Any]) -> Component:
     """Give a component its thermal port, where the scene says what it heats.
 
+    Parameters
+    ----------
+    edge : str
+        Name of the edge.
+    component : Component
+        Its type.
+    fields : mapping of str to object
+        Its fields; ``heat`` names the node that takes up its losses.
+
+    Returns
+    -------
+    Component
+        The type with a thermal port, or as it was where nothing is said of heat.
+
     Raises
     ------
     SceneError

@@ -43,6 +43,15 @@ class Simulation:
 def with_settings(old: Simulation, settings: Mapping[str, Any], check_number: Any) -> Simulation:
     """Change some settings.
 
+    Parameters
+    ----------
+    old : Simulation
+        The settings so far.
+    settings : mapping of str to object
+        Those to change, by name.
+    check_number : callable
+        Turns a value into a number, from the value and its description for messages.
+
     Raises
     ------
     SceneError, ExpressionError

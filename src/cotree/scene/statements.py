@@ -44,6 +44,17 @@ def edge_statement(
     """Make the table of an edge in a scene file, of values that are plain.
 
     Fields that are None are left out, as are nodes and initial values where there are none.
+
+    Parameters
+    ----------
+    type : str
+        Name of the component type.
+    nodes : sequence of str
+        Its nodes.
+    fields : mapping of str to object
+        Its fields.
+    initial : mapping or None
+        Its initial values.
     """
     rows = {"type": type, "nodes": list(nodes), **fields, "initial": initial}
     return {

@@ -73,7 +73,22 @@ def load_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
 
 
 def read_scene(text: str, where: str, scene_type: type[_Scene]) -> _Scene:
-    """Read a scene from TOML text; ``where`` names it in messages."""
+    """Read a scene from TOML text.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+    where : str
+        Names it in messages; its stem is the name of a scene that has none.
+    scene_type : type
+        The class to make.
+
+    Raises
+    ------
+    ModelError
+        If it is no valid TOML, or a statement is not accepted; the message names ``where``.
+    """
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -93,7 +93,20 @@ class Animation:
             draft.write_bytes(text)
 
     def frame(self, number: int, *, width: int = 640, height: int | None = None) -> Any:
-        """Give one frame as a Pillow image; negative numbers count from the end."""
+        """Render one frame as a Pillow image.
+
+        Parameters
+        ----------
+        number : int
+            The frame; negative numbers count from the end.
+        width, height : int
+            Size, [px]; the height follows from the drawing where it is left out.
+
+        Raises
+        ------
+        SceneError
+            If there is no such frame.
+        """
         n = len(self.drawing.frames.times)
         if not -n <= number < n:
             raise SceneError(f"there is no frame {number}: the animation has {n}")
@@ -158,7 +171,28 @@ def animate(
     view: tuple[float, float] | None = None,
     trust_paths: bool = False,
 ) -> Animation:
-    """Draw a mechanism over a run; see :meth:`cotree.results.Result.animate`."""
+    """Draw a mechanism over a run; see :meth:`cotree.results.Result.animate`.
+
+    Parameters
+    ----------
+    result : RunRecord
+        The run.
+    model : Model or None
+        The model that made it.
+    fps : float
+        Frames per second of the animation.
+    speed : float, optional
+        Seconds of the run for each second of the animation; chosen by its length where absent.
+    view : pair of float, optional
+        Azimuth and elevation from which it is seen, [deg].
+    trust_paths : bool
+        Whether a robot's file may name meshes outside its folder and its packages.
+
+    Raises
+    ------
+    SceneError
+        If the model is missing or another one, nothing moves, or the view is no pair of angles.
+    """
     if model is None:
         raise SceneError(
             "this result was copied or read from a file and does not know its model: "

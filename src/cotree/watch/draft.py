@@ -63,7 +63,15 @@ class Drafter:
         self._between: dict[tuple[str, str], list[tuple[str, Mesh, Color]]] = {}
 
     def drawing(self, title: str, note: str, frames: Frames) -> Drawing:
-        """Give what was added."""
+        """Finish the drawing.
+
+        Parameters
+        ----------
+        title, note : str
+            The lines above and below it.
+        frames : Frames
+            Times and values to show.
+        """
         stage = self.stage
         for (first, second), own in self._between.items():
             self._add_struts(first, second, own)
@@ -98,7 +106,22 @@ class Drafter:
         return found
 
     def axis(self, edge: BoundEdge, name: str, end: str) -> Array:
-        """Give an axis in the axes of the cluster of a node."""
+        """Give an axis of an edge, resolved in the axes of a node's cluster.
+
+        Parameters
+        ----------
+        edge : BoundEdge
+            The edge.
+        name : str
+            Its field.
+        end : str
+            The node.
+
+        Returns
+        -------
+        ndarray, shape (3,)
+            The unit vector.
+        """
         found: Array = self.places[end].turn @ self.values.vector(edge.vectors[name])
         return found
 
@@ -113,13 +136,37 @@ class Drafter:
     def solid(
         self, name: str, cluster: int, mesh: Mesh, color: Color | None = None, label: bool = False
     ) -> None:
-        """Add a shape in a body's axes, in the body's colour where none is given."""
+        """Add a shape that moves with a body.
+
+        Parameters
+        ----------
+        name : str
+            The edge that it belongs to.
+        cluster : int
+            The body.
+        mesh : Mesh
+            The shape, in the body's axes.
+        color : Color, optional
+            The body's own where absent.
+        label : bool
+            Whether its name is written beside it.
+        """
         self.solids.append(Solid(name, cluster, mesh, color or self.color(cluster)))
         if label:
             self.label(name, cluster, mesh.points.mean(axis=0))
 
     def label(self, name: str, cluster: int, local: Array) -> None:
-        """Name a point of a body."""
+        """Name a point of a body.
+
+        Parameters
+        ----------
+        name : str
+            The text.
+        cluster : int
+            The body.
+        local : ndarray, shape (3,)
+            The point in the body's axes, [m].
+        """
         self.labels.append(Label(name, cluster, local))
 
     def upright(self, cluster: int) -> Array:
@@ -134,7 +181,19 @@ class Drafter:
         return {self.places[n].cluster for n in (edge.first, edge.second)} <= self.clothed
 
     def pin(self, edge: BoundEdge, end: str, axis: Array, radius: float, length: float) -> None:
-        """Draw a cylinder on an axis of a node."""
+        """Draw a cylinder about an axis through a node.
+
+        Parameters
+        ----------
+        edge : BoundEdge
+            The joint.
+        end : str
+            The node.
+        axis : ndarray, shape (3,)
+            Its direction, in the axes of the node's cluster.
+        radius, length : float
+            Its size, [m].
+        """
         place = self.places[end]
         at = place.local
         if self.stage.is_flat:  # through all layers
@@ -180,7 +239,19 @@ class Drafter:
         return float(np.linalg.norm(gap, axis=1).mean())
 
     def strut(self, name: str, first: str, second: str, mesh: Mesh, color: Color) -> None:
-        """Draw between two nodes; several between the same nodes stand side by side."""
+        """Draw an element between two nodes; several between the same nodes stand side by side.
+
+        Parameters
+        ----------
+        name : str
+            The edge.
+        first, second : str
+            The nodes.
+        mesh : Mesh
+            Its shape, of length one along z.
+        color : Color
+            Its colour.
+        """
         one, two = self.places[first], self.places[second]
         if one.cluster != two.cluster and self.length(first, second) > 1e-9 * self.stage.size:
             self._between.setdefault((first, second), []).append((name, mesh, color))

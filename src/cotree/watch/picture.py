@@ -118,7 +118,22 @@ def decimals(times: Array) -> int:
 
 
 def strut_points(strut: Strut, poses: Poses, frame: int) -> Array:
-    """Stretch a strut between its ends, in ground axes."""
+    """Stretch a strut between its ends.
+
+    Parameters
+    ----------
+    strut : Strut
+        The strut.
+    poses : Poses
+        Positions and axes of the bodies over time.
+    frame : int
+        The frame.
+
+    Returns
+    -------
+    ndarray, shape (n_points, 3)
+        The points of its mesh, in ground axes, [m].
+    """
     ends = [
         poses.positions[track, frame] + poses.axes[track, frame] @ local
         for track, local in zip(strut.tracks, strut.ends, strict=True)

@@ -59,7 +59,13 @@ def joined(meshes: Iterable[Mesh]) -> Mesh:
 
 
 def box(a: float, b: float, c: float) -> Mesh:
-    """Make a box with these lengths along x, y and z."""
+    """Make a box about the origin.
+
+    Parameters
+    ----------
+    a, b, c : float
+        Its lengths along x, y and z, [m].
+    """
     corners = [[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
     sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     faces = [t for i, j, k, m in sides for t in ((i, j, k), (i, k, m))]
@@ -99,7 +105,15 @@ def sphere(radius: float) -> Mesh:
 
 
 def capsule(radius: float, length: float, sides: int = _ROUND) -> Mesh:
-    """Make a cylinder between half spheres; the length is the cylinder's."""
+    """Make a cylinder along z that ends in hemispheres.
+
+    Parameters
+    ----------
+    radius, length : float
+        Of the cylinder, [m].
+    sides : int
+        Number of faces around it.
+    """
     angles = np.linspace(-0.5 * np.pi, 0.0, sides // 4 + 1)
     low = [(radius * float(np.cos(a)), radius * float(np.sin(a)) - 0.5 * length) for a in angles]
     low[0] = (0.0, low[0][1])
@@ -107,7 +121,15 @@ def capsule(radius: float, length: float, sides: int = _ROUND) -> Mesh:
 
 
 def plate(radius: float, length: float, thickness: float) -> Mesh:
-    """Make a flat bar with round ends: along z, flat towards y, the length between its centres."""
+    """Make a flat bar with round ends, long along z and thin along y.
+
+    Parameters
+    ----------
+    radius, length : float
+        Of the round ends, and between their centres, [m].
+    thickness : float
+        Along y, [m].
+    """
     half = np.pi * np.arange(_ROUND // 2 + 1) / (_ROUND // 2)
     x, z = radius * np.cos(half), radius * np.sin(half)
     outline = np.column_stack(
@@ -131,7 +153,15 @@ def extruded(outline: Array, thickness: float) -> Mesh:
 
 
 def ring(radius: float, inner: float, length: float, sides: int = 2 * _ROUND) -> Mesh:
-    """Make a cylinder with a hole."""
+    """Make a cylinder along z with a hole.
+
+    Parameters
+    ----------
+    radius, inner, length : float
+        Outer and inner radius, and length, [m].
+    sides : int
+        Number of faces around it.
+    """
     h = 0.5 * length
     return turned([(inner, h), (inner, -h), (radius, -h), (radius, h), (inner, h)], sides)
 
@@ -150,7 +180,17 @@ def rod(radius: float) -> Mesh:
 
 
 def coil(radius: float, wire: float, length: float, turns: int = 9) -> Mesh:
-    """Make a spring from zero to one along z, whose wire is round where it has this length."""
+    """Make a helical spring from zero to one along z.
+
+    Parameters
+    ----------
+    radius, wire : float
+        Of the helix and of its wire, [m].
+    length : float
+        Length at which the wire is round, [m].
+    turns : int
+        Number of turns.
+    """
     n, around = 16 * turns, 6
     u = np.linspace(0.0, 1.0, n + 1)
     # Half a turn leads from the axis outwards, and back.

@@ -41,7 +41,21 @@ class Rule(Protocol):
     def tangent(
         self, values: Mapping[Variable, Node], d: Mapping[Variable, Tangent], given: Given
     ) -> Tangent:
-        """Form its derivatives along all directions."""
+        """Form its derivatives along all directions.
+
+        Parameters
+        ----------
+        values : mapping of Variable to Node
+            The variables.
+        d : mapping of Variable to Tangent
+            Their derivatives.
+        given : callable
+            Differentiates nodes of states, parameters, inputs and fields.
+
+        References
+        ----------
+        [1] eq. 4.
+        """
         ...
 
 
@@ -54,7 +68,17 @@ class Given(Protocol):
 
 
 def added(total: Tangent, key: Hashable, term: Node) -> None:
-    """Add a term to the derivative along one direction."""
+    """Add a term to the derivative along one direction.
+
+    Parameters
+    ----------
+    total : Tangent
+        The derivatives so far, changed in place; one that vanishes is taken out.
+    key : hashable
+        The direction.
+    term : Node
+        What to add.
+    """
     if term.is_zero:
         return
     known = total.get(key)

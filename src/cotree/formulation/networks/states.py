@@ -143,7 +143,24 @@ def _names(terminal: Terminal, argument: str) -> bool:
 
 
 def state_of(item: Held, symbol: Node, dag: Dag, of_parameters: Resolver) -> State:
-    """Make the entry of a state."""
+    """Make the entry of a state.
+
+    Parameters
+    ----------
+    item : Held
+        The variable.
+    symbol : Node
+        Its symbol.
+    dag : Dag
+        The arena.
+    of_parameters : callable
+        From names of parameters to nodes.
+
+    Raises
+    ------
+    ParameterError
+        If the scene gives two initial values that follow from each other.
+    """
     initial = _initial(item, dag, of_parameters)
     is_given = item.short in item.port.initial
     if item.quantity != "total":
@@ -161,7 +178,21 @@ def state_of(item: Held, symbol: Node, dag: Dag, of_parameters: Resolver) -> Sta
 def algebraic_state(
     port: Port, quantity: str, symbol: Node, dag: Dag, of_parameters: Resolver
 ) -> State:
-    """Make the entry of an unknown that stays; its initial value is a guess."""
+    """Make the entry of an unknown that stays; its initial value is a guess.
+
+    Parameters
+    ----------
+    port : Port
+        The edge that the unknown belongs to.
+    quantity : str
+        Across or through variable, or the rate of one.
+    symbol : Node
+        Its symbol.
+    dag : Dag
+        The arena.
+    of_parameters : callable
+        From names of parameters to nodes.
+    """
     item = _held(port, quantity.removesuffix("_rate"))
     guess = _initial(item, dag, of_parameters)
     return State(item.name, item.unit, symbol, guess, is_given=False, is_algebraic=True)
@@ -197,6 +228,17 @@ def redundant_values(
     """List the initial values of variables that are not states.
 
     They must agree with the initial values of the states. Those that may be guesses are left out.
+
+    Parameters
+    ----------
+    ports : mapping of str to Port
+        The edges of the networks.
+    held : iterable of Held
+        The variables that are states.
+    dag : Dag
+        The arena.
+    of_parameters : callable
+        From names of parameters to nodes.
     """
     known = {item.variable for item in held}
     return [

@@ -149,7 +149,15 @@ def _has_loss(port: Port) -> bool:
 
 
 def is_of_content(ports: Iterable[Port], edge: str, field: str) -> bool:
-    """Tell whether a field of an edge enters the contents of storages and no other law."""
+    """Tell whether a field of an edge enters the contents of storages and no other law.
+
+    Parameters
+    ----------
+    ports : iterable of Port
+        The edges of the networks.
+    edge, field : str
+        Names of the edge and of its field.
+    """
     laws = {
         name
         for port in ports

@@ -122,7 +122,21 @@ class Topology:
         return [(1, (f"path{rate}", f"{self.domain}|{ancestor}|{node}"))]
 
     def path(self, ancestor: str, node: str, rate: str) -> Sum:
-        """Form the prefix sum of a node from that of its parent."""
+        """Form the prefix sum of a node from that of its parent.
+
+        Parameters
+        ----------
+        ancestor : str
+            Where the path begins.
+        node : str
+            Where it ends.
+        rate : {'', '_rate'}
+            Suffix of the quantity: the across variable, or its rate.
+
+        References
+        ----------
+        [1] eq. 2.
+        """
         place = self._places[node]
         before = self._along(ancestor, place.parent, rate)
         return Sum((*before, (place.sign, (f"across{rate}", place.branch))))
