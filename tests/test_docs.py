@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import re
 import shlex
 import subprocess
+import tomllib
 from pathlib import Path
 from unittest.mock import patch
 
@@ -20,6 +23,7 @@ from cotree.scene.toml_file import read_scene
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 SCENES = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
+ARCHITECTURE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 PAGES = ROOT / "docs" / "components"
 INDEX = (PAGES / "README.md").read_text(encoding="utf-8")
 # A copy: tests elsewhere may register types of their own.
@@ -55,6 +59,32 @@ def test_the_readme_examples_run(block, tmp_path, monkeypatch):
     for expression, number in re.findall(r"^(\S.*)  # (\d+\.\d+) ", block, re.MULTILINE):
         half_a_digit = 0.5 * 10.0 ** -len(number.partition(".")[2])
         assert abs(eval(expression, names) - float(number)) <= half_a_digit, expression
+
+
+@pytest.mark.compiler
+def test_every_stage_prints_what_the_architecture_shows():
+    """Lines stand in the output in the order of the page; dots stand for any others."""
+    names: dict = {}
+    stages = re.findall(r"```python\n(.*?)```\n(?:\n```text\n(.*?)```)?", ARCHITECTURE, re.DOTALL)
+    assert len(stages) >= 10
+    for code, shown in stages:
+        printed = io.StringIO()
+        with contextlib.redirect_stdout(printed):
+            exec(compile(code, "architecture.md", "exec"), names)
+        lines = iter(printed.getvalue().splitlines())
+        for line in shown.splitlines():
+            assert line.strip() == "..." or line in lines, line
+
+
+def test_the_architecture_names_every_room_in_the_order_of_the_contract():
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    (layers, *_) = (
+        row["layers"] for row in contracts["tool"]["importlinter"]["contracts"] if "layers" in row
+    )
+    rooms = [room.strip().removeprefix("cotree.") for row in layers for room in row.split("|")]
+    table = ARCHITECTURE.partition("## Rooms")[2]
+    first = re.findall(r"^\| (`.*?`) \|", table, re.MULTILINE)
+    assert [room for cell in first for room in re.findall(r"`(\w+)`", cell)] == rooms
 
 
 def test_the_scene_page_says_the_same_in_toml_and_python():
