@@ -7,7 +7,7 @@
 #include <math.h>
 #include <stddef.h>
 
-/* What depends on parameters only.
+/* What depends on parameters only, n_prepared values.
  * Values: 7. Operations: 20. Temporaries: 7. */
 int slider_pendulum_prepare(const double *COTREE_RESTRICT p, double *COTREE_RESTRICT k)
 {
@@ -104,7 +104,7 @@ int slider_pendulum_rhs(double t, const double *COTREE_RESTRICT x, const double 
     return 0;
 }
 
-/* Derivatives of rhs by the states: nonzeros, by columns.
+/* Derivatives of rhs by the states: its n_nonzeros, by columns.
  * Values: 8. Operations: 45. Temporaries: 11. */
 int slider_pendulum_jacobian(double t, const double *COTREE_RESTRICT x,
                              const double *COTREE_RESTRICT u, const double *COTREE_RESTRICT p,

@@ -40,7 +40,7 @@
 extern "C" {
 #endif
 
-/* What depends on parameters only.
+/* What depends on parameters only, n_prepared values.
  * Values: 7. Stack: 568 bytes at most. */
 COTREE_EXPORT int slider_pendulum_prepare(const double *COTREE_RESTRICT p,
                                           double *COTREE_RESTRICT k);
@@ -70,7 +70,7 @@ COTREE_EXPORT int slider_pendulum_rhs(double t, const double *COTREE_RESTRICT x,
                                       const double *COTREE_RESTRICT p,
                                       const double *COTREE_RESTRICT k, double *COTREE_RESTRICT dx);
 
-/* Derivatives of rhs by the states: nonzeros, by columns.
+/* Derivatives of rhs by the states: its n_nonzeros, by columns.
  * Values: 8. Stack: 600 bytes at most. */
 COTREE_EXPORT int slider_pendulum_jacobian(double t, const double *COTREE_RESTRICT x,
                                            const double *COTREE_RESTRICT u,

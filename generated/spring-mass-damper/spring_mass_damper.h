@@ -38,7 +38,7 @@
 extern "C" {
 #endif
 
-/* What depends on parameters only.
+/* What depends on parameters only, n_prepared values.
  * Values: 3. Stack: 520 bytes at most. */
 COTREE_EXPORT int spring_mass_damper_prepare(const double *COTREE_RESTRICT p,
                                              double *COTREE_RESTRICT k);
@@ -69,7 +69,7 @@ COTREE_EXPORT int spring_mass_damper_rhs(double t, const double *COTREE_RESTRICT
                                          const double *COTREE_RESTRICT k,
                                          double *COTREE_RESTRICT dx);
 
-/* Derivatives of rhs by the states: nonzeros, by columns.
+/* Derivatives of rhs by the states: its n_nonzeros, by columns.
  * Values: 3. Stack: 512 bytes at most. */
 COTREE_EXPORT int spring_mass_damper_jacobian(double t, const double *COTREE_RESTRICT x,
                                               const double *COTREE_RESTRICT u,

@@ -73,6 +73,7 @@ def test_statements_compute_in_the_order_of_the_program(tree):
         (expected,) = evaluate([root], {dag.symbol("x", i): x[i] for i in range(3)})
     except (ArithmeticError, ValueError):
         assume(False)
+    assume(math.isfinite(expected))  # Python raises where C gives an infinity
     printed = print_nodes([root], {}, {})
     known = {"x": x, "sin": math.sin, "exp": math.exp}
     for line in print_lines(printed.statements):
@@ -233,7 +234,7 @@ def _used():
 
 def test_templates_use_the_fields_of_their_contexts_and_all_of_them():
     # What serves other stages: the flags of the compiler, and the arguments of cotree_abi.h.
-    elsewhere = {"model": {"abi_version", "generator"}, "map": {"n_stack"}}
+    elsewhere = {"model": {"generator"}, "map": {"n_stack"}}
     for name, used in _used().items():
         fields = {field.name for field in dataclasses.fields(_VARIABLES[name])}
         known = fields | elsewhere.get(name, set())
@@ -245,7 +246,7 @@ def test_templates_use_the_fields_of_their_contexts_and_all_of_them():
 @pytest.mark.parametrize("file", _TEMPLATES)
 def test_templates_read_their_context_only(file):
     tree = jinja2.Environment().parse((template_folder() / "c" / file).read_text())
-    expected = {"cotree_abi.h.jinja": {"abi_version", "generator"}}
+    expected = {"cotree_abi.h.jinja": {"abi_version", "generator", "kernels"}}
     expected |= {"macros.jinja": set(), "sines.h.jinja": set()}
     assert meta.find_undeclared_variables(tree) == expected.get(file, {"model"})
 

@@ -34,7 +34,7 @@ from cotree.dag.operations import OPERATIONS
 from cotree.dag.several import Function, Table, sizes_of
 from cotree.dag.traverse import reachable
 from cotree.naming import c_comment, c_identifier, c_string
-from cotree.version import ABI_VERSION, VERSION
+from cotree.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -122,7 +122,6 @@ class ModelContext(Counted):
     upper: str
     guard: str
     generator: str
-    abi_version: int
     digest: str
     uses_math: bool
     uses_solve: bool
@@ -208,7 +207,6 @@ def model_context(program: Program) -> ModelContext:
         upper=prefix.upper(),
         guard=f"COTREE_MODEL_{prefix.upper()}_H",
         generator=VERSION,
-        abi_version=ABI_VERSION,
         digest=hashlib.sha256(lines.encode()).hexdigest()[:16],
         uses_math=any(node.op == "solve" or is_call(node) for node in nodes),
         uses_solve=any(node.op == "solve" for node in nodes),

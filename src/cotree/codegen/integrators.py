@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cotree.codegen.fixed import FIXED, FixedStep
-from cotree.codegen.render import declared, render
+from cotree.codegen.render import abi_header, declared, render
 from cotree.codegen.rosenbrock import ROSENBROCK, RosenbrockTableau
 from cotree.codegen.statuses import EVENT_STATUSES, STATUSES, TURNED
 from cotree.codegen.sundials import (
@@ -17,7 +17,7 @@ from cotree.codegen.sundials import (
 )
 from cotree.codegen.tableaus import TABLEAUS, Tableau
 from cotree.tolerances import FARTHEST_CORRECTION
-from cotree.version import ABI_VERSION, VERSION
+from cotree.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -72,7 +72,7 @@ def engine_files(name: str) -> Mapping[str, str]:
         Text by file name.
     """
     files = {**driver_files(name), **run_files()}
-    files["cotree_abi.h"] = render("c/cotree_abi.h.jinja", abi_version=ABI_VERSION, **_COMMON)
+    files["cotree_abi.h"] = abi_header()
     # In one file, so that what is called often can be inlined.
     parts = [files.pop(f"cotree_{name}_stepper.c")]
     if name in INTEGRATORS:
@@ -162,7 +162,7 @@ def stiff_files() -> Mapping[str, str]:
 def sweep_files() -> Mapping[str, str]:
     """Write the evaluation of outputs at many points, the same for every model."""
     return {
-        "cotree_abi.h": render("c/cotree_abi.h.jinja", abi_version=ABI_VERSION, **_COMMON),
+        "cotree_abi.h": abi_header(),
         "cotree_sweep.c": render("c/engine/cotree_sweep.c.jinja", **_COMMON),
     }
 

@@ -21,7 +21,7 @@ from cotree.codegen.context import (
 from cotree.codegen.expressions import apply, element, named, number, temporary
 from cotree.codegen.printer_c import is_written_out
 from cotree.codegen.printing import Body, Counted, print_body, wrapped
-from cotree.codegen.render import render
+from cotree.codegen.render import abi_header, render
 from cotree.codegen.statements import Argument, Assign
 from cotree.dag.several import Function, sizes_of
 from cotree.dag.traverse import symbols_in
@@ -29,7 +29,7 @@ from cotree.linear.plan import plan_elimination
 from cotree.naming import c_identifier
 from cotree.passes.curvature import form_curvature
 from cotree.passes.time_slope import form_time_slope
-from cotree.version import ABI_VERSION, VERSION
+from cotree.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -105,7 +105,7 @@ def render_newton(model: NewtonContext) -> Mapping[str, str]:
         Text by file name.
     """
     return {
-        "cotree_abi.h": render("c/cotree_abi.h.jinja", abi_version=ABI_VERSION, generator=VERSION),
+        "cotree_abi.h": abi_header(),
         "cotree_newton.h": render("c/newton/cotree_newton.h.jinja", generator=VERSION),
         f"{model.prefix}_newton.h": render("c/newton/newton.h.jinja", model=model),
         f"{model.prefix}_newton.c": render("c/newton/newton.c.jinja", model=model),

@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cotree.errors import CodegenError
+from cotree.program.kernels import KERNELS
+from cotree.version import ABI_VERSION, VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -72,6 +74,16 @@ def render(template: str, **context: object) -> str:
     return text
 
 
+def abi_header() -> str:
+    """Write the header that is the same for every model: its structure, and types of kernels."""
+    return render(
+        "c/cotree_abi.h.jinja",
+        abi_version=ABI_VERSION,
+        generator=VERSION,
+        kernels=tuple(KERNELS.values()),
+    )
+
+
 def render_model(model: ModelContext) -> Mapping[str, str]:
     """Write the C files of a model.
 
@@ -90,9 +102,7 @@ def render_model(model: ModelContext) -> Mapping[str, str]:
     if model.uses_vectors:
         vectors[f"{model.prefix}_vectors.h"] = render("c/vectors.h.jinja", model=model)
     return {
-        "cotree_abi.h": render(
-            "c/cotree_abi.h.jinja", abi_version=model.abi_version, generator=model.generator
-        ),
+        "cotree_abi.h": abi_header(),
         f"{model.prefix}.h": render("c/model.h.jinja", model=model),
         f"{model.prefix}.c": render("c/model.c.jinja", model=model),
         **vectors,

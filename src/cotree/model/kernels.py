@@ -37,9 +37,6 @@ Array = npt.NDArray[np.float64]
 
 SINGULAR = 1
 
-#: Kernels whose name is taken by something else in the model's structure.
-_FIELDS = {"inputs": "inputs_of_time", "outputs": "outputs_of_state"}
-
 
 def _singular(program: Program, name: str, known: Mapping[str, Any]) -> SingularSystemError:
     layout, why = program.layout, why_undefined(program, name, known)
@@ -147,7 +144,7 @@ class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
             raise KeyError(name)
         spec, result = KERNELS[name], np.zeros(len(kernel.results))
         arguments = [self._pointers[key] for key in spec.arguments if key != "t"]
-        function = getattr(self._model, _FIELDS.get(name, name))
+        function = getattr(self._model, spec.field)
         bound = function, (*arguments, self._pointer(result)), result, spec.arguments[0] == "t"
         self[name] = bound
         return bound

@@ -37,6 +37,8 @@ class KernelSpec:
         Whether it is left out of C where it has no results.
     is_packed : bool
         Whether its ``s``, and the sensitivities among its results, leave out those that vanish.
+    of : str
+        Ends its name in the structure of a model, where that has a number or array of the name.
     """
 
     name: str
@@ -46,19 +48,39 @@ class KernelSpec:
     tail_of: str = ""
     is_optional: bool = False
     is_packed: bool = False
+    of: str = ""
+
+    @property
+    def field(self) -> str:
+        """Its name in the structure of a model."""
+        return self.name + self.of
+
+    @property
+    def type(self) -> str:
+        """The C type of a pointer to it, which follows from its arguments."""
+        return f"cotree_{_TYPES[self.arguments]}_kernel"
 
 
 _STATE = ("t", "x", "u", "p", "k")
 _SENSITIVITY = ("t", "x", "s", "u", "p", "k")
 
+#: Names of the function types of ``cotree_abi.h``.
+_TYPES = {
+    ("p",): "prepare",
+    ("p", "k"): "parameter",
+    ("t", "p", "k"): "input",
+    _STATE: "state",
+    _SENSITIVITY: "sensitivity",
+}
+
 _ROWS = (
-    KernelSpec("prepare", ("p",), "k", "what depends on parameters only"),
+    KernelSpec("prepare", ("p",), "k", "what depends on parameters only, n_prepared values"),
     KernelSpec("initial", ("p", "k"), "x", "initial states"),
     KernelSpec("initial_sensitivity", ("p", "k"), "s", "sensitivities of the initial states"),
-    KernelSpec("inputs", ("t", "p", "k"), "u", "the scene's own inputs"),
+    KernelSpec("inputs", ("t", "p", "k"), "u", "the scene's own inputs", of="_of_time"),
     KernelSpec("rhs", _STATE, "dx", "rates of the states"),
     KernelSpec(
-        "jacobian", _STATE, "values", "derivatives of rhs by the states: nonzeros, by columns"
+        "jacobian", _STATE, "values", "derivatives of rhs by the states: its n_nonzeros, by columns"
     ),
     KernelSpec(
         "augmented_rhs",
@@ -75,7 +97,7 @@ _ROWS = (
         tail_of="augmented_rhs",
         is_packed=True,
     ),
-    KernelSpec("outputs", _STATE, "y", "outputs"),
+    KernelSpec("outputs", _STATE, "y", "outputs", of="_of_state"),
     KernelSpec("output_sensitivity", _SENSITIVITY, "dy", "sensitivities of the outputs"),
     KernelSpec(
         "constraints",
@@ -102,7 +124,7 @@ _ROWS = (
         "start",
         _STATE,
         "c",
-        "initial values of what is no state: residuals, then what others follow as and are",
+        "conditions on the initial state: residuals, then what others follow as and are",
         is_optional=True,
     ),
     KernelSpec(
@@ -150,8 +172,9 @@ _ROWS = (
         "algebraic_step",
         _STATE,
         "d",
-        "from a guess of the algebraic unknowns: rates of the others after a step, this step, its "
-        "last part, how far it reaches, how much pivots lost",
+        "from a guess of the algebraic unknowns: rates of the others after a step, this step and "
+        "its last part, n_algebraic each, how far it reaches, of the order of 1 where series fail, "
+        "and how much pivots lost",
         is_optional=True,
     ),
     KernelSpec(
@@ -176,5 +199,5 @@ _ROWS = (
     ),
 )
 
-#: Every kind of kernel, by name.
+#: Every kind of kernel, by name, in the order of the structure of a model.
 KERNELS: dict[str, KernelSpec] = {row.name: row for row in _ROWS}
