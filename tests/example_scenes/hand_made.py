@@ -12,6 +12,7 @@ from cotree.codegen.render import render_model
 from cotree.dag.derivative import tangents
 from cotree.dag.nodes import Dag
 from cotree.dag.several import Table, table
+from cotree.dag.symbols import STATE_RATE
 from cotree.equations import ConstraintSet, Derivative, Equations, Quantity, State
 from cotree.model.linearize import Linearizer
 from cotree.pipeline import Compiled, _load, generate
@@ -107,7 +108,7 @@ def _equations(made: Made, wanted: Sequence[str]) -> tuple[Equations, tuple[Deri
             start = tangents(initial, {p[name]: dag.one})
         directions.append(along(name, seed, start))
     zeros = [dag.zero] * len(names)
-    motion = {s: dag.symbol("s", i) for i, s in enumerate(x.values())} | {t: dag.one}
+    motion = {s: dag.symbol(STATE_RATE, i) for i, s in enumerate(x.values())} | {t: dag.one}
     motion |= dict(zip(u.values(), tangents(input_values, {t: dag.one}), strict=True))
     equations = Equations(
         name=made.name,

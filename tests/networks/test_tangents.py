@@ -12,6 +12,7 @@ import pytest
 from cotree import Scene
 from cotree.components import COMPONENTS, OWN, Role
 from cotree.dag.evaluate import evaluate
+from cotree.dag.symbols import PACKED_SENSITIVITY, SENSITIVITY
 from cotree.pipeline import formulate
 from cotree.program.lower import lower
 from cotree.scene.toml_file import read_scene
@@ -71,7 +72,9 @@ def test_graphs_agree_with_the_complex_step(name):
     ]
 
     def graphs(kernel, given):
-        known = {dag.symbol("s", i): float(s) for i, s in enumerate(given)}
+        # Either kind, in the order of the kernel's argument.
+        kinds = (SENSITIVITY, PACKED_SENSITIVITY)
+        known = {dag.symbol(kind, i): float(s) for i, s in enumerate(given) for kind in kinds}
         return evaluate(kernels[kernel], values | known)
 
     rates, outputs = (

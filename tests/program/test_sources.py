@@ -10,6 +10,7 @@ from rod_chain import rod_chain
 
 import cotree
 from cotree.dag.evaluate import evaluate
+from cotree.dag.symbols import SENSITIVITY, STATE_CHANGE
 from cotree.dag.traverse import substitute, symbols_in
 from cotree.pipeline import formulate
 from cotree.program.sources import part_sources
@@ -48,7 +49,7 @@ def test_both_parts_together_are_the_derivatives(draw):
     found, expected = [], []
     for j, row in enumerate(equations.sensitivities):
         given = {node: common.given[j].get(i, dag.zero) for i, node in enumerate(common.sources)}
-        moved = {dag.symbol("s", i): dag.symbol("s", j * n + i) for i in range(n)}
+        moved = {dag.symbol(STATE_CHANGE, i): dag.symbol(SENSITIVITY, j * n + i) for i in range(n)}
         found += substitute([*common.forcing, *common.rates.values()], {**given, **moved})
         expected += [*row.forcing, *(row.rates.get(i, dag.zero) for i in common.rates)]
     rng = random.Random(0)

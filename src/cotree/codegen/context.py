@@ -32,6 +32,7 @@ from cotree.codegen.statements import (
 )
 from cotree.dag.operations import OPERATIONS
 from cotree.dag.several import Function, Table, sizes_of
+from cotree.dag.symbols import ARGUMENT_OF
 from cotree.dag.traverse import reachable
 from cotree.naming import c_comment, c_identifier, c_string
 from cotree.version import VERSION
@@ -254,7 +255,7 @@ def _hybrid_context(layout: Layout) -> HybridContext:
             row.is_stop,
             row.is_jump,
             row.is_count,
-            len(row.targets) - (layout.n_speeds if row.is_impact else 0),
+            len(row.kept),
             len(row.targets),
             wrapped(map(str, row.targets)),
         )
@@ -370,7 +371,7 @@ def _arguments(kernel: Kernel) -> list[Argument]:
 def _unused(kernel: Kernel, roots: Sequence[Node]) -> list[str]:
     """List the arguments that no statement reads or writes."""
     nodes = reachable(roots, stop=kernel.prepared)
-    read = {node.data[0] for node in nodes if node.op == "symbol"}
+    read = {ARGUMENT_OF[node.data[0]] for node in nodes if node.op == "symbol"}
     if any(node in kernel.prepared for node in nodes):
         read.add("k")
     unused = [key for key in kernel.spec.arguments if key not in read]

@@ -24,7 +24,7 @@ from cotree.codegen.printing import Body, Counted, print_body, wrapped
 from cotree.codegen.render import abi_header, render
 from cotree.codegen.statements import Argument, Assign
 from cotree.dag.several import Function, sizes_of
-from cotree.dag.traverse import symbols_in
+from cotree.dag.symbols import INPUT, TIME, kinds_in
 from cotree.linear.plan import plan_elimination
 from cotree.naming import c_identifier
 from cotree.passes.curvature import form_curvature
@@ -156,7 +156,7 @@ def newton_context(program: Program) -> NewtonContext:
         functions=sorted({node.data.name for node in nodes if isinstance(node.data, Function)}),
         kernels=kernels,
         elimination=elimination,
-        is_autonomous=all(node.data[0] in "xsp" for node in symbols_in(rates)),
+        is_autonomous=kinds_in(rates).isdisjoint((TIME, INPUT)),
         has_slope=slope is not None,
         n_carried=0 if curvature is None else len(curvature.at.results),
         n_couplings=0 if curvature is None else len(curvature.places),

@@ -29,6 +29,7 @@ from cotree.codegen.statements import (
     Report,
 )
 from cotree.dag.several import SEVERAL, is_symmetric, sizes_of
+from cotree.dag.symbols import ARGUMENT_OF, TIME
 from cotree.dag.traverse import reachable
 
 if TYPE_CHECKING:
@@ -49,7 +50,8 @@ SINES = "sines"
 
 def symbol(kind: str, position: int) -> Expression:
     """Name an argument of a kernel, or an element of one."""
-    return named(kind) if kind == "t" else element(kind, position)
+    array = ARGUMENT_OF.get(kind, kind)
+    return named(array) if kind == TIME else element(array, position)
 
 
 @dataclass(frozen=True)

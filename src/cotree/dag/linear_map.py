@@ -15,6 +15,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from cotree.dag.operations import OPERATIONS
+from cotree.dag.symbols import COLUMN, PACKED_SENSITIVITY, SENSITIVITY, SHARED
 from cotree.dag.traverse import dependent, reachable, substitute
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ class LinearMap:
     Attributes
     ----------
     results : tuple of Node
-        In terms of the symbols ``("shared", i)`` and ``("column", i)``.
+        In terms of the symbols ``(SHARED, i)`` and ``(COLUMN, i)``.
     n_shared, n_inputs : int
         Number of values that all columns share, and length of each column.
     given : tuple of int
@@ -66,7 +67,7 @@ class LinearMap:
         found: dict[Node, int] = {}
         for node in self.order:
             own = 0
-            if node.op == "symbol" and node.data[0] == "column":
+            if node.op == "symbol" and node.data[0] == COLUMN:
                 bit = 1 << node.data[1]
                 own = sum(1 << j for j, given in enumerate(self.given) if given & bit)
             for arg in node.args:
@@ -109,19 +110,19 @@ class LinearMap:
         return [args[first + n * j : first + n * (j + 1)] for j in range(self.n_columns)]
 
     def n_sensitive(self, args: Sequence[Node]) -> int:
-        """Count the inputs that come first and are, column after column, the symbols ``s``."""
+        """Count the inputs that come first and are, column after column, the argument ``s``."""
         columns, n = self.columns(args), 0
-        while n < self.n_inputs and columns[0][n].op == "symbol" and columns[0][n].data == ("s", n):
+        while n < self.n_inputs and _sensitivity(columns[0][n]) == n:
             n += 1
-        places = [("s", j * n + i) for j in range(self.n_columns) for i in range(n)]
-        given = (value.data for column in columns for value in column[:n])
+        places = range(self.n_columns * n)
+        given = (_sensitivity(value) for column in columns for value in column[:n])
         return n if all(a == b for a, b in zip(places, given, strict=True)) else 0
 
     def evaluate(self, values: Sequence[Any]) -> list[Any]:
         """Apply the map to numbers, or to arrays of them."""
         found: list[Any] = []
         for column in self.columns(values):
-            kinds = {"shared": values, "column": column}
+            kinds = {SHARED: values, COLUMN: column}
             known: dict[Node, Any] = {}
             for node in self.order:
                 if node.op == "symbol":
@@ -139,9 +140,9 @@ class LinearMap:
         shared = range(self.n_shared)
         pairs = zip(self.columns(args), self.columns(along), strict=True)
         for column, d_column in pairs:
-            known = {dag.symbol("shared", i): (args[i], along[i]) for i in shared}
+            known = {dag.symbol(SHARED, i): (args[i], along[i]) for i in shared}
             for i, both in enumerate(zip(column, d_column, strict=True)):
-                known[dag.symbol("column", i)] = both
+                known[dag.symbol(COLUMN, i)] = both
             found += self._tangents_of_one(dag, known)
         return found
 
@@ -167,8 +168,8 @@ class LinearMap:
         dag, n = args[0].dag, len(self.results)
         shared, rest = [dag.zero] * self.n_shared, []
         for j, column in enumerate(self.columns(args)):
-            given = {dag.symbol("shared", i): args[i] for i in range(self.n_shared)}
-            given |= {dag.symbol("column", i): value for i, value in enumerate(column)}
+            given = {dag.symbol(SHARED, i): args[i] for i in range(self.n_shared)}
+            given |= {dag.symbol(COLUMN, i): value for i, value in enumerate(column)}
             values = dict(zip(self.order, substitute(self.order, given), strict=True))
             bar = dict.fromkeys(self.order, dag.zero)
             for root, weight in zip(self.results, weights[n * j : n * (j + 1)], strict=True):
@@ -176,9 +177,15 @@ class LinearMap:
             for node in reversed(self.order):
                 _pull_back(node, values, bar)
             for i in range(self.n_shared):
-                shared[i] = shared[i] + bar.get(dag.symbol("shared", i), dag.zero)
-            rest += [bar.get(dag.symbol("column", i), dag.zero) for i in range(self.n_inputs)]
+                shared[i] = shared[i] + bar.get(dag.symbol(SHARED, i), dag.zero)
+            rest += [bar.get(dag.symbol(COLUMN, i), dag.zero) for i in range(self.n_inputs)]
         return [*shared, *rest]
+
+
+def _sensitivity(node: Node) -> int:
+    """Give the place of a sensitivity in the argument of kernels; -1 for anything else."""
+    is_given = node.op == "symbol" and node.data[0] in (SENSITIVITY, PACKED_SENSITIVITY)
+    return node.data[1] if is_given else -1
 
 
 def _pull_back(node: Node, values: Mapping[Node, Node], bar: dict[Node, Node]) -> None:
@@ -232,7 +239,7 @@ def form_map(
         return None
     if any(root not in varying and root not in inputs and not root.is_zero for root in results):
         return None
-    own = {node: dag.symbol("column", i) for i, node in enumerate(inputs)}
+    own = {node: dag.symbol(COLUMN, i) for i, node in enumerate(inputs)}
     shared = {
         arg: None
         for node in order
@@ -240,7 +247,7 @@ def form_map(
         for arg in node.args
         if arg not in varying and arg not in own and arg.op != "constant"
     }
-    own |= {node: dag.symbol("shared", i) for i, node in enumerate(shared)}
+    own |= {node: dag.symbol(SHARED, i) for i, node in enumerate(shared)}
     body = tuple(substitute(results, own))
     return LinearMap(body, len(shared), len(inputs), given), tuple(shared)
 

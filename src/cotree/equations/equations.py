@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from cotree.dag.symbols import PARAMETER
 from cotree.dag.traverse import symbols_in
 from cotree.errors import ParameterError
 
@@ -195,7 +196,7 @@ class Guard:
     def named(self, names: Sequence[str]) -> Guard:
         """Name the parameters that the value is made of, from the names of all of them."""
         symbols = symbols_in([self.value])
-        places = sorted(symbol.data[1] for symbol in symbols if symbol.data[0] == "p")
+        places = sorted(symbol.data[1] for symbol in symbols if symbol.data[0] == PARAMETER)
         return replace(self, parameters=tuple(names[place] for place in places))
 
     @property
@@ -239,9 +240,15 @@ class EventRow:
     is_stop : bool
         Whether a run ends there.
     targets : tuple of int
-        The states that it sets, in the order of their new values.
-    is_impact : bool
-        Whether an impulse changes all speeds; its restitution then follows the new values.
+        The states that it sets: by expressions, then the speeds that its impact changes, all.
+    watched : int
+        Place of the value among :attr:`Equations.output_values`.
+    new_values : range
+        Places of the expressions there, in the order of their targets.
+    restitution : int or None
+        Place of the coefficient of restitution there; None where there is no impact.
+    results : range
+        Places of the new values of all targets among those of all events.
     is_jump, is_count : bool
         Whether it sets the mode of a jump inside an expression, and its value counts from it.
     """
@@ -250,9 +257,30 @@ class EventRow:
     direction: int
     is_stop: bool
     targets: tuple[int, ...]
-    is_impact: bool
+    watched: int
+    new_values: range
+    restitution: int | None
+    results: range
     is_jump: bool = False
     is_count: bool = False
+
+    @property
+    def is_impact(self) -> bool:
+        """Whether an impulse changes all speeds."""
+        return self.restitution is not None
+
+    @property
+    def kept(self) -> tuple[int, ...]:
+        """The states that expressions set, which constraints leave as they are."""
+        return self.targets[: len(self.new_values)]
+
+    @property
+    def causes(self) -> dict[int, int]:
+        """The place of what each target is set by: an expression, or the restitution."""
+        own = dict(zip(self.kept, self.new_values, strict=True))
+        if self.restitution is None:
+            return own
+        return own | dict.fromkeys(self.targets[len(own) :], self.restitution)
 
 
 @dataclass(frozen=True)
@@ -303,12 +331,11 @@ class Equations:
     events : tuple of EventRow
         The events.
     motion : Derivative or None
-        Along the motion itself, where there are events or algebraic unknowns: the symbol
-        ``("s", i)`` stands for the rate of state i.
+        Along the motion itself, where there are events or algebraic unknowns, in terms of rates of
+        the states as symbols.
     direction : Derivative or None
         Along a change of all states and of the parameters that sensitivities are taken to, where
-        these are several: the symbols ``("s", i)`` and ``("dp", j)`` stand for those of state i and
-        of the parameter of sensitivity j.
+        these are several, in terms of these changes as symbols; see :mod:`cotree.dag.symbols`.
     """
 
     name: str

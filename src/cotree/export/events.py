@@ -75,16 +75,14 @@ def symbolic_events(
     states : tuple of str
         Names of the states.
     """
-    rows = equations.events
-    values = to_sympy(equations.output_values[len(equations.outputs) :], known)
-    whens, rest = values[: len(rows)], values[len(rows) :]
+    first = len(equations.outputs)
+    values = dict(enumerate(to_sympy(equations.output_values[first:], known), start=first))
     found = {}
-    for row, when in zip(rows, whens, strict=True):
-        n = len(row.targets)
-        names = [states[target] for target in row.targets]
-        new, restitution = dict(zip(names, rest, strict=False)), None
-        if row.is_impact:
-            restitution = rest[n]
-        rest = rest[n + row.is_impact :]
-        found[row.name] = SymbolicEvent(when, row.direction, new, restitution, row.is_stop)
+    for row in equations.events:
+        kept = zip(row.kept, row.new_values, strict=True)
+        new = {states[target]: values[place] for target, place in kept}
+        restitution = None if row.restitution is None else values[row.restitution]
+        found[row.name] = SymbolicEvent(
+            values[row.watched], row.direction, new, restitution, row.is_stop
+        )
     return found

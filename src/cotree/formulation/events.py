@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from cotree.dag.traverse import substitute, symbols_in
+from cotree.dag.symbols import PARAMETER, kinds_in
+from cotree.dag.traverse import substitute
 from cotree.equations import EventRow
 from cotree.errors import SceneError, nearest
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Collection, Mapping, Sequence
 
     from cotree.dag.nodes import Node
     from cotree.equations import State
@@ -39,12 +40,44 @@ def bind_events(
         If an event sets something other than a mode or a state with a rate of its own, or a speed
         that its impact changes.
     """
-    return tuple(_bind(event, system, states) for event in scene.events.values())
-
-
-def _bind(event: Event, system: System, states: Sequence[State]) -> EventRow:
     places = {state.name: i for i, state in enumerate(states)}
-    speeds = {speed.name for speed in system.speeds}
+    speeds = {speed.name: places[speed.name] for speed in system.speeds}
+    rows: list[EventRow] = []
+    # Values that events look at come first; see event_expressions.
+    place, result = len(scene.outputs) + len(scene.events), 0
+    for i, event in enumerate(scene.events.values(), start=len(scene.outputs)):
+        _check(event, system, states, places, speeds)
+        has_impact = event.restitution is not None
+        targets = tuple(places[target] for target in event.set)
+        new_values = range(place, place + len(targets))
+        if has_impact:
+            targets += tuple(speeds.values())
+        rows.append(
+            EventRow(
+                event.name,
+                event.direction,
+                event.is_stop,
+                targets,
+                i,
+                new_values,
+                new_values.stop if has_impact else None,
+                range(result, result + len(targets)),
+                event.is_jump,
+                event.is_jump and any(target in event.when.names for target in event.set),
+            )
+        )
+        place, result = new_values.stop + has_impact, result + len(targets)
+    return tuple(rows)
+
+
+def _check(
+    event: Event,
+    system: System,
+    states: Sequence[State],
+    places: Mapping[str, int],
+    speeds: Collection[str],
+) -> None:
+    """Refuse an event that sets what cannot be set."""
     if event.restitution is not None and not speeds:
         raise SceneError(
             f"event '{event.name}' has an impact, but nothing in the scene has mass and moves"
@@ -66,15 +99,6 @@ def _bind(event: Event, system: System, states: Sequence[State]) -> EventRow:
             )
         if event.restitution is not None and target in speeds:
             raise SceneError(f"{whose}, a speed, but its impact changes all speeds: leave one out")
-    return EventRow(
-        event.name,
-        event.direction,
-        event.is_stop,
-        tuple(places[target] for target in event.set),
-        event.restitution is not None,
-        event.is_jump,
-        event.is_jump and any(target in event.when.names for target in event.set),
-    )
 
 
 def started(
@@ -112,5 +136,5 @@ def _at_start(value: Node, of_time: Mapping[Node, Node], known: Mapping[Node, No
         (found,) = substitute(substitute([value], of_time), known)
     except (ArithmeticError, ValueError):  # a constant without a value: what follows is refused
         return value.dag.zero
-    is_known = all(symbol.data[0] == "p" for symbol in symbols_in([found]))
+    is_known = kinds_in([found]) <= {PARAMETER}
     return found if is_known else value.dag.zero

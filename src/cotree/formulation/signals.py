@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from cotree.dag.symbols import MEASURED
 from cotree.errors import ExpressionError, nearest
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ class Signals:
             return self._of_known(name)
         if name not in self._measured:
             assert not self._is_gathered  # nothing would say what it stands for
-            self._measured[name] = self._dag.symbol("measured", len(self._measured))
+            self._measured[name] = self._dag.symbol(MEASURED, len(self._measured))
         return self._measured[name]
 
     def _output(self, name: str) -> Node:

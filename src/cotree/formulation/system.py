@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from cotree.components import FreeRotation, Role
 from cotree.dag.evaluate import evaluate
 from cotree.dag.several import Table, table
+from cotree.dag.symbols import INPUT, PARAMETER, STATE, TIME, UNKNOWN
 from cotree.equations import State
 from cotree.formulation.continuous import motion_guards
 from cotree.formulation.fields import Resolver, Resolvers, bind_edge, lower_vector
@@ -200,15 +201,15 @@ def bind(
     ParameterError
         If an axis has no direction.
     """
-    time = dag.symbol("t", 0)
+    time = dag.symbol(TIME, 0)
     tunable = [name for name, parameter in scene.parameters.items() if parameter.tunable]
     places = {name: i for i, name in enumerate(tunable)}
     parameters = {
-        name: dag.symbol("p", places[name]) if row.tunable else dag.constant(row.value)
+        name: dag.symbol(PARAMETER, places[name]) if row.tunable else dag.constant(row.value)
         for name, row in scene.parameters.items()
     }
     at_scene = partial(_at, {parameters[name]: scene.parameters[name].value for name in tunable})
-    inputs = {name: dag.symbol("u", i) for i, name in enumerate(scene.inputs)}
+    inputs = {name: dag.symbol(INPUT, i) for i, name in enumerate(scene.inputs)}
     of_parameters = resolver_of([parameters], "parameters", scene.modes)
     of_time = resolver_of([parameters, {"t": time}], "parameters and t", scene.modes)
     spaces = motion_spaces(scene)
@@ -275,7 +276,7 @@ def _modes(
         State(
             mode.name,
             "",
-            dag.symbol("x", n_before + i),
+            dag.symbol(STATE, n_before + i),
             # Those of jumps follow from the states; see :func:`cotree.formulation.events.started`.
             dag.zero if mode.is_jump else mode.initial.lower(dag, resolve),
         )
@@ -312,14 +313,14 @@ def _steps(
         for kind in kept[edge.name]:
             coordinates = []
             for name, unit in kind.coordinates:
-                symbol = dag.symbol("x", i)
+                symbol = dag.symbol(STATE, i)
                 coordinates.append(Coordinate(f"{edge.name}.{name}", unit, symbol, initial[name]))
                 i += 1
             speeds = []
             for name, unit in kind.rates:
                 of = None if isinstance(kind, FreeRotation) else coordinates[0]
-                symbol = dag.symbol("x", n_coordinates + j)
-                full, w = f"{edge.name}.{name}", dag.symbol("w", j)
+                symbol = dag.symbol(STATE, n_coordinates + j)
+                full, w = f"{edge.name}.{name}", dag.symbol(UNKNOWN, j)
                 speeds.append(Speed(full, unit, j, edge.name, of, symbol, w, initial[name]))
                 j += 1
             own.append(Step(edge.name, kind, tuple(coordinates), tuple(speeds)))

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from cotree.dag.evaluate import evaluate
 from cotree.dag.several import results
+from cotree.dag.symbols import ARGUMENT_OF
 from cotree.dag.traverse import reachable, symbols_in
 from cotree.errors import BuildError, SingularSystemError, SolveError
 from cotree.model.newton import load_newton
@@ -268,7 +269,7 @@ class PythonKernels:
         values: dict[Node, float] = dict(own.prepared)
         for node in plan.symbols:
             kind, position = node.data
-            values[node] = float(known[kind][position])
+            values[node] = float(known[ARGUMENT_OF[kind]][position])
         roots = [*plan.results, *plan.accepted]
         with np.errstate(all="ignore"):
             found: list[float] = evaluate(roots, values, order=plan.order)

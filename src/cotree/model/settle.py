@@ -64,13 +64,12 @@ def settle_jumps(
     for _ in range(_MOST_ROUNDS * len(rows)):
         values = looked_at(t, y, nothing, u).copy()
         wanted = new(t, y, nothing, u)
-        place, changed = 0, False
+        changed = False
         for row, value in zip(rows, values, strict=True):
             if row.is_jump and row.direction * value > 0.0 and not changed:
                 (target,) = row.targets
-                changed = bool(y[target] != wanted[place])
-                y[target] = wanted[place]
-            place += len(row.targets)
+                changed = bool(y[target] != wanted[row.results.start])
+                y[target] = wanted[row.results.start]
         if not changed:
             return y, s
         y, s = solve_start(model, t, p, u, y, s, held)

@@ -13,6 +13,7 @@ import numpy as np
 
 from cotree.dag.evaluate import evaluate
 from cotree.dag.operations import OPERATIONS
+from cotree.dag.symbols import ARGUMENT_OF
 from cotree.dag.traverse import reachable, symbols_in
 
 if TYPE_CHECKING:
@@ -41,7 +42,9 @@ def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> st
     """
     order = reachable(program.kernels[kernel].results)
     given = {
-        node: float(known[node.data[0]][node.data[1]]) for node in order if node.op == "symbol"
+        node: float(known[ARGUMENT_OF[node.data[0]]][node.data[1]])
+        for node in order
+        if node.op == "symbol"
     }
     with np.errstate(all="ignore"):
         values = dict(zip(order, evaluate(order, given, order=order), strict=True))

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.derivative import tangents
 from cotree.dag.several import SEVERAL
+from cotree.dag.symbols import DIRECTION, STATE
 from cotree.dag.traverse import dependent, reachable
 from cotree.passes.reciprocals import share_reciprocals
 from cotree.program.kernels import KERNELS, KernelSpec
@@ -67,8 +68,8 @@ def form_curvature(program: Program) -> Curvature | None:
     """
     dag, kernel = program.dag, program.kernels["sensitivity_rhs"]
     n = len(program.layout.states)
-    direction = [dag.symbol("v", i) for i in range(n)]
-    seed = {dag.symbol("x", i): direction[i] for i in range(n)}
+    direction = [dag.symbol(DIRECTION, i) for i in range(n)]
+    seed = {dag.symbol(STATE, i): direction[i] for i in range(n)}
     found = tangents(kernel.results, seed)
     places = tuple(i for i, node in enumerate(found) if not node.is_zero)
     if not places:

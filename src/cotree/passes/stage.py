@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from cotree.dag.several import SEVERAL
+from cotree.dag.symbols import PARAMETER
 from cotree.dag.traverse import dependent, reachable
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ def stage_parameters(program: Program) -> Program:
 
 def varying_values(order: Sequence[Node]) -> set[Node]:
     """Give what depends on more than parameters, among values in order of evaluation."""
-    return dependent(order, [n for n in order if n.op == "symbol" and n.data[0] != "p"])
+    return dependent(order, [n for n in order if n.op == "symbol" and n.data[0] != PARAMETER])
 
 
 def _frontier(results: list[Node]) -> list[Node]:

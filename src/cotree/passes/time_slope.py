@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cotree.dag.derivative import tangents
+from cotree.dag.symbols import INPUT, TIME
 from cotree.program.kernels import KERNELS, KernelSpec
 from cotree.program.program import Kernel
 
@@ -38,9 +39,9 @@ def form_time_slope(program: Program) -> Kernel | None:
     """
     dag, kernels = program.dag, program.kernels
     rates = kernels["augmented_rhs"].results or kernels["rhs"].results
-    time = {dag.symbol("t", 0): dag.one}
+    time = {dag.symbol(TIME, 0): dag.one}
     moving = tangents(kernels["inputs"].results, time)
-    seed = {**time, **{dag.symbol("u", i): node for i, node in enumerate(moving)}}
+    seed = {**time, **{dag.symbol(INPUT, i): node for i, node in enumerate(moving)}}
     found = tangents(rates, seed)
     if all(node.is_zero for node in found):
         return None

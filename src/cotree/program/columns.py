@@ -14,6 +14,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from cotree.dag.linear_map import apply_map, form_map
+from cotree.dag.symbols import ENTRY, SENSITIVITY, STATE_CHANGE
 from cotree.dag.traverse import dependent, reachable, substitute, symbols_in
 from cotree.equations import spread
 from cotree.program.counts import count_operations
@@ -148,7 +149,7 @@ class _Ways:
     @cached_property
     def _states(self) -> list[Node]:
         """The symbols of a change of all states."""
-        return [self._dag.symbol("s", i) for i in range(len(self.equations.states))]
+        return [self._dag.symbol(STATE_CHANGE, i) for i in range(len(self.equations.states))]
 
     @cached_property
     def _solving(self) -> list[int]:
@@ -172,7 +173,7 @@ class _Ways:
         without = dict.fromkeys(self.common.sources, dag.zero)
         for i in self.common.rates.keys() - set(self._solving):
             (rate,) = substitute([self.common.rates[i]], without)
-            moving = [node for node in symbols_in([rate]) if node.data[0] == "s"]
+            moving = [node for node in symbols_in([rate]) if node.data[0] == STATE_CHANGE]
             still = dict.fromkeys(moving, dag.zero)
             for node in moving:
                 (value,) = substitute([rate], {**still, node: dag.one})
@@ -190,7 +191,10 @@ class _Ways:
         if _are_too_many(n_given, len(self.reached), n):
             return None
         changes = [
-            [self._dag.symbol("s", j * n + i) if i in some else self._dag.zero for i in range(n)]
+            [
+                self._dag.symbol(SENSITIVITY, j * n + i) if i in some else self._dag.zero
+                for i in range(n)
+            ]
             for j, some in enumerate(map(frozenset, self.reached))
         ]
         n_sources = len(self.common.sources)
@@ -220,7 +224,7 @@ class _Ways:
         """Multiply the Jacobian with the sensitivities, and add the derivatives by parameters."""
         dag, n = self._dag, len(self._states)
         places = sorted({i for row in alone for i in row})
-        own = {place: dag.symbol("own", k) for k, place in enumerate(places)}
+        own = {place: dag.symbol(ENTRY, k) for k, place in enumerate(places)}
         results = [own.get(i, dag.zero) for i in range(n)]
         for column, change in zip(columns, self._states, strict=True):
             for i, value in column.items():

@@ -2,28 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from cotree.equations import spread
 from cotree.program.impacts import form_impact
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cotree.dag.nodes import Node
-    from cotree.equations import Equations, EventRow
+    from cotree.equations import Equations
     from cotree.program.solved import Along, Solved
-
-
-def event_quantities(equations: Equations) -> tuple[EventRow, ...]:
-    """Name the events, with the states that each sets, those of its impact included."""
-    n, first = equations.n_speeds, equations.n_coordinates
-    speeds = tuple(range(first, first + n))
-    return tuple(
-        replace(row, targets=(*row.targets, *speeds)) if row.is_impact else row
-        for row in equations.events
-    )
 
 
 def event_kernels(
@@ -50,28 +38,21 @@ def event_kernels(
     """
     if not equations.events:
         return {name: [] for name in ("events", "jumps", "event_sensitivity", "event_rates")}
-    dag, start = equations.dag, len(equations.outputs)
-    n_events = len(equations.events)
-    # For each event, the places of its new values, and of its restitution.
-    places, place = [], start + n_events
-    for row in equations.events:
-        places.append((range(place, place + len(row.targets)), place + len(row.targets)))
-        place += len(row.targets) + row.is_impact
+    dag, rows = equations.dag, equations.events
     impacts = [
-        form_impact(equations, solved, start + i, values[last], row.name) if row.is_impact else None
-        for i, (row, (_, last)) in enumerate(zip(equations.events, places, strict=True))
+        None if row.restitution is None else form_impact(equations, solved, row, values)
+        for row in rows
     ]
     jumps: list[Node] = []
-    for (own, _), impact in zip(places, impacts, strict=True):
-        jumps += [*(values[i] for i in own), *(impact.speeds if impact else ())]
+    for row, impact in zip(rows, impacts, strict=True):
+        jumps += [*(values[i] for i in row.new_values), *(impact.speeds if impact else ())]
 
-    def derivatives(row: Mapping[int, Node], seed: Mapping[Node, Node]) -> list[Node]:
-        whole = spread(row, len(values), dag.zero)
-        found = whole[start : start + n_events]
-        for (own, last), impact in zip(places, impacts, strict=True):
-            found += [whole[i] for i in own]
-            if impact is not None:
-                found += impact.tangent(solved, seed, whole[last])
+    def derivatives(changes: Mapping[int, Node], seed: Mapping[Node, Node]) -> list[Node]:
+        found = [changes.get(row.watched, dag.zero) for row in rows]
+        for row, impact in zip(rows, impacts, strict=True):
+            found += [changes.get(i, dag.zero) for i in row.new_values]
+            if impact is not None and row.restitution is not None:
+                found += impact.tangent(solved, seed, changes.get(row.restitution, dag.zero))
         return found
 
     assert equations.motion is not None  # it comes with the events
@@ -79,7 +60,7 @@ def event_kernels(
     n_rated = len(equations.states) - equations.n_algebraic
     residuals = (motion.rates.get(i, dag.zero) for i in range(n_rated, len(equations.states)))
     return {
-        "events": list(values[start : start + n_events]),
+        "events": [values[row.watched] for row in rows],
         "jumps": jumps,
         "event_sensitivity": [
             node for row, own in directions for node in derivatives(row.outputs, own.seed)

@@ -11,14 +11,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.dag.derivative import tangents
+from cotree.dag.symbols import INPUT, PARAMETER, STATE, STATE_RATE, TIME
 from cotree.dag.traverse import substitute, symbols_in
 from cotree.errors import SceneError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from cotree.dag.nodes import Node
-    from cotree.equations import Equations
+    from cotree.equations import Equations, EventRow
     from cotree.program.solved import Solved
 
 
@@ -59,7 +60,7 @@ class Impact:
 
 
 def form_impact(
-    equations: Equations, solved: Solved, place: int, restitution: Node, name: str
+    equations: Equations, solved: Solved, event: EventRow, values: Sequence[Node]
 ) -> Impact:
     """Form the impact of an event.
 
@@ -69,18 +70,18 @@ def form_impact(
         The equations.
     solved : Solved
         Their solution.
-    place : int
-        Where the event's expression stands among the output values.
-    restitution : Node
-        The coefficient of restitution.
-    name : str
-        The event, for messages.
+    event : EventRow
+        The event, with an impact.
+    values : sequence of Node
+        The output values, unknowns eliminated.
 
     Raises
     ------
     SceneError
         If the expression is none of positions, or no speed changes it.
     """
+    assert event.restitution is not None
+    restitution, place, name = values[event.restitution], event.watched, event.name
     dag, n, first = equations.dag, equations.n_speeds, equations.n_coordinates
     _check_positions(equations, place, name)
     rates = equations.rates[:first]
@@ -97,7 +98,7 @@ def form_impact(
             "system, which its impact acts on: set states instead"
         )
     assert equations.motion is not None  # it comes with the events
-    moving = {dag.symbol("s", i): rate for i, rate in enumerate(rates)}
+    moving = {dag.symbol(STATE_RATE, i): rate for i, rate in enumerate(rates)}
     along = equations.motion.outputs.get(place, dag.zero)
     with dag.labelled(f"impact of {name}"):
         rate = substitute([along], moving)[0]
@@ -118,9 +119,9 @@ def _check_positions(equations: Equations, place: int, name: str) -> None:
     allowed = {*range(first), *range(n, n + equations.n_modes)}
     for symbol in symbols_in([equations.output_values[place]]):
         kind, i = symbol.data
-        if kind in ("p", "t") or (kind == "x" and i in allowed):
+        if kind in (PARAMETER, TIME) or (kind == STATE and i in allowed):
             continue
-        named = {"x": equations.states, "u": equations.inputs}.get(kind)
+        named = {STATE: equations.states, INPUT: equations.inputs}.get(kind)
         what = f"'{named[i].name}'" if named is not None else "accelerations or reactions"
         raise SceneError(
             f"when of event '{name}' depends on {what}, but an impact needs an expression of "

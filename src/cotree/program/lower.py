@@ -12,7 +12,7 @@ from cotree.dag.traverse import dependent, reachable, symbols_in
 from cotree.equations import Quantity, spread
 from cotree.errors import ParameterError
 from cotree.program.columns import map_rates
-from cotree.program.events import event_kernels, event_quantities
+from cotree.program.events import event_kernels
 from cotree.program.kernels import KERNELS
 from cotree.program.program import Kernel, Layout, Program
 from cotree.program.projection import constraint_quantities, projection_kernels
@@ -54,8 +54,7 @@ def lower(equations: Equations) -> Program:
     _check_sensitivities(equations)
     solved = Solved.of(equations)
     rates = solved.put(equations.rates)
-    n_outputs, n_events = len(equations.outputs), len(equations.events)
-    watched = solved.put(equations.output_values[n_outputs : n_outputs + n_events])
+    watched = solved.put([equations.output_values[row.watched] for row in equations.events])
     reached = reached_states(equations, solved, timed_by(equations, rates, watched))
     equations = without_vanishing(equations, reached)
     outputs = solved.put(equations.output_values)
@@ -225,5 +224,5 @@ def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
         redundant=equations.constraints.redundant,
         uses_multipliers=tuple(node in on_multipliers for node in observed),
         followers=followers(equations),
-        events=event_quantities(equations),
+        events=equations.events,
     )

@@ -21,6 +21,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cotree.dag.derivative import tangents
+from cotree.dag.symbols import PACKED_SENSITIVITY, SENSITIVITY, STATE_RATE, STEP
 from cotree.dag.traverse import dependent, reachable, substitute
 from cotree.equations import spread
 from cotree.linear.factors import factorise_unsymmetric
@@ -123,7 +124,7 @@ def _step(
     """Form rates at the end of a step, the step, its last part, and its reach."""
     dag, cut = factors.dag, len(rates) - len(symbols)
     first = factors.solve([-node for node in rates[cut:]])
-    known = {dag.symbol("step", j): node for j, node in enumerate(first)}
+    known = {dag.symbol(STEP, j): node for j, node in enumerate(first)}
     seed = dict(zip(symbols, known, strict=True))
     changes, reach = _bends(dag, rates, seed), dag.one
     last = [dag.zero] * len(first)
@@ -215,7 +216,7 @@ def _unknown_rates(
     """Form z': what the residuals change by along the motion where z rests is made up for."""
     dag, n = equations.dag, len(rates)
     cut = n - equations.n_algebraic
-    moving = {dag.symbol("s", i): rates[i] if i < cut else dag.zero for i in range(n)}
+    moving = {dag.symbol(STATE_RATE, i): rates[i] if i < cut else dag.zero for i in range(n)}
     changes = substitute([motion.rates.get(i, dag.zero) for i in range(cut, n)], moving)
     return factors.solve([-node for node in changes])
 
@@ -238,10 +239,9 @@ def _sensitivities(
     unknowns: list[Node] = []
     for j, (row, own) in enumerate(zip(along, reached, strict=True)):
         left = [i for i in own if i < cut]
-        known = {dag.symbol("s", j * n + i): dag.zero for i in range(n)}
-        known |= {
-            dag.symbol("s", j * n + i): dag.symbol("s", len(rates) + k) for k, i in enumerate(left)
-        }
+        known = {dag.symbol(SENSITIVITY, j * n + i): dag.zero for i in range(n)}
+        for k, i in enumerate(left, len(rates)):
+            known[dag.symbol(SENSITIVITY, j * n + i)] = dag.symbol(PACKED_SENSITIVITY, k)
         at_rest = substitute(spread(row.rates, n, dag.zero), known)
         solved = factors.solve([-node for node in at_rest[cut:]])
         moved = _moved(at_rest[:cut], columns, solved)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.corners import stops_along
 from cotree.dag.stops import find_stops, stops_within
+from cotree.dag.symbols import ENTRY, PACKED_SENSITIVITY, SENSITIVITY, STATE_RATE
 from cotree.dag.traverse import dependent, reachable, substitute
 
 if TYPE_CHECKING:
@@ -54,8 +55,11 @@ def reached_states(
     if not rows:
         return ()
     bits = {
-        equations.dag.symbol("s", j * n + i): 1 << i for j in range(len(rows)) for i in range(n)
+        equations.dag.symbol(SENSITIVITY, j * n + i): 1 << i
+        for j in range(len(rows))
+        for i in range(n)
     }
+    bits |= {equations.dag.symbol(STATE_RATE, i): 1 << i for i in range(n)}
     bits |= {symbol: 1 << (n + i) for i, symbol in enumerate(equations.unknown_tangents)}
     motion = () if equations.motion is None else (equations.motion,)
     parts = _Parts([node for row in (*rows, *motion) for node in _nodes_of(row)], bits)
@@ -224,7 +228,7 @@ def _either(parts: Iterable[_Part]) -> _Part:
 
 def _solving(solved: Solved) -> list[int]:
     """Tell which places of the forcing each unknown depends on, as bits."""
-    own = [solved.dag.symbol("own", k) for k in range(len(solved.unknowns))]
+    own = [solved.dag.symbol(ENTRY, k) for k in range(len(solved.unknowns))]
     unknowns = solved.factors.solve(own) if own else []
     parts = _Parts(unknowns, {symbol: 1 << k for k, symbol in enumerate(own)})
     return [parts[node][0] for node in unknowns]
@@ -251,9 +255,6 @@ def _choosers(equations: Equations) -> dict[int, set[int]]:
     once that has jumped.
     """
     targets = {target for event in equations.events for target in event.targets}
-    if any(event.is_impact for event in equations.events):
-        first = equations.n_coordinates
-        targets.update(range(first, first + equations.n_speeds))
     if not targets:
         return {}
     mask = {equations.states[target].symbol: 1 << target for target in targets}
@@ -289,24 +290,16 @@ def _moved(
     held = [*row.held, *row.held_rates, *row.start]
     if any(along.depends(node, reached) for node in held) or not norms.isdisjoint(reached):
         moved.update(range(n_coordinates + n_speeds))
-    # Outputs are followed by what events look at, then by what each sets, and its restitution.
-    place = len(equations.outputs) + len(equations.events)
     depending = {k for k, node in row.outputs.items() if along.depends(node, reached)}
     # One event may make others happen at its own time.
-    is_timed = is_timed or any(k in depending for k in range(len(equations.outputs), place))
+    is_timed = is_timed or any(event.watched in depending for event in equations.events)
     for event in equations.events:
-        end = place + len(event.targets) + event.is_impact
-        targets = dict(zip(event.targets, range(place, end), strict=False))
-        if event.is_impact:
-            targets |= dict.fromkeys(range(n_coordinates, n_coordinates + n_speeds), end - 1)
-        moved |= {target for target, k in targets.items() if k in depending or target in reached}
+        causes = event.causes
+        moved |= {target for target, k in causes.items() if k in depending or target in reached}
         if is_timed:
             # What it sets moves on from then, and so does what has another rate after it.
-            moved |= {
-                target for target, k in targets.items() if _moves(equations, parts, target, k)
-            }
-            moved |= along.users(targets).union(*(choosers[target] for target in targets))
-        place = end
+            moved |= {target for target, k in causes.items() if _moves(equations, parts, target, k)}
+            moved |= along.users(causes).union(*(choosers[target] for target in causes))
     return moved
 
 
@@ -323,7 +316,7 @@ def without_vanishing(equations: Equations, reached: Sequence[Sequence[int]]) ->
     """Replace sensitivities that vanish by zero, so that all derivatives fold."""
     dag, n = equations.dag, len(equations.states)
     gone = {
-        dag.symbol("s", j * n + i): dag.zero
+        dag.symbol(SENSITIVITY, j * n + i): dag.zero
         for j, own in enumerate(reached)
         for i in sorted(set(range(n)).difference(own))
     }
@@ -358,7 +351,7 @@ def without_vanishing(equations: Equations, reached: Sequence[Sequence[int]]) ->
 def pack_rates(
     dag: Dag, reached: Sequence[Sequence[int]], n: int, rates: Sequence[Node]
 ) -> list[Node]:
-    """Leave out sensitivities that vanish: their rates, and their numbers among the symbols ``s``.
+    """Leave out sensitivities that vanish: their rates, and their numbers among the symbols.
 
     Parameters
     ----------
@@ -374,13 +367,15 @@ def pack_rates(
     Returns
     -------
     list of Node
-        Those of the states that each parameter reaches, in terms of as many symbols.
+        Those of the states that each parameter reaches, in terms of as many symbols: packed ones,
+        unless none vanishes.
     """
     left = [j * n + i for j, own in enumerate(reached) for i in own]
     if len(left) == len(rates):
         return list(rates)
-    known = {dag.symbol("s", place): dag.zero for place in range(len(rates))}
-    known |= {dag.symbol("s", place): dag.symbol("s", k) for k, place in enumerate(left)}
+    known = {dag.symbol(SENSITIVITY, place): dag.zero for place in range(len(rates))}
+    for k, place in enumerate(left):
+        known[dag.symbol(SENSITIVITY, place)] = dag.symbol(PACKED_SENSITIVITY, k)
     return substitute([rates[place] for place in left], known)
 
 

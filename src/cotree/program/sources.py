@@ -12,6 +12,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from cotree.dag.symbols import PARAMETER_CHANGE, SOURCE, STATE_CHANGE
 from cotree.dag.traverse import dependent, reachable, substitute
 
 if TYPE_CHECKING:
@@ -62,8 +63,8 @@ def part_sources(equations: Equations, unknowns: Mapping[Node, Node]) -> CommonD
     common, dag = equations.direction, equations.dag
     if common is None:
         return None
-    states = [dag.symbol("s", i) for i in range(len(equations.states))]
-    changes = [dag.symbol("dp", j) for j in range(len(equations.sensitivities))]
+    states = [dag.symbol(STATE_CHANGE, i) for i in range(len(equations.states))]
+    changes = [dag.symbol(PARAMETER_CHANGE, j) for j in range(len(equations.sensitivities))]
     roots = substitute([*common.forcing, *common.rates.values()], unknowns)
     parting = _Parting(dag, roots, [*states, *equations.unknown_tangents], changes)
     parted, n = [parting.parted(root) for root in roots], len(common.forcing)
@@ -120,7 +121,7 @@ class _Parting:
         return found
 
     def _source(self, node: Node) -> Node:
-        return self.sources.setdefault(node, self._dag.symbol("source", len(self.sources)))
+        return self.sources.setdefault(node, self._dag.symbol(SOURCE, len(self.sources)))
 
     def _parts_of(self, node: Node) -> tuple[Node, Node]:
         """Write a value as a sum of what states change and of what parameters change alone."""

@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from cotree.dag.derivative import tangents
+from cotree.dag.symbols import PARAMETER_CHANGE, SENSITIVITY, STATE_CHANGE, UNKNOWN_CHANGE
 from cotree.dag.traverse import substitute
 from cotree.equations import Derivative, Equations, Quantity
 from cotree.errors import ParameterError, nearest
@@ -186,8 +187,8 @@ def form_derivatives(
     Returns
     -------
     tuple of Derivative
-        In the order of ``wanted``. The sensitivity of state i to number j is the symbol
-        ``("s", j * n_states + i)``.
+        In the order of ``wanted``. The sensitivity of state i to number j is
+        the symbol ``(SENSITIVITY, j * n_states + i)``; see :mod:`cotree.dag.symbols`.
 
     Raises
     ------
@@ -200,7 +201,7 @@ def form_derivatives(
     directions = {}
     for j, name in enumerate(wanted):
         directions[name] = {
-            state.symbol: dag.symbol("s", j * n + i) for i, state in enumerate(first.states)
+            state.symbol: dag.symbol(SENSITIVITY, j * n + i) for i, state in enumerate(first.states)
         }
         if name in first.system.parameters:
             directions[name] |= _of_parameters(first, {first.system.parameters[name]: dag.one})
@@ -227,7 +228,7 @@ def _initial_value(direction: Derivative, first: FirstGraph) -> Derivative:
 def unknown_tangents(first: FirstGraph) -> tuple[Node, ...]:
     """Give the symbols of the derivatives of the unknowns."""
     dag = first.system.dag
-    return tuple(dag.symbol("dw", i) for i in range(len(first.unknowns)))
+    return tuple(dag.symbol(UNKNOWN_CHANGE, i) for i in range(len(first.unknowns)))
 
 
 def form_equations(
@@ -297,9 +298,11 @@ def form_equations(
 def _common_direction(first: FirstGraph, wanted: Sequence[str], support: Support) -> Derivative:
     """Differentiate along a change of all states and parameters, which other directions share."""
     dag, parameters = first.system.dag, first.system.parameters
-    seed = {state.symbol: dag.symbol("s", i) for i, state in enumerate(first.states)}
+    seed = {state.symbol: dag.symbol(STATE_CHANGE, i) for i, state in enumerate(first.states)}
     changes = {
-        parameters[name]: dag.symbol("dp", j) for j, name in enumerate(wanted) if name in parameters
+        parameters[name]: dag.symbol(PARAMETER_CHANGE, j)
+        for j, name in enumerate(wanted)
+        if name in parameters
     }
     return differentiate(first, {"": {**seed, **_of_parameters(first, changes)}}, support)[0]
 

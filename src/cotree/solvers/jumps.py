@@ -8,7 +8,6 @@ g_x f + g_t, and the same of R, as directional derivatives.
 
 from __future__ import annotations
 
-import itertools
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -62,9 +61,8 @@ class ModelEvents:
         self._rates = model.bound("event_rates", p)
         self._rhs = model.bound("rhs", p)
         self._jacobian = model.bound_jacobian(p)
-        ends = np.cumsum([0, *(len(row.targets) for row in self.rows)])
         #: Where the new values of each event stand among those of all.
-        self._own = [slice(a, b) for a, b in itertools.pairwise(ends)]
+        self._own = [slice(row.results.start, row.results.stop) for row in self.rows]
 
     def values(self, t: float, z: FloatArray) -> FloatArray:
         """Evaluate what the events look at, shape (n_events,), a fresh array."""
@@ -192,10 +190,8 @@ class ModelEvents:
 
         ``moving`` is R_x f- + R_t. What was set is kept; the rest follows from the constraints.
         """
-        n_speeds = self._model.layout.n_speeds if row.is_impact else 0
-        kept = row.targets[: len(row.targets) - n_speeds]
         try:
-            start = self._consistent(t, y, s, kept)
+            start = self._consistent(t, y, s, row.kept)
         except ParameterError as error:
             raise SolveError(f"{verdict('contradicts', [row.name])} ({error})") from None
         if self._m and start.is_chosen:
@@ -206,7 +202,7 @@ class ModelEvents:
         after = self._rhs(t, y, np.zeros(0), self._u(t)).copy()
         s = s + np.outer(t_p, moving - after)
         s[:, self._cut :] = 0.0
-        held = self._consistent(t, y, s, kept)
+        held = self._consistent(t, y, s, row.kept)
         return y, solve_start(self._model, t, self._p, self._u(t), y, held.s)[1].T
 
     def _consistent(self, t: float, y: FloatArray, s: FloatArray, kept: Sequence[int]) -> Start:
