@@ -56,6 +56,7 @@ def stops_along(stops: Sequence[Stop], seeds: Sequence[Mapping[Node, Node]]) -> 
     seeds : sequence of mapping of Node to Node
         Tangents of symbols, for each direction.
     """
+    # Stops without a period fill their place with the first time, whose tangent is not used.
     periods = [stop.first if stop.period is None else stop.period for stop in stops]
     found = [tangents([*(stop.first for stop in stops), *periods], seed) for seed in seeds]
     n = len(stops)
@@ -115,6 +116,7 @@ def find_corners(
     ValueError
         If a period is so short that there are too many.
     """
+    # A corner within rounding of an end is at the end.
     margin = SAME * max(abs(low), abs(high))
     found: list[Corner] = [Corner(at) for at in others]
     for stop in stops:
@@ -165,6 +167,7 @@ def _corners_of(stop: Stop, values: Mapping[Node, float], low: float, high: floa
         return [Corner(first, tuple(a for a, _ in along))]
     ends = sorted((at - first) / period for at in (low, high))
     start, end = math.ceil(ends[0]), math.floor(ends[1])
+    # A source that starts at its first time does not repeat before it.
     start = max(start, 0) if stop.starts else start
     if end - start > _MOST:
         raise ValueError(

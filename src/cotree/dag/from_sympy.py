@@ -56,6 +56,7 @@ def _maker(expression: Any) -> _Maker:
     if expression.is_Add:
         return lambda dag, arguments: _sum([part(dag, arguments) for part in parts])
     if expression.is_Mul:
+        # SymPy writes a/b as a*b**-1; a division rounds once, a reciprocal and a product twice.
         inverted = [factor.is_Pow and factor.exp == -1 for factor in expression.args]
         return lambda dag, arguments: _product(
             dag, inverted, [part(dag, arguments) for part in parts]
@@ -127,6 +128,7 @@ def _piecewise(expression: Any) -> _Maker:
             "the law leaves open what a Piecewise is elsewhere: "
             "let its last branch be (value, True)"
         )
+    # Branches are tried in order, so selections nest from the last to the first.
     last = _maker(value)
     branches: list[tuple[_Maker, _Chooser]] = []
     for value, condition in reversed(pairs[:-1]):
@@ -152,6 +154,7 @@ def _chooser(condition: Any) -> _Chooser:
         return lambda dag, arguments, accepted, refused: inner(dag, arguments, refused, accepted)
     if not isinstance(condition, (sympy.Ge, sympy.Gt, sympy.Le, sympy.Lt)):
         raise ValueError("the law branches on something other than <, <=, > or >=")
+    # A selection compares with zero: a >= b becomes a - b >= 0.
     excess = _maker(condition.gts - condition.lts)
     if isinstance(condition, (sympy.Gt, sympy.Lt)):  # strict: refuse equality
         return lambda dag, arguments, accepted, refused: dag.select(

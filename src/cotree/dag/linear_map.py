@@ -234,9 +234,11 @@ def form_map(
     results = _as_products(dag, substitute(results, idle), inputs)
     order = reachable(results)
     among = dependent(order, inputs)
+    # Values that depend on a column, as opposed to those that all columns share.
     varying = among - set(inputs)
     if not all(_is_linear(node, among) for node in varying):
         return None
+    # A result that no input reaches is constant, and no homogeneous linear function.
     if any(root not in varying and root not in inputs and not root.is_zero for root in results):
         return None
     own = {node: dag.symbol(COLUMN, i) for i, node in enumerate(inputs)}
@@ -254,6 +256,7 @@ def form_map(
 
 def _is_linear(node: Node, varying: Container[Node]) -> bool:
     """Tell whether a value is linear in those of its arguments that vary."""
+    # A product is linear if one factor varies, a sum if all terms do: constants would be affine.
     times = sum(arg in varying for arg in node.args)
     return node.op in _LINEAR and (times == 1 if node.op == "mul" else times == len(node.args))
 
@@ -272,8 +275,10 @@ def _as_products(dag: Dag, results: Sequence[Node], inputs: Sequence[Node]) -> l
         varying.add(node)
         args = [made.get(arg, arg) for arg in node.args]
         if node.op == "div" and node.args[1] not in varying:
+            # The reciprocal is shared by all columns.
             made[node] = args[0] * (1.0 / args[1])
         elif node.op == "select" and node.args[0] not in varying:
+            # A choice that all columns share is a sum with weights one and zero.
             share = dag.select(args[0], dag.one, dag.zero)
             made[node] = share * args[1] + (1.0 - share) * args[2]
         elif node.op == "result" and _has_shared_matrix(node.args[0], varying):

@@ -49,6 +49,7 @@ class Rotation:
                 return about(axis, angle)
         elif all(a is b for a, b in zip(self.axis, axis, strict=True)):
             return about(axis, self.angle + angle)
+        # Nodes are interned, so equal axes are the same nodes.
         elif all(a is -b for a, b in zip(self.axis, axis, strict=True)):
             return about(self.axis, self.angle - angle)
         return Rotation(vector.matmul(self.matrix, about(axis, angle).matrix))
@@ -114,6 +115,7 @@ def quaternion_rates(q: Sequence[Any], w: Sequence[Any]) -> tuple[Any, ...]:
 
     Of nodes, or of numbers.
     """
+    # q' = q o (0, w) / 2, real part first.
     q0, q1, q2, q3 = (0.5 * entry for entry in q)
     w1, w2, w3 = w
     return (
@@ -174,6 +176,7 @@ def quaternion_of_angles(angles: Vector) -> tuple[Node, ...]:
     dag = angles[0].dag
     total: tuple[Node, ...] = (dag.one, dag.zero, dag.zero, dag.zero)
     for axis, angle in zip(vector.identity(dag), angles, strict=True):
+        # About fixed axes later turns multiply from the left.
         total = quaternion_product(quaternion_about(axis, angle), total)
     return total
 
@@ -187,6 +190,7 @@ def quaternion_of_matrix(rows: Sequence[Sequence[float]]) -> list[float] | None:
     trace = xx + yy + zz
     squares = [trace, xx, yy, zz]
     largest = squares.index(max(squares))
+    # Each row is four times one entry of q times all four; the largest loses no digits.
     products = [
         [1.0 + trace, zy - yz, xz - zx, yx - xy],
         [zy - yz, 1.0 + 2.0 * xx - trace, xy + yx, xz + zx],
@@ -210,12 +214,14 @@ def quaternion_of_nodes(m: Matrix, value: Callable[[Node], float]) -> tuple[Node
     squares = [value(node) for node in (trace, m[0][0], m[1][1], m[2][2])]
     largest = squares.index(max(squares))
     if largest == 0:
+        # The real part is the largest: 2 q0 = sqrt(1 + trace).
         double = dag.function("sqrt", trace + 1.0)
         scale = 0.5 / double
         sums = (m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1])
         return (0.5 * double, *vector.scale(scale, sums))
     i = largest - 1
     j, k = (i + 1) % 3, (i + 2) % 3
+    # An imaginary part is the largest: 2 qi = sqrt(1 + m_ii - m_jj - m_kk).
     double = dag.function("sqrt", 1.0 + m[i][i] - m[j][j] - m[k][k])
     scale = 0.5 / double
     q = [scale * (m[k][j] - m[j][k])] + [dag.zero] * 3

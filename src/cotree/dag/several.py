@@ -122,6 +122,7 @@ def solve_pivoted(
     smallest = shape.tolerance * np.max(np.abs(a.real), initial=reference)
     rank = 0
     for k in range(n):
+        # Complete pivoting: the order of the pivots decides the rank most reliably.
         place = int(np.argmax(np.abs(a[k:, k:].real)))
         row, column = k + place // (n - k), k + place % (n - k)
         if not abs(a[row, column].real) > smallest:
@@ -138,10 +139,12 @@ def solve_pivoted(
     solution[columns[:rank]] = np.linalg.solve(upper, b[:rank]) if rank else b[:0]
     if rank == n:
         return solution, rank, True
+    # The null space, by which the solution of least norm is found.
     free = np.zeros((n, n - rank), dtype=a.dtype)
     free[columns[:rank]] = -np.linalg.solve(upper, a[:rank, rank:]) if rank else a[:0, rank:]
     free[columns[rank:]] = np.eye(n - rank)
     basis, _ = np.linalg.qr(free.real)
+    # A leading unknown is unique if no vector of the null space moves it.
     leading = basis[: shape.n_determined]
     is_determined = bool(np.all(np.abs(leading) <= NULL_TOLERANCE))
     return solution - basis @ (basis.T @ solution), rank, is_determined
@@ -276,6 +279,7 @@ def _tangent_solve(node: Node, tangents: Sequence[Node]) -> tuple[Node, ...]:
     right = list(tangents[n * n : n * n + n])
     for i in range(n):
         for j in range(n):
+            # Differentiating A x = b gives A dx = db - dA x.
             right[i] = right[i] - tangents[n * i + j] * x[j]
     solved = solve(dag, matrix, right, node.args[-1], node.data, sizes_of(node))
     return (*solved[:n], dag.zero, dag.zero)

@@ -44,6 +44,7 @@ def check_numbers(t_end: float, rtol: float, atol: float) -> None:
     fault = rtol_fault(rtol, least=0.0)
     if fault:
         raise SceneError(fault)
+    # Zero is accepted: the relative tolerance alone then controls the error.
     if not (math.isfinite(atol) and atol >= 0.0):
         raise SceneError(f"atol is {atol}: give a finite number that is not negative")
     if loose_rtol(rtol):
@@ -100,6 +101,7 @@ def _check_corners(program: Program, integrator: str) -> None:
     ]
     if not moving:
         return
+    # At the values of parameters, whether rates jump is decided by time alone.
     known = {dag.symbol("u", i): v for i, v in enumerate(program.kernels["inputs"].results)}
     values = {dag.symbol("p", i): dag.constant(v) for i, v in enumerate(layout.parameter_values)}
     rates = substitute(substitute(list(program.kernels["rhs"].results), known), values)
@@ -147,6 +149,7 @@ def check_start(evaluated: Evaluated, start: Start | None) -> None:
     """
     layout = evaluated.program.layout
     is_apart = not layout.sensitivities or not any(row.is_jump for row in layout.events)
+    # Without sensitivities, or without jumping expressions, the start may lie on a jump.
     if start is None or is_apart:
         return
     model = evaluated.model

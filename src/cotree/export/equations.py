@@ -171,6 +171,7 @@ def printer(kind: str, latex_names: Mapping[Any, str]) -> Callable[[Any], str]:
 
     def plus_first(item: Any, order: Any = None) -> list[Any]:
         terms = list(ordered(item, order))
+        # Sums begin with a positive term where there is one: a - b, not -b + a.
         first = next((t for t in terms if not t.could_extract_minus_sign()), terms[0])
         terms.remove(first)
         return [first, *terms]
@@ -259,6 +260,7 @@ def _matrix(equations: Equations, known: Mapping[Node, Any]) -> list[list[Any]]:
     """Write the matrix row by row; those of constraints, which border it, with their own sign."""
     rows = [to_sympy(row, known) for row in equations.matrix]
     n_speeds = len(rows) - len(equations.constraints.rows)
+    # The border holds -G, which makes the matrix symmetric; people read G.
     rows[n_speeds:] = [[-entry for entry in row] for row in rows[n_speeds:]]
     return [[_tidied(entry) for entry in row] for row in rows]
 
@@ -289,6 +291,7 @@ def _tidied(entry: Any) -> Any:
     """Write an entry of the mass matrix shorter, if it is small and expanding it helps."""
     import sympy
 
+    # Expanding large entries takes SymPy long and rarely shortens them.
     size = entry.count_ops()
     if size > _LARGEST_TIDIED:
         return entry

@@ -46,6 +46,7 @@ class Spelt:
         indexed = _INDEXED.fullmatch(letter)
         if indexed is not None:
             letter, indices = indexed["letter"], [indexed["index"], *indices]
+        # LaTeX allows one subscript only, so all indices share it.
         indices += below
         index = f"_{{{','.join(indices)}}}" if indices else ""
         return ACCENTS[self.suffix].format(latex_symbol(letter)) + index
@@ -135,6 +136,7 @@ def short_names(coordinates: Sequence[str], taken: Collection[str]) -> dict[str,
     used = set(taken) | {"t"}
     for name in coordinates:
         edge, _, short = name.rpartition(".")
+        # Rates and accelerations must be free too: s_dot may be a parameter.
         if own.count(short) > 1 or not used.isdisjoint(_derived(short)):
             short = f"{short}_{edge.replace('.', '_')}"
         while not used.isdisjoint(_derived(short)):

@@ -227,6 +227,7 @@ class _Writer:
         """Name a symbol that stands for a variable, and its derivative in each other graph."""
         self.known[symbol] = real_symbol(f"{letter}{place}")
         for graph in self.graphs[1:]:
+            # A symbol that is new in the arena: the equations never see it.
             tangent = self.dag.symbol(f"steps {graph.label}", symbol.index)
             graph.seed[symbol] = tangent
             self.known[tangent] = real_symbol(f"{letter}{graph.subscript}{place}")
@@ -249,6 +250,7 @@ class _Writer:
 
     def _lines(self, terms: Sequence[Term], graph: _Graph) -> Iterator[str]:
         nodes = [node for term in terms for node in term.nodes]
+        # All at once: terms share most of their tangents.
         values = iter(nodes if graph.name is None else tangents(nodes, graph.seed))
         edges = {term.edge for term in terms if term.edge}
         width = max((len(f"{edge} ({self.kinds[edge]})  ") for edge in edges), default=0)
@@ -281,6 +283,7 @@ class _Writer:
     def _remember(self, name: str, nodes: Sequence[Node], values: Sequence[Any]) -> None:
         """Let later terms refer to the components by name, where these are longer than names."""
         for suffix, node, value in zip(_COMPONENTS[len(nodes)], nodes, values, strict=True):
+            # SymPy may find a number where the nodes are an expression, as sin^2 + cos^2.
             symbol = value if value.is_number else real_symbol(f"{name}{suffix}")
             if node.op == "neg":
                 node, symbol = node.args[0], -symbol

@@ -155,6 +155,7 @@ def _of_constraints(first: FirstGraph) -> Iterator[Term]:
 def cluster_terms(first: FirstGraph) -> list[tuple[str, list[Term]]]:
     """List the terms of the walks over the tree, under a title for each walk."""
     names, bases = _clusters(first)
+    # Most entries of the second moments of a planar scene enter no equation.
     used = set(reachable(first.balance.residual))
     inertias: list[Term] = []
     across: list[Term] = []
@@ -187,6 +188,7 @@ def cluster_terms(first: FirstGraph) -> list[tuple[str, list[Term]]]:
                 ),
             ]
         beyond = first.balance.beyond[child - 1]
+        # Inwards: the branch that is furthest out comes first.
         through[:0] = [
             Term("F", place, beyond.force, outer),
             Term("T", place, beyond.torque, outer),
@@ -224,6 +226,7 @@ def _of_networks(
 
     for variable, rule in rules.items():
         port = network.ports.get(variable[1])
+        # Sums are f-circuits and f-cutsets, which are printed as such.
         if port is None or not isinstance(rule, Lawful | Field):
             continue  # sums are f-circuits and f-cutsets, which stand by themselves
         own = {v: argument(v) for v in rule.needs}

@@ -75,6 +75,7 @@ def rational(value: float) -> Any:
     """
     import sympy
 
+    # People write 1/12, not 0.08333333333333333; only a fraction that is the same double is taken.
     fraction = Fraction(value).limit_denominator(_LARGEST_DENOMINATOR)
     if float(fraction) == value and abs(fraction.numerator) <= _LARGEST_NUMERATOR:
         return sympy.Rational(fraction.numerator, fraction.denominator)
@@ -99,6 +100,7 @@ def _apply(op: str, args: list[Any]) -> Any:
     if op in ARITHMETIC:
         return ARITHMETIC[op](*args)
     if op == "select":
+        # The second branch must be unconditional, or SymPy returns nan outside the first.
         condition, accepted, refused = args
         return sympy.Piecewise((accepted, condition >= 0), (refused, True))
     return getattr(sympy, _SYMPY_NAMES.get(op, op))(*args)

@@ -106,6 +106,7 @@ def _translation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
         for place, unit in zip("xyz", vector.identity(dag), strict=True):
             yield _named(edge, place, "m", Coincidence(ends, unit))
         return
+    # A free or spatial joint leaves every translation open.
     if len(sliding) == 3:
         return
     if len(sliding) == 2:
@@ -119,6 +120,7 @@ def _translation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
     if screws:
         along = AxisLength(ends, carried_by(motion, ends, 0, axis))
         symbols = [dag.symbol("measure", i) for i in range(2)]
+        # A screw advances by its pitch for each radian of the whole angle.
         held = symbols[0] - edge.scalars[screws[0].pitch] * symbols[1]
         parts = (along, whole_angle(motion, edge))
         yield _named(edge, "along", "m", Composite(parts, held, motion.system.time))
@@ -143,6 +145,8 @@ def _rotation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
     units = vector.identity(dag)
     if not turning:
         for i, place in enumerate(("xy", "yz", "zx")):
+            # Axes stay parallel where each axis of one node is perpendicular to the next of the
+            # other.
             mark = units[(i + 1) % 3]
             if edge.rotation is not None:
                 mark = vector.transposed_times(edge.rotation, mark)
@@ -152,6 +156,7 @@ def _rotation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
     if len(turning) == 2:
         u, v = edge.vectors["axis"], edge.vectors["axis2"]
         a, b = carried_by(motion, ends, 0, u), carried_by(motion, ends, 1, v)
+        # A universal joint keeps the angle between the axes of its two forks.
         held = dag.symbol("measure", 0) - vector.dot(u, v)
         yield _named(edge, "turn", "", Composite((Cosine(ends, a, b),), held, motion.system.time))
         return
@@ -227,6 +232,7 @@ def node_angle(motion: Motion, point: Point, plane: str) -> Node:
         along = vector.signed(branch.sign, branch.axes[0])[n]
         total = total + along * branch.position
     if point.turn is not None:
+        # The node itself may be turned within its rigid cluster, by a weld or an arm.
         i, j = (n + 1) % 3, (n + 2) % 3
         total = total + motion.system.dag.function("atan2", point.turn[j][i], point.turn[i][i])
     return total
@@ -334,6 +340,7 @@ def _perpendicular(axis: Vector) -> tuple[Vector, Vector]:
     square = vector.dot(axis, axis)
     length = dag.function("sqrt", square)
     x, y, z = (entry if square is dag.one else entry / length for entry in axis)
+    # Axes in a coordinate plane give perpendiculars with the fewest operations.
     if not z.is_zero and y.is_zero:
         return (z, dag.zero, -x), (dag.zero, dag.one, dag.zero)
     if not z.is_zero and x.is_zero:

@@ -113,6 +113,7 @@ class Carried:
     @cached_property
     def _locals(self) -> tuple[Vector, Vector, Vector]:
         """Give the vector and its explicit rates, in the cluster's axes."""
+        # Axes and vectors of constraints may be functions of time.
         seed = {self.time: self.time.dag.one}
         own = self.point.resolved(self.local)
         first = tangents(own, seed)
@@ -139,6 +140,7 @@ class Carried:
         inner = vector.cross(omega, self.value(view))
         explicit = self._explicit(view, 1)
         total = vector.add(vector.cross(alpha, self.value(view)), vector.cross(omega, inner))
+        # Coriolis term of a vector that changes in a turning frame: 2 omega x explicit rate.
         relative = vector.cross(omega, explicit)
         total = vector.add(total, vector.add(relative, relative))
         return vector.add(total, self._explicit(view, 2))
@@ -164,11 +166,13 @@ def pair_pull(
     found = []
     arms = arms or (ends.arm(view, 0), ends.arm(view, 1))
     for point, arm, sign in ((ends.second, arms[1], 1), (ends.first, arms[0], -1)):
+        # The ground takes any load.
         if point.cluster == 0:
             continue
         whole = torque if force is None else vector.cross(arm, force)
         if force is not None and torque is not None:
             whole = vector.add(whole, torque)
+        # A zero of the same kind: nodes in the first graph, dual numbers in the others.
         pushed = vector.sub(whole, whole) if force is None else force
         found.append(
             (

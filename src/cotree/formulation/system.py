@@ -298,6 +298,7 @@ def _steps(
     starts: Mapping[str, Mapping[str, Node]],
 ) -> dict[str, tuple[Step, ...]]:
     """Give every branch its coordinates and speeds, numbered, with their initial values."""
+    # Where the trees differ, an edge has coordinates only in the tree that it is a branch of.
     kept = {
         name: [kind for kind in spaces[name] if trees.is_branch(name, kind.rotates)]
         for name in scene.edges

@@ -96,6 +96,7 @@ def make_event(
     """
     accepted = check_name("event", name)
     whose = f"event '{accepted}'"
+    # True equals 1 in Python, but is no direction.
     if isinstance(direction, bool) or direction not in (-1, 0, 1):
         raise SceneError(
             f"direction of {whose} is {_shown(direction)}: give -1 (downwards), 1 (upwards) or 0 "

@@ -105,6 +105,7 @@ def initial_names(component: Component) -> list[str]:
         return _network_names(component)
     spaces = [component.motion_space]
     if component.role is Role.BODY:
+        # Names are the same for every plane; z stands for all of them.
         spaces = [body_space(plane, is_particle=False) for plane in ("", "z")]
     steps = [step for space in spaces for step in space]
     names = [name for step in steps for name, _ in (*step.coordinates, *step.rates)]
@@ -172,6 +173,7 @@ def _inertia(value: object, where: str) -> FieldValue:
             rows = tuple(
                 check_vector(row, f"row {i + 1} of {where}") for i, row in enumerate(value)
             )
+            # Symmetry is compared by text: expressions of parameters have no value here.
             if any(rows[i][j].text != rows[j][i].text for i in range(3) for j in range(i)):
                 raise SceneError(f"{where} must be symmetric: write both halves alike")
             return rows
@@ -188,6 +190,7 @@ def _rotation(value: object, where: str) -> FieldValue:
                 check_vector(row, f"row {i + 1} of {where}") for i, row in enumerate(value)
             )
             numbers = [[entry.number for entry in row] for row in rows]
+            # Orthogonality could not be kept while parameters change the entries.
             if any(entry is None for row in numbers for entry in row):
                 raise SceneError(
                     f"{where} is a matrix: give it as numbers, or as roll, pitch and yaw, which "

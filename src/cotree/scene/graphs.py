@@ -88,6 +88,7 @@ def _weights(
     for name in graph.edge_names:
         component = scene.edges[name].component
         if component.tree_weight is not None:
+            # Each direction of motion of a branch adds one equation.
             weights[name] = float(sum(len(step.rates) for step in spaces[name]))
             if component.role is Role.BODY and prefers_bodies:
                 weights[name] = 0.5
@@ -113,6 +114,7 @@ def candidate_trees(scene: SceneDescription) -> list[Trees]:
         scene.edges[name].component.role in (Role.JOINT, Role.CONSTRAINT)
         for name in joints.translation.chords
     )
+    # Counting itself forms the equations for each candidate, which takes time.
     if n_bodies > (_FEW_OPEN if is_open else _FEW_CLOSED):
         return [joints]
     graphs = linear_graphs(scene)
@@ -122,6 +124,7 @@ def candidate_trees(scene: SceneDescription) -> list[Trees]:
     }
     found = [joints] if is_open else [joints, _shallow_tree(scene, graphs)]
     found.append(joint_tree(scene, trees))
+    # Equal trees are counted once; the first of them is kept.
     return list({frozenset(tree.branches): tree for tree in reversed(found)}.values())[::-1]
 
 

@@ -64,6 +64,7 @@ def motion_spaces(scene: SceneDescription) -> MotionSpaces:
 
 def _is_particle(scene: SceneDescription, body: Edge) -> bool:
     """Whether nothing holds, turns or resists to turn the body's node."""
+    # A body with inertia to rotation has an orientation.
     if "inertia" in body.fields:
         return False
     node = body.nodes[1]
@@ -86,6 +87,7 @@ def _keeps_line(scene: SceneDescription, axis: str) -> bool:
     edges = scene.edges.values()
     kinds = {edge.component.name for edge in edges}
     guides = [edge for edge in edges if edge.component.name == "prismatic"]
+    # Without a guide, motion along one line would be a coincidence of the initial values.
     if not guides or not kinds <= _LINE_TYPES or not _is_normal(scene.gravity, n):
         return False
     names = {axis, f"{axis}_dot"}

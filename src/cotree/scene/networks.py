@@ -67,6 +67,7 @@ class Port:
     def initial(self) -> dict[str, FieldValue]:
         """Its initial values in the scene: ``name``, or ``port.name`` with several ports."""
         given = self.edge.initial
+        # With several ports a table of a port has been flattened to port.name.
         own = f"{self.terminal.port}."
         named = {key.removeprefix(own): v for key, v in given.items() if key.startswith(own)}
         return {key: v for key, v in given.items() if "." not in key} | named
@@ -100,6 +101,7 @@ def scalar_graphs(ports: Mapping[str, Port]) -> dict[str, LinearGraph]:
     for domain, row in DOMAINS.items():
         own = [p for p in ports.values() if p.terminal.domain == domain and not p.is_coupling]
         if row.is_scalar and own:
+            # The reference comes first; a dict keeps the order of the scene and drops duplicates.
             nodes = dict.fromkeys(["ground", *(n for p in own for n in (p.tail, p.head))])
             edges = (
                 GraphEdge(p.name, p.tail, p.head, p.edge.component.name)

@@ -67,6 +67,7 @@ def _stored(terminal: Terminal, is_across: bool) -> Any:
     if terminal.content is not None:
         return rate_of(terminal.content).expression + loss
     assert terminal.storage is not None
+    # A linear storage: capacity * rate of across, or inertance * rate of through, plus its loss.
     rate = _symbol("across_rate" if is_across else "through_rate")
     return terminal.storage.expression * rate + loss
 
@@ -107,6 +108,7 @@ def spring_residual(terminal: Terminal) -> Law:
 def spring_rate(terminal: Terminal) -> Law:
     """Solve the differentiated law of a linear spring for the rate of its stretch."""
     assert terminal.storage is not None
+    # The differentiated law is affine in the rate of the stretch, with the same slope k.
     at_rest = spring_residual(terminal).expression.subs(_symbol("stretch_rate"), 0)
     return Law.of(-at_rest / terminal.storage.expression)
 
@@ -116,6 +118,7 @@ def spring_stretch(terminal: Terminal) -> Law:
     """Solve the law of a linear spring for its stretch."""
     assert terminal.through is not None
     assert terminal.storage is not None
+    # The law is affine in the stretch: f = f0 + k s, where ``storage`` holds k.
     unstretched = terminal.through.expression.subs(_symbol("stretch"), 0)
     return Law.of((_symbol("through") - unstretched) / terminal.storage.expression)
 
@@ -140,6 +143,7 @@ def rate_of(law: Law) -> Law:
 def rate_name(name: str) -> str:
     """Name the rate of a law's argument."""
     first, _, rest = name.partition("_")
+    # The marker of the rate precedes the name of a sibling port: across_rate_secondary.
     if first in ("across", "through") and name != first:
         return f"{first}_rate_{rest}"
     return f"{name}_rate"

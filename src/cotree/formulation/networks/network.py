@@ -162,6 +162,7 @@ def form_network(
     """
     ports, graphs, trees = draw_networks(scene)
     topologies = {domain: Topology(domain, tree.across) for domain, tree in trees.items()}
+    # Ideal amplifiers have one tree for circuits and another for cutsets.
     cutsets = {
         domain: Topology(domain, tree.through) if tree.is_split else topologies[domain]
         for domain, tree in trees.items()
@@ -192,8 +193,10 @@ def form_network(
     at = around.dag, around.of_parameters
     redundant = redundant_values(ports, held, *at)
     roots = [*rates, *observed.values(), *(row.variable for row in redundant)]
+    # What follows from a total of contents is an unknown even where nothing asks for it.
     roots += [store.unknown for store in stores.values()]
     plan = make_plan(terminals, roots)
+    # Algebraic unknowns are numbered after all states that have a rate.
     first = around.n_states + len(held)
     solved = solve_plan(
         terminals,
@@ -291,5 +294,6 @@ def _bind_fields(
             )
             if not is_varying(node):
                 ask(Guard(node, f"edge '{edge.name}'", True, demand.breach))
+    # Fields that use a variable of the networks make it an argument, by its symbol.
     measured = {symbol: variable for variable, symbol in standing.items()}
     return fields, measured, list(guards.values())

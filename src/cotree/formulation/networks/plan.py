@@ -68,6 +68,7 @@ def make_plan(terminals: Terminals, roots: Iterable[Variable]) -> Plan:
     steps: list[Variable | Block] = []
     for part in _parts({variable: rule.needs for variable, rule in rules.items()}):
         (first, *others) = part
+        # A part of one variable that does not need itself follows from those before it.
         if not others and first not in rules[first].needs:
             if isinstance(rules[first], Unknown):
                 raise FormulationError(_undetermined(terminals, first))
@@ -132,9 +133,11 @@ def _tear(terminals: Terminals, rules: dict[Variable, Rule], part: Sequence[Vari
     """Make unknowns of some variables of a part, so that the others follow one by one."""
     torn = {v: rules[v] for v in part if isinstance(rules[v], Unknown)}
     could = {v: unknown for v in part if v not in torn and (unknown := terminals.torn(v))}
+    # Tear variables of one rank after another until the rest follows one by one.
     for rank in (-1, 0, 1, 2):
         torn |= {v: unknown for v, unknown in could.items() if _rank(v, terminals) == rank}
         residuals = [rule.residual for rule in torn.values()]  # type: ignore[attr-defined]
+        # Equations of torn variables may need variables that nothing else needed.
         extra = _gather(terminals.rule, residuals, rules)
         inside = {v: rules[v] for v in part if v not in torn} | extra
         needs = {v: [n for n in rule.needs if n in inside] for v, rule in inside.items()}

@@ -83,6 +83,7 @@ def added(total: Tangent, key: Hashable, term: Node) -> None:
         return
     known = total.get(key)
     result = term if known is None else known + term
+    # Tangents hold only what does not vanish, so that later rules skip it.
     if result.is_zero:
         del total[key]
     else:
@@ -141,6 +142,7 @@ class Lawful:
         self, values: Mapping[Variable, Node], d: Mapping[Variable, Tangent], given: Given
     ) -> Tangent:
         """Sum the law's partial derivatives times those of its arguments."""
+        # Arguments that do not change along any direction need no partial derivative.
         changing = {name: variable for name, variable in self.arguments if d[variable]}
         total: Tangent = {}
         if not changing:

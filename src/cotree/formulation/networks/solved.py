@@ -132,6 +132,7 @@ def _solve_block(
     """Find which unknowns are linear, and solve for them."""
     dag, rules = solved.dag, solved.plan.rules
     symbols = {v: dag.symbol("block", i) for i, v in enumerate(block.unknowns)}
+    # A trial evaluation at symbols of the unknowns shows which equations are linear in which.
     trial = {**solved.values, **symbols}
     for variable in block.inner:
         trial[variable] = rules[variable].value(dag, trial)
@@ -147,9 +148,11 @@ def _solve_block(
         nonlinear = tuple(pair for pair in pairs if pair[0] in nodal[1])
     if is_static and len(nonlinear) >= _MANY_BENT:
         linear, nonlinear, matrix, nodal = (), pairs, [], None
+    # Nonlinear unknowns become states without a rate, numbered in the order of the blocks.
     kept = {u: algebraic_symbol(len(solved.algebraic) + i) for i, (u, _) in enumerate(nonlinear)}
     solved.algebraic.update(kept)
     known = {symbols[u]: symbol for u, symbol in kept.items()}
+    # Residuals at linear unknowns of zero: the right-hand side, with opposite sign.
     rest = substitute(
         [trial[r] for _, r in linear], {**known, **{symbols[u]: dag.zero for u, _ in linear}}
     )
@@ -157,6 +160,7 @@ def _solve_block(
         n_nonzeros = sum(map(len, matrix))
         entries = iter(substitute([e for row in matrix for e in row.values()], known))
         matrix = [{j: next(entries) for j in row} for row in matrix]
+        # Potentials as unknowns may be fewer than branch variables: take what costs less.
         if is_safe and linear and not nonlinear:
             nodal = factorise_nodal(terminals, block, rules, trial, n_nonzeros)
     factors = nodal[0] if nodal else factorise_block(dag, matrix, is_safe)
@@ -195,6 +199,7 @@ def _linearise(
     d |= {v: {v: solved.dag.one} for v in block.unknowns}
     _differentiate(solved.plan, block.inner, trial, d, _nothing)
     pairs = list(zip(block.unknowns, block.residuals, strict=True))
+    # An unknown that occurs in a derivative by the unknowns enters some equation nonlinearly.
     bent = set(symbols_in([node for _, row in pairs for node in d[row].values()]))
     kept = {u for u in block.unknowns if symbols[u] in bent or stays(u)}
     nonlinear = tuple((u, r) for u, r in pairs if u in kept)
@@ -250,9 +255,11 @@ def _differentiate_block(
     own = solved.blocks[block]
     for unknown, _ in own.nonlinear:
         d[unknown] = dict(given(solved.values[unknown]))
+    # At first the linear unknowns stand still: this gives the right-hand sides.
     for unknown, _ in own.linear:
         d[unknown] = {}
     _differentiate(solved.plan, block.inner, solved.values, d, given)
+    # Nonlinear unknowns only: their tangents are given, and nothing is solved for.
     if not own.linear:
         return
     zero = solved.dag.zero
@@ -264,5 +271,6 @@ def _differentiate_block(
         for (unknown, _), value in zip(own.linear, found, strict=True):
             if not value.is_zero:
                 d[unknown][key] = value
+    # With the tangents of the unknowns known, those of the inner variables follow again.
     if keys:
         _differentiate(solved.plan, block.inner, solved.values, d, given)

@@ -167,6 +167,7 @@ def state_of(item: Held, symbol: Node, dag: Dag, of_parameters: Resolver) -> Sta
         return State(item.name, item.unit, symbol, initial, is_given=is_given)
     quantity = "across" if item.port.kind is Kind.ACROSS_STORAGE else "through"
     follows = _held(item.port, quantity)
+    # A charge and its voltage determine each other, so only one of them can be given.
     if is_given and follows.short in item.port.initial:
         raise ParameterError(
             f"edge '{item.port.edge.name}' gives initial values of both '{item.name}' and "

@@ -79,6 +79,7 @@ def contents_of(
         Whether a field of a port depends on parameters only.
     """
     found = {}
+    # Without a storage by content, voltages and currents themselves are the states.
     if all(content_of(port.terminal) is None for port in ports.values()):
         return {}
     for port in ports.values():
@@ -86,6 +87,7 @@ def contents_of(
         if law is None and port.kind in _VARIABLES:
             law = linear_content(port.terminal)
             own = () if law is None else law.arguments
+            # A capacity that varies with time would add v dC/dt to the current: no content then.
             if not all(n in _VARIABLES[port.kind] or is_constant(port, n) for n in own):
                 law = None
         if law is not None:
@@ -113,12 +115,15 @@ def find_stores(
     found = {}
     for name in contents:
         port = ports[name]
+        # Ports of multibody systems, and ports with one node, are in no cutset and no circuit.
         if port.is_coupling or port.is_short:
             continue
         across, through = topologies[port.terminal.domain], cutsets[port.terminal.domain]
         is_branch = name in across.branches
+        # A storage outside its own place in the normal tree shares the state of one inside.
         if is_branch != (port.kind is Kind.ACROSS_STORAGE):
             continue
+        # Charges are summed over a cutset, flux linkages along a circuit.
         around = through.crossing(name) if is_branch else across.along(name)
         like = [n for n in around if n in contents and ports[n].kind is port.kind]
         if any(ports[n].terminal.content is not None for n in (name, *like)):
@@ -138,6 +143,7 @@ def _store(
     ]
     if _has_loss(port):
         flows.append((-1, ("loss", name)))
+    # The contents of the others change with opposite sign where their edges point against it.
     parts = ((1, name), *((-around[n], n) for n in like))
     return Store(port, parts, tuple(flows))
 

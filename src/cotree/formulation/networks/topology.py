@@ -67,6 +67,8 @@ class Topology:
         Of each node, the first of its path and the next one: any way outwards changes paths a few
         times only.
         """
+        # Heavy paths (D. D. Sleator and R. E. Tarjan, J. Comput. Syst. Sci. 26 (1983) 362): a way
+        # outwards changes paths at most log2(n) times.
         sizes = dict.fromkeys(self._places, 1)
         following: dict[str, str] = {}
         for node, place in reversed(self._places.items()):  # each before its parent
@@ -85,6 +87,7 @@ class Topology:
         """Find the nearest node that leads to both."""
         places, tops = self._places, self._tops[0]
         while tops[a] != tops[b]:
+            # Climb from the path that begins further from the reference.
             if places[tops[a]].depth < places[tops[b]].depth:
                 a, b = b, a
             a = places[tops[a]].parent
@@ -262,6 +265,7 @@ class Topology:
         """Sum what the chords beyond a branch take from there."""
         cuts, open_branches = self._cuts
         terms: list[tuple[int, Variable]] = []
+        # Chords that end at the node itself, then what the branches beyond it take.
         own = list(self._ends[self._outer[branch]])
         for other in self._beyond[branch]:
             n, number, sign = cuts[other]
