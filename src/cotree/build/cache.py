@@ -42,7 +42,7 @@ _ABANDONED_AFTER = 24.0 * 3600.0
 
 
 def cache_directory() -> Path:
-    """Give the cache folder, created with mode 0700 where it is missing.
+    """Return the cache folder, created with mode 0700 if it does not exist.
 
     It is ``COTREE_CACHE_DIR``, or else the platform's folder for caches.
 
@@ -83,7 +83,7 @@ def cache_key(
     flags: Sequence[str],
     cpu_features: str = "",
 ) -> str:
-    """Hash everything that decides the bytes of a library.
+    """Hash everything that determines the bytes of a library.
 
     Parameters
     ----------
@@ -212,7 +212,7 @@ def write_files(files: Mapping[str, str], directory: Path) -> None:
 
 
 def clear_cache() -> int:
-    """Remove compiled libraries, kept sources and what interrupted builds left behind.
+    """Remove compiled libraries, kept sources and the remains of interrupted builds.
 
     Only files that cotree names are touched, whatever else the folder holds. Libraries that are
     loaded stay usable, and a build under way in another process begins again.

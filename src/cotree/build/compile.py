@@ -144,7 +144,7 @@ def _source_names(files: Mapping[str, str]) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class _Step:
-    """A command, and the C file that it is about."""
+    """A command, and the C file that it compiles."""
 
     source: str
     command: tuple[str, ...]
@@ -223,7 +223,7 @@ def _is_complete(directory: Path, files: Mapping[str, str]) -> bool:
 
 
 def _is_full(directory: Path, outcome: Outcome) -> bool:
-    """Tell whether a compiler failed for want of room; it may have died without a word."""
+    """Tell whether a compiler failed for lack of disk space; it may have died without a message."""
     if _FULL.search(outcome.output):
         return True
     with contextlib.suppress(OSError):
@@ -232,7 +232,7 @@ def _is_full(directory: Path, outcome: Outcome) -> bool:
 
 
 def _run(steps: Sequence[_Step], directory: Path, time_limit: float) -> tuple[_Step, Outcome]:
-    """Run all steps but the last side by side, then that; give the first to fail, or the last."""
+    """Run all steps but the last in parallel, then the last; return the first failure, or the last."""
     *first, last = steps
 
     def run(step: _Step) -> Outcome:
@@ -258,7 +258,7 @@ def _failure(outcome: Outcome, source: Path, time_limit: float) -> str:
 
 
 def _first_complaint(output: str) -> str:
-    """Pick the line a reader looks for first."""
+    """Pick the first error line of a compiler's output."""
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     complaints = [line for line in lines if "error" in line.lower()]
     return next(iter(complaints or lines), "it said nothing.")

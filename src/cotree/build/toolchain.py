@@ -30,7 +30,7 @@ _ANSWER_TIME = 60.0
 
 @dataclass(frozen=True)
 class Toolchain:
-    """A C compiler that answers.
+    """A C compiler that runs.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Commands, one function each, and what becomes of errors and warnings.
+"""Commands, one function each, and the handling of errors and warnings.
 
 Exit codes: 0 done, 1 a failed integration or check, 2 a wrong argument or scene, 130 interrupted.
 Packages that take long to import are imported by the commands that need them.

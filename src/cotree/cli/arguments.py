@@ -1,4 +1,4 @@
-"""Texts of the command line to what the public interface takes, refused in one sentence."""
+"""Parsing of command-line texts, with one sentence for each refusal."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ def draw_run(
 
 
 def check_names(model: Model, names: Sequence[str]) -> Curves:
-    """Find what is drawn of a run: what is named, or all coordinates; before the run.
+    """Choose the curves of a run before it begins: those that are named, or all coordinates.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def _finite_differences(
     pairs: Sequence[tuple[str, str]],
     settings: Mapping[str, Any],
 ) -> dict[tuple[str, str], tuple[Array, Array]]:
-    """Difference two runs for each parameter; one that cannot be differenced is left out."""
+    """Form finite differences of two runs for each parameter, without those that have none."""
     times = np.linspace(result.t[0], result.t[-1], _CIRCLES)
     tight = {"method": result.statistics.method, "rtol": _RTOL, "atol": _ATOL}
     experiment = Experiment(model, times, {**settings, **tight})

@@ -104,12 +104,12 @@ def bench_scene(
 
 
 def _progress(text: str) -> None:
-    """Say what runs, for those who wait at a terminal."""
+    """Report progress at a terminal."""
     if sys.stderr.isatty():
         typer.echo(f"cotree: {text}", err=True)
 
 
 def _at_once(text: str) -> None:
-    """Print what others may be waiting for behind a pipe."""
+    """Print a line and flush it, for readers behind a pipe."""
     typer.echo(text)
     sys.stdout.flush()

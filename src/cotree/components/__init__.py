@@ -1,4 +1,4 @@
-"""Component types by name: terminal equations and what a scene may say of each."""
+"""Component types by name: their terminal equations and their fields in scenes."""
 
 from __future__ import annotations
 

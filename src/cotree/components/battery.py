@@ -63,7 +63,7 @@ def _fields(pairs: Sequence[int]) -> tuple[Field, ...]:
 def _as_given(
     edge: str, nodes: Sequence[object], fields: Mapping[str, Any]
 ) -> tuple[Component, Sequence[object], Mapping[str, Any]]:
-    """Leave out the pairs that a scene says nothing of."""
+    """Leave out the RC pairs that a scene does not give."""
     del edge
     every = range(1, _MOST_PAIRS + 1)
     pairs = [i for i in every if {f"resistance{i}", f"capacitance{i}"} & fields.keys()]

@@ -1,4 +1,4 @@
-"""Bipolar transistors after Gummel and Poon, as far as a scene gives fields of it.
+"""Bipolar transistors by the Gummel-Poon model, with the terms whose fields a scene gives.
 
 With no more than gains they are those of Ebers and Moll. Currents of the junctions, with
 f = I (exp(vbe / (nf V)) - 1) and r the same of vbc, and the base charge qb = q1/2 (1 + sqrt(1 + 4
@@ -248,7 +248,7 @@ class _Laws:
 
 
 def bipolar(name: str, doc: str, sign: int, plain: Component) -> Adapt:
-    """Give the terms that a scene has fields of to a transistor.
+    """Add to a transistor the terms whose fields a scene gives.
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ MOLAR_FLOW_SOURCE = through_source(
 def _mass_action(
     orders: tuple[int, ...], products: tuple[int, ...], net: int, *, is_reversible: bool
 ) -> Law:
-    """Make the law of a port: what the reaction takes of a species.
+    """Make the law of a port: the rate at which the reaction consumes a species.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def _mass_action(
 
 
 def _port(number: int, name: str, net: int, law: Callable[[int], Law]) -> Terminal:
-    """Make the port of a species by its number; ``net`` is what a turn takes of it."""
+    """Make the port of a species; ``net`` is the amount that one turnover consumes."""
     through = law(net)
     kind = Kind.DISSIPATOR if through.uses(f"across_{number}") else Kind.THROUGH_SOURCE
     return Terminal(

@@ -110,7 +110,7 @@ def _capacity(has: frozenset[str]) -> Any:
 def _adapted(
     edge: str, nodes: Sequence[object], given: Mapping[str, Any]
 ) -> tuple[Component, Sequence[object], Mapping[str, Any]]:
-    """Take the terms that the scene gives fields of."""
+    """Keep the terms whose fields the scene gives."""
     has = extras(_EXTRAS, given)
     rest = without_absent(_EXTRAS, given)
     return (_diode(has) if has else DIODE), nodes, rest

@@ -82,7 +82,7 @@ THREE_TERMINAL_CAPACITOR = Component(
 
 
 def _contact(closed: Any, on_resistance: Any, off_resistance: Any) -> Any:
-    """Give the resistance of a contact: a mean of logarithms between open and closed."""
+    """Give the resistance of a contact, interpolated logarithmically between open and closed."""
     import sympy
 
     share = sympy.Piecewise((0, closed <= 0), (1, closed >= 1), (closed, True))

@@ -17,7 +17,7 @@ HEAT = "heat"
 
 
 def loss_of(component: Component) -> Law | None:
-    """Give what a component turns into heat, [W]: its own loss, or all a dissipator takes up."""
+    """Give the heat of a component, [W]: its own loss, or all power that a dissipator takes up."""
     if component.loss is not None:
         return component.loss
     if len(component.ports) == 1 and component.ports[0].kind is Kind.DISSIPATOR:

@@ -90,12 +90,12 @@ FORWARD_SHARE = optional(
 
 
 def extras(fields: tuple[Field, ...], given: Mapping[str, Any]) -> frozenset[str]:
-    """List which of some fields a scene gives as anything but the number zero."""
+    """List the fields that a scene gives and that are not the number zero."""
     return frozenset(row.name for row in fields if not is_absent(given.get(row.name)))
 
 
 def without_absent(fields: tuple[Field, ...], given: Mapping[str, Any]) -> dict[str, Any]:
-    """Leave out those of some fields that add nothing, and fields of no value."""
+    """Remove fields that are absent or contribute nothing."""
     absent = {row.name for row in fields} - extras(fields, given)
     return {key: item for key, item in given.items() if key not in absent and item is not None}
 

@@ -71,7 +71,7 @@ class Law:
         return any(symbol.name == name for symbol in self.expression.free_symbols)
 
     def over(self, name: str) -> Law:
-        """Give the law divided by one of its arguments, simplified, so that zero may be no pole."""
+        """Give the law divided by one of its arguments, simplified to remove a pole at zero."""
         import sympy
 
         divided = sympy.simplify(self.expression / sympy.Symbol(name, real=True))

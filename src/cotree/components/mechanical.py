@@ -126,7 +126,7 @@ def _stop_law(
     damping: Any,
     transition: Any,
 ) -> Any:
-    """Add up springs beyond either limit; contact sets in over the transition."""
+    """Add the springs beyond both limits; contact sets in smoothly over the transition."""
     import sympy
 
     above, below = stretch - upper, lower - stretch

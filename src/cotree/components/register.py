@@ -80,7 +80,7 @@ def make_component(
 
 
 def checked_law(function: Callable[..., Any], what: str) -> Law:
-    """Make a law, and see that it gives an expression of its arguments.
+    """Make a law, and check that it gives an expression of its arguments.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def checked_law(function: Callable[..., Any], what: str) -> Law:
 
 
 def _check_operations(law: Law, what: str) -> None:
-    """Form a law and its derivatives once, where nothing depends on what comes of them."""
+    """Form a law and its derivatives on trial, to refuse unknown operations early."""
     dag = Dag()
     arguments = {name: dag.symbol("x", i) for i, name in enumerate(law.arguments)}
     try:

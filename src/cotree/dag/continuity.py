@@ -1,4 +1,4 @@
-"""Whether values that depend on time jump: told from their limits on both sides.
+"""Detection of jumps of time-dependent values, from their limits on both sides.
 
 In: a node of time, parameters and further symbols. Out: for times that are lines of parameters
 (:mod:`cotree.dag.stops`), nodes that are negative where the value jumps; for other conditions,
@@ -63,7 +63,7 @@ def margins(dag: Dag, value: Node, time: Node) -> list[Node]:
 
 
 def _margin(dag: Dag, values: Sequence[Node]) -> Node:
-    """Compare the change in the middle of four values with that beside it, and with rounding."""
+    """Compare the middle change of four values with those beside it, and with rounding."""
 
     def size(node: Node) -> Node:
         return dag.function("abs", node)
@@ -110,7 +110,7 @@ def jumps_at_stops(dag: Dag, value: Node, time: Node) -> bool:
 
 
 def _conditions(value: Node, moving: Sequence[Node]) -> list[Node]:
-    """List what may jump and looks at something that changes."""
+    """List the conditions that may jump and depend on something that changes."""
     found = [node for node in reachable([value]) if node.op in _JUMPING]
     return [node for node in found if not set(symbols_in(node.args[:1])).isdisjoint(moving)]
 
@@ -143,7 +143,7 @@ def may_jump(value: Node, moving: Sequence[Node], time: Node) -> bool:
 def _motion(
     roots: Sequence[Node], moving: Sequence[Node], time: Node, numbers: random.Random
 ) -> Callable[[float], Mapping[Node, float]]:
-    """Make random lines of what changes, and random numbers of parameters."""
+    """Make random straight motions of the varying symbols, and random values of parameters."""
     symbols = [symbol for symbol in symbols_in(roots) if symbol is not time]
     starts = {symbol: numbers.uniform(0.3, 2.0) for symbol in symbols}
     rates = {

@@ -1,4 +1,4 @@
-"""Corners: when runs stop on the way, and how these times change with parameters.
+"""Corners: times at which integration stops and restarts, and their dependence on parameters.
 
 In: stops, as nodes (:mod:`cotree.dag.stops`), and values of parameters. Out: times within a span,
 indistinguishable ones merged, with their derivatives. Where rates jump by ``f+ - f-`` at
@@ -26,7 +26,7 @@ _MOST = 10_000_000
 
 @dataclass(frozen=True)
 class Corner:
-    """A time at which something stops, and how that changes along some directions.
+    """A time at which integration stops, with its derivatives along some directions.
 
     Attributes
     ----------
@@ -143,7 +143,7 @@ def _is_same(a: float, b: float) -> bool:
 
 
 def _met(corner: Corner, other: Corner) -> Corner:
-    """Note what stops at the same time as something else."""
+    """Merge two corners at the same time."""
     rows = zip(corner.spreads, other.spreads, corner.slopes, other.slopes, strict=True)
     return replace(
         corner,

@@ -189,7 +189,7 @@ def _sensitivity(node: Node) -> int:
 
 
 def _pull_back(node: Node, values: Mapping[Node, Node], bar: dict[Node, Node]) -> None:
-    """Hand the adjoint of one value on to its arguments."""
+    """Propagate the adjoint of one value to its arguments."""
     own = bar[node]
     if node.op == "mul":
         a, b = node.args

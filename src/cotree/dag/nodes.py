@@ -146,7 +146,7 @@ class Dag:
             self.section = previous
 
     def note_origin(self, node: Node, origin: str) -> None:
-        """Remember where a value comes from, the first place if there are several."""
+        """Record the origin of a value, for messages; the first origin stays."""
         if node.args:
             self.origins.setdefault(node, origin)
 
@@ -233,7 +233,7 @@ class Dag:
         return node
 
     def _rest(self, a: Node, b: Node) -> Node | None:
-        """Form a - b where one of them is the other plus or less a rest."""
+        """Form a - b where one of them is the other plus or minus a remainder."""
         if a.op == "add" and b in a.args:
             return a.args[0] if a.args[1] is b else a.args[1]
         if a.op == "sub" and a.args[0] is b:

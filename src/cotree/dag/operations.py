@@ -75,7 +75,7 @@ def _complex_floor(x: complex) -> float:
 
 
 def _complex_erf(x: complex) -> complex:
-    """Continue it to first order, which is all that a complex step takes."""
+    """Continue erf to first order, which suffices for a complex step."""
     x0 = complex(x).real
     slope = 2.0 / math.sqrt(math.pi) * math.exp(-x0 * x0)
     return complex(math.erf(x0), slope * complex(x).imag)

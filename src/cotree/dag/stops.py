@@ -100,7 +100,7 @@ def find_stops(dag: Dag, roots: Iterable[Node]) -> tuple[Stop, ...]:
 
 
 def stops_within(dag: Dag, roots: Iterable[Node]) -> dict[Node, tuple[Stop, ...]]:
-    """List the same for each node among the values that looks at something."""
+    """List the stops of each node that compares or looks up a value."""
     order = reachable(roots)
     if not any(node.op in _LOOKING for node in order):
         return {}
@@ -114,7 +114,7 @@ def stops_within(dag: Dag, roots: Iterable[Node]) -> dict[Node, tuple[Stop, ...]
 
 
 def is_cut(node: Node) -> bool:
-    """Tell whether all that a value of time and parameters does in time is lines, or none.
+    """Tell whether every time-dependent part of a value is piecewise linear in time.
 
     Integration then stops where something that looks at it changes.
     """
@@ -155,7 +155,7 @@ def acts_in_part(roots: Iterable[Node]) -> bool:
 
 
 def _all_pieces(dag: Dag, order: Sequence[Node]) -> dict[Node, tuple[_Line, ...]]:
-    """Write as lines all nodes that are few of them."""
+    """Write all nodes that are piecewise linear in time, with few pieces, as lines."""
     pieces: dict[Node, tuple[_Line, ...]] = {}
     others = [n for n in order if n.op == "symbol" and n.data[0] not in ("p", "t")]
     moving = dependent(order, others)
@@ -169,7 +169,7 @@ def _all_pieces(dag: Dag, order: Sequence[Node]) -> dict[Node, tuple[_Line, ...]
 def _pieces(
     dag: Dag, node: Node, pieces: Mapping[Node, tuple[_Line, ...]], is_moving: bool
 ) -> tuple[_Line, ...]:
-    """Write a node as lines, one of which it is at any time; as nothing where it is none.
+    """Write a node as the lines that it follows piece by piece; nothing if it is none of these.
 
     One that depends on states may still be a line in one branch of a selection.
     """
@@ -245,7 +245,7 @@ def _scaled(line: _Line, factor: Node) -> _Line:
 
 
 def _stops(node: Node, line: _Line) -> list[Stop]:
-    """Give the times where what a node looks at is zero, whole, or a place of its table."""
+    """Give the times at which the argument of a node is zero, whole, or a point of its table."""
     if line.rate.is_zero:
         return []  # a count alone: its floor has been seen to already
     if node.op == "floor" and line.count is None:

@@ -277,7 +277,7 @@ def _seeds(program: Program) -> list[int]:
 
 
 def _stop_rows(program: Program) -> list[str]:
-    """Write when inputs and rates have kinks, at the program's parameter values."""
+    """List the times of kinks of inputs and rates, at the program's parameter values."""
     symbols = program.dag
     values = {symbols.symbol("p", i): v for i, v in enumerate(program.layout.parameter_values)}
     rows = set()
@@ -296,7 +296,7 @@ def _stop_rows(program: Program) -> list[str]:
 
 
 def _max_step(program: Program) -> str:
-    """Write the longest step at the program's parameter values; nothing where none is too long."""
+    """Write the longest step at the program's parameter values; nothing if steps are unlimited."""
     longest = program.longest_step(program.layout.parameter_values)
     return literal(longest) if math.isfinite(longest) else ""
 

@@ -283,7 +283,7 @@ def _balances(
 
 
 def _minus_first(a: Any, w: Any) -> Any:
-    """Multiply, with the sign that a sum has in common in front of it."""
+    """Multiply, with the common sign of a sum in front of it."""
     return -(-a * w) if a.could_extract_minus_sign() else a * w
 
 

@@ -1,4 +1,4 @@
-"""A program evaluated in Python at its parameter values: the start that a C project is given.
+"""Evaluation of a program in Python at its parameter values, for the start of a C project.
 
 A few evaluations need no compiler, which a machine that only writes C may not have.
 """

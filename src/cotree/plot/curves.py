@@ -40,7 +40,7 @@ def choose_curves(
     inputs: Sequence[str],
     parameters: Sequence[str],
 ) -> Curves:
-    """Find the curves of some names.
+    """Choose the curves that some names stand for.
 
     Parameters
     ----------

@@ -109,7 +109,7 @@ def _positions(graph: LinearGraph) -> dict[str, Array]:
 
 
 def _serpentine(n: int) -> Array:
-    """Place a chain of `n` nodes in lines, to and fro from the top left corner."""
+    """Place a chain of `n` nodes in a serpentine from the top left corner."""
     row, column = np.divmod(np.arange(n), _LINE)
     column = np.where(row % 2 == 0, column, _LINE - 1 - column)
     return np.column_stack([1.3 * column, -1.1 * row]).astype(float)

@@ -159,7 +159,7 @@ def _check_overlay(
 
 
 def curve_colors(n: int) -> list[Color]:
-    """Give ten colours that are told apart, or as many as needed that at least come in order."""
+    """Give up to ten distinct colours, or a sequence of as many as needed."""
     import matplotlib
 
     if n <= 10:
@@ -172,7 +172,7 @@ def _draw_curve(ax: Axes, t: Array, values: Array, label: str, color: Color) -> 
 
 
 def _draw_circles(ax: Axes, by_color: Mapping[Color, tuple[Array, Array] | None]) -> None:
-    """Lay open circles over those curves that have an overlay, few enough to be told apart."""
+    """Draw overlays as open circles, few enough to be distinguished."""
     style: dict[str, Any] = {"ls": "none", "marker": "o", "ms": 5.5, "mfc": "none"}
     overlays = {color: overlay for color, overlay in by_color.items() if overlay is not None}
     for color, overlay in overlays.items():

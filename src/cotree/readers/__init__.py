@@ -1,4 +1,4 @@
-"""Readers: from files of other tools to scenes."""
+"""Readers of files of other tools, which become scenes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names of other tools to names of a scene: safe, unique, and those that changed remembered."""
+"""Translation of names from other tools: safe, unique, with a record of changes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _LONGEST = 48  # leaves room for endings such as _damping within the 64 that a s
 
 @dataclass
 class Namer:
-    """Gives each thing of a file a name of its own.
+    """Gives each element of a file a unique name.
 
     Attributes
     ----------
@@ -28,7 +28,7 @@ class Namer:
     _alike: dict[str, int] = field(default_factory=dict)
 
     def give(self, kind: str, name: str) -> str:
-        """Name a thing that the file names.
+        """Translate a name of the file.
 
         Parameters
         ----------
@@ -43,7 +43,7 @@ class Namer:
         return given
 
     def own(self, name: str) -> str:
-        """Name a thing that the scene adds, as closely as is allowed and not taken."""
+        """Name an element that the scene adds, as close to the wish as is free."""
         safe = _STRANGE.sub("_", name)[:_LONGEST] or "unnamed"
         if safe[0].isdigit():
             safe = f"_{safe}"

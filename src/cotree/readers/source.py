@@ -1,4 +1,4 @@
-"""Whatever names a scene: a shipped one, a TOML file, or a file of another tool by its ending."""
+"""Loading of scenes by name: shipped scenes, TOML files, and files of other tools by suffix."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def is_spice(source: str | Path) -> bool:
 
 
 def load_source(source: str | Path, scene_type: type[_Scene]) -> _Scene:
-    """Read a scene from whatever names it.
+    """Read a shipped scene, a TOML file, or a file of another tool.
 
     Parameters
     ----------

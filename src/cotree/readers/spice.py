@@ -116,7 +116,7 @@ class Writer(Generic[_Scene]):
         return self.scene
 
     def guarded(self, line: int, act: Callable[[], Any]) -> Any:
-        """Do something to the scene; what it refuses is told with the line."""
+        """Apply a change to the scene; refusals are reported with the line."""
         try:
             return act()
         except ModelError as error:
@@ -215,7 +215,7 @@ class Writer(Generic[_Scene]):
             self.voltages[four[1].lower()] = scope.value(four[3], where)
 
     def _begin(self) -> None:
-        """Say where the run begins."""
+        """Set the start of the run."""
         known = {name: node for (path, name), node in self.nodes.items() if not path}
         line = self.netlist.held[0].number if self.netlist.held else 1
         for name in self.voltages:

@@ -1,4 +1,4 @@
-"""Inductors that K couples: those that share flux become one edge."""
+"""Inductors that K statements couple: those that share flux become one edge."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def find_couplings(place: Place, lines: list[Line]) -> None:
 
 
 def _couple(place: Place, line: Line, inductors: Mapping[str, Line]) -> None:
-    """Join what a K couples: two inductors, or each of several with each other."""
+    """Couple the inductors of a K statement, each with each."""
     names = [word.lower() for word in line.words[1:-1]]
     if len(names) < 2 or "=" in line.words:
         raise place.sheet.error(

@@ -80,7 +80,7 @@ def _one_port(place: Place, line: Line, type: str, field: str, unit: str, key: s
 
 
 def _count(place: Place, line: Line, given: dict[str, str]) -> Value:
-    """Read how many of an element stand side by side."""
+    """Read the number of parallel elements."""
     count = place.scope.value(given["m"], place.at(line)) if "m" in given else 1.0
     if isinstance(count, float) and not count > 0.0:
         raise place.sheet.error(line.number, "m must be positive: it counts elements side by side")
@@ -248,7 +248,7 @@ def _by_current(place: Place, line: Line) -> None:
 
 
 def _area(place: Place, line: Line, words: tuple[str, ...], given: dict[str, str]) -> Value:
-    """Read the factor of area of a device, and pass over ``off``."""
+    """Read the area factor of a device, and ignore ``off``."""
     rest = [word for word in words if word.lower() != "off"]
     if len(rest) > 1 or (rest and "area" in given):
         raise place.sheet.error(line.number, f"'{shown(rest[-1])}' is one word too many")
@@ -302,7 +302,7 @@ _LEAST_CAPACITANCE = 5e-11
 
 
 def _hold_charges(place: Place, line: Line, fields: dict[str, Value]) -> None:
-    """Give junctions with a transit time a capacitance, where a run is long and it has none."""
+    """Give junctions with a transit time but no capacitance a small one, scaled by the run."""
     if not place.sheet.times.stop:
         return
     least = _LEAST_CAPACITANCE * place.sheet.times.stop

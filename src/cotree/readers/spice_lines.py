@@ -1,4 +1,4 @@
-"""Lines of a netlist: continued ones joined, comments gone, each with its number and its words."""
+"""Lines of a netlist, with continuations joined and comments removed, by number and words."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Line:
 
 
 def shown(text: object) -> str:
-    """Show a text of the file in a message, on one line and not too long."""
+    """Shorten a text of the file for a message, on one line."""
     line = "".join(c if c.isprintable() else "?" for c in " ".join(str(text).split()))
     return line if len(line) <= 60 else line[:57] + "..."
 

@@ -1,4 +1,4 @@
-"""Models of devices: what parameters of ``.model`` become in fields of components."""
+"""Models of devices: translation of ``.model`` parameters to fields of components."""
 
 from __future__ import annotations
 

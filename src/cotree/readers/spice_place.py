@@ -116,7 +116,7 @@ class Place:
         self.taken.add(line.key)
 
     def circuit_named(self, name: str, line: int) -> tuple[Circuit, Place]:
-        """Look a subcircuit up, and where it is defined.
+        """Look up a subcircuit, and the place of its definition.
 
         Raises
         ------

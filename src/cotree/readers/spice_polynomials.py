@@ -71,7 +71,7 @@ def add_polynomial(place: Place, line: Line) -> None:
 
 
 def _law(coefficients: list[Value], arguments: list[str]) -> str:
-    """Write a polynomial; what is not there is left out."""
+    """Write a polynomial without its absent terms."""
     terms = []
     for coefficient, factors in zip(coefficients, _monomials(arguments), strict=False):
         if not is_zero(coefficient):
@@ -80,7 +80,7 @@ def _law(coefficients: list[Value], arguments: list[str]) -> str:
 
 
 def _monomials(arguments: list[str]) -> Iterator[list[str]]:
-    """List what coefficients stand before: 1, x, y, x x, x y, y y, x x x, ... for two arguments."""
+    """List the monomials in SPICE's order: 1, x, y, x x, x y, y y, x x x, ... for two arguments."""
     for degree in count():
         for factors in combinations_with_replacement(arguments, degree):
             powers = dict.fromkeys(factors, 0)

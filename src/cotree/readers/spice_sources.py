@@ -118,7 +118,7 @@ def _piecewise(numbers: list[float], where: str) -> Source:
 def _or_else(
     values: list[Value], place: int, default: float | None, what: str, where: str
 ) -> Value:
-    """Give a number of a waveform, or its default, where it is not there or zero."""
+    """Give a number of a waveform, or its default if it is absent or zero."""
     if place < len(values) and not is_zero(values[place]):
         return values[place]
     if default is None:
@@ -137,7 +137,7 @@ def _once(times: Times) -> float | None:
 
 
 def _turn(frequency: Value, time: str, phase: Value) -> str:
-    """Write an angle that grows with time, from a phase in degrees on."""
+    """Write an angle that grows linearly with time from a phase in degrees."""
     angle = "" if is_zero(phase) else f" + {text_of(phase)}*{_DEGREE}"
     return f"2*pi*{text_of(frequency)}*{time}{angle}"
 

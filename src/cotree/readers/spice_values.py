@@ -37,7 +37,7 @@ _LONGEST = 3000  # characters of an expression, parameters put in
 
 
 def read_number(word: str) -> float | None:
-    """Read a number with a suffix and a unit, which is passed over; None where it is none."""
+    """Read a number with a suffix; a unit is ignored. None if it is no number."""
     match = _NUMBER.match(word)
     if match is None:
         return None
@@ -83,7 +83,7 @@ class Scope:
     remarks: list[str] = field(default_factory=list)
 
     def remark(self, text: str) -> None:
-        """Note something for whoever reads the file, once."""
+        """Add a note for the user, once."""
         scope = self
         while scope.outer is not None:
             scope = scope.outer
@@ -91,7 +91,7 @@ class Scope:
             scope.remarks.append(text)
 
     def find(self, name: str) -> Value | None:
-        """Look a parameter up, inside first."""
+        """Look up a parameter, in the inner scope first."""
         scope: Scope | None = self
         while scope is not None:
             if name in scope.values:
@@ -217,7 +217,7 @@ def scaled(value: Value, factor: Value, sign: str = "*") -> Value:
 
 
 def is_zero(value: Value | None) -> bool:
-    """Say whether a value is not there, or zero as a number."""
+    """Say whether a value is absent or the number zero."""
     return value is None or value == 0.0
 
 

@@ -1,4 +1,4 @@
-"""Files from anyone: read as text within bounds, refused in one sentence."""
+"""Reading of untrusted text files within bounds, with one sentence for each refusal."""
 
 from __future__ import annotations
 

@@ -198,7 +198,7 @@ class _Writer(Generic[_Scene]):
         return self.options.mimic and joint.mimic is not None and has_one_coordinate(joint)
 
     def _mimicked_start(self, joint: Joint) -> dict[str, float]:
-        """Give a follower the coordinate at which its leader, which starts at zero, puts it."""
+        """Give the start of a mimicking joint, whose leader starts at zero."""
         factors = []
         follower = joint
         by_name = {other.name: other for other in self.robot.joints}
@@ -265,7 +265,7 @@ class _Writer(Generic[_Scene]):
         )
 
     def _place(self, edge: str, first: str, second: str, pose: Pose, weld: bool = False) -> None:
-        """Add an arm, or a weld where nothing is between two nodes."""
+        """Add an arm between two nodes, or a weld if they coincide."""
         turn = self._rotation(pose)
         if pose.xyz == _ZERO and weld:
             self.scene.edge(edge, "weld", first, second, **turn)
@@ -298,7 +298,7 @@ class _Writer(Generic[_Scene]):
 
 
 def _listed(items: Sequence[str]) -> str:
-    """List the first of some, each cut short, and count the rest."""
+    """List the first few items, shortened, and count the rest."""
     shown = [item if len(item) <= 140 else f"{item[:137]}..." for item in items[:8]]
     more = len(items) - len(shown)
     return ", ".join(shown) + (f" and {more} more" if more else "")

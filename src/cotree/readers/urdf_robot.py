@@ -1,4 +1,4 @@
-"""A robot description as it stands in a file: links and joints, checked one by one.
+"""A robot description as given in a file: links and joints, checked one by one.
 
 In: the elements of a URDF file (the Unified Robot Description Format of ROS). Out: a
 :class:`Robot`. What it says of itself only is checked here; that links and joints make a tree is
@@ -107,7 +107,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Robot:
-    """All of a file: its name, links, joints, and how often it has what is not read."""
+    """Contents of a file: name, links, joints, and counts of elements that are not read."""
 
     name: str
     links: tuple[Link, ...]

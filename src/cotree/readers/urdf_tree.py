@@ -80,7 +80,7 @@ def order_joints(robot: Robot, where: str) -> tuple[Link, tuple[Joint, ...]]:
 
 
 def check_mimics(joints: Iterable[Joint], where: str) -> None:
-    """Ask that every mimic follows a joint with one coordinate, and none follows itself.
+    """Require that every mimic follows a joint with one coordinate, and none follows itself.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def _by_name(kind: str, things: Iterable[_Named], where: str) -> dict[str, _Name
 
 
 def _meant(name: str, known: Iterable[str]) -> str:
-    """Say which name was probably meant; a robot has too many to list."""
+    """Suggest the name that was probably meant; a robot has too many to list."""
     close = difflib.get_close_matches(name[:80], list(known)[:1000], n=1)
     return f"; did you mean '{_short(close[0])}'?" if close else ""
 

@@ -1,4 +1,4 @@
-"""XML as a tree that knows its lines, without anything that reaches out of the file.
+"""XML as a tree with line numbers, without external entities.
 
 Expat parses it. Document type declarations, and with them entities of any kind, are refused, as
 are more elements, depth or text than a description of a mechanism has.

@@ -1,4 +1,4 @@
-"""Corners of expressions: where something in them jumps, and the whole does not."""
+"""Corners of expressions: points where a part of them jumps but the whole is continuous."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def jumps_in(tree: ast.expr) -> list[ast.expr]:
 
 
 def has_only_corner(whole: ast.expr, part: ast.expr) -> bool:
-    """Tell whether an expression is seen to have one value wherever a part of it jumps.
+    """Tell whether an expression is evidently continuous wherever a part of it jumps.
 
     What the part looks at is put to zero in the difference of both values, or solved for one of
     its terms: that is a proof where nothing is left. Anything else passes for a jump.

@@ -1,4 +1,4 @@
-"""Branches of graphs that ideal couplings and amplifiers tie to each other.
+"""Joint choice of branches in graphs that ideal couplings and amplifiers connect.
 
 A tree with one port of each transformer is a common forest of its graph and of another in which
 these ports are parallel. In graphs with ideal amplifiers the other is that of through variables.
@@ -58,18 +58,18 @@ class _Couple:
 
     @property
     def is_one_of_two(self) -> bool:
-        """Whether it is a transformer with its choice open."""
+        """Whether it is a transformer either of whose ports may be the branch."""
         return len(self.options) == 2 and self.options[0][0] is not self.options[0][1]
 
     def is_kept(self, branches: Collection[str]) -> bool:
-        """Say whether its ports are branches and chords as they may be."""
+        """Say whether the choice of its ports as branches and chords is valid."""
         first, second = self.ports
         return (first in branches, second in branches) in self.options
 
 
 @dataclass(frozen=True)
 class _Found:
-    """The best branches where some couplings are left free."""
+    """The best branches with some couplings left free."""
 
     cost: int
     fixed: Mapping[str, bool]

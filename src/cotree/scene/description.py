@@ -135,7 +135,7 @@ class SceneDescription:
 
     @property
     def headline(self) -> str:
-        """The scene in one line: its name and how much there is of what."""
+        """The scene in one line: its name, and the numbers of its parts."""
         counts = {
             "node": len(self.nodes),
             "edge": len(self.edges),
@@ -352,7 +352,7 @@ class SceneDescription:
         self.events[name] = make_event(name, when, direction, set or {}, stop, impact)
 
     def simulation(self, **settings: Any) -> None:
-        """Set what a plain run does: ``t_end``, ``rtol``, ``atol``, ``method``, ``start``...
+        """Set the defaults of a run: ``t_end``, ``rtol``, ``atol``, ``method``, ``start``...
 
         See :class:`cotree.scene.simulation.Simulation`.
 

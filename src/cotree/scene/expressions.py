@@ -77,7 +77,7 @@ class Expression:
 
     @property
     def told(self) -> str | float:
-        """Key that equal expressions share: a number that was given as one, else the text."""
+        """Key that equal expressions share: a number if it was given as one, otherwise the text."""
         value = self.tree.value if isinstance(self.tree, ast.Constant) else None
         return value if isinstance(value, float) and repr(value) == self.text else self.text
 
@@ -124,7 +124,7 @@ class Expression:
 
 @lru_cache(maxsize=1024)
 def _vanishes(expression: Expression) -> bool:
-    """Fold an expression of symbols; what cannot be folded does not vanish."""
+    """Tell whether an expression folds to zero for any values of its names."""
     dag, places = Dag(), {name: i for i, name in enumerate(sorted(expression.names))}
     try:
         return expression.lower(dag, lambda name: dag.symbol("p", places[name])).is_zero

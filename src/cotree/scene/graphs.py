@@ -82,7 +82,7 @@ def choose_trees(
 def _weights(
     scene: SceneDescription, graph: LinearGraph, prefers_bodies: bool = False
 ) -> dict[str, float]:
-    """Give what each edge would add to the equations; what cannot be a branch is absent."""
+    """Weigh each edge by the equations that it would add; those that are no branches are absent."""
     spaces = motion_spaces(scene).of
     weights = {}
     for name in graph.edge_names:
@@ -98,7 +98,7 @@ def _weights(
 
 
 def candidate_trees(scene: SceneDescription) -> list[Trees]:
-    """List the trees worth counting: of the joints, cut here or there, and of the bodies.
+    """List the trees worth counting: of the joints, with different cuts, and of the bodies.
 
     Open chains of many bodies are not counted in absolute coordinates: each joint would add up to
     six equations that the joints' tree has not.
@@ -161,7 +161,7 @@ def _turns(steps: Sequence[MotionStep]) -> bool:
 
 
 def _tree_of_angles(scene: SceneDescription, graph: LinearGraph, translation: Tree) -> Tree:
-    """Give the rotation tree of what cannot turn, and of one body for each part that can."""
+    """Give the rotation tree of edges that cannot turn, with one body for each part that can."""
     spaces = motion_spaces(scene).of
     order = {step.child: i for i, step in enumerate(tree_walk(translation))}
     weights = {}
@@ -176,7 +176,7 @@ def _tree_of_angles(scene: SceneDescription, graph: LinearGraph, translation: Tr
 
 
 def _shallow_tree(scene: SceneDescription, graphs: Mapping[str, LinearGraph]) -> Trees:
-    """Give the tree of joints that cuts loops far from the ground: what is short costs less."""
+    """Give the tree of joints that cuts loops far from the ground, which keeps its paths short."""
     trees = {}
     for domain, graph in graphs.items():
         weights = _weights(scene, graph)

@@ -1,4 +1,4 @@
-"""Rewriting of jumps with the state inside expressions as modes and events.
+"""Rewriting of state-dependent jumps inside expressions as modes and events.
 
 In: a scene whose fields hold ``sign``, ``floor``, ``mod`` or comparisons of what moves. Out: an
 equivalent scene with a mode in place of each, and with the events that change it, so that one
@@ -36,7 +36,7 @@ _JUMPING = ("sign", "floor", "mod", "where")
 
 
 def with_jumps(scene: SceneDescription, *, has_sensitivities: bool) -> SceneDescription:
-    """Replace jumps with the state by modes and events.
+    """Replace state-dependent jumps by modes and events.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def _expressions(value: Any) -> list[Expression]:
 
 
 class _Rewriting:
-    """One scene, written anew.
+    """One scene that is being rewritten.
 
     Attributes
     ----------
@@ -176,7 +176,7 @@ class _Rewriting:
         return any(name not in self._old.parameters and name not in ("t", "pi") for name in names)
 
     def is_located(self, *looked_at: ast.expr) -> bool:
-        """Tell whether what looks at some values jumps where nothing else knows."""
+        """Tell whether jumps at some values happen at times that are not known in advance."""
         names = frozenset(name for tree in looked_at for name in names_in(tree))
         if self._moves(names):
             return True
@@ -286,7 +286,7 @@ def _constant(value: float) -> ast.expr:
 
 
 class _Tree(ast.NodeTransformer):
-    """Writes what jumps in one expression anew, from the inside out."""
+    """Rewrites the jumps of one expression, from the inside out."""
 
     def __init__(self, scene: _Rewriting, where: str, kept: frozenset[int]) -> None:
         self._scene, self._where, self._kept = scene, where, kept
@@ -315,7 +315,7 @@ class _Tree(ast.NodeTransformer):
         return node
 
     def _floor(self, value: ast.expr) -> ast.expr:
-        """Count up where a value comes to the next whole number, down where it falls below its own.
+        """Count up as a value reaches the next whole number, down as it falls below its own.
 
         What the count becomes is read from the value, rounded to where it passes.
         """

@@ -63,7 +63,7 @@ def motion_spaces(scene: SceneDescription) -> MotionSpaces:
 
 
 def _is_particle(scene: SceneDescription, body: Edge) -> bool:
-    """Whether nothing holds, turns or resists to turn the body's node."""
+    """Whether nothing constrains or acts on the rotation of the body's node."""
     # A body with inertia to rotation has an orientation.
     if "inertia" in body.fields:
         return False

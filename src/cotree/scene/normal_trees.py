@@ -124,7 +124,7 @@ def _trees_of(graph: LinearGraph, ports: Mapping[str, Port], shared: Collection[
 
 
 def _weight(port: Port) -> float:
-    """Order the kinds; among its like, a storage with an initial value keeps its state."""
+    """Weigh a port by its kind; among equal kinds a storage with an initial value is preferred."""
     if port.is_coupling:
         return _NEVER
     if port.kind in (Kind.THROUGH_SOURCE, Kind.NULLATOR, Kind.NORATOR):

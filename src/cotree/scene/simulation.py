@@ -1,4 +1,4 @@
-"""Settings of a plain run of a scene, and the point at which it begins."""
+"""Default settings of a run, and the point at which it begins."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _POSITIVE = ("t_end", "rtol", "atol")
 
 @dataclass(frozen=True)
 class Simulation:
-    """Settings of a plain run.
+    """Default settings of a run.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Original statements about edges, kept as a scene file would write them.
+"""Statements about edges as a scene file writes them.
 
 Components are adapted to the fields of a scene, heat goes to further nodes, and transistors have
 inner nodes: the original statement cannot be recovered from the resulting edge.

@@ -1,4 +1,4 @@
-"""Scene files: TOML to a scene, with the file named in every complaint."""
+"""Scene files: TOML to a scene, with the file named in every message."""
 
 from __future__ import annotations
 

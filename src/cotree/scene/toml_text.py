@@ -185,7 +185,7 @@ def _list(items: list[str]) -> str:
 
 
 def _text(text: str) -> str:
-    """Quote a text; what cannot be seen is escaped, and half characters become question marks."""
+    """Quote a text; invisible characters are escaped, and lone surrogates become question marks."""
     whole = text.encode("utf-8", "replace").decode()
     return '"' + "".join(_escaped(char) for char in whole) + '"'
 

@@ -1,4 +1,4 @@
-"""The error of a run against a reference on which two methods agree.
+"""Errors of runs against a reference on which two methods agree.
 
 In: a model and times. Out: a ``Reference``, with the two methods that made it and how far they are
 apart, which bounds the errors that it can resolve.

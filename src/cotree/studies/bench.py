@@ -157,7 +157,7 @@ def _installed() -> list[str]:
 
 @dataclass
 class _Trial:
-    """A row in the making."""
+    """A row of a bench before it is complete."""
 
     method: str
     rtol: float
@@ -310,7 +310,7 @@ def _pair(entry: float | tuple[float, float]) -> tuple[float, float]:
 
 
 def _machine(model: Model) -> dict[str, str]:
-    """Say where times are taken, and with what."""
+    """Describe the machine and the software of the measurements."""
     import scipy
 
     toolchain = find_toolchain()

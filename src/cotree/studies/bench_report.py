@@ -232,5 +232,5 @@ def _row_dict(row: BenchRow) -> dict[str, Any]:
 
 
 def _number(value: float) -> float | None:
-    """Give what JSON can hold."""
+    """Turn a number that is not finite into null, for JSON."""
     return value if math.isfinite(value) else None

@@ -1,4 +1,4 @@
-"""Mechanisms that move before one's eyes.
+"""Animation of mechanisms.
 
 In: a result and the first graph of its model. Out: an :class:`Animation`, to a GIF or to one HTML
 file. Drawing needs no compiler: positions are evaluated from the graph.

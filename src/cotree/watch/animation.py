@@ -38,7 +38,7 @@ _FURTHEST = 1e12  # m or rad; what runs away to there is not followed
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Animation:
-    """A mechanism that moves; a notebook shows it by itself.
+    """An animated mechanism; a notebook displays it directly.
 
     Attributes
     ----------
@@ -118,7 +118,7 @@ class Animation:
         return page(self.drawing)
 
     def _repr_html_(self) -> str:
-        """Show the page in a notebook, shut off from the rest of it."""
+        """Show the page in a notebook, in an isolated frame."""
         return (
             f'<iframe sandbox="allow-scripts" srcdoc="{html.escape(self.html)}" width="100%" '
             f'height="{_NOTEBOOK_HEIGHT}" style="border:0"></iframe>'
@@ -223,7 +223,7 @@ def animate(
 
 
 def _finite_part(result: RunRecord, n: int) -> RunRecord:
-    """Leave out what comes after coordinates that are no numbers, or beyond all bounds."""
+    """Cut a run before coordinates that are not finite or out of bounds."""
     with np.errstate(invalid="ignore"):
         is_bad = ~(np.abs(result.y[:n]) < _FURTHEST).all(axis=0)
     end = int(np.argmax(is_bad)) if is_bad.any() else len(result.t)

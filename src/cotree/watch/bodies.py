@@ -80,7 +80,7 @@ def _inertia(draft: Drafter, edge: BoundEdge) -> Array | None:
 
 
 def body_box(mass: float, tensor: Array) -> tuple[Array, Array] | None:
-    """Find the even box of a mass and an inertia about its centre.
+    """Find the homogeneous box with a mass and an inertia about its centre.
 
     Its lengths follow from I1 = m (b^2 + c^2) / 12 and so on: a^2 = 6 (I2 + I3 - I1) / m.
 

@@ -1,4 +1,4 @@
-"""A drawing in the making: solids in bodies and struts between them, placed and coloured.
+"""Construction of a drawing: solids on bodies and struts between them, placed and coloured.
 
 In a plane bars are plates in layers, so that one sees which passes in front; what reaches between
 bodies lies behind them.
@@ -29,7 +29,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Drafter:
-    """Adds what shows each edge, in the clusters' axes.
+    """Adds the shapes of each edge, in the clusters' axes.
 
     Parameters
     ----------
@@ -97,11 +97,11 @@ class Drafter:
         return GROUND if cluster == 0 else BODIES[self.stage.body[cluster] % len(BODIES)]
 
     def raised(self, cluster: int) -> Array:
-        """Give how far a body's plates are raised towards who looks, in its axes."""
+        """Give the offset of a body's plates towards the viewer, in its axes."""
         return self.layer[cluster] * self.pitch * self.towards(cluster)
 
     def towards(self, cluster: int) -> Array:
-        """Give the plane's normal in a body's axes, where it stays."""
+        """Give the plane's normal in a body's axes, where it is constant."""
         found: Array = self.poses.axes[cluster][0].T @ self.stage.towards
         return found
 
@@ -170,7 +170,7 @@ class Drafter:
         self.labels.append(Label(name, cluster, local))
 
     def upright(self, cluster: int) -> Array:
-        """Give axes in a body with z up and y towards who looks, at the start."""
+        """Give axes of a body with z up and y towards the viewer, at the start."""
         found: Array = self.poses.axes[cluster][0].T @ shapes.axes_along(
             self.stage.up, self.stage.towards
         )

@@ -1,4 +1,4 @@
-"""A drawing that moves: solids fixed in tracks, struts between them, and when they are where.
+"""An animated drawing: solids on tracks, struts between them, and their poses over time.
 
 This is all that the pictures and the page know; :mod:`cotree.watch.draft` makes it from a graph.
 """
@@ -129,7 +129,7 @@ class Drawing:
     thickness: float
 
     def floor(self) -> Array:
-        """Give lines that stand still, so that motion is seen, shape (n_lines, 2, 3), [m].
+        """Give lines at rest against which motion is visible, shape (n_lines, 2, 3), [m].
 
         In space they are a grid below all that moves; where that goes far and is followed, dashes
         along its way. In a plane they are a grid behind what is followed.
@@ -205,7 +205,7 @@ def _round_up(x: float) -> float:
 
 
 def _outermost(points: Array) -> Array:
-    """Give the points that reach furthest in many directions: what a box around needs to know."""
+    """Give the outermost points in many directions, which determine a bounding box."""
     if len(points) <= len(_DIRECTIONS):
         return points
     found: Array = points[np.unique(np.argmax(points @ _DIRECTIONS.T, axis=0))]

@@ -1,4 +1,4 @@
-"""When frames are shown, and where a run is then.
+"""Times of frames, and the state of a run at them.
 
 In: the points of a result. Out: coordinates at times that are evenly spaced. Between points each
 coordinate follows the polynomial that has its value, rate and acceleration at both ends, which the
@@ -42,7 +42,7 @@ _PATIENCE = 86_400.0  # s that anyone may watch
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Moments of a run, evenly spaced.
+    """Evenly spaced times of a run.
 
     Attributes
     ----------

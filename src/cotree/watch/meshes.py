@@ -1,4 +1,4 @@
-"""Meshes of robots from files: found beside the robot's own file, read with limits, made coarser.
+"""Meshes of robots: located beside the robot's file, read within limits, and coarsened.
 
 STL (binary and text) and OBJ are read here; Collada and others by trimesh, where it is installed.
 Files are data of strangers: their sizes are bounded and every number is checked.
@@ -25,7 +25,7 @@ _STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute",
 
 
 class MeshError(Exception):
-    """A mesh that cannot be had; its text says why."""
+    """A mesh that cannot be read, with the reason."""
 
 
 def find_mesh(name: str, beside: Path, *, trust_paths: bool = False) -> Path:
@@ -180,7 +180,7 @@ def _read_other(data: bytes, suffix: str) -> Mesh:
 
 
 def coarser(mesh: Mesh, most: int) -> Mesh:
-    """Bring a mesh below a number of triangles, by corners that share a cell of a grid.
+    """Coarsen a mesh below a number of triangles by merging corners that share a cell of a grid.
 
     Cells grow until few enough triangles have three different corners; each takes the mean of its
     corners' places (J. Rossignac and P. Borrel, Multi-resolution 3D approximations, 1993).

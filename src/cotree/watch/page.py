@@ -1,4 +1,4 @@
-"""An animation as one HTML file: data, viewer and style in it, nothing fetched, nothing else run.
+"""An animation as one self-contained HTML file: data, viewer and style.
 
 Names are untrusted: they reach the page as text that the template escapes, and as JSON in which no
 mark of HTML is left. A content security policy names the viewer and the style by their hashes, so

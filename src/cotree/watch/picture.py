@@ -112,7 +112,7 @@ class Painter:
 
 
 def decimals(times: Array) -> int:
-    """Give how many decimals tell the times of frames apart, at least two."""
+    """Give the number of decimals that distinguish the times of frames, at least two."""
     step = abs(float(times[1] - times[0])) if len(times) > 1 else 1.0
     return max(2, min(12, int(np.ceil(-np.log10(max(step, 1e-12))))))
 

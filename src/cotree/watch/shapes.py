@@ -167,7 +167,7 @@ def ring(radius: float, inner: float, length: float, sides: int = 2 * _ROUND) ->
 
 
 def wheel(radius: float, thickness: float) -> Mesh:
-    """Make a rim with spokes, so that one sees it turn."""
+    """Make a rim with spokes, which make its rotation visible."""
     rim = ring(radius, 0.86 * radius, thickness)
     spoke = box(1.76 * radius, 0.1 * radius, 0.5 * thickness)
     angles = np.pi * np.arange(3) / 3

@@ -69,7 +69,7 @@ class Stage:
 
 
 def set_stage(first: FirstGraph, values: Evaluator, view: tuple[float, float] | None) -> Stage:
-    """Find directions and sizes.
+    """Choose directions and sizes.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def _up(gravity: Array, plane: str) -> Array:
 
 
 def _plane_side(plane: str, up: Array) -> Array:
-    """Look at a plane so that its other axis points to the right."""
+    """Choose the side from which a plane is viewed, so that its other axis points to the right."""
     normal: Array = np.eye(3)["xyz".index(plane)]
     right = np.cross(up, normal)
     return normal if right.sum() > 0.0 else -normal

@@ -104,7 +104,7 @@ def _shape(visual: Visual, files: Mapping[str, Mesh]) -> Mesh:
 
 
 def _bounded(found: dict[int, list[tuple[str, Mesh]]]) -> dict[int, list[tuple[str, Mesh]]]:
-    """Share the triangles among the meshes, each in proportion to what it has."""
+    """Share the triangle budget among the meshes in proportion to their sizes."""
     total = sum(len(mesh.faces) for own in found.values() for _, mesh in own)
     if total <= MOST_FACES:
         return found

@@ -262,7 +262,7 @@ class Topology:
         return Sum(((-self._signs[branch], (f"flow{rate}", branch)),))
 
     def flow(self, branch: str, rate: str) -> Sum:
-        """Sum what the chords beyond a branch take from there."""
+        """Sum the through variables of the chords that leave the part beyond a branch."""
         cuts, open_branches = self._cuts
         terms: list[tuple[int, Variable]] = []
         # Chords that end at the node itself, then what the branches beyond it take.
@@ -280,7 +280,7 @@ class Topology:
 
 
 def _once(ends: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Leave out chords that occur with both of their ends; the others, in order."""
+    """List the chords that occur with one end only, in order."""
     found: dict[int, int] = {}
     for number, sign in ends:
         if found.pop(number, None) is None:
