@@ -111,7 +111,7 @@ def _draw(drawing: Drawing, tree: Tree | None, ax: Axes) -> None:
 
 
 def _freest(directions: Sequence[Array], n: int) -> Array:
-    """Choose the one of `n` directions around a node that is furthest from all edges; down first."""
+    """Choose one of `n` directions around a node, furthest from all edges; down first."""
     angles = -np.pi / 2 + 2 * np.pi / n * np.arange(n)
     candidates = np.round(np.column_stack([np.cos(angles), np.sin(angles)]), 12)
     if not directions:
