@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from cotree.dag.corners import stop_times
+from cotree.dag.corners import find_corners
 from cotree.dag.nodes import Dag
 from cotree.dag.stops import (
     acts_in_part,
@@ -15,6 +15,11 @@ from cotree.dag.stops import (
     longest_step,
 )
 from cotree.scene.expressions import parse
+
+
+def stop_times(stops, values, low, high):
+    """List the times strictly within a span."""
+    return [c.t for c in find_corners(stops, values, low, high) if low < c.t < high]
 
 
 def _times(text, low=0.0, high=10.0, **parameters):

@@ -66,28 +66,6 @@ def stops_along(stops: Sequence[Stop], seeds: Sequence[Mapping[Node, Node]]) -> 
     )
 
 
-def stop_times(
-    stops: Sequence[Stop], values: Mapping[Node, float], low: float, high: float
-) -> list[float]:
-    """List the times of stops strictly within a span.
-
-    Parameters
-    ----------
-    stops : sequence of Stop
-        The stops.
-    values : mapping of Node to float
-        Values of the symbols that their times depend on.
-    low, high : float
-        The span, [s].
-
-    Returns
-    -------
-    list of float
-        Times, ascending, as :func:`find_corners` finds them.
-    """
-    return [c.t for c in find_corners(stops, values, low, high) if low < c.t < high]
-
-
 def find_corners(
     stops: Sequence[Stop],
     values: Mapping[Node, float],
