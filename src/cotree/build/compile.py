@@ -232,7 +232,7 @@ def _is_full(directory: Path, outcome: Outcome) -> bool:
 
 
 def _run(steps: Sequence[_Step], directory: Path, time_limit: float) -> tuple[_Step, Outcome]:
-    """Run all steps but the last in parallel, then the last; give the first failure, or the last."""
+    """Run all steps but the last in parallel, then the last; give a failure, or the last."""
     *first, last = steps
 
     def run(step: _Step) -> Outcome:
