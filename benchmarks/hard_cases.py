@@ -22,19 +22,19 @@ REVERSAL = ((5.0, 10.0, 20.0), (1e-7, 1e-10, 1e-13))
 
 HEAD = """# Hard cases
 
-Made by `python benchmarks/hard_cases.py --write`. Every case runs at the relative tolerances 1e-4,
-1e-7 and 1e-10, unless it says otherwise: three numbers in a cell are theirs. Absolute tolerances
-are a hundredth, but those of reactions 1e-12 and 1e-14 of them. The method is that of `auto`,
-unless `*` says that it was named.
+Written by `python benchmarks/hard_cases.py --write`. Every case runs at the relative tolerances
+1e-4, 1e-7 and 1e-10 unless stated otherwise; three numbers in a cell belong to these. Absolute
+tolerances are a hundredth of them, for chemical reactions 1e-12 and 1e-14 of them. The method is the choice of
+`auto`, unless `*` marks one that was named.
 
 - **digits**: −log₁₀ of the largest error of any quantity at any time, relative to the largest
   value of the quantity, or to each value where it says so. No more than are known of what it is
   compared with: the files of `tests/references`, a closed form, or two different methods that
   agree.
-- **drift**: what should not change, and by how much it did: the energy, as a share of it (or in J
-  where that is less than 1 J), or what is left of constraints.
-- **cost**: steps, and evaluations of the right-hand side. Times are not given: they differ between
-  machines, and `cotree bench` measures them on yours.
+- **drift**: the change of a conserved quantity: of the energy, relative to its value (in J if
+  that is below 1 J), or the residual of constraints.
+- **cost**: steps, and evaluations of the right-hand side. Times depend on the machine;
+  `cotree bench` measures them on yours.
 """
 
 AFTER = """## Time reversal
