@@ -24,8 +24,8 @@ HEAD = """# Hard cases
 
 Written by `python benchmarks/hard_cases.py --write`. Every case runs at the relative tolerances
 1e-4, 1e-7 and 1e-10 unless stated otherwise; three numbers in a cell belong to these. Absolute
-tolerances are a hundredth of them, for chemical reactions 1e-12 and 1e-14 of them. The method is the choice of
-`auto`, unless `*` marks one that was named.
+tolerances are a hundredth of them, for chemical reactions 1e-12 and 1e-14 of them. The method is
+the choice of `auto`, unless `*` marks one that was named.
 
 - **digits**: −log₁₀ of the largest error of any quantity at any time, relative to the largest
   value of the quantity, or to each value where it says so. No more than are known of what it is
