@@ -166,6 +166,7 @@ class _Laws:
         def share(of: Any, name: str) -> Any:
             return of / symbol(name) if name in self.has else 0
 
+        # Base-width modulation (Early effect), linear in both voltages.
         q1 = 1 / (
             1
             - share(self.voltage["bc"], "forward_early_voltage")
@@ -181,6 +182,7 @@ class _Laws:
     def _current(self, own: str) -> Any:
         import sympy
 
+        # From collector to emitter through the base; recombination in it comes on top.
         transport = (self.forward - self.reverse) / self._base_charge()
         if own == "be":
             total = transport + self.forward / symbol("forward_gain")
@@ -230,6 +232,7 @@ class _Laws:
         v, storage, kind = symbol("across"), None, Kind.DISSIPATOR
         if "substrate_capacitance" in self.has:
             kind = Kind.ACROSS_STORAGE
+            # Reverse biased always: the linear continuation begins at no voltage.
             storage = Law.of(depletion_capacity(v, "substrate", share=0))
         leakage = symbol("leakage") * v if "leakage" in self.has else 0 * v
         return Terminal(
@@ -265,6 +268,7 @@ def bipolar(name: str, doc: str, sign: int, plain: Component) -> Adapt:
     ) -> tuple[Component, Sequence[object], Mapping[str, Any]]:
         has = extras(_EXTRAS, given)
         rest = without_absent(_EXTRAS, given)
+        # A fourth node names the substrate.
         has_substrate = len(nodes) == len(plain.terminals) + 1
         if "substrate_capacitance" in has and not has_substrate:
             raise SceneError(

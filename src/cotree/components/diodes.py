@@ -49,6 +49,7 @@ _FIELDS = (
 @lru_cache(maxsize=64)
 def _diode(has: frozenset[str]) -> Component:
     """Make a diode with the terms of some fields."""
+    # A series resistance needs an inner node between two ports.
     is_split = "series_resistance" in has
     between = ("inner", "cathode") if is_split else ("", "")
     junction = _junction(has, "junction" if is_split else "", between)
@@ -90,6 +91,7 @@ def _current(has: frozenset[str]) -> Any:
         current += symbol("leakage") * v
     if "breakdown_voltage" in has:
         beyond = v + symbol("breakdown_voltage")
+        # Avalanche current, an exponential of the voltage beyond breakdown.
         current -= symbol("breakdown_current") * sympy.exp(-beyond / thermal)
     return current
 
@@ -102,6 +104,7 @@ def _capacity(has: frozenset[str]) -> Any:
     if "junction_capacitance" in has:
         capacity += depletion_capacity(v, "junction")
     if "transit_time" in has:
+        # Diffusion charge is the transit time times the current.
         slope = sympy.diff(junction_current(v, symbol("saturation_current"), thermal), v)
         capacity += symbol("transit_time") * slope
     return capacity

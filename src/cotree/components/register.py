@@ -66,6 +66,7 @@ def make_component(
     ]
     if acts is Acts.LINE:
         text = "acts along it, fixed in the first node's axes; else along the line"
+        # Without an axis, the force acts along the line of the nodes.
         rows.insert(0, Field("axis", "1", text, Shape.VECTOR))
     return Component(
         name,
@@ -106,6 +107,7 @@ def checked_law(function: Callable[..., Any], what: str) -> Law:
             f"{what} gives no expression, but {_short(expression)}: give a SymPy expression or a "
             "number"
         )
+    # A symbol that the function did not receive would have no value in scenes.
     free = {str(symbol) for symbol in expression.free_symbols}
     if odd := sorted(free - set(law.arguments)):
         raise SceneError(f"{what} uses {', '.join(odd)}, which is no argument of it")

@@ -234,6 +234,7 @@ def _linear(name: str, law: Law, rate: str) -> tuple[Law, Law]:
     import sympy
 
     symbol = sympy.Symbol(rate, real=True)
+    # A storage: linear in the rate, with a factor that may depend on anything else.
     factor = sympy.diff(law.expression, symbol)
     if symbol in factor.free_symbols:
         raise SceneError(

@@ -38,6 +38,7 @@ def _induced(*values: Any) -> Any:
     """Sum k sqrt(L Lj) dij/dt over the other windings; values are L, then k, Lj and the rates."""
     import sympy
 
+    # Mutual inductance k sqrt(L Lj) times the rate of the other current.
     own, others = values[0], zip(values[1::3], values[2::3], values[3::3], strict=True)
     return sum(coupling * sympy.sqrt(own * other) * rate for coupling, other, rate in others)
 
@@ -100,6 +101,7 @@ def _as_given(
 ) -> tuple[Component, Sequence[object], Mapping[str, Any]]:
     """Make as many windings as have an inductance."""
     del edge
+    # Windings are counted by the inductances that a scene gives in order.
     n = 2
     while n < len(WINDINGS) and f"inductance{n + 1}" in fields:
         n += 1

@@ -98,6 +98,7 @@ def bind_edge(
             assert isinstance(value, Expression)
             expressions[name] = value
         elif isinstance(value, Expression):
+            # A message about a value that is no number names the field that it comes from.
             scalars[name] = value.lower(dag, resolve)
             dag.note_origin(scalars[name], f"{name} of edge '{edge.name}'")
         elif row.shape is Shape.INERTIA:
@@ -113,6 +114,7 @@ def bind_edge(
                     guards.append(Guard(square, f"the squared length of {where}", is_strict=True))
                 vectors[name] = _unit(vectors[name], square, where)
     if "normal" in vectors:
+        # A planar joint slides along two axes that follow its normal.
         vectors["normal_x"], vectors["normal_y"] = plane_axes(vectors["normal"])
     first, second = edge.nodes
     bound = BoundEdge(
@@ -173,6 +175,7 @@ def _guards(edge: Edge, bound: BoundEdge, at_scene: Callable[[Node], float]) -> 
                 for i, entry in enumerate(entries)
             ]
             minors += _minors(bound.inertia, what, at_scene)
+    # Constants are checked now, parameters whenever ``prepare`` gets their values.
     for guard in found:
         if guard.value.value is not None:
             guard.check(guard.value.value)
@@ -243,6 +246,7 @@ def plane_axes(normal: Vector) -> tuple[Vector, Vector]:
     projection on the plane of the coordinate axis that follows the normal's largest entry.
     """
     dag = normal[0].dag
+    # An entry of parameters has no size here; any choice is valid where it is no pole.
     sizes = [abs(entry.value) if entry.value is not None else 0.5 for entry in normal]
     start = vector.identity(dag)[(sizes.index(max(sizes)) + 1) % 3]
     along = vector.dot(normal, start)

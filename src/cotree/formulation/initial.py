@@ -51,6 +51,7 @@ def initial_values(
         If the scene gives a value that the branch has no coordinate for.
     """
     values = {name: dag.zero for kind in space for name, _ in (*kind.coordinates, *kind.rates)}
+    # Without a rotation the quaternion is one, not zero.
     if "q0" in values:
         values["q0"] = dag.one
     values |= start

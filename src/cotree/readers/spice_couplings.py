@@ -68,6 +68,7 @@ def _couple(place: Place, line: Line, inductors: Mapping[str, Line]) -> None:
                 f"'{shown(line.words[0])}' couples '{shown(name)}', which is no inductor here"
                 f"{nearest(name, inductors)}",
             )
+    # Merge the groups of both inductors: coupling is transitive through shared flux.
     whole = Coupled()
     for name in names:
         old = place.coupled.get(name, Coupled({name: inductors[name]}))
@@ -107,6 +108,7 @@ def complete_signs(place: Place, coupled: Coupled) -> dict[str, float] | None:
         pair: (place.scope.value(line.words[-1], place.at(line)), line)
         for pair, line in coupled.couplings.items()
     }
+    # Only numbers can be told to be complete; parameters may change.
     complete = {pair: value for pair, (value, _) in values.items() if value in (1.0, -1.0)}
     if not complete:
         return None

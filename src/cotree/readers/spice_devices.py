@@ -75,6 +75,7 @@ def _one_port(place: Place, line: Line, type: str, field: str, unit: str, key: s
     value = place.principal(line, words[2] if len(words) == 3 else given[key], unit)
     nodes = [place.node(word) for word in words[:2]]
     initial = initial_value(place, line, words, given, key)
+    # Parallel capacitances add; parallel resistances and inductances divide.
     whole = scaled(value, _count(place, line, given), "*" if key == "c" else "/")
     place.add(line.words[0], type, nodes, {field: whole}, initial)
 
@@ -126,6 +127,7 @@ def _given_voltage(place: Place, plus: str, minus: str) -> Value:
     ends = []
     for word in (plus, minus):
         own = place.node(word)
+        # .ic names nodes of the outermost circuit.
         known = {place.sheet.node("", name): v for name, v in place.sheet.voltages.items()}
         ends.append(known.get(own, 0.0))
     if is_zero(ends[1]):
@@ -166,6 +168,7 @@ def _coupling(place: Place, line: Line) -> None:
         start = initial_value(place, inductor, words, given, "l")
         if start:
             initial[name] = start
+    # Windings without leakage share one flux, which coupled inductances cannot describe.
     signs = complete_signs(place, coupled)
     if signs is not None:
         _one_flux(place, coupled, windings, initial, signs)
@@ -197,6 +200,7 @@ def _one_flux(
     begin = {"i": " + ".join(start)} if start else {}
     place.add(coupled.inductors[first].words[0], "inductor", nodes, {"inductance": own}, begin)
     for name, (pair, value) in others:
+        # Turns are proportional to the roots of inductances.
         ratio = f"{text_of(signs[name])}*sqrt({text_of(own)}/{text_of(value)})"
         fields = {"primary": nodes, "secondary": pair, "ratio": ratio}
         place.add(coupled.inductors[name].words[0], "transformer", (), fields)
@@ -210,6 +214,7 @@ def _independent(place: Place, line: Line) -> None:
     nodes = [place.node(word) for word in line.words[1:3]]
     source = read_source(line.words[3:], place.scope, place.sheet.times, place.at(line))
     fields = dict(source.fields)
+    # A waveform has several numbers, none of which deserves the name of the source.
     if source.is_constant:
         label, unit = place.label(line.words[0]), "V" if is_voltage else "A"
         fields["value"] = place.sheet.own_parameter(label, fields["value"], line.number, unit)
@@ -276,6 +281,7 @@ def _diode(place: Place, line: Line) -> None:
 
 def _bipolar(place: Place, line: Line) -> None:
     words, given = parts(place, line, {"area", "m"}, range(4, 8))
+    # The fourth word is the model, or the substrate if no model has that name.
     at = 3 if place.has_model(words[3]) or len(words) == 4 else 4
     model = place.model(words[at], "q", line)
     area, gmin = _area(place, line, words[at + 1 :], given), place.sheet.gmin
@@ -283,6 +289,7 @@ def _bipolar(place: Place, line: Line) -> None:
     _hold_charges(place, line, fields)
     nodes = [place.node(word) for word in words[:3]]
     substrate = place.node(words[3] if at == 4 else "0")
+    # Without either, nothing flows into the substrate, and three nodes suffice.
     if {"leakage", "substrate_capacitance"} & fields.keys():
         nodes.append(substrate)
     place.add(line.words[0], model.component, nodes, fields)
@@ -307,6 +314,7 @@ def _hold_charges(place: Place, line: Line, fields: dict[str, Value]) -> None:
         return
     least = _LEAST_CAPACITANCE * place.sheet.times.stop
     wanted = [capacity for transit, capacity in _TRANSITS.items() if transit in fields]
+    # The charge of a modulated base also depends on the voltage of the collector junction.
     is_modulated = fields.keys() & BASE_CHARGE and "forward_transit_time" in fields
     if is_modulated and "bc_capacitance" not in wanted:
         wanted.append("bc_capacitance")
@@ -340,12 +348,14 @@ def _field_effect(place: Place, line: Line) -> None:
     place.add(line.words[0], model.component, ends, fields)
     for side, end in (("cbd", drain), ("cbs", source)):
         if bulk != end:
+            # The diodes of an n channel conduct from the bulk, those of a p channel into it.
             pair = (bulk, end) if model.component == "mosfet_n" else (end, bulk)
             own = bulk_fields(model, side, place.sheet.gmin, count)
             place.add(f"{line.words[0]}_{side}", "diode", pair, own)
     overlaps = (("cgdo", drain, width), ("cgso", source, width), ("cgbo", bulk, length))
     for side, end, size in overlaps:
         per_length = model.values[side]
+        # A capacitance between equal nodes does nothing.
         if not is_zero(per_length) and end != gate:
             name = f"{line.words[0]}_{side}"
             capacitance = scaled(scaled(per_length, size), count)

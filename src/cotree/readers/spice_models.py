@@ -223,6 +223,7 @@ def device_fields(model: DeviceModel, area: Value, gmin: Value) -> dict[str, Val
         if row.field and not (is_zero(value) and row.default == 0.0):
             fields[row.field] = scaled(value, area, row.area) if row.area else value
     ideality = model.values.get("n", 1.0)
+    # The ideality factor N multiplies the thermal voltage in the exponent.
     fields["thermal_voltage"] = scaled(ideality, THERMAL_VOLTAGE)
     for name in ("forward_ideality", "reverse_ideality"):
         if fields.get(name) == 1.0:
@@ -271,8 +272,10 @@ def channel_fields(model: DeviceModel, width: Value, length: Value) -> dict[str,
         Of the gate, [m].
     """
     v = model.values
+    # Diffusion under the gate shortens the channel at both ends.
     inner = length if is_zero(v["ld"]) else f"{text_of(length)} - 2*{text_of(v['ld'])}"
     fields: dict[str, Value] = {
+        # Level 1 of Shichman and Hodges: KP W / L.
         "factor": scaled(scaled(v["kp"], width), inner, "/"),
         "threshold": v["vto"],
         "leakage": 0.0,

@@ -166,6 +166,7 @@ class _Parser:
 
     def _parameters(self, line: Line) -> None:
         given = settings(line.words[1:], f"{self.where}:{line.number}")
+        # SPICE ignores case; scenes show names as they are written.
         written = {word.lower(): word for word in line.words[1::3]}
         rows = [(written[name], value, line.number) for name, value in given.items()]
         self.open[-1].parameters += rows
@@ -174,6 +175,7 @@ class _Parser:
         if len(self.open) > _DEEPEST:
             raise self.error(line.number, f".subckt within more than {_DEEPEST} others")
         words, given = split_settings(line.words[1:])
+        # Some simulators mark the parameters of a subcircuit by this word.
         words = tuple(word for word in words if word.lower() != "params:")
         if not words:
             raise self.error(line.number, ".subckt needs a name")

@@ -90,6 +90,7 @@ def read_source(words: tuple[str, ...], scope: Scope, times: Times, where: str) 
             )
         else:
             constant, is_given = scope.value(word, where), True
+    # Beside a waveform, DC sets the operating point of other analyses only.
     if waveform is not None:
         return waveform
     return Source("", {"value": constant}, is_constant=True)
@@ -149,6 +150,7 @@ def _since(delay: Value) -> str:
 def _sine(values: list[Value], times: Times, where: str) -> Source:
     frequency = _or_else(values, 2, _once(times), "the frequency of SIN", where)
     delay, decay, phase = _rest(values, range(3, 6))
+    # A decaying sine is no component of its own: an expression describes it.
     if not is_zero(decay):
         passed = _since(delay)
         turn = _turn(frequency, passed, phase)
@@ -182,6 +184,7 @@ def _exponential(values: list[Value], times: Times, where: str) -> Source:
     rise = _or_else(values, 3, times.step, "the time constant of EXP", where)
     second = _or_else(values, 4, times.step, "the second delay of EXP", where)
     if len(values) < 5 or is_zero(values[4]):
+        # The default of the second delay counts from the first.
         second = f"{text_of(first)} + {text_of(second)}"
     fall = _or_else(values, 5, times.step, "the second time constant of EXP", where)
 

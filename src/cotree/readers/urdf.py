@@ -135,6 +135,7 @@ class _Writer(Generic[_Scene]):
         self.node = {link.name: self.namer.give("link", link.name) for link in self.robot.links}
         self.edge = {joint.name: self.namer.give("joint", joint.name) for joint in joints}
         base = self.namer.own("base")
+        # URDF does not say whether the root is fixed.
         root_type = "free" if self.options.base == "free" else "weld"
         self.scene.edge(base, root_type, "ground", self.node[root.name])
         for joint in joints:
@@ -154,6 +155,7 @@ class _Writer(Generic[_Scene]):
         if joint.type == "fixed":
             self._place(edge, parent, child, joint.pose, weld=True)
             return
+        # A joint moves from its own frame, which the origin places on the parent.
         start = parent
         if joint.pose.xyz != _ZERO or joint.pose.rpy != _ZERO:
             start = self.namer.own(f"{edge}_frame")
@@ -182,6 +184,7 @@ class _Writer(Generic[_Scene]):
         if joint.friction:
             friction = self._parameter(f"{edge}_friction", joint.friction, unit)
             rate, speed = f"{edge}.{_COORDINATE[joint.type]}_dot", self._friction_speed()
+            # Smooth, so that the equations and their sensitivities stay continuous at rest.
             terms.append(f"-{friction}*{rate}/sqrt({rate}**2 + {speed}**2)")
         if terms:
             fields[drive] = " ".join(terms)
@@ -206,6 +209,7 @@ class _Writer(Generic[_Scene]):
             factors.append(follower.mimic)
             follower = by_name[follower.mimic.joint]
         value = 0.0
+        # From the leader, which starts at zero, to the follower.
         for mimic in reversed(factors):
             value = mimic.multiplier * value + mimic.offset
         return {_COORDINATE[joint.type]: value} if value else {}
@@ -235,6 +239,7 @@ class _Writer(Generic[_Scene]):
         inertial = link.inertial
         if inertial is None:
             return
+        # Files often give zeros where they mean that there is no inertia.
         if inertial.mass == 0.0 and not any(inertial.moments):
             self.empty.append(f"'{link.name}'")
             return

@@ -65,6 +65,7 @@ def order_joints(robot: Robot, where: str) -> tuple[Link, tuple[Joint, ...]]:
             f"'{_short(roots[1].name)}' both hang on no joint: join them"
         )
     ordered: list[Joint] = []
+    # Depth first, with siblings in the order of the file.
     waiting = below[roots[0].name][::-1]
     while waiting:
         joint = waiting.pop()
@@ -105,6 +106,7 @@ def check_mimics(joints: Iterable[Joint], where: str) -> None:
                 f"{at} mimics '{_short(leader.name)}', which has not one coordinate: its type is "
                 f"{leader.type}"
             )
+    # Follow each chain of mimics until it ends or meets one that is known to end.
     settled: set[str] = set()
     for joint in by_name.values():
         trail: set[str] = set()

@@ -81,6 +81,7 @@ def attach_network(scene: SceneDescription, view: FirstView) -> Attached:
     view : FirstView
         Its multibody system, at the symbols of its accelerations.
     """
+    # Purely multibody scenes form no network at all.
     if not any(edge.component.role is Role.NETWORK for edge in scene.edges.values()):
         return Attached(None, {}, {}, {}, {})
     system = view.motion.system
@@ -114,6 +115,7 @@ def _slopes(through: Node, system: System) -> dict[int, Node]:
     found = {}
     occurring = set(symbols_in([through]))
     for speed in system.speeds:
+        # Only storages that are tied to joints react to accelerations: as inertia.
         if speed.acceleration not in occurring:
             continue
         (slope,) = tangents([through], {speed.acceleration: through.dag.one})

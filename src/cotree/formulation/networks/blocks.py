@@ -76,6 +76,7 @@ def factorise_block(dag: Dag, matrix: Sequence[Mapping[int, Node]], is_safe: boo
     is_safe : bool
         Whether it is positive definite for every state, if it is symmetric.
     """
+    # Symmetric and positive definite: any order of pivots is stable.
     if is_safe and _is_symmetric(matrix):
         return factorise_definite(dag, matrix)
     n = range(len(matrix))

@@ -83,6 +83,7 @@ def form_couplings(ports: Mapping[str, Port], view: FirstView) -> dict[str, Coup
 
 
 def _measure(port: Port, motion: Motion) -> Measure:
+    # Two nodes: the port acts along the line between them.
     if len(port.ends.acts_on) == 2:
         return _line(port, motion)
     joint, _, wanted = port.ends.acts_on[0].partition(".")
@@ -92,6 +93,7 @@ def _measure(port: Port, motion: Motion) -> Measure:
         raise SceneError(
             f"edge '{port.edge.name}' acts on '{joint}', which is no joint{nearest(joint, known)}"
         )
+    # Rotational ports act about joints that turn, translational ones along those that slide.
     turns = port.terminal.domain == "rotational"
     names = [
         step.name

@@ -34,6 +34,7 @@ class Names:
             for quantity, symbol in _symbols(port).items():
                 found[f"{port.name}.{symbol}"] = (quantity, port.name)
                 found[state_name(port, symbol)] = (quantity, port.name)
+            # A total of several contents has a name besides those of its parts.
             store = self.stores.get(port.name)
             if store is not None and not store.is_alone:
                 found[state_name(port, store.symbol[0])] = ("total", port.name)
@@ -46,6 +47,7 @@ class Names:
         if name in self._of_ports:
             return self._of_ports[name]
         first, _, symbol = name.rpartition(".")
+        # A node may belong to several domains; the symbol tells which is meant.
         for domain, topology in self.topologies.items():
             graph = topology.tree.graph
             if symbol == DOMAINS[domain].across_symbol and first in graph.nodes:

@@ -47,6 +47,7 @@ class _Nodal:
         """Solve for one right-hand side."""
         if all(value.is_zero for value in rhs):
             return list(rhs)
+        # A right-hand side of a branch enters the balance of the part beyond and of that before.
         balances = [self.dag.zero] * len(rhs)
         for i, (value, (sign, parent)) in enumerate(zip(rhs, self.above, strict=True)):
             out = value if sign > 0 else -value
@@ -98,12 +99,15 @@ def factorise_nodal(
     for (_, name), conductance in conductances.items():
         port = terminals.ports[name]
         ends = parts.get(port.head, -1), parts.get(port.tail, -1)
+        # Both ends in one part: its across variable is known.
         if ends[0] == ends[1]:
             continue
         signs = [(i, sign) for i, sign in zip(ends, (1, -1), strict=True) if i >= 0]
         for i, a in signs:
             for j, b in signs:
+                # The Laplacian of the parts, weighted by conductances.
                 rows[i][j] = rows[i].get(j, conductance.dag.zero) + conductance * float(a * b)
+    # Potentials pay only if their equations have fewer entries.
     if not linear or sum(map(len, rows)) >= n_nonzeros:
         return None
     dag = conductances[linear[0]].dag

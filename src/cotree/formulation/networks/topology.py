@@ -169,6 +169,8 @@ class Topology:
 
         for number, chord in enumerate(self.tree.chords):
             edge = self.tree.graph.edge(chord)
+            # Counts, numbers and directions are summed at once: where one chord is left, they name
+            # it.
             add(edge.head, number, 1, 1)
             add(edge.tail, number, 1, -1)
             ancestor = self._ancestor(edge.tail, edge.head)
@@ -256,6 +258,7 @@ class Topology:
     def cutset(self, branch: str, rate: str) -> Sum:
         """Give a branch's through variable from what flows out beyond it; or its rate."""
         n, number, sign = self._cuts[0][branch]
+        # The cut of a single chord needs no sum of its own.
         if n == 1:
             chord = self.tree.chords[number]
             return Sum(((-self._signs[branch] * sign, (f"through{rate}", chord)),))
