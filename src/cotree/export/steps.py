@@ -67,15 +67,15 @@ def formulation_steps(first: FirstGraph, equations: Equations) -> str:
     [1] eq. 1 to 9.
     """
     names = SymbolTable.of(equations)
-    writer = _Writer.of(first, equations, names)
+    speller = _Speller.of(first, equations, names)
     title = f"(3){', (4)' if equations.sensitivities else ''} terminal equations"
     sections = [
-        _heading(first, writer, names),
+        _heading(first, speller, names),
         _topology(first),
-        writer.section(title, edge_terms(first, writer.stand_in)),
-        *(writer.section(title, terms) for title, terms in cluster_terms(first)),
-        writer.section("(5) projection on the motion spaces", balance_terms(first)),
-        _result(writer, equations),
+        speller.section(title, edge_terms(first, speller.stand_in)),
+        *(speller.section(title, terms) for title, terms in cluster_terms(first)),
+        speller.section("(5) projection on the motion spaces", balance_terms(first)),
+        _result(speller, equations),
     ]
     return "\n\n".join(section for section in sections if section) + "\n"
 
@@ -90,10 +90,10 @@ def _trees(first: FirstGraph) -> list[tuple[str, str, Tree, Tree]]:
     return [row for row in rows if row[-1].branches]
 
 
-def _heading(first: FirstGraph, writer: _Writer, names: SymbolTable) -> str:
+def _heading(first: FirstGraph, speller: _Speller, names: SymbolTable) -> str:
     title = f"{first.scene.name}: from the linear graph to the equations"
     lines = ["G1 is the linear graph of the system; superscripts name its edges."]
-    for graph in writer.graphs[1:]:
+    for graph in speller.graphs[1:]:
         lines.append(
             f"{graph.label} has the same nodes, edges and trees; its variables, marked by "
             f"{graph.subscript}, are the derivatives of those of G1 with respect to {graph.name}."
@@ -130,7 +130,7 @@ def _sums(matrix: TopologyMatrix, letter: str) -> Iterator[str]:
         yield _wrapped(f"{joined(terms)} = 0", 4, 10)
 
 
-def _result(writer: _Writer, equations: Equations) -> str:
+def _result(speller: _Speller, equations: Equations) -> str:
     title = "(7) the equations in states and unknowns, signs turned"
     rows = [*equations.matrix, equations.forcing, equations.rates]
     rows += [(*row.forcing, *row.rates.values()) for row in equations.sensitivities]
@@ -140,7 +140,7 @@ def _result(writer: _Writer, equations: Equations) -> str:
     symbolic = symbolic_equations(equations)
     lines = [
         _wrapped(f"{graph.label}: {line}", 2, 8)
-        for graph in writer.graphs
+        for graph in speller.graphs
         for line in symbolic.lines(graph.name)
     ]
     lines += [_wrapped(line, 2, 8) for line in symbolic.event_lines()]
@@ -180,7 +180,7 @@ class _Graph:
 
 
 @dataclass(frozen=True)
-class _Writer:
+class _Speller:
     """Spells nodes, those that have a name by it.
 
     Attributes
@@ -207,7 +207,7 @@ class _Writer:
     spell: Callable[[Any], str]
 
     @classmethod
-    def of(cls, first: FirstGraph, equations: Equations, names: SymbolTable) -> _Writer:
+    def of(cls, first: FirstGraph, equations: Equations, names: SymbolTable) -> _Speller:
         """Name the symbols of the equations, and those of across variables in fields."""
         known = names.known(equations)
         graphs = [_Graph("G1", None, "", {})]
@@ -218,10 +218,10 @@ class _Writer:
             seed = {**direction.seed, **unknowns}
             graphs.append(_Graph(f"G{number}", direction.name, mark, seed))
         kinds = {name: edge.component.name for name, edge in first.scene.edges.items()}
-        writer = cls(first.system.dag, tuple(graphs), kinds, known, {}, printer("text", {}))
+        speller = cls(first.system.dag, tuple(graphs), kinds, known, {}, printer("text", {}))
         for name, symbol in first.system.signals.gathered().items():
-            writer._introduce(symbol, name, "")
-        return writer
+            speller._introduce(symbol, name, "")
+        return speller
 
     def _introduce(self, symbol: Node, letter: str, place: str) -> None:
         """Name a symbol that stands for a variable, and its derivative in each other graph."""
