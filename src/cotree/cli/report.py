@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from cotree.plot.result import quotient
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
@@ -48,7 +50,7 @@ def run_report(scene: Scene, model: Model, result: Result) -> str:
             (
                 f"d({name})/d({parameter})",
                 result.sensitivity(name, parameter)[-1],
-                _quotient(result.unit(name), result.unit(parameter)),
+                quotient(result.unit(name), result.unit(parameter)),
             )
             for name in (*result.states, *result.outputs)
         )
@@ -64,10 +66,3 @@ def _aligned(rows: Iterable[tuple[str, float, str]]) -> list[str]:
         f"  {name:<{width}} = {number if number.startswith('-') else ' ' + number} {unit}".rstrip()
         for name, number, unit in table
     ]
-
-
-def _quotient(unit: str, divisor: str) -> str:
-    """Write a unit over another; nothing where one of them is not known."""
-    if not unit or not divisor or divisor == "1":
-        return unit if divisor == "1" else ""
-    return f"{unit}/({divisor})" if any(mark in divisor for mark in " /*") else f"{unit}/{divisor}"

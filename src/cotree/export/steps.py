@@ -99,8 +99,9 @@ def _heading(first: FirstGraph, speller: _Speller, names: SymbolTable) -> str:
             f"{graph.subscript}, are the derivatives of those of G1 with respect to {graph.name}."
         )
     lines.append("Terms that are zero are left out; .x marks a component of a term shown before.")
-    short = [f"{names.symbols[name]} is {name}" for name in names.states]
-    lines.append(f"States: {', '.join(short) or 'none'}.")
+    spelt = {name: str(names.symbols[name]) for name in names.states}
+    short = [f"{text} is {name}" for name, text in spelt.items() if text != name]
+    lines += [f"States: {', '.join(short)}."] if short else []
     for _, _, through, across in _trees(first):
         lines.append(across.summary())
         if through is not across:

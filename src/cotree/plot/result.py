@@ -142,7 +142,7 @@ def plot_result(
                 _draw_curve(ax, result.t, values, label, colors[name])
             _draw_circles(ax, {colors[name]: overlay.get((name, parameter)) for name in group})
             subject = f"∂ {group[0]} / ∂ {parameter}" if len(group) == 1 else f"∂ / ∂ {parameter}"
-            _finish(ax, subject, _quotient(row.unit, result.unit(parameter)))
+            _finish(ax, subject, quotient(row.unit, result.unit(parameter)))
         top += row.height
     return figure
 
@@ -215,7 +215,7 @@ def _legend_columns(labels: Sequence[str]) -> int:
     return len(labels) if sum(widths) <= _PANEL else max(1, _PANEL // max(widths))
 
 
-def _quotient(unit: str, divisor: str) -> str:
+def quotient(unit: str, divisor: str) -> str:
     """Write a unit over another, m over N m as m/(N m); nothing if one of them is not known."""
     if not unit or not divisor:
         return ""
