@@ -53,9 +53,11 @@ def margins(dag: Dag, value: Node, time: Node) -> list[Node]:
     for stop in find_stops(dag, [value]):
         times = [stop.first]
         if stop.period is not None:
+            # The first time may be special, such as the beginning of a source.
             times.append(stop.first + stop.period)
         for at in times:
             way = _NEAR * dag.function("abs", at) + _NEAR_ZERO
+            # Two values on each side: their difference is the slope that a jump must exceed.
             sides = [at - 3.0 * way, at - way, at + way, at + 3.0 * way]
             a, b, c, d = (substitute([value], {time: side})[0] for side in sides)
             found[_margin(dag, (a, b, c, d))] = None
@@ -176,6 +178,7 @@ def _crossings(
             return value
         return floor(value) if condition.op == "floor" else math.copysign(1.0, value)
 
+    # Geometric spacing, since the time scale of a scene is unknown here.
     ratio = (_LONGEST / _SHORTEST) ** (1.0 / _N_TIMES)
     ahead = [_SHORTEST * ratio**k for k in range(_N_TIMES)]
     times = [*(-t for t in reversed(ahead)), 0.0, *ahead]
@@ -187,6 +190,7 @@ def _crossings(
             break
         if before == sides[i + 1] or math.isnan(before) or math.isnan(sides[i + 1]):
             continue
+        # Bisection to neighbouring doubles.
         while a < (middle := 0.5 * (a + b)) < b:
             a, b = (middle, b) if side(middle) == before else (a, middle)
         found.append(b)

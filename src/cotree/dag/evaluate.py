@@ -48,6 +48,7 @@ def evaluate(
         If an operation on complex numbers is undefined at these values. Those on floats give
         infinities and nan, as C does.
     """
+    # Looked up once: kernels have thousands of nodes.
     functions = {name: getattr(row, numbers) for name, row in OPERATIONS.items()}
     known: dict[Node, Any] = {}
     for node in reachable(roots, stop=values) if order is None else order:

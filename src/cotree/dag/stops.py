@@ -138,6 +138,7 @@ def find_longest_steps(dag: Dag, roots: Iterable[Node]) -> tuple[Node, ...]:
     waves = [node for node in order if node.op in ("sin", "cos")]
     pieces = _all_pieces(dag, order) if waves else {}
     lines = (line for node in waves for line in pieces.get(node.args[0], ()))
+    # The argument of the sine grows by 2 pi in one period.
     rates = dict.fromkeys(line.rate for line in lines if not line.rate.is_zero)
     return tuple(2.0 * math.pi / _SHARES / rate for rate in rates)
 
@@ -183,13 +184,16 @@ def _pieces(
     if not node.args or not all(arg in pieces for arg in node.args):
         return ()
     rows = [pieces[arg] for arg in node.args]
+    # A function of parameters alone is a constant line, whatever the function.
     is_fixed = not is_moving and all(_is_fixed(line) for row in rows for line in row)
     if is_fixed and node.op != "result":
         return (_Line(node, zero, zero),)
+    # |x| follows x or -x.
     if node.op == "abs":
         return (*rows[0], *(_scaled(line, -dag.one) for line in rows[0]))
     if node.op == "sign":
         return tuple(_Line(dag.constant(value), zero, zero) for value in (-1.0, 0.0, 1.0))
+    # Each combination of pieces of the arguments may occur at some time.
     made = [_line(dag, node, choice) for choice in product(*rows)]
     return tuple(dict.fromkeys(line for line in made if line is not None))
 
@@ -197,6 +201,7 @@ def _pieces(
 def _branches(dag: Dag, node: Node, pieces: Mapping[Node, tuple[_Line, ...]]) -> tuple[_Line, ...]:
     """Write a selection as the lines of its branches."""
     condition, accepted, refused = node.args
+    # max(x, 0), as sources with a delay have it: the line begins at its root.
     if condition is accepted and refused.is_zero and len(pieces.get(accepted, ())) == 1:
         (clipped,) = pieces[accepted]
         if clipped.count is None and not clipped.starts:
@@ -229,6 +234,7 @@ def _is_fixed(line: _Line) -> bool:
 
 def _added(a: _Line, b: _Line, sign: float) -> _Line | None:
     counts = {line.count for line in (a, b) if line.count is not None}
+    # Two periods have no common one, and a clipped line plus another has a kink at its start.
     if len(counts) > 1 or a.starts or b.starts:
         return None
     return _Line(
@@ -254,6 +260,7 @@ def _stops(node: Node, line: _Line) -> list[Stop]:
     firsts = [(place - line.offset) / line.rate for place in places]
     if line.count is None:
         return [Stop(first) for first in firsts]
+    # The count raises the line by a step when the period ends: zeros return with that period.
     period = -line.step / line.rate
     return [Stop(first, period, line.count.starts) for first in firsts]
 

@@ -28,6 +28,7 @@ def reachable(roots: Iterable[Node], stop: Container[Node] = ()) -> list[Node]:
             if arg not in found:
                 found.add(arg)
                 stack.append(arg)
+    # A node is made after its arguments, so its index is an order of evaluation.
     return sorted(found, key=_by_index)
 
 
@@ -62,6 +63,7 @@ def substitute(roots: Iterable[Node], replacement: Mapping[Node, Node]) -> list[
             continue
         args = tuple([new.get(arg, arg) for arg in node.args])
         if args != node.args:
+            # Rebuilding folds: what replaces an argument may make the value simpler.
             made = node.dag.rebuild(node, args)
             if made is not node:
                 new[node] = made
@@ -84,6 +86,7 @@ def symbols_of_each(
         if node.args:
             mask = 0
             for arg in node.args:
+                # Sets as integers: a union is one operation, however many symbols there are.
                 mask |= masks.get(arg, 0)
             masks[node] = mask
     known: dict[int, list[Node]] = {}

@@ -141,6 +141,7 @@ def _with_identity(
     tree: Tree, rows: tuple[str, ...]
 ) -> tuple[npt.NDArray[np.int64], dict[str, int]]:
     """Make a matrix that is the identity on the columns of `rows`, and the map to columns."""
+    # Columns are in edge order, so that cutset and circuit matrices share them.
     column_of = {name: j for j, name in enumerate(tree.graph.edge_names)}
     matrix = np.zeros((len(rows), len(column_of)), dtype=np.int64)
     for i, name in enumerate(rows):

@@ -141,6 +141,8 @@ def named_tree(graph: LinearGraph, names: Iterable[str]) -> Tree:
                 f"the tree of the {graph.domain} graph names edge '{name}' twice; name it once"
             )
         if not parts.join(edge.tail, edge.head):
+            # The edges named so far already join the two nodes; the path between them closes the
+            # circuit.
             circuit = [*_path(graph, branches, edge.tail, edge.head), name]
             raise TopologyError(
                 f"the tree of the {graph.domain} graph contains a circuit of the edges "

@@ -63,6 +63,7 @@ def check_located(edge: Edge) -> None:
     names: dict[str, ast.expr] = {name: ast.Name(name) for name in law.arguments}
     tree = to_tree(plain_jumps(law.expression), names)
     parts = [] if tree is None else jumps_in(tree)
+    # A floor jumps by whole numbers, which no substitution of zero proves away.
     is_certain = tree is not None and not any(
         isinstance(node, ast.Name) and node.id == "floor" for node in ast.walk(tree)
     )
@@ -95,6 +96,7 @@ def check_contents(scene: SceneDescription, edge: Edge) -> None:
             kind = "p" if name in scene.parameters else "x"
             return seen.setdefault(name, dag.symbol("t" if name == "t" else kind, len(seen)))
 
+        # Time is one symbol, whichever expressions name it.
         seen["t"] = time
         trees = {name: own[name] for name in port.content.arguments if name not in edge.fields}
         given = {name: Expression("", "", tree, names_in(tree)) for name, tree in trees.items()}
@@ -189,6 +191,7 @@ def _branched(
         ]
         if not found:
             return Law.of(whole)
+        # From the inside out, in an order that does not depend on hashes.
         atom = min(found, key=lambda item: (sympy.count_ops(item), str(item)))
         is_upper = isinstance(atom, (sympy.Ge, sympy.Gt))
         tree = to_tree(atom.negated if is_upper else atom, known)
@@ -207,6 +210,7 @@ def _branched(
         symbol = sympy.Symbol(name, real=True)
         if isinstance(atom, sympy.core.relational.Relational):
             holds = symbol > sympy.Rational(1, 2)
+            # Comparisons with the mode itself jump at events only.
             kept |= {holds, holds.negated}
             whole = whole.xreplace({atom: sympy.Not(holds) if is_upper else holds})
         else:

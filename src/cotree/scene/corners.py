@@ -43,6 +43,7 @@ def has_only_corner(whole: ast.expr, part: ast.expr) -> bool:
     sides: list[ast.expr]
     if isinstance(part, ast.Compare):
         looked_at: ast.expr = ast.BinOp(part.left, ast.Sub(), part.comparators[0])
+        # Comparing equal numbers folds to the value on either side: >= holds, > does not.
         same = ast.Constant(0.5)
         sides = [ast.Compare(same, [op], [same]) for op in (ast.GtE(), ast.Gt())]
     else:
@@ -67,6 +68,7 @@ def _solutions(value: Node) -> list[dict[Node, Node]]:
     if value.op in ("add", "sub"):
         a, b = value.args
         for one, other in ((a, b), (b, a)):
+            # One term may be replaced by the other where it does not occur in it.
             if one.value is None and one not in reachable([other]):
                 found.append({value: dag.zero, one: -other if value.op == "add" else other})
     return found

@@ -46,6 +46,7 @@ class _Couple:
     def of(cls, ports: Sequence[Port], edges: Collection[str]) -> _Couple:
         first, second = ports
         law = first.terminal.across
+        # A gyrator gives its across variable by the other's through variable.
         is_gyrator = law is not None and any(a.startswith("through_") for a in law.arguments)
         options = ((True, True), (False, False)) if is_gyrator else ((True, False), (False, True))
         # What acts on a multibody system takes its motion as it is, and what is short-circuited
@@ -123,6 +124,7 @@ class CoupledTrees:
             for graph in graphs
             for edge in graph.edges
         }
+        # So large that one storage with a state outweighs all other preferences together.
         excess = _MOST * (len(ends) + 1)
         costs = {
             name: excess * _EXCESS.get(ports[name].kind, 0) + round(_UNIT * weights[name])
@@ -243,6 +245,7 @@ class CoupledTrees:
         known = {*fixed, *branches}
         costs = self._open(across, known, pairs)
         found = common_forest(across, through, costs)
+        # A spanning tree of each graph has one branch less than nodes.
         n_nodes = sum(graph.n_nodes - 1 for graph in self.graphs)
         n_ports = sum(name in found for pair in pairs for name in pair)
         if len(found) + len(branches) + len(self._inputs) < n_nodes or n_ports < len(pairs):
@@ -254,6 +257,7 @@ class CoupledTrees:
         self, across: Contracted, known: Collection[str], pairs: Sequence[tuple[str, str]]
     ) -> dict[str, int]:
         """Give the costs of what may become branches; one port of each pair must."""
+        # A bonus larger than all costs together: one port of each pair is always chosen.
         must = 1 + sum(map(abs, self.costs.values()))
         costs = {name: self.costs[name] - must for pair in pairs for name in pair}
         rest = [name for name in self.costs if name not in known and name not in costs]

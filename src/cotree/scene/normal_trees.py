@@ -75,6 +75,7 @@ def normal_trees(
         for kind in (Kind.NULLATOR, Kind.NORATOR):
             _check_across_sources(graph, ports, kind)
             _check_reached(graph, ports, weights, kind)
+    # Graphs that couplings connect have to be chosen together, all others by themselves.
     tied = {p.terminal.domain for p in ports.values() if p.kind in (Kind.COUPLED, Kind.NULLATOR)}
     trees = {}
     for domain, graph in graphs.items():
@@ -107,6 +108,7 @@ def _nearest_first(graph: LinearGraph, weights: Mapping[str, float]) -> dict[str
     found = dict(weights)
     for edge in allowed:
         near = min(steps.get(node, graph.n_nodes) for node in (edge.tail, edge.head))
+        # Bounded, so that nearness decides among equal kinds only.
         found[edge.name] += _AMONG_LIKE * near / (near + 1.0)
     return found
 
