@@ -127,7 +127,7 @@ def measure(name: str, n: int) -> Row:
     return Row(
         n,
         found.n_operations,
-        sum(len(k.text) for k in context.kernels),
+        sum(len(k.body.text) for k in context.kernels),
         len(files[f"{context.prefix}.c"]),
         context.n_written,
         generation,

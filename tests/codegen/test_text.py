@@ -15,6 +15,7 @@ from made_up_scenes import HOSTILE, busy_scene
 
 from cotree.codegen import context as contexts
 from cotree.codegen.context import model_context
+from cotree.codegen.kernel_text import KernelContext, TableContext
 from cotree.codegen.maps import ConstantColumns, MapContext
 from cotree.codegen.printer_c import print_nodes
 from cotree.codegen.printing import literal, print_expression, print_lines
@@ -201,8 +202,8 @@ def test_contexts_are_plain_data(program_of, scene_name):
 #: What the templates of a model call the contexts that they walk through.
 _VARIABLES = {
     "model": contexts.ModelContext,
-    "kernel": contexts.KernelContext,
-    "table": contexts.TableContext,
+    "kernel": KernelContext,
+    "table": TableContext,
     "row": contexts.QuantityContext,
     "event": contexts.EventContext,
     "map": MapContext,

@@ -11,7 +11,7 @@ from cotree.codegen.expressions import call, element, named, whole, zero
 from cotree.codegen.loops import roll
 from cotree.codegen.own_rows import OwnRows, own_rows
 from cotree.codegen.printer_c import print_nodes, symbol
-from cotree.codegen.printing import LANES, Body, literal, print_body, wrapped
+from cotree.codegen.printing import Body, literal, print_body, wrapped
 from cotree.codegen.segments import cut_into_segments
 from cotree.codegen.stack import VECTOR, n_bytes
 from cotree.codegen.statements import (
@@ -23,6 +23,7 @@ from cotree.codegen.statements import (
     function_of,
     uses,
 )
+from cotree.codegen.targets import LANES
 from cotree.dag.linear_map import BLOCK
 from cotree.program.machine import bounds, by_need
 

@@ -7,23 +7,15 @@ kernels of second derivatives.
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.codegen.blocks import cut_into_blocks
-from cotree.codegen.context import (
-    is_call,
-    kernel_context,
-    name_tables,
-    table_context,
-)
 from cotree.codegen.expressions import apply, element, named, number, temporary
-from cotree.codegen.printer_c import is_written_out
-from cotree.codegen.printing import Body, Counted, print_body, wrapped
+from cotree.codegen.kernel_text import KernelFile, file_fields, kernel_context, name_tables
+from cotree.codegen.printing import Body, print_body, wrapped
 from cotree.codegen.render import abi_header, render
 from cotree.codegen.statements import Argument, Assign
-from cotree.dag.several import Function, sizes_of
 from cotree.dag.symbols import INPUT, TIME, kinds_in
 from cotree.linear.plan import plan_elimination
 from cotree.naming import c_identifier
@@ -34,7 +26,6 @@ from cotree.version import VERSION
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from cotree.codegen.context import KernelContext, TableContext
     from cotree.codegen.expressions import Expression
     from cotree.codegen.statements import Statement
     from cotree.linear.plan import Elimination, Entry
@@ -62,20 +53,9 @@ class EliminationContext:
 
 
 @dataclass(frozen=True)
-class NewtonContext(Counted):
-    """Data of the template; most fields are those of the model's context."""
+class NewtonContext(KernelFile):
+    """Data of the template."""
 
-    title: str
-    prefix: str
-    generator: str
-    digest: str
-    uses_math: bool
-    uses_solve: bool
-    scales_solve: bool
-    definite_sizes: list[int]
-    tables: list[TableContext]
-    functions: list[str]
-    kernels: list[KernelContext]
     elimination: EliminationContext | None
     is_autonomous: bool
     has_slope: bool
@@ -87,8 +67,7 @@ class NewtonContext(Counted):
     def bodies(self) -> list[Body]:
         """The functions."""
         plan = self.elimination
-        bodies = [kernel.body for kernel in self.kernels]
-        return bodies if plan is None else [*bodies, plan.factor, plan.solve]
+        return [*super().bodies, *((plan.factor, plan.solve) if plan is not None else ())]
 
 
 def render_newton(model: NewtonContext) -> Mapping[str, str]:
@@ -135,26 +114,15 @@ def newton_context(program: Program) -> NewtonContext:
     made = [slope] if slope is not None else []
     made += [curvature.at, curvature.along] if curvature is not None else []
     nodes = [node for kernel in made for node in kernel.order]
-    tables = name_tables(node.data for node in nodes if node.op == "table")
-    kernels = [kernel_context(prefix, kernel, program, tables, {}) for kernel in made]
+    names = name_tables(nodes)
+    kernels = [kernel_context(prefix, kernel, program, names, {}) for kernel in made]
     places = [] if curvature is None else wrapped(map(str, curvature.places))
-    lines = [line for kernel in kernels for line in (kernel.signature, *kernel.body.text)] + places
+    further = list(places)
     if elimination is not None:
-        lines += [*elimination.factor.text, *elimination.solve.text]
+        further += [*elimination.factor.text, *elimination.solve.text]
     rates = [*program.kernels["rhs"].results, *program.kernels["augmented_rhs"].results]
-    uses_solve = any(node.op == "solve" for node in nodes)
     return NewtonContext(
-        title=layout.name,
-        prefix=prefix,
-        generator=VERSION,
-        digest=hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16],
-        uses_math=uses_solve or any(is_call(node) for node in nodes),
-        uses_solve=uses_solve,
-        scales_solve=any(node.op == "solve" and sizes_of(node) for node in nodes),
-        definite_sizes=sorted({node.data.size for node in nodes if is_written_out(node)}),
-        tables=[table_context(table, name) for table, name in tables.items()],
-        functions=sorted({node.data.name for node in nodes if isinstance(node.data, Function)}),
-        kernels=kernels,
+        **file_fields(layout.name, nodes, kernels, further),
         elimination=elimination,
         is_autonomous=kinds_in(rates).isdisjoint((TIME, INPUT)),
         has_slope=slope is not None,

@@ -1,7 +1,7 @@
 """Statements to lines of C, for one target.
 
 This is the only place that knows how C spells a statement. What differs between targets (the type
-of numbers, qualifiers, names of functions) stands in :class:`Target`.
+of numbers, qualifiers, names of functions) stands in :mod:`cotree.codegen.targets`.
 """
 
 from __future__ import annotations
@@ -14,9 +14,7 @@ from typing import TYPE_CHECKING
 
 from cotree.codegen.expressions import Affine, Entry
 from cotree.codegen.statements import (
-    REAL,
     SCALAR,
-    WHOLE,
     Array,
     Assign,
     Call,
@@ -30,7 +28,7 @@ from cotree.codegen.statements import (
     kind_of,
     n_operations,
 )
-from cotree.dag.operations import OPERATIONS
+from cotree.codegen.targets import DOUBLE
 from cotree.naming import c_comment
 
 if TYPE_CHECKING:
@@ -38,7 +36,8 @@ if TYPE_CHECKING:
 
     from cotree.codegen.blocks import Blocks
     from cotree.codegen.expressions import Expression, Form, Number
-    from cotree.codegen.statements import Argument, Statement
+    from cotree.codegen.statements import Statement
+    from cotree.codegen.targets import Target
 
 _WIDTH, _INDENT = 98, "    "
 
@@ -51,77 +50,6 @@ _LEAVES = {
     "name": "{name}",
     "zero": "{zero}",
 }
-
-#: Operations of C that are none of the program's.
-_SPELLED = {"real": "(double){0}", "not": "!{0}", "fails": "{0} != 0"}
-
-
-@dataclass(frozen=True, slots=True)
-class Target:
-    """Spelling of types and qualifiers.
-
-    Attributes
-    ----------
-    real : str
-        Type that statements compute with: one number, or a vector of some.
-    scalar : str
-        Type of one number, in arguments and tables.
-    zero : str
-        A zero of type ``real``.
-    suffix : str
-        What follows literals and the names of the C library's functions.
-    function : str
-        What stands before the name of a function that is part of another.
-    name : str
-        Name of such a function, its own left open.
-    aligned : str
-        What stands before an array that vectors are read from.
-    restrict : str
-        What says of an argument that no other leads to the same array.
-    """
-
-    real: str = "double"
-    scalar: str = "double"
-    zero: str = "0.0"
-    suffix: str = ""
-    function: str = "COTREE_APART static void"
-    name: str = "{}"
-    aligned: str = "COTREE_ALIGNED "
-    restrict: str = "COTREE_RESTRICT "
-
-    def type_of(self, kind: str) -> str:
-        """Spell a type; one that is of C already stays."""
-        return {REAL: self.real, SCALAR: self.scalar, WHOLE: "int"}.get(kind, kind)
-
-    def declared(self, argument: Argument) -> str:
-        """Declare an argument."""
-        text = self.type_of(argument.kind)
-        if not argument.is_array:
-            return f"{text} {argument.name}"
-        constant = "const " if argument.is_constant else ""
-        restrict = self.restrict if argument.is_restricted else ""
-        return f"{constant}{text} *{restrict}{argument.name}"
-
-    def spelling(self, op: str) -> str:
-        """Spell an operation, its arguments left open."""
-        if op in _SPELLED:
-            text = _SPELLED[op]
-        else:
-            row = OPERATIONS[op]
-            is_named = row.is_call and row.c[0].isalpha()
-            text = row.c.replace("(", f"{self.suffix}(", 1) if is_named else row.c
-        return text.replace("double", self.scalar)
-
-
-#: Kernels: one number at a time.
-DOUBLE = Target()
-#: Maps of columns: as many at a time as a vector has lanes, whatever their number is.
-LANES = Target(
-    real="VECTOR",
-    zero="ZERO",
-    function="TARGET COTREE_APART static void",
-    name="NAMED({})",
-)
 
 
 @dataclass(frozen=True)
@@ -154,29 +82,6 @@ class Body:
     def text(self) -> list[str]:
         """All of its lines."""
         return [*chain.from_iterable((b.signature, *b.lines) for b in self.blocks), *self.lines]
-
-
-class Counted:
-    """A text of several functions whose operations are counted."""
-
-    @property
-    def bodies(self) -> list[Body]:
-        """The functions."""
-        raise NotImplementedError
-
-    @property
-    def n_written(self) -> int:
-        """About how many operations the longest function has."""
-        return max(self._written, default=0)
-
-    @property
-    def n_written_in_all(self) -> int:
-        """About how many operations all functions have."""
-        return sum(self._written)
-
-    @property
-    def _written(self) -> list[int]:
-        return [n for body in self.bodies for n in body.written]
 
 
 def literal(value: float) -> str:

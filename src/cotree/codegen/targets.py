@@ -1,0 +1,83 @@
+"""Targets: what C text computes with, and how it spells types and qualifiers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.codegen.statements import REAL, SCALAR, WHOLE
+from cotree.dag.operations import OPERATIONS
+
+if TYPE_CHECKING:
+    from cotree.codegen.statements import Argument
+
+#: Operations of C that are none of the program's.
+_SPELLED = {"real": "(double){0}", "not": "!{0}", "fails": "{0} != 0"}
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """Spelling of types and qualifiers.
+
+    Attributes
+    ----------
+    real : str
+        Type that statements compute with: one number, or a vector of some.
+    scalar : str
+        Type of one number, in arguments and tables.
+    zero : str
+        A zero of type ``real``.
+    suffix : str
+        What follows literals and the names of the C library's functions.
+    function : str
+        What stands before the name of a function that is part of another.
+    name : str
+        Name of such a function, its own left open.
+    aligned : str
+        What stands before an array that vectors are read from.
+    restrict : str
+        What says of an argument that no other leads to the same array.
+    """
+
+    real: str = "double"
+    scalar: str = "double"
+    zero: str = "0.0"
+    suffix: str = ""
+    function: str = "COTREE_APART static void"
+    name: str = "{}"
+    aligned: str = "COTREE_ALIGNED "
+    restrict: str = "COTREE_RESTRICT "
+
+    def type_of(self, kind: str) -> str:
+        """Spell a type; one that is of C already stays."""
+        return {REAL: self.real, SCALAR: self.scalar, WHOLE: "int"}.get(kind, kind)
+
+    def declared(self, argument: Argument) -> str:
+        """Declare an argument."""
+        text = self.type_of(argument.kind)
+        if not argument.is_array:
+            return f"{text} {argument.name}"
+        constant = "const " if argument.is_constant else ""
+        restrict = self.restrict if argument.is_restricted else ""
+        return f"{constant}{text} *{restrict}{argument.name}"
+
+    def spelling(self, op: str) -> str:
+        """Spell an operation, its arguments left open."""
+        if op in _SPELLED:
+            text = _SPELLED[op]
+        else:
+            row = OPERATIONS[op]
+            is_named = row.is_call and row.c[0].isalpha()
+            text = row.c.replace("(", f"{self.suffix}(", 1) if is_named else row.c
+        return text.replace("double", self.scalar)
+
+
+#: Kernels: one number at a time.
+DOUBLE = Target()
+#: Maps of columns: as many at a time as a vector has lanes, whatever their number is.
+LANES = Target(
+    real="VECTOR",
+    zero="ZERO",
+    function="TARGET COTREE_APART static void",
+    name="NAMED({})",
+)
