@@ -150,8 +150,8 @@ class _Printer:
             return self._assign(row)
         if isinstance(row, Guard):
             comparison = ">" if row.is_strict else ">="
-            number = self.expression(row.number)
-            return f"if (!({self.expression(row.value)} {comparison} 0.0)) return -{number};"
+            value, number = map(self.expression, row.expressions)
+            return f"if (!({value} {comparison} 0.0{self._target.suffix})) return -{number};"
         if isinstance(row, Report):
             return (
                 f"if ({self.expression(row.condition)}) {self.expression(row.status)} = {row.code};"

@@ -69,7 +69,7 @@ class Target:
             row = OPERATIONS[op]
             is_named = row.is_call and row.c[0].isalpha()
             text = row.c.replace("(", f"{self.suffix}(", 1) if is_named else row.c
-        return text.replace("double", self.scalar)
+        return text.replace("double", self.scalar).replace("0.0", f"0.0{self.suffix}")
 
 
 #: Kernels: one number at a time.
