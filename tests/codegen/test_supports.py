@@ -13,8 +13,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cotree.codegen import maps
+from cotree.codegen.column_storage import own_rows
 from cotree.codegen.maps import map_context
-from cotree.codegen.own_rows import own_rows
 from cotree.codegen.render import render
 from cotree.dag.linear_map import BLOCK, apply_map, form_map
 from cotree.dag.nodes import Dag

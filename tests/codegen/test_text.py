@@ -15,10 +15,10 @@ from made_up_scenes import HOSTILE, busy_scene
 
 from cotree.codegen import context as contexts
 from cotree.codegen.context import model_context
-from cotree.codegen.kernel_text import KernelContext, TableContext
-from cotree.codegen.maps import ConstantColumns, MapContext
-from cotree.codegen.printer_c import print_nodes
-from cotree.codegen.printing import literal, print_expression, print_lines
+from cotree.codegen.kernel_text import KernelContext
+from cotree.codegen.maps import MapContext
+from cotree.codegen.node_statements import print_nodes
+from cotree.codegen.printing import Constants, literal, print_expression, print_lines
 from cotree.codegen.render import cdef, render_model, template_folder
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag
@@ -203,11 +203,10 @@ def test_contexts_are_plain_data(program_of, scene_name):
 _VARIABLES = {
     "model": contexts.ModelContext,
     "kernel": KernelContext,
-    "table": TableContext,
+    "table": Constants,
     "row": contexts.QuantityContext,
     "event": contexts.EventContext,
     "map": MapContext,
-    "columns": ConstantColumns,
 }
 _TEMPLATES = [
     "cotree_abi.h.jinja",

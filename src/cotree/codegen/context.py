@@ -5,16 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from cotree.codegen.column_storage import own_rows
 from cotree.codegen.kernel_text import KernelFile, file_fields, kernel_context, name_tables
-from cotree.codegen.maps import ConstantColumns, MapContext, constant_columns, map_context
-from cotree.codegen.own_rows import own_rows
-from cotree.codegen.places import StartsContext, name_starts
-from cotree.codegen.printer_c import SINES
-from cotree.codegen.printing import (
-    Body,
-    literal,
-    wrapped,
-)
+from cotree.codegen.maps import MapContext, constant_columns, map_context
+from cotree.codegen.node_statements import SINES
+from cotree.codegen.printing import Body, Constants, literal, wrapped
+from cotree.codegen.result_offsets import name_starts
 from cotree.dag.traverse import reachable
 from cotree.naming import c_comment, c_identifier, c_string
 
@@ -73,9 +69,8 @@ class ModelContext(KernelFile):
     uses_vectors: bool
     packs_sines: bool
     maps: list[MapContext]
-    constant_columns: list[ConstantColumns]
+    constants: list[Constants]  # of maps: what columns do not share, and where they begin
     clears_columns: bool
-    starts: list[StartsContext]
     kernel_pointers: list[str]
     states: list[QuantityContext]
     parameters: list[QuantityContext]
@@ -146,9 +141,8 @@ def model_context(program: Program) -> ModelContext:
         uses_vectors=packs_sines or bool(maps),
         packs_sines=packs_sines,
         maps=contexts,
-        constant_columns=list(columns.values()),
+        constants=[*columns.values(), *starts.values()],
         clears_columns=any(node not in columns for node in maps),
-        starts=list(starts.values()),
         kernel_pointers=[
             f"{prefix}_{k.spec.name}" if k in present else "NULL" for k in program.kernels.values()
         ],

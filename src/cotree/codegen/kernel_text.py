@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 from cotree.codegen.blocks import cut_into_blocks
 from cotree.codegen.expressions import Affine, call, element, named, whole
 from cotree.codegen.loops import roll
-from cotree.codegen.places import starts_of_maps
-from cotree.codegen.printer_c import Printed, is_written_out, print_nodes
-from cotree.codegen.printing import Body, function_head, literal, print_body, wrapped
+from cotree.codegen.node_statements import Printed, is_written_out, print_nodes
+from cotree.codegen.printing import Body, Constants, function_head, literal, print_body, wrapped
+from cotree.codegen.result_offsets import starts_of_maps
 from cotree.codegen.stack import n_bytes
 from cotree.codegen.statements import Argument, Array, Assign, Guard, Loop
 from cotree.codegen.targets import DOUBLE
@@ -30,16 +30,6 @@ if TYPE_CHECKING:
     from cotree.codegen.targets import Target
     from cotree.dag.nodes import Node
     from cotree.program import Kernel, Program
-
-
-@dataclass(frozen=True)
-class TableContext:
-    """A piecewise linear function."""
-
-    name: str
-    length: int
-    x: list[str]
-    y: list[str]
 
 
 @dataclass(frozen=True)
@@ -70,7 +60,7 @@ class KernelFile:
     uses_solve: bool
     scales_solve: bool
     definite_sizes: list[int]  # of symmetric systems that are written out
-    tables: list[TableContext]
+    tables: list[Constants]
     functions: list[str]
     kernels: list[KernelContext]
 
@@ -90,11 +80,10 @@ class KernelFile:
         return sum(n for body in self.bodies for n in body.written)
 
 
-def _table_context(table: Table, name: str) -> TableContext:
-    """Write a table's values."""
-    return TableContext(
-        name, len(table.x), wrapped(map(literal, table.x)), wrapped(map(literal, table.y))
-    )
+def _written_table(table: Table, name: str) -> Iterator[Constants]:
+    """Write the arguments and the values of a table."""
+    for axis, values in (("x", table.x), ("y", table.y)):
+        yield Constants("double", f"{name}_{axis}", len(values), wrapped(map(literal, values)))
 
 
 def name_tables(nodes: Iterable[Node]) -> dict[Table, str]:
@@ -130,7 +119,7 @@ def file_fields(
         "uses_solve": bool(solved),
         "scales_solve": any(map(sizes_of, solved)),
         "definite_sizes": sorted({node.data.size for node in solved if is_written_out(node)}),
-        "tables": [_table_context(table, name) for table, name in name_tables(nodes).items()],
+        "tables": [row for pair in name_tables(nodes).items() for row in _written_table(*pair)],
         "functions": sorted({node.data.name for node in nodes if isinstance(node.data, Function)}),
         "kernels": kernels,
     }
@@ -160,7 +149,7 @@ def kernel_context(
     program : Program
         That it is of.
     names : mapping
-        As for :func:`cotree.codegen.printer_c.print_nodes`.
+        As for :func:`cotree.codegen.node_statements.print_nodes`.
     called : mapping of str to int
         Bytes of the stack that functions take which it may call.
     target : Target

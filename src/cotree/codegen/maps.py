@@ -7,11 +7,11 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from cotree.codegen.blocks import Blocks, cut_into_blocks
+from cotree.codegen.column_storage import OwnRows, own_rows
 from cotree.codegen.expressions import call, element, named, whole, zero
 from cotree.codegen.loops import roll
-from cotree.codegen.own_rows import OwnRows, own_rows
-from cotree.codegen.printer_c import print_nodes, symbol
-from cotree.codegen.printing import Body, literal, print_body, wrapped
+from cotree.codegen.node_statements import print_nodes, symbol
+from cotree.codegen.printing import Body, Constants, literal, print_body, wrapped
 from cotree.codegen.segments import cut_into_segments
 from cotree.codegen.stack import VECTOR, n_bytes
 from cotree.codegen.statements import (
@@ -83,15 +83,6 @@ class MapContext:
 
 
 @dataclass(frozen=True)
-class ConstantColumns:
-    """Table of the values that the columns of a map do not share, all known beforehand."""
-
-    name: str
-    length: int
-    lines: list[str]
-
-
-@dataclass(frozen=True)
 class _Cut:
     """The statements of a map, in functions where they are long."""
 
@@ -144,14 +135,14 @@ def map_context(node: Node, name: str) -> MapContext:
     )
 
 
-def constant_columns(node: Node, name: str) -> ConstantColumns | None:
+def constant_columns(node: Node, name: str) -> Constants | None:
     """Write the values that columns do not share as a table; None where one must be computed."""
     rows = own_rows(node)
     values = rows.values(node)
     if any(value.value is None for value in values.values()):
         return None
     items = [f"[{i}] = {literal(value.value or 0.0)}" for i, value in sorted(values.items())]
-    return ConstantColumns(name, rows.length, wrapped(items or ["0.0"]))
+    return Constants("double", name, rows.length, wrapped(items or ["0.0"]))
 
 
 def _is_waiting(linear: LinearMap) -> bool:

@@ -84,6 +84,16 @@ class Body:
         return [*chain.from_iterable((b.signature, *b.lines) for b in self.blocks), *self.lines]
 
 
+@dataclass(frozen=True)
+class Constants:
+    """A table of constants as text."""
+
+    type: str
+    name: str
+    length: int
+    lines: list[str]
+
+
 def literal(value: float) -> str:
     """Write a double as the shortest C literal that reads back equal."""
     return repr(float(value))

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from cotree.codegen.blocks import LONGEST_BLOCK
 from cotree.codegen.crossing import Crossing
 from cotree.codegen.expressions import apply, call, element, named, whole, zero
-from cotree.codegen.printer_c import print_parts
+from cotree.codegen.node_statements import print_parts
 from cotree.codegen.statements import REAL, Assign, When
 from cotree.dag.linear_map import BLOCK
 

@@ -1,7 +1,7 @@
 """Nodes with several results: ``solve``, ``table``, ``call``, ``map``, ``sines``.
 
 Each has a row in :data:`SEVERAL` with its rules for evaluation, tangent and reverse; the rule for
-C stands in :mod:`cotree.codegen.printer_c`. The results are read with ``result`` nodes.
+C stands in :mod:`cotree.codegen.node_statements`. The results are read with ``result`` nodes.
 """
 
 from __future__ import annotations

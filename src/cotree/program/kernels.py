@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-#: Arguments of kernels: C declaration and meaning. ``k`` is what ``prepare`` made of p.
-ARGUMENTS: dict[str, tuple[str, str]] = {
-    "t": ("double t", "time"),
-    "x": ("const double *COTREE_RESTRICT x", "states"),
-    "s": ("const double *COTREE_RESTRICT s", "sensitivities, parameter by parameter"),
-    "u": ("const double *COTREE_RESTRICT u", "inputs"),
-    "p": ("const double *COTREE_RESTRICT p", "parameters"),
-    "k": ("const double *COTREE_RESTRICT k", "prepared values"),
-    "v": ("const double *COTREE_RESTRICT v", "a direction of the states"),
+#: Arguments of kernels, arrays but for ``t``. ``k`` is what ``prepare`` made of p.
+ARGUMENTS: dict[str, str] = {
+    "t": "time",
+    "x": "states",
+    "s": "sensitivities, parameter by parameter",
+    "u": "inputs",
+    "p": "parameters",
+    "k": "prepared values",
+    "v": "a direction of the states",
 }
 
 

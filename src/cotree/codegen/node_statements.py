@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from cotree.codegen.column_storage import own_rows, padded
 from cotree.codegen.expressions import (
     apply,
     call,
@@ -19,7 +20,6 @@ from cotree.codegen.expressions import (
     temporary,
     whole,
 )
-from cotree.codegen.own_rows import own_rows, padded
 from cotree.codegen.statements import (
     WHOLE,
     Array,
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
     from cotree.codegen.expressions import Expression
-    from cotree.codegen.places import Starts
+    from cotree.codegen.result_offsets import Starts
     from cotree.codegen.statements import Statement
     from cotree.dag.linear_map import LinearMap
     from cotree.dag.nodes import Node

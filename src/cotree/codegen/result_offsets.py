@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.codegen.expressions import element
-from cotree.codegen.printing import wrapped
+from cotree.codegen.printing import Constants, wrapped
 from cotree.dag.several import results as results_of
 
 if TYPE_CHECKING:
@@ -30,15 +30,6 @@ class Starts:
         return element(self.array, self.places[column] + row)
 
 
-@dataclass(frozen=True)
-class StartsContext:
-    """The starts of a map's columns as a table in C."""
-
-    name: str
-    length: int
-    lines: list[str]
-
-
 def starts_of_maps(kernel: Kernel) -> dict[Node, Starts]:
     """Find maps whose columns are all results of the kernel unchanged, and their places there."""
     first: dict[Node, int] = {}
@@ -58,12 +49,12 @@ def starts_of_maps(kernel: Kernel) -> dict[Node, Starts]:
     return found
 
 
-def name_starts(kernels: Iterable[Kernel]) -> Mapping[tuple[int, ...], StartsContext]:
+def name_starts(kernels: Iterable[Kernel]) -> Mapping[tuple[int, ...], Constants]:
     """Give each table of places a name."""
     tables = dict.fromkeys(
         starts.places for kernel in kernels for starts in starts_of_maps(kernel).values()
     )
     return {
-        places: StartsContext(f"cotree_starts{i}", len(places), wrapped(map(str, places)))
+        places: Constants("int", f"cotree_starts{i}", len(places), wrapped(map(str, places)))
         for i, places in enumerate(tables)
     }

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from rod_chain import rod_chain
 
-from cotree.codegen.places import starts_of_maps
+from cotree.codegen.result_offsets import starts_of_maps
 from cotree.dag.several import results
 from cotree.pipeline import formulate, generate
 
