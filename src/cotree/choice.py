@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.traverse import reachable
 from cotree.errors import FormulationError, ModelError
-from cotree.formulation.deep_trees import is_deep
 from cotree.formulation.first_graph import form_first_graph, tree_links
+from cotree.formulation.lazy_mass_matrix import is_deep
 from cotree.graph import tree_walk
 from cotree.linear.bordered import factorise_bordered
+from cotree.program.cost_model import cycles
 from cotree.program.counts import OperationCount, count_operations
-from cotree.program.machine import cycles
-from cotree.program.solved import Solved
+from cotree.program.solved import SolvedSystem
 from cotree.scene.motion_spaces import motion_spaces
 from cotree.sensitivity.graphs import form_derivatives, unknown_tangents
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from cotree.formulation.first_graph import FirstGraph
-    from cotree.linear.tree import Link
+    from cotree.linear.tree import TreeLink
     from cotree.scene.description import SceneDescription
     from cotree.scene.trees import Trees
 
@@ -178,7 +178,7 @@ def _tried(
     return found
 
 
-def _eliminations(first: FirstGraph, *, may_defer: bool) -> list[tuple[Link, ...]]:
+def _eliminations(first: FirstGraph, *, may_defer: bool) -> list[tuple[TreeLink, ...]]:
     """List the ways to eliminate: by the matrix, and along the tree where it branches often.
 
     Sensitivities do not wait for each other, so that a shorter path to the factors is not worth
@@ -232,7 +232,7 @@ def _estimate(first: FirstGraph, sensitivities: Sequence[str]) -> tuple[int, flo
         return n_alone, time_alone
     row = form_derivatives(first, middle[:1])[0]
     known = dict(zip(first.unknowns, unknowns, strict=True))
-    solved = Solved(dag, first.matrix, factors, known, unknown_tangents(first))
+    solved = SolvedSystem(dag, first.matrix, factors, known, unknown_tangents(first))
     (derivative,) = solved.along([replace(row, rates={}, outputs={})])
     shared = set(alone)
     apart = [node for node in reachable(derivative.unknowns) if node not in shared]

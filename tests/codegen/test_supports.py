@@ -18,7 +18,7 @@ from cotree.codegen.maps import map_context
 from cotree.codegen.render import render
 from cotree.dag.linear_map import BLOCK, apply_map, form_map
 from cotree.dag.nodes import Dag
-from cotree.program.lanes import gather_columns
+from cotree.program.column_grouping import gather_columns
 
 pytestmark = pytest.mark.compiler
 

@@ -18,8 +18,8 @@ from cotree.passes.balance import balance_sums
 from cotree.passes.order import order_by_need
 from cotree.passes.recipe import run_passes
 from cotree.pipeline import formulate, trees_to_try
+from cotree.program.cost_model import bounds, by_need
 from cotree.program.lower import lower
-from cotree.program.machine import bounds, by_need
 
 from rod_chain import rod_chain  # isort: skip
 

@@ -25,7 +25,7 @@ from cotree.codegen.statements import (
 )
 from cotree.codegen.targets import LANES
 from cotree.dag.linear_map import BLOCK
-from cotree.program.machine import bounds, by_need
+from cotree.program.cost_model import bounds, by_need
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cotree.dag.nodes import Dag, Node
-    from cotree.linear.tree import Link
+    from cotree.linear.tree import TreeLink
 
 #: Parameters that a message names.
 _MOST_SHOWN = 5
@@ -309,7 +309,7 @@ class Equations:
         b.
     is_safe : tuple of bool
         Whether each unknown's pivot is positive for every state.
-    links : tuple of Link
+    links : tuple of TreeLink
         The tree, where elimination along it costs less than that of the matrix; else empty.
     rates : tuple of Node
         M x' in terms of x and w.
@@ -352,7 +352,7 @@ class Equations:
     matrix: Sequence[Sequence[Node]]
     forcing: tuple[Node, ...]
     is_safe: tuple[bool, ...]
-    links: tuple[Link, ...]
+    links: tuple[TreeLink, ...]
     rates: tuple[Node, ...]
     balances: tuple[Node, ...]
     constraints: ConstraintSet

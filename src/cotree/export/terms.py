@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from cotree.components import Role, integral_of
 from cotree.dag.traverse import reachable
 from cotree.domains import DOMAINS
-from cotree.formulation.networks.rules import Field, Lawful
+from cotree.formulation.networks.rules import FieldRule, Lawful
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -220,14 +220,14 @@ def _of_networks(
 
     def argument(variable: Variable) -> Node:
         rule = rules[variable]
-        if not isinstance(rule, Field) or not variable[0].startswith("field"):
+        if not isinstance(rule, FieldRule) or not variable[0].startswith("field"):
             return named(variable)
         return rule.value(network.solved.dag, {v: named(v) for v in rule.needs})
 
     for variable, rule in rules.items():
         port = network.ports.get(variable[1])
         # Sums are f-circuits and f-cutsets, which are printed as such.
-        if port is None or not isinstance(rule, Lawful | Field):
+        if port is None or not isinstance(rule, Lawful | FieldRule):
             continue  # sums are f-circuits and f-cutsets, which stand by themselves
         own = {v: argument(v) for v in rule.needs}
         letter, place = _network_name(network, variable)

@@ -17,9 +17,9 @@ from cotree.equations import State
 from cotree.errors import ExpressionError
 from cotree.formulation.across import accelerate, move
 from cotree.formulation.augmented import augmented_mass_matrix
-from cotree.formulation.deep_trees import LateMatrix, is_deep
 from cotree.formulation.events import bind_events, started
 from cotree.formulation.laws import applied_laws
+from cotree.formulation.lazy_mass_matrix import LateMatrix, is_deep
 from cotree.formulation.lumping import lump
 from cotree.formulation.networks.attached import attach_network
 from cotree.formulation.observed import Observer, observe_motion
@@ -30,7 +30,7 @@ from cotree.formulation.start import body_starts, start_conditions
 from cotree.formulation.system import bind
 from cotree.formulation.through import balance, load, mass_matrix
 from cotree.formulation.views import FirstView
-from cotree.linear.tree import Link
+from cotree.linear.tree import TreeLink
 from cotree.scene.motion_spaces import motion_spaces
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ class FirstGraph:
         The scalar networks, whose states come after the speeds.
     has_far_inertia : bool
         Whether storages of the networks are tied to joints, so that the mass matrix holds them.
-    links : tuple of Link
+    links : tuple of TreeLink
         The tree, where the unknowns are to be eliminated along it; see :func:`tree_links`.
     events : tuple of EventRow
         The events.
@@ -113,7 +113,7 @@ class FirstGraph:
     outputs: Outputs
     network: Network | None = None
     has_far_inertia: bool = False
-    links: tuple[Link, ...] = ()
+    links: tuple[TreeLink, ...] = ()
     events: tuple[EventRow, ...] = ()
 
     @property
@@ -254,7 +254,7 @@ def _measured(motion: Motion, observed: Mapping[str, Node]) -> dict[Node, Node]:
     return found
 
 
-def tree_links(first: FirstGraph) -> tuple[Link, ...]:
+def tree_links(first: FirstGraph) -> tuple[TreeLink, ...]:
     """Describe the tree for elimination along it.
 
     Nothing where a pivot may vanish, or where translation and rotation have each their own.
@@ -269,7 +269,7 @@ def tree_links(first: FirstGraph) -> tuple[Link, ...]:
         branch = geometry.branch
         inertia = first.loads.inertias[branch.child]
         links.append(
-            Link(
+            TreeLink(
                 branch.parent,
                 tuple(speed.index for speed in branch.speeds),
                 geometry.turning,

@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cotree.dag.nodes import Dag, Node
-    from cotree.linear.factors import Solver
-    from cotree.linear.tree import Link
+    from cotree.linear.factors import RankedSolver
+    from cotree.linear.tree import TreeLink
 
 
 def factorise_bordered(
@@ -20,8 +20,8 @@ def factorise_bordered(
     matrix: Sequence[Sequence[Node]],
     is_safe: Sequence[bool],
     sizes: Sequence[Sequence[Node]],
-    links: Sequence[Link],
-) -> Solver:
+    links: Sequence[TreeLink],
+) -> RankedSolver:
     """Factorise a bordered mass matrix, along its tree where ``links`` describe one.
 
     Parameters
@@ -34,7 +34,7 @@ def factorise_bordered(
         Whether the pivot of each unknown is known to be nonzero.
     sizes : sequence of rows of Node
         For each multiplier, squares of what its row is made of, before anything cancels.
-    links : sequence of Link
+    links : sequence of TreeLink
         The tree; empty where the matrix is eliminated.
     """
     if not links:

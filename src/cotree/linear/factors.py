@@ -26,8 +26,15 @@ if TYPE_CHECKING:
 _SMALLEST_SHARE = 1e-17
 
 
-class Solver(Protocol):
-    """A factorised matrix, whichever way."""
+class LinearSolver(Protocol):
+    """Factorised equations."""
+
+    def solve(self, rhs: Sequence[Node]) -> list[Node]:
+        """Solve for one right-hand side."""
+
+
+class RankedSolver(LinearSolver, Protocol):
+    """Factorised equations, of which some may be redundant."""
 
     def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
         """Solve for one right-hand side.
@@ -100,7 +107,7 @@ class SparseFactors:
     core: Core | None = None
 
     def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
-        """Solve for one right-hand side; see :class:`Solver`."""
+        """Solve for one right-hand side; see :class:`RankedSolver`."""
         own, right = self.factors, list(rhs)
         found = [self.dag.zero] * len(right)
         # Substitution in unsymmetric factors belongs to the item that asks for it.

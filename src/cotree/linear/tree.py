@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Link:
+class TreeLink:
     """A moving branch of a tree; vectors in the parent's basis.
 
     Attributes
@@ -70,7 +70,7 @@ class TreeFactors:
     ----------
     dag : Dag
         The arena.
-    links : tuple of Link
+    links : tuple of TreeLink
         The moving branches, parents first.
     gates : tuple of tuple of Gate
         Of each branch, in the order of their elimination: the last speed first. Wrenches are those
@@ -86,7 +86,7 @@ class TreeFactors:
     """
 
     dag: Dag
-    links: tuple[Link, ...]
+    links: tuple[TreeLink, ...]
     gates: tuple[tuple[Gate, ...], ...]
     n_speeds: int
     border: tuple[tuple[Node, ...], ...] = ()
@@ -155,7 +155,7 @@ class TreeFactors:
 
 def factorise_tree(
     dag: Dag,
-    links: Sequence[Link],
+    links: Sequence[TreeLink],
     border: Sequence[Sequence[Node]],
     sizes: Sequence[Sequence[Node]],
     n_speeds: int,
@@ -166,7 +166,7 @@ def factorise_tree(
     ----------
     dag : Dag
         The arena.
-    links : sequence of Link
+    links : sequence of TreeLink
         The moving branches, parents first; every pivot is known to be positive.
     border, sizes : sequence of rows of Node
         The rows of the multipliers, over the accelerations, and squares of what they are made of
@@ -223,7 +223,7 @@ def factorise_tree(
     )
 
 
-def _outwards(link: Link) -> range:
+def _outwards(link: TreeLink) -> range:
     """Order a branch's speeds for elimination: the outermost first."""
     return range(len(link.speeds) - 1, -1, -1)
 
@@ -240,19 +240,19 @@ def _dot(a: Sequence[tuple[int, Node]], b: Sequence[Node]) -> Node:
     return total
 
 
-def _power(link: Link, speed: int, force: Vector, torque: Vector) -> Node:
+def _power(link: TreeLink, speed: int, force: Vector, torque: Vector) -> Node:
     return vector.dot(link.turning[speed], torque) + vector.dot(link.shifting[speed], force)
 
 
-def _up(link: Link, a: Vector) -> Vector:
+def _up(link: TreeLink, a: Vector) -> Vector:
     return a if link.step is None else vector.times(link.step, a)
 
 
-def _down(link: Link, a: Vector) -> Vector:
+def _down(link: TreeLink, a: Vector) -> Vector:
     return a if link.step is None else vector.transposed_times(link.step, a)
 
 
-def _own_inertia(link: Link) -> Spatial | None:
+def _own_inertia(link: TreeLink) -> Spatial | None:
     """Give the inertia of the child's own cluster."""
     if link.mass is None or link.moment is None or link.tensor is None:
         return None

@@ -21,7 +21,7 @@ from cotree.errors import Error, SingularSystemError
 from cotree.model.algebraic import eliminated
 from cotree.model.deviations import Point, Reduced, is_same, is_still, reduce
 from cotree.model.unknowns import solve_states
-from cotree.program.solved import Solved
+from cotree.program.solved import SolvedSystem
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -280,7 +280,7 @@ def _without_algebraic(whole: Array, cut: int, equations: Equations) -> Array:
 
 def _solved(equations: Equations, columns: Sequence[Derivative]) -> tuple[list[Node], list[Node]]:
     """Form the derivatives of the rates and of the outputs along each column, and the rates."""
-    solved = Solved.of(equations)
+    solved = SolvedSystem.of(equations)
     zero, n, k = equations.dag.zero, len(equations.states), len(equations.outputs)
     found = [
         node

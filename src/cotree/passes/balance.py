@@ -15,7 +15,7 @@ from heapq import heapify, heappop, heappush
 from typing import TYPE_CHECKING
 
 from cotree.passes.stage import varying_values
-from cotree.program.machine import bounds, waits
+from cotree.program.cost_model import bounds, waits
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence

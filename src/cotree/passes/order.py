@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from cotree.program.machine import bounds
+from cotree.program.cost_model import bounds
 
 if TYPE_CHECKING:
     from cotree.program import Kernel, Program

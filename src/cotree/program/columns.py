@@ -17,9 +17,9 @@ from cotree.dag.linear_map import apply_map, form_map
 from cotree.dag.symbols import ENTRY, SENSITIVITY, STATE_CHANGE
 from cotree.dag.traverse import dependent, reachable, substitute, symbols_in
 from cotree.equations import spread
+from cotree.program.column_grouping import cost_of_map, gather_columns
 from cotree.program.counts import count_operations
-from cotree.program.lanes import cost_of_map, gather_columns
-from cotree.program.sources import CommonDirection, part_sources
+from cotree.program.parameter_sources import CommonDirection, part_sources
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Sequence
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from cotree.dag.linear_map import LinearMap
     from cotree.dag.nodes import Dag, Node
     from cotree.equations import Derivative, Equations
-    from cotree.program.solved import Solved
+    from cotree.program.solved import SolvedSystem
 
 #: Fewer operations than these are written out for each direction.
 _FEW_OPERATIONS = 600
@@ -60,7 +60,7 @@ class MappedRates:
 
 def map_rates(
     equations: Equations,
-    solved: Solved,
+    solved: SolvedSystem,
     rates: Sequence[Node],
     reached: Sequence[Sequence[int]],
 ) -> MappedRates:
@@ -70,7 +70,7 @@ def map_rates(
     ----------
     equations : Equations
         The equations.
-    solved : Solved
+    solved : SolvedSystem
         Their solution.
     rates : sequence of Node
         Rates of the states, solved.
@@ -138,7 +138,7 @@ class _Ways:
 
     equations: Equations
     common: CommonDirection
-    solved: Solved
+    solved: SolvedSystem
     rates: Sequence[Node]
     reached: Sequence[Sequence[int]]
 

@@ -11,12 +11,12 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Node
     from cotree.equations import Equations
-    from cotree.program.solved import Along, Solved
+    from cotree.program.solved import Along, SolvedSystem
 
 
 def event_kernels(
     equations: Equations,
-    solved: Solved,
+    solved: SolvedSystem,
     values: Sequence[Node],
     along: Sequence[Along],
     motion: Along,
@@ -27,7 +27,7 @@ def event_kernels(
     ----------
     equations : Equations
         The equations.
-    solved : Solved
+    solved : SolvedSystem
         Their solution.
     values : sequence of Node
         Outputs, then the expressions of events, unknowns eliminated.

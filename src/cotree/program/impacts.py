@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Node
     from cotree.equations import Equations, EventRow
-    from cotree.program.solved import Solved
+    from cotree.program.solved import SolvedSystem
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,9 @@ class Impact:
     restitution: Node
     speeds: tuple[Node, ...]
 
-    def tangent(self, solved: Solved, seed: Mapping[Node, Node], restitution: Node) -> list[Node]:
+    def tangent(
+        self, solved: SolvedSystem, seed: Mapping[Node, Node], restitution: Node
+    ) -> list[Node]:
         """Differentiate the speeds after it, along a direction that changes ``restitution`` too."""
         n = len(self.gradient)
         gradient = tangents(self.gradient, seed)
@@ -60,7 +62,7 @@ class Impact:
 
 
 def form_impact(
-    equations: Equations, solved: Solved, event: EventRow, values: Sequence[Node]
+    equations: Equations, solved: SolvedSystem, event: EventRow, values: Sequence[Node]
 ) -> Impact:
     """Form the impact of an event.
 
@@ -68,7 +70,7 @@ def form_impact(
     ----------
     equations : Equations
         The equations.
-    solved : Solved
+    solved : SolvedSystem
         Their solution.
     event : EventRow
         The event, with an impact.

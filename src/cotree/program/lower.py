@@ -24,7 +24,7 @@ from cotree.program.sensitivity_pattern import (
     timed_by,
     without_vanishing,
 )
-from cotree.program.solved import Along, Solved
+from cotree.program.solved import Along, SolvedSystem
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -52,7 +52,7 @@ def lower(equations: Equations) -> Program:
         If a sensitivity to an algebraic unknown is asked for.
     """
     _check_sensitivities(equations)
-    solved = Solved.of(equations)
+    solved = SolvedSystem.of(equations)
     rates = solved.put(equations.rates)
     watched = solved.put([equations.output_values[row.watched] for row in equations.events])
     reached = reached_states(equations, solved, timed_by(equations, rates, watched))
@@ -150,7 +150,7 @@ def _check_sensitivities(equations: Equations) -> None:
 
 
 def _differentiate(
-    equations: Equations, solved: Solved, *, is_mapped: bool, with_columns: bool
+    equations: Equations, solved: SolvedSystem, *, is_mapped: bool, with_columns: bool
 ) -> tuple[list[Along], list[Along], Along]:
     """Differentiate along each sensitivity, along each state, and along the motion.
 

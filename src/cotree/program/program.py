@@ -11,8 +11,8 @@ from cotree.dag.corners import find_corners
 from cotree.dag.stops import longest_step
 from cotree.dag.traverse import reachable, symbols_in
 from cotree.errors import SolveError
+from cotree.program.cost_model import by_need
 from cotree.program.counts import OperationCount, count_operations
-from cotree.program.machine import by_need
 
 if TYPE_CHECKING:
     from collections.abc import Container, Iterable, Mapping, Sequence

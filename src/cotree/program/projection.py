@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Node
     from cotree.equations import Equations
-    from cotree.program.solved import Solved
+    from cotree.program.solved import SolvedSystem
 
 
 #: Near a singular configuration, at a distance whose square is this, constraints are about to
@@ -40,7 +40,7 @@ def constraint_quantities(equations: Equations) -> tuple[Quantity, ...]:
     return (*values, *rates, *norms)
 
 
-def projection_kernels(equations: Equations, solved: Solved) -> dict[str, list[Node]]:
+def projection_kernels(equations: Equations, solved: SolvedSystem) -> dict[str, list[Node]]:
     """Form the results of the kernels of constraints; empty where there are none."""
     rows = equations.constraints
     results: dict[str, list[Node]] = {
@@ -90,7 +90,7 @@ def _square(q: Sequence[Node]) -> Node:
 
 def _step(
     equations: Equations,
-    solved: Solved,
+    solved: SolvedSystem,
     values: Sequence[Node],
     rates: Sequence[Node],
     shrink: dict[Node, Node],

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
     from cotree.equations import Derivative, Equations
-    from cotree.program.solved import Solved
+    from cotree.program.solved import SolvedSystem
 
 #: What a value depends on, as bits, and whether it may be nonzero where all of that is zero.
 _Part = tuple[int, bool]
@@ -33,7 +33,7 @@ _ZERO: _Part = (0, False)
 
 
 def reached_states(
-    equations: Equations, solved: Solved, timed: Sequence[Timed]
+    equations: Equations, solved: SolvedSystem, timed: Sequence[Timed]
 ) -> tuple[tuple[int, ...], ...]:
     """Tell which states depend on each parameter of sensitivity.
 
@@ -41,7 +41,7 @@ def reached_states(
     ----------
     equations : Equations
         The equations.
-    solved : Solved
+    solved : SolvedSystem
         Their solution.
     timed : sequence of Timed
         What looks at times that each sensitivity moves; see :func:`timed_by`.
@@ -226,7 +226,7 @@ def _either(parts: Iterable[_Part]) -> _Part:
     return mask, rest
 
 
-def _solving(solved: Solved) -> list[int]:
+def _solving(solved: SolvedSystem) -> list[int]:
     """Tell which places of the forcing each unknown depends on, as bits."""
     own = [solved.dag.symbol(ENTRY, k) for k in range(len(solved.unknowns))]
     unknowns = solved.factors.solve(own) if own else []

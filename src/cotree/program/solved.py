@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
     from cotree.equations import Equations
-    from cotree.linear.factors import Solver
+    from cotree.linear.factors import RankedSolver
 
 
 class Direction(Protocol):
@@ -57,7 +57,7 @@ class Along:
 
 
 @dataclass(frozen=True)
-class Solved:
+class SolvedSystem:
     """The solution of linear equations, and the means to solve them again.
 
     Attributes
@@ -66,7 +66,7 @@ class Solved:
         The arena.
     matrix : sequence of rows of Node
         A, symmetric.
-    factors : Solver
+    factors : RankedSolver
         Its factors.
     unknowns : dict of Node to Node
         The value of each unknown, by its symbol.
@@ -76,12 +76,12 @@ class Solved:
 
     dag: Dag
     matrix: Sequence[Sequence[Node]]
-    factors: Solver
+    factors: RankedSolver
     unknowns: dict[Node, Node]
     tangents: tuple[Node, ...]
 
     @classmethod
-    def of(cls, equations: Equations) -> Solved:
+    def of(cls, equations: Equations) -> SolvedSystem:
         """Factorise the matrix of some equations, and solve them for their unknowns."""
         factors = factorise_bordered(
             equations.dag,

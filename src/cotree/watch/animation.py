@@ -25,7 +25,7 @@ from cotree.watch.visuals import visual_meshes
 if TYPE_CHECKING:
     import os
 
-    from cotree.api import Model
+    from cotree.operating import OperatingModel
     from cotree.scene.description import SceneDescription
     from cotree.solvers import RunRecord
     from cotree.watch.drawing import Drawing
@@ -164,7 +164,7 @@ def check_moving(scene: SceneDescription) -> None:
 
 def animate(
     result: RunRecord,
-    model: Model | None,
+    model: OperatingModel | None,
     *,
     fps: float = 25.0,
     speed: float | None = None,
@@ -177,7 +177,7 @@ def animate(
     ----------
     result : RunRecord
         The run.
-    model : Model or None
+    model : OperatingModel or None
         The model that made it.
     fps : float
         Frames per second of the animation.

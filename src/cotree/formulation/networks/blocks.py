@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from cotree.dag.several import SolveShape, solve
 from cotree.linear.factors import factorise_definite
@@ -12,18 +12,11 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cotree.dag.nodes import Dag, Node
+    from cotree.linear.factors import LinearSolver
 
 
 # Added to sizes that are divided by: changes none but zero, whose row the rank then shows.
 _TINY = 1e-290
-
-
-class Solver(Protocol):
-    """Factorised equations."""
-
-    def solve(self, rhs: Sequence[Node]) -> list[Node]:
-        """Solve for one right-hand side."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -64,7 +57,7 @@ def _size(dag: Dag, entries: Sequence[Node]) -> Node:
     return total
 
 
-def factorise_block(dag: Dag, matrix: Sequence[Mapping[int, Node]], is_safe: bool) -> Solver:
+def factorise_block(dag: Dag, matrix: Sequence[Mapping[int, Node]], is_safe: bool) -> LinearSolver:
     """Factorise the equations of a block.
 
     Parameters

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cotree.dag.nodes import Dag, Node
-    from cotree.formulation.networks.blocks import Solver
     from cotree.formulation.networks.plan import Block
     from cotree.formulation.networks.rules import Rule, Variable
     from cotree.formulation.networks.terminals import Terminals
+    from cotree.linear.factors import LinearSolver
 
 
 @dataclass(frozen=True)
@@ -33,14 +33,14 @@ class _Nodal:
 
     Attributes
     ----------
-    factors : Solver
+    factors : LinearSolver
         Of the balances of the parts by their potentials.
     above : tuple of (int, int)
         For each branch its sign, and which other one leads to it; -1 for none.
     """
 
     dag: Dag
-    factors: Solver
+    factors: LinearSolver
     above: tuple[tuple[int, int], ...]
 
     def solve(self, rhs: Sequence[Node]) -> list[Node]:
@@ -68,7 +68,7 @@ def factorise_nodal(
     rules: Mapping[Variable, Rule],
     values: Mapping[Variable, Node],
     n_nonzeros: float = inf,
-) -> tuple[Solver, frozenset[Variable]] | None:
+) -> tuple[LinearSolver, frozenset[Variable]] | None:
     """Factorise the linear equations of a block in the potentials of its parts.
 
     Parameters
@@ -84,7 +84,7 @@ def factorise_nodal(
 
     Returns
     -------
-    (Solver, frozenset of Variable) or None
+    (LinearSolver, frozenset of Variable) or None
         With the unknowns that are nonlinear: they count as known. None where the block holds
         anything but one-port resistances of which the unknowns are branches, all chords being
         linear, or where potentials couple no fewer equations.

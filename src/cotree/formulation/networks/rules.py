@@ -158,7 +158,7 @@ class Lawful:
 
 
 @dataclass(frozen=True)
-class Field:
+class FieldRule:
     """A field of a component, or a state: a node of symbols.
 
     Attributes

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from cotree.dag.traverse import substitute, symbols_in
-from cotree.formulation.networks.blocks import Solver, factorise_block
+from cotree.formulation.networks.blocks import factorise_block
 from cotree.formulation.networks.nodal import factorise_nodal
 from cotree.formulation.networks.plan import Block
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from cotree.formulation.networks.plan import Plan
     from cotree.formulation.networks.rules import Given, Tangent, Variable
     from cotree.formulation.networks.terminals import Terminals
+    from cotree.linear.factors import LinearSolver
 
 
 #: An unknown with its equation.
@@ -45,13 +46,13 @@ class SolvedBlock:
     ----------
     linear, nonlinear : tuple of (Variable, Variable)
         Unknowns with their equations.
-    factors : Solver
+    factors : LinearSolver
         Of the linear equations by the linear unknowns.
     """
 
     linear: tuple[tuple[Variable, Variable], ...]
     nonlinear: tuple[tuple[Variable, Variable], ...]
-    factors: Solver
+    factors: LinearSolver
 
 
 @dataclass(frozen=True)

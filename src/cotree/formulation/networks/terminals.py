@@ -25,7 +25,7 @@ from cotree.formulation.networks.derived import (
     stored_value,
     through_residual,
 )
-from cotree.formulation.networks.rules import Field, Lawful, Sum, Unknown
+from cotree.formulation.networks.rules import FieldRule, Lawful, Sum, Unknown
 from cotree.formulation.networks.stores import is_of_content
 
 if TYPE_CHECKING:
@@ -143,13 +143,13 @@ class Terminals:
         port = self.ports[name]
         if name in self.couplings:
             motion = self.couplings[name]
-            return Field(motion.value if quantity == "stretch" else motion.rate)
+            return FieldRule(motion.value if quantity == "stretch" else motion.rate)
         if quantity != "stretch":
             integral = integral_of(port.terminal)
             assert integral is not None
             return self._lawful(port, integral.rate)
         if variable in self.states:
-            return Field(self.states[variable])
+            return FieldRule(self.states[variable])
         if port.terminal.storage is None:
             return Unknown(("residual_stretch", name))
         return self._lawful(port, spring_stretch(port.terminal))
@@ -162,7 +162,7 @@ class Terminals:
             base = "total" if store is not None and store.is_alone else "stored"
         if base == "total":
             assert store is not None
-            return Sum(store.flows) if rate else Field(self.states[base, name])
+            return Sum(store.flows) if rate else FieldRule(self.states[base, name])
         if base == "stored":
             law = self.contents[name]
             return self._lawful(port, self._rate_of_law(port, law) if rate else law)
@@ -179,7 +179,7 @@ class Terminals:
         port = self.ports[name]
         if name in self.couplings:
             motion = self.couplings[name]
-            return Field(motion.acceleration if rate else motion.rate)
+            return FieldRule(motion.acceleration if rate else motion.rate)
         # Both ends are one node.
         if port.is_short:
             return Sum(())
@@ -190,7 +190,7 @@ class Terminals:
                 return Unknown((f"residual_across{rate}", name))
             if rate:
                 return self._lawful(port, stored_rate(port.terminal, True))
-            return Field(self.states["across", name])
+            return FieldRule(self.states["across", name])
         # In a cutset of its like the state of a spring or a storage of through is theirs.
         if port.kind is Kind.SPRING and not rate:
             if port.terminal.storage is None:
@@ -215,7 +215,7 @@ class Terminals:
                 return Unknown((f"residual_through{rate}", name))
             if rate:
                 return self._lawful(port, stored_rate(port.terminal, False))
-            return Field(self.states["through", name])
+            return FieldRule(self.states["through", name])
         if port.kind is Kind.ACROSS_STORAGE and not rate:
             # In a loop of its like: its state is theirs.
             law = stored_value(port.terminal, True)
@@ -231,7 +231,7 @@ class Terminals:
         """Make an unknown of a variable that has an equation of its own; None for sums."""
         quantity, name = variable
         base = quantity.partition("_")[0]
-        if base not in ("across", "through") or isinstance(self.rule(variable), (Sum, Field)):
+        if base not in ("across", "through") or isinstance(self.rule(variable), (Sum, FieldRule)):
             return None
         return Unknown((f"residual_{quantity}", name))
 
@@ -286,7 +286,7 @@ class Terminals:
     def _is_field(self, port: Port, name: str) -> bool:
         return (port.edge.name, name) in self.fields
 
-    def _field(self, name: str, is_rate: bool) -> Field:
+    def _field(self, name: str, is_rate: bool) -> FieldRule:
         edge, _, field = name.partition("|")
         node = self.time if field == "t" else self.fields[edge, field]
         variables = dict(self.measured)
@@ -294,7 +294,7 @@ class Terminals:
             node, rates = self._rate_of_field(edge, field, node)
             variables |= rates
         symbols = [symbol for symbol in symbols_in([node]) if symbol in variables]
-        return Field(node, tuple((symbol, variables[symbol]) for symbol in symbols))
+        return FieldRule(node, tuple((symbol, variables[symbol]) for symbol in symbols))
 
     @cached_property
     def _changing(self) -> dict[Node, Variable]:

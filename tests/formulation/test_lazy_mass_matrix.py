@@ -8,9 +8,9 @@ from rod_chain import rod_chain
 
 import cotree
 from cotree.dag.evaluate import evaluate
-from cotree.formulation.deep_trees import LateMatrix
+from cotree.formulation.lazy_mass_matrix import LateMatrix
 from cotree.pipeline import formulate
-from cotree.program.solved import Solved
+from cotree.program.solved import SolvedSystem
 
 
 def _equations(n):
@@ -37,7 +37,7 @@ def test_many_short_branches_are_not_deep():
 def test_both_eliminations_give_the_same_accelerations():
     n = 60
     equations, _ = _equations(n)
-    solved = Solved.of(equations).unknowns
+    solved = SolvedSystem.of(equations).unknowns
     rng = np.random.default_rng(5)
     values = {s.symbol: rng.uniform(-1.0, 1.0) for s in equations.states}
     values |= {equations.dag.symbol("p", i): v for i, v in enumerate(equations.parameter_values)}

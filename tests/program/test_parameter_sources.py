@@ -13,7 +13,7 @@ from cotree.dag.evaluate import evaluate
 from cotree.dag.symbols import SENSITIVITY, STATE_CHANGE
 from cotree.dag.traverse import substitute, symbols_in
 from cotree.pipeline import formulate
-from cotree.program.sources import part_sources
+from cotree.program.parameter_sources import part_sources
 
 
 def _driven():
