@@ -12,7 +12,7 @@ from cotree.errors import FormulationError, ModelError
 from cotree.formulation.first_graph import form_first_graph, tree_links
 from cotree.formulation.lazy_mass_matrix import is_deep
 from cotree.graph import tree_walk
-from cotree.linear.bordered import factorise_bordered
+from cotree.linear.tree import factorise_bordered
 from cotree.program.cost_model import cycles
 from cotree.program.counts import OperationCount, count_operations
 from cotree.program.solved import SolvedSystem

@@ -12,7 +12,7 @@ from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag
 from cotree.dag.traverse import symbols_in
 from cotree.formulation.first_graph import form_first_graph, tree_links
-from cotree.linear.bordered import factorise_bordered
+from cotree.linear.tree import factorise_bordered
 from cotree.passes import order
 from cotree.passes.balance import balance_sums
 from cotree.passes.order import order_by_need

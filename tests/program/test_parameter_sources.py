@@ -45,10 +45,11 @@ SCENES = {
 def test_both_parts_together_are_the_derivatives(draw):
     equations = formulate(*draw(), None)[1]
     dag, n = equations.dag, len(equations.states)
-    common = part_sources(equations, {})
+    parted = part_sources(equations, {})
+    common = parted.direction
     found, expected = [], []
     for j, row in enumerate(equations.sensitivities):
-        given = {node: common.given[j].get(i, dag.zero) for i, node in enumerate(common.sources)}
+        given = {node: parted.given[j].get(i, dag.zero) for i, node in enumerate(parted.sources)}
         moved = {dag.symbol(STATE_CHANGE, i): dag.symbol(SENSITIVITY, j * n + i) for i in range(n)}
         found += substitute([*common.forcing, *common.rates.values()], {**given, **moved})
         expected += [*row.forcing, *(row.rates.get(i, dag.zero) for i in common.rates)]

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from cotree.dag import vector
 from cotree.dag.several import RANK_TOLERANCE
-from cotree.linear.factors import Core, kept_size
+from cotree.linear.factors import Core, factorise, kept_size
 from cotree.linear.spatial import nothing, released, resolved, rigid, shifted, total
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
     from cotree.dag.vector import Matrix, Vector
+    from cotree.linear.factors import RankedSolver
     from cotree.linear.spatial import Gate, Spatial
 
 
@@ -151,6 +152,34 @@ class TreeFactors:
                     angular = vector.add(angular, vector.scale(found[at], link.turning[speed]))
                 moved.append((_down(link, linear), _down(link, angular)))
         return found
+
+
+def factorise_bordered(
+    dag: Dag,
+    matrix: Sequence[Sequence[Node]],
+    is_safe: Sequence[bool],
+    sizes: Sequence[Sequence[Node]],
+    links: Sequence[TreeLink],
+) -> RankedSolver:
+    """Factorise a bordered mass matrix, along its tree where ``links`` describe one.
+
+    Parameters
+    ----------
+    dag : Dag
+        The arena.
+    matrix : sequence of rows of Node
+        [M, -G^T; -G, 0], symmetric; along a tree the rows of M are not read.
+    is_safe : sequence of bool
+        Whether the pivot of each unknown is known to be nonzero.
+    sizes : sequence of rows of Node
+        For each multiplier, squares of what its row is made of, before anything cancels.
+    links : sequence of TreeLink
+        The tree; empty where the matrix is eliminated.
+    """
+    if not links:
+        return factorise(dag, matrix, is_safe, sizes)
+    n = len(matrix) - len(sizes)
+    return factorise_tree(dag, links, [row[:n] for row in matrix[n:]], sizes, n)
 
 
 def factorise_tree(

@@ -154,7 +154,7 @@ class _Ways:
     @cached_property
     def _solving(self) -> list[int]:
         """Places of the rates that depend on unknowns."""
-        rates, unknowns = self.common.rates, self.equations.unknown_tangents
+        rates, unknowns = self.common.direction.rates, self.equations.unknown_tangents
         moving = dependent(reachable(rates.values()), unknowns)
         return [i for i, node in rates.items() if node in moving]
 
@@ -171,8 +171,8 @@ class _Ways:
         """Add what does not depend on unknowns to columns of the Jacobian."""
         dag, found = self._dag, [dict(row) for row in along_states.rows]
         without = dict.fromkeys(self.common.sources, dag.zero)
-        for i in self.common.rates.keys() - set(self._solving):
-            (rate,) = substitute([self.common.rates[i]], without)
+        for i in self.common.direction.rates.keys() - set(self._solving):
+            (rate,) = substitute([self.common.direction.rates[i]], without)
             moving = [node for node in symbols_in([rate]) if node.data[0] == STATE_CHANGE]
             still = dict.fromkeys(moving, dag.zero)
             for node in moving:
@@ -239,16 +239,17 @@ class _Ways:
 
     def _results(self, still: Sequence[Node]) -> list[Node]:
         """Give the rates of all states along any direction, some symbols being zero."""
-        places = self.common.rates.keys()
+        places = self.common.direction.rates.keys()
         found = dict(zip(places, self._rates_along(places, still), strict=True))
         return spread(found, len(self._states), self._dag.zero)
 
     def _rates_along(self, places: Collection[int], still: Sequence[Node]) -> list[Node]:
-        n, rates = len(self.common.forcing), [self.common.rates[i] for i in places]
+        common = self.common.direction
+        n, rates = len(common.forcing), [common.rates[i] for i in places]
         zeros = dict.fromkeys(still, self._dag.zero)
-        known = substitute([*self.common.forcing, *rates], zeros)
+        known = substitute([*common.forcing, *rates], zeros)
         found = dict(zip(places, known[n:], strict=True))
-        direction = replace(self.common, forcing=tuple(known[:n]), rates=found)
+        direction = replace(common, forcing=tuple(known[:n]), rates=found)
         return list(self.solved.along([direction])[0].rates.values())
 
     def _map(

@@ -9,7 +9,7 @@ can be: sources are the largest values that depend on no sensitivity of a state.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from cotree.dag.symbols import PARAMETER_CHANGE, SOURCE, STATE_CHANGE
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cotree.dag.nodes import Dag, Node
-    from cotree.equations import Equations
+    from cotree.equations import Derivative, Equations
 
 #: What adds up both parts of its arguments.
 _SUMS = frozenset({"add", "sub", "neg"})
@@ -29,25 +29,19 @@ _SUMS = frozenset({"add", "sub", "neg"})
 class CommonDirection:
     """Derivatives along any direction, from sensitivities of states and from sources.
 
-    It is a :class:`cotree.program.solved.Direction`, of rates alone.
-
     Attributes
     ----------
-    forcing : tuple of Node
-        Right-hand side of ``A w_p = forcing``.
-    rates : mapping of int to Node
-        Derivatives of the state rates, by place.
+    direction : Derivative
+        The forcing and the rates, in terms of both.
     sources : tuple of Node
         Symbols of the sources.
     given : list of dict of int to Node
         The sources of each parameter, by place, those that vanish left out.
     """
 
-    forcing: tuple[Node, ...]
-    rates: Mapping[int, Node]
+    direction: Derivative
     sources: tuple[Node, ...]
     given: list[dict[int, Node]]
-    outputs: Mapping[int, Node] = field(default_factory=dict)
 
 
 def part_sources(equations: Equations, unknowns: Mapping[Node, Node]) -> CommonDirection | None:
@@ -69,8 +63,8 @@ def part_sources(equations: Equations, unknowns: Mapping[Node, Node]) -> CommonD
     parting = _Parting(dag, roots, [*states, *equations.unknown_tangents], changes)
     parted, n = [parting.parted(root) for root in roots], len(common.forcing)
     rates = dict(zip(common.rates, parted[n:], strict=True))
-    sources = tuple(parting.sources.values())
-    return CommonDirection(tuple(parted[:n]), rates, sources, parting.given())
+    direction = replace(common, forcing=tuple(parted[:n]), rates=rates, outputs={})
+    return CommonDirection(direction, tuple(parting.sources.values()), parting.given())
 
 
 class _Parting:

@@ -9,34 +9,18 @@ system takes it from here: Jacobian columns, sensitivities, events along the mot
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from cotree.dag.derivative import tangents
 from cotree.dag.traverse import substitute
-from cotree.linear.bordered import factorise_bordered
+from cotree.linear.tree import factorise_bordered
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cotree.dag.nodes import Dag, Node
-    from cotree.equations import Equations
+    from cotree.equations import Derivative, Equations
     from cotree.linear.factors import RankedSolver
-
-
-class Direction(Protocol):
-    """Derivatives along one direction, in terms of unknowns and of their derivatives."""
-
-    @property
-    def forcing(self) -> Sequence[Node]:
-        """Right-hand side of ``A w' = forcing``."""
-
-    @property
-    def rates(self) -> Mapping[int, Node]:
-        """Derivatives of rates, by place."""
-
-    @property
-    def outputs(self) -> Mapping[int, Node]:
-        """Derivatives of outputs, by place."""
 
 
 @dataclass(frozen=True)
@@ -97,12 +81,12 @@ class SolvedSystem:
         """Put the values of the unknowns in the place of their symbols."""
         return substitute(nodes, self.unknowns)
 
-    def along(self, directions: Sequence[Direction]) -> list[Along]:
+    def along(self, directions: Sequence[Derivative]) -> list[Along]:
         """Differentiate along directions.
 
         Parameters
         ----------
-        directions : sequence of Direction
+        directions : sequence of Derivative
             One by one; values that they share are visited once.
         """
         # Derivatives of thousands of states share most of what they are made of.
