@@ -1,6 +1,7 @@
-"""Rules that decide which tolerances are accepted, the same for runs, scenes, benches and C.
+"""Tolerances that several rooms share, and rules that decide which of a user's are accepted.
 
-In: a number. Out: the reason why it is refused, as a sentence without a capital and a full stop.
+Of the rules, in: a number. Out: the reason why it is refused, as a sentence without a capital and a
+full stop. They are the same for runs, scenes, benches and C.
 """
 
 from __future__ import annotations
@@ -15,6 +16,10 @@ LOOSE_RTOL = 1e-2
 
 #: A step whose end constraints would move by so many tolerances, in the mean, has failed.
 FARTHEST_CORRECTION = 10.0
+
+#: Gradients of constraints whose singular values or pivots are below this share of the largest
+#: follow from the others.
+RANK = 1e-10
 
 
 def rtol_fault(rtol: float, least: float = math.ulp(0.0)) -> str:

@@ -11,6 +11,7 @@ from fast_and_slow import seeds
 
 import cotree
 from cotree import Scene
+from cotree.model.start import constrained_start
 
 Z = [0, 0, 1]
 
@@ -99,7 +100,9 @@ def differences(model, name: str, given: dict[str, float]) -> np.ndarray:
     """Differentiate the states of the start by a parameter."""
     h, value = 1e-5, model.parameter_array()[model.parameters.index(name)]
     ends = [
-        model.start(p=model.parameter_array({name: value + k * h}), initial=given, _is_probe=True).y
+        constrained_start(
+            model, 0.0, model.parameter_array({name: value + k * h}), None, given, is_probe=True
+        ).y
         for k in (2, 1, -1, -2)
     ]
     return (-ends[0] + 8 * ends[1] - 8 * ends[2] + ends[3]) / (12 * h)

@@ -15,7 +15,7 @@ from cotree.tolerances import loose_rtol, rtol_fault
 
 if TYPE_CHECKING:
     from cotree.export.evaluated import Evaluated
-    from cotree.model.start import Start
+    from cotree.model.consistent import Start
     from cotree.program import Program
 
 

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from cotree.codegen.context import ModelContext
-    from cotree.model.start import Start
+    from cotree.model.consistent import Start
     from cotree.program import Program
 
 _METHODS = {**INTEGRATORS, **FIXED}

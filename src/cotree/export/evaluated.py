@@ -15,7 +15,7 @@ from cotree.model.model import CompiledModel
 from cotree.solvers.project import Projection
 
 if TYPE_CHECKING:
-    from cotree.model.start import Start
+    from cotree.model.consistent import Start
     from cotree.program import Program
 
 

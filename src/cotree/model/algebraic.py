@@ -7,7 +7,6 @@ there; from a poor guess :mod:`cotree.model.roots` looks for one.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -15,23 +14,20 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.errors import SingularSystemError, SolveError
+from cotree.model.damped_newton import Equation, iterate
 from cotree.model.linear import Linear, Matrix, linearise, singular_direction
-from cotree.model.roots import Equation, find_near, find_root
-from cotree.model.rounding import ROUNDING
+from cotree.model.roots import NEAR, NEXT, find_root
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+
+    from cotree.model.damped_newton import Root
 
 Array = npt.NDArray[np.float64]
 
 #: ``rates(t, y)`` and ``jacobian(t, y)``; they may give the same buffer at every call.
 Rates = Callable[[float, Array], Array]
 Jacobian = Callable[[float, Array], Matrix]
-
-# An old matrix is given up where it would take more than a few further steps: one of its own point
-# squares the errors.
-_MOST_STEPS = 20
-_FEW = 3
 
 
 class UnsolvedError(Exception):
@@ -70,15 +66,14 @@ class Algebraic:
         self._names = names
         self._improve = improve
         self._linear: Linear | None = None
-        self._weights = np.ones(n_algebraic)
 
     def follow(self, t: float, y: Array) -> Array:
-        """Solve for the algebraic unknowns, in place, from nearby values.
+        """Solve for the algebraic unknowns, in place, from the values next to them.
 
         Returns
         -------
         ndarray, shape (n,)
-            The rates there, a buffer that the next call may change.
+            The rates there.
 
         Raises
         ------
@@ -87,49 +82,14 @@ class Algebraic:
         """
         # Exponentials may overflow on the way: what is not finite is told by the tests. As a
         # decorator this would be one object of all threads before NumPy 2.
-        with np.errstate(invalid="ignore", over="ignore"):
-            return self._follow(t, y)
-
-    def _follow(self, t: float, y: Array) -> Array:
-        z = y[self.cut :]
-        rates = self._rates(t, y)
-        before: Array | None = None  # the last step
-        for _ in range(_MOST_STEPS):
-            linear, is_old = self._linear, True
-            if linear is None:
-                linear, is_old = self._refresh(t, y)[1], False
-            step = -linear.solve(rates[self.cut :])
-            size = float(np.maximum.reduce(np.abs(step) * self._weights))
-            ratio = 1.0
-            if before is not None:
-                length = float(np.maximum.reduce(np.abs(before) * self._weights))
-                ratio = size / max(length, 1e-300)
-            # Written so that nan is slow, too; of a first step nothing else is known.
-            is_quick = size * min(ratio, 1.0) ** _FEW <= ROUNDING or (
-                before is None and math.isfinite(size)
-            )
-            if is_old and not is_quick:
-                self._linear = None
-                continue
-            z += step
-            rates = self._rates(t, y)
-            is_stalled = ratio > 0.5 and before is not None and linear.is_stalled(z, step)
-            if size * ratio <= ROUNDING or is_stalled:
-                if linear.is_met(rates[self.cut :]):
-                    return rates
-                self._linear = None
-            before = step
-        self._linear = None
-        raise UnsolvedError(self._complaint(t, rates[self.cut :]))
+        with np.errstate(all="ignore"):
+            root = iterate(self._equation(t, y), y[self.cut :], NEXT, self._linear)
+        return self._taken(t, y, root)
 
     def approach(self, t: float, y: Array) -> Array:
         """Solve for them from values less near, by damped steps; see :meth:`follow`."""
-        root = find_near(self._equation(t, y.copy()), y[self.cut :])
-        if not root.is_found:
-            raise UnsolvedError(self._complaint(t, root.g))
-        y[self.cut :] = root.z
-        self._linear = None
-        return self._rates(t, y)
+        with np.errstate(all="ignore"):
+            return self._taken(t, y, iterate(self._equation(t, y), y[self.cut :], NEAR))
 
     def solve(self, t: float, y: Array) -> Array:
         """Solve for the algebraic unknowns, in place, from any guess; see :meth:`follow`.
@@ -143,11 +103,25 @@ class Algebraic:
             these.
         """
         guess = y.copy()
-        with np.errstate(all="ignore"):
-            try:
-                return self.follow(t, y)
-            except UnsolvedError:
-                return self._search(t, y, guess)
+        equation = self._equation(t, y)
+        root = find_root(equation, guess[self.cut :], lambda: self._improve(t, guess), self._linear)
+        try:
+            return self._taken(t, y, root)
+        except UnsolvedError as error:
+            with np.errstate(all="ignore"):
+                points = (root.z, guess[self.cut :], *_aside(root.z))
+                self._check_index(equation.by_unknowns(z) for z in points)
+                if not np.any(root.g):  # a double root: it holds, but nothing follows from it
+                    self._check_index([equation.by_unknowns(root.z)])
+            raise SolveError(str(error)) from None
+
+    def _taken(self, t: float, y: Array, root: Root) -> Array:
+        """Take a root's unknowns, in place, and its matrix; give its rates."""
+        y[self.cut :] = root.z
+        self._linear = root.linear if root.is_found else None
+        if not root.is_found:
+            raise UnsolvedError(self._complaint(t, root.g))
+        return root.values
 
     def check_index(self, t: float, y: Array) -> None:
         """Refuse equations that do not determine the unknowns at a solution, nor aside from it.
@@ -162,34 +136,22 @@ class Algebraic:
         """
         with np.errstate(all="ignore"):
             z = y[self.cut :].copy()
-            slope = self._equation(t, y.copy()).by_unknowns
+            slope = self._equation(t, y).by_unknowns
             self._check_index(slope(point) for point in (z, *_aside(z)))
 
-    def _search(self, t: float, y: Array, guess: Array) -> Array:
-        """Look far and wide for a solution."""
-        equation = self._equation(t, guess.copy())
-        root = find_root(equation, guess[self.cut :], lambda: self._improve(t, guess))
-        y[self.cut :] = root.z
-        self._linear = None
-        if not root.is_found:
-            points = (root.z, guess[self.cut :], *_aside(root.z))
-            self._check_index(equation.by_unknowns(z) for z in points)
-            if not np.any(root.g):  # a double root: it holds, but nothing follows from it
-                self._check_index([equation.by_unknowns(root.z)])
-            raise SolveError(self._complaint(t, root.g))
-        return self._rates(t, y)
-
     def _equation(self, t: float, point: Array) -> Equation:
-        """Give the equations at a time and at the states of a point, which is used up."""
+        """Give the equations at a time and at the states of a point."""
+        point = point.copy()
 
         def at(z: Array) -> Array:
             point[self.cut :] = z
             return point
 
         return Equation(
-            lambda z: np.array(self._rates(t, at(z))[self.cut :]),
-            lambda z: self._jacobian(t, at(z))[self.cut :].copy(),
+            lambda z: np.array(self._rates(t, at(z))),
+            lambda z: self._jacobian(t, at(z))[self.cut :],
             point[: self.cut],
+            self.cut,
         )
 
     def linearised(self, t: float, y: Array) -> tuple[Matrix, Linear]:
@@ -225,7 +187,6 @@ class Algebraic:
                 f"not finite at t = {float(t):.10g}"
             ) from None
         self._linear = linear
-        self._weights = 1.0 / np.maximum(linear.scale, 1e-290)
         return matrix, linear
 
     def _check_index(self, slopes: Iterable[Matrix]) -> None:

@@ -20,15 +20,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import qr
+
+from cotree.model.linear import independent_columns, least_step
+from cotree.tolerances import RANK
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 Array = npt.NDArray[np.float64]
 
-#: Pivots of constraints, rows of length one, below this are redundant.
-_RANK = 1e-10
 #: Entries of a row below this share of its largest are what is left of a cancellation.
 _ROUNDING = 1e-10
 #: Rates below this, beside the largest or one, are zero to what a steady motion is known to.
@@ -119,8 +119,8 @@ def reduce(point: Point, names: Sequence[str], chosen: Sequence[str] | None = No
         end = cut + point.n_speeds
         free = np.array(
             [
-                *_independent(values[:, :cut]),
-                *(cut + i for i in _independent(rates[:, cut:end])),
+                *independent_columns(values[:, :cut]),
+                *(cut + i for i in independent_columns(rates[:, cut:end])),
                 *range(end, n),
             ],
             dtype=int,
@@ -129,7 +129,7 @@ def reduce(point: Point, names: Sequence[str], chosen: Sequence[str] | None = No
     spread = np.zeros((n, len(free)))
     spread[free] = np.eye(len(free))
     if len(bound):
-        spread[bound] = -np.linalg.lstsq(held[:, bound], held[:, free], rcond=_RANK)[0]
+        spread[bound] = -least_step(held[:, bound], held[:, free], held)
     basis = turn @ spread
     along = back[free]
     return Reduced(
@@ -146,20 +146,9 @@ def reduce(point: Point, names: Sequence[str], chosen: Sequence[str] | None = No
 def _sized(rows: Array) -> Array:
     """Give rows the length one, and leave those out that are nothing but rounding."""
     lengths = np.linalg.norm(rows, axis=1)
-    kept = lengths > _RANK * np.max(lengths, initial=0.0)
+    kept = lengths > RANK * np.max(lengths, initial=0.0)
     found: Array = rows[kept] / lengths[kept, None]
     return found
-
-
-def _independent(rows: Array) -> list[int]:
-    """Choose columns that the others follow from best."""
-    n = rows.shape[1]
-    if not rows.size:
-        return list(range(n))
-    triangle, order = qr(rows, mode="r", pivoting=True)
-    diagonal = np.abs(np.diag(triangle))
-    rank = int(np.count_nonzero(diagonal > _RANK * diagonal[0]))
-    return sorted(order[rank:].tolist())
 
 
 def _deviations(point: Point, names: Sequence[str]) -> tuple[Array, Array, Array, list[str]]:

@@ -14,14 +14,17 @@ import numpy.typing as npt
 from cotree.equations import Quantity
 from cotree.errors import ParameterError
 from cotree.model.lengths import gradient_groups, scene_length, turning_speeds
+from cotree.model.linear import Linear, least_step, vanishing_combinations
+from cotree.tolerances import RANK
 
 if TYPE_CHECKING:
     from cotree.model.model import CompiledModel
 
 Array = npt.NDArray[np.float64]
 
-#: Singular values below this share of the largest are redundant constraints.
-RANK = 1e-10
+#: No step turns by more than this, [rad], which might leave the branch, nor shifts by so many
+#: lengths of the scene.
+_LONGEST = 0.5
 
 
 class Finder:
@@ -244,10 +247,10 @@ class Finder:
         free = self.columns[level]
         if mends:
             given = [i for i in range(self.n_speeds) if i not in set(free)]
-            across = _across(rows[:, free], rows)
-            step[given] = -_least(across @ rows[:, given], across @ target, rows)
+            across = vanishing_combinations(rows[:, free], rows)
+            step[given] = -least_step(across @ rows[:, given], across @ target, rows)
             target = target + rows @ step
-        step[free] = -_least(rows[:, free], target, rows)
+        step[free] = -least_step(rows[:, free], target, rows)
         return step
 
     def residual_sensitivity(self, y: Array, s: Array, level: int) -> Array:
@@ -264,23 +267,44 @@ class Finder:
         return np.asarray(found / self.sizes[level][:, None])
 
 
-def _least(rows: Array, target: Array, whole: Array) -> Array:
-    """Solve rows @ step = target by the least step, in the sense of least squares.
+class Level:
+    """The residuals of a level as :func:`cotree.model.damped_newton.iterate` takes them.
 
-    What is rounding beside the whole gradient moves nothing, even where nothing else is free.
+    Parameters
+    ----------
+    finder : Finder
+        The residuals.
+    level : int
+        Which of them.
+    mends : bool
+        Whether what was given moves, too.
     """
-    least = RANK * float(np.linalg.norm(whole, 2)) if whole.size else 0.0
-    size = float(np.linalg.norm(rows, 2)) if rows.size else 0.0
-    if size <= least:
-        return np.zeros((rows.shape[1], *target.shape[1:]))
-    found = np.linalg.lstsq(rows, target, rcond=max(least / size, RANK))[0]
-    return np.asarray(found, dtype=np.float64)
 
+    n_carried = 0
 
-def _across(rows: Array, whole: Array) -> Array:
-    """Give the combinations of rows that vanish, orthonormal, shape (n, n_rows)."""
-    if not rows.size:
-        return np.eye(len(rows))
-    left, values, _ = np.linalg.svd(rows)
-    rank = int(np.sum(values > RANK * np.linalg.norm(whole, 2)))
-    return np.asarray(left[:, rank:].T, dtype=np.float64)
+    def __init__(self, finder: Finder, level: int, mends: bool) -> None:
+        self._finder, self._level, self._mends = finder, level, mends
+
+    def value(self, y: Array) -> Array:
+        """Give the residuals, free of units."""
+        finder, level = self._finder, self._level
+        return np.asarray(finder.residual(y, level) / finder.sizes[level])
+
+    def linearised(self, y: Array) -> Linear:
+        """Give the least step from a point, free of units."""
+        finder, level, mends = self._finder, self._level, self._mends
+        if not (finder.columns[level] or mends):
+            raise np.linalg.LinAlgError("nothing may move")
+        rows = finder.gradient(y, level)
+        moving = np.abs(rows if mends else rows[:, finder.columns[level]])
+        if not np.all(np.isfinite(rows)) or np.max(moving) < RANK:
+            raise np.linalg.LinAlgError("nothing moves what is left")
+        scale = np.full(finder.n_speeds, finder.size(y, level))
+        return Linear(lambda g: -finder.step(rows, g, level, mends=mends), scale)
+
+    def moved(self, y: Array, step: Array) -> Array:
+        """Move along a step, or along as much of it as keeps to the branch."""
+        length = float(np.max(np.abs(step)))
+        if self._level == 0 and length > _LONGEST:
+            step = step * (_LONGEST / length)
+        return self._finder.moved(y, step, self._level)

@@ -25,7 +25,8 @@ import numpy.typing as npt
 from cotree.dag.derivative import tangents_along
 from cotree.dag.evaluate import evaluate
 from cotree.dag.traverse import dependent, reachable
-from cotree.model.linear import solve_entries
+from cotree.model.damped_newton import Limits, iterate
+from cotree.model.linear import Linear, solve_entries
 
 if TYPE_CHECKING:
     from cotree.dag.nodes import Node
@@ -36,7 +37,8 @@ Array = npt.NDArray[np.float64]
 #: Exponents rise by as much as this without a limit, and are forgotten beyond the other.
 _FREE, _FAR = 2.0, 40.0
 
-#: Along a chain what one junction does reaches the next ones step by step.
+#: Along a chain what one junction does reaches the next ones step by step. Newton's method polishes
+#: what has settled to this share.
 _MOST_STEPS, _JUNCTIONS_A_STEP, _SETTLED = 100, 4, 1e-9
 
 #: Conductances beside junctions, in units of saturation current by thermal voltage: 1e15 times a
@@ -89,7 +91,9 @@ class Junctions:
 
 
 class Point:
-    """The equations at a time, states, parameters and inputs."""
+    """The equations at a time, states, parameters and inputs; it belongs to one search."""
+
+    n_carried = 0
 
     def __init__(self, junctions: Junctions, t: float, y: Array, p: Array, u: Array) -> None:
         self._n = len(junctions.unknowns)
@@ -114,6 +118,7 @@ class Point:
         self._places = [i for i, node in enumerate(roots) if node in moving]
         self._roots = [roots[i] for i in self._places]
         self._order = reachable(self._roots, stop={*self._free, *self._values})
+        self._conductance, self._entries = 0.0, np.zeros(0)
 
     def search(self, z: Array) -> Array | None:
         """Look for a root; give a point that Newton's method need only polish."""
@@ -141,26 +146,35 @@ class Point:
 
     def _iterate(self, z: Array, w: Array, conductance: float) -> tuple[Array, Array] | None:
         """Take Newton steps in unknowns and exponents, the latter limited."""
-        n, own = self._n, np.arange(self._n, len(self._free))
+        self._conductance = conductance
+        limits = Limits(_MOST_STEPS + len(w) // _JUNCTIONS_A_STEP, settled=_SETTLED)
+        root = iterate(self, np.concatenate([z, w]), limits)
+        return (root.z[: self._n], root.z[self._n :]) if root.is_found else None
+
+    def value(self, z: Array) -> Array:
+        """Give equations, and what exponents differ by from those that they are unknowns for."""
+        unknowns, w = np.split(z, [self._n])
+        slope = np.exp(w) + self._conductance
+        values, entries = self._evaluate(unknowns, np.exp(w) + self._conductance * w)
+        values[self._n :] -= w
+        along = np.concatenate([np.ones(self._n), slope])[self._columns]
+        self._entries = np.append(entries * along, np.full(len(w), -1.0))
+        return values
+
+    def linearised(self, z: Array) -> Linear:
+        """Give what solves for a step from the point that was evaluated last."""
+        own, entries = np.arange(self._n, len(z)), self._entries
         rows, columns = np.append(self._rows, own), np.append(self._columns, own)
-        for _ in range(_MOST_STEPS + len(w) // _JUNCTIONS_A_STEP):
-            slope = np.append(np.ones(n), np.exp(w) + conductance)
-            values, entries = self._evaluate(z, np.exp(w) + conductance * w)
-            entries = np.append(entries * slope[self._columns], np.full(len(w), -1.0))
-            values[n:] -= w
-            try:
-                step = -solve_entries(rows, columns, entries, values)
-            except np.linalg.LinAlgError:
-                return None
-            if not np.all(np.isfinite(step)):
-                return None
-            z, wanted = z + step[:n], w + step[n:]
-            limited = _limited(w, wanted)
-            is_settled = np.all(np.abs(step) <= _SETTLED * np.maximum(1.0, np.abs([*z, *wanted])))
-            if is_settled and np.array_equal(limited, wanted):
-                return z, wanted
-            w = limited
-        return None
+        scale = np.maximum(1.0, np.abs(z))
+        return Linear(lambda g: solve_entries(rows, columns, entries, g), scale)
+
+    def moved(self, z: Array, step: Array) -> Array:
+        """Let exponents rise by the logarithm of what is wanted, from zero if they are below it."""
+        wanted, own = z + step, slice(self._n, None)
+        base = np.maximum(z[own], 0.0)
+        rise = np.maximum(wanted[own] - base, 0.0)
+        wanted[own] = np.where(rise > _FREE, base + np.log1p(rise), wanted[own])
+        return wanted
 
     def _evaluate(self, z: Array, e: Array) -> tuple[Array, Array]:
         """Give equations and exponents, and the entries of their derivatives."""
@@ -169,11 +183,3 @@ class Point:
         results = self._results.copy()
         results[self._places] = evaluate(self._roots, values, order=self._order)
         return results[:size], results[size:]
-
-
-def _limited(old: Array, wanted: Array) -> Array:
-    """Let exponents rise by the logarithm of what is wanted, from zero if they are below it."""
-    base = np.maximum(old, 0.0)
-    rise = np.maximum(wanted - base, 0.0)
-    result: Array = np.where(rise > _FREE, base + np.log1p(rise), wanted)
-    return result

@@ -1,7 +1,8 @@
-"""Linear systems of Newton's method: inverted where they are small, else factorised as sparse ones.
+"""Linear systems: inverted where they are small, factorised as sparse ones, or of any rank.
 
-In: the derivatives of equations, full or in SciPy's compressed form. Out: what solves for a step,
-the scale that rounding gives to each unknown, and the unknowns that a singular matrix leaves free.
+In: the derivatives of equations, full or in SciPy's compressed form. Out: what solves for a step of
+Newton's method, the scale that rounding gives to each unknown, and the unknowns that a singular
+matrix leaves free; of gradients with redundant rows, least steps and independent columns.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from cotree.tolerances import RANK
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
@@ -21,6 +24,9 @@ Array = npt.NDArray[np.float64]
 
 #: A full matrix, or one of SciPy's compressed ones.
 Matrix = Any
+
+#: Rounding of the equations moves unknowns by this share of their scale.
+ROUNDING = 4 * float(np.finfo(np.float64).eps)
 
 #: Steps below this share of an unknown that no longer halve can only be rounding, since Newton's
 #: method squares its errors; or, where unknowns are zero but for rounding, this share of scales.
@@ -62,18 +68,26 @@ class Linear:
     scale : ndarray, shape (n,)
         Of each unknown: its own size and what it would change by if each term of the equations
         changed by its own size. Rounding moves it by this times that of a number.
-    sizes : ndarray, shape (n,)
-        Of the terms of each equation.
+    sizes : ndarray, shape (n,), or float
+        Of the terms of each equation; infinite where a step alone tells that it has converged.
     """
 
     solve: Callable[[Array], Array]
     scale: Array
-    sizes: Array
+    sizes: Array | float = math.inf
 
     def share(self, step: Array) -> float:
         """Give the largest entry of a step as a share of the scales, 1 at the most."""
         size = np.abs(step)
         return float(np.max(size / np.maximum(np.maximum(self.scale, size), TINY), initial=0.0))
+
+    def ratio(self, step: Array, before: Array | None) -> float:
+        """Give the length of a step beside that of the last one; infinite for the first."""
+        if before is None:
+            return math.inf
+        weights = 1.0 / np.maximum(np.maximum(self.scale, np.abs(step)), TINY)
+        length = float(np.max(np.abs(before) * weights, initial=0.0))
+        return float(np.max(np.abs(step) * weights, initial=0.0)) / max(length, TINY)
 
     def is_stalled(self, z: Array, step: Array) -> bool:
         """Whether a step that does not become shorter may be taken for rounding."""
@@ -173,6 +187,56 @@ def _factorised(matrix: Matrix) -> Callable[..., Array]:
         return np.asarray(factors.solve((b.T * scale).T))
 
     return solve
+
+
+def least_step(rows: Array, target: Array, whole: Array) -> Array:
+    """Solve rows @ step = target by the least step, in the sense of least squares.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (n_rows, n)
+        Columns of a gradient, of which some may be redundant.
+    target : ndarray, shape (n_rows,) or (n_rows, m)
+        What is wanted.
+    whole : ndarray, shape (n_rows, n_all)
+        The gradient: what is rounding beside it moves nothing, even where nothing else is free.
+
+    Returns
+    -------
+    ndarray, shape (n,) or (n, m)
+    """
+    least = RANK * float(np.linalg.norm(whole, 2)) if whole.size else 0.0
+    size = float(np.linalg.norm(rows, 2)) if rows.size else 0.0
+    if size <= least:
+        return np.zeros((rows.shape[1], *target.shape[1:]))
+    found = np.linalg.lstsq(rows, target, rcond=max(least / size, RANK))[0]
+    return np.asarray(found, dtype=np.float64)
+
+
+def vanishing_combinations(rows: Array, whole: Array) -> Array:
+    """Give the combinations of rows that vanish beside the whole gradient, orthonormal.
+
+    Returns
+    -------
+    ndarray, shape (n, n_rows)
+    """
+    if not rows.size:
+        return np.eye(len(rows))
+    left, values, _ = np.linalg.svd(rows)
+    rank = int(np.sum(values > RANK * np.linalg.norm(whole, 2)))
+    return np.asarray(left[:, rank:].T, dtype=np.float64)
+
+
+def independent_columns(rows: Array) -> list[int]:
+    """List the columns that may be chosen freely so that the others follow from them best."""
+    if not rows.size:
+        return list(range(rows.shape[1]))
+    from scipy.linalg import qr
+
+    triangle, order = qr(rows, mode="r", pivoting=True)
+    diagonal = np.abs(np.diag(triangle))
+    rank = int(np.count_nonzero(diagonal > RANK * diagonal[0]))
+    return sorted(order[rank:].tolist())
 
 
 def singular_direction(slopes: Iterable[Matrix]) -> tuple[int, ...]:

@@ -10,17 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.dag.traverse import symbols_in
-from cotree.errors import ParameterError, SingularSystemError, nearest
+from cotree.errors import ParameterError, SingularSystemError
 from cotree.model.arrays import as_array, as_parameters
-from cotree.model.contents import check_followers, held_followers
 from cotree.model.junctions import Junctions
 from cotree.model.packing import whole_kernel
-from cotree.model.redundant import check_redundant
-from cotree.model.settle import settle_jumps
-from cotree.model.start import Start, consistent_start, start_by_differences
+from cotree.model.start import find_start
 from cotree.model.structure import Structure
 from cotree.model.undefined import why_undefined
-from cotree.model.unknowns import solve_start
 from cotree.scene.description import check_number
 from cotree.sharing import formed_once
 
@@ -30,6 +26,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
     from cotree.dag.corners import Corner
+    from cotree.model.consistent import Start
     from cotree.model.kernels import Kernels, NativeModel
     from cotree.program import Layout, Program
     from cotree.program.counts import OperationCount
@@ -146,8 +143,6 @@ class CompiledModel(Structure):
         p: Any = None,
         initial: Mapping[str, float] | None = None,
         u: Any = None,
-        *,
-        _is_probe: bool = False,
     ) -> Start:
         """Find initial states and sensitivities that satisfy constraints and algebraic equations.
 
@@ -178,31 +173,8 @@ class CompiledModel(Structure):
         SingularSystemError
             If the algebraic equations do not determine them.
         """
-        p, initial = self.parameter_array(p), initial or {}
-        y, s = self.initial_values(t, p, u)
-        kept = {i for i, is_given in enumerate(self.layout.given) if is_given}
-        for name, value in initial.items():
-            if name not in self.states:
-                raise ParameterError(f"the model has no state '{name}'{nearest(name, self.states)}")
-            i = self.states.index(name)
-            y[i] = check_number(value, f"initial value of '{name}'")
-            s[i] = [float(wanted == name) for wanted in self.sensitivities]
-            kept.add(i)
-        for wanted in self.sensitivities:
-            if wanted in self.states:  # an initial value that may change is no initial value
-                kept.add(self.states.index(wanted))
-        anew, held = set(map(self.states.index, initial)), held_followers(self, initial)
-        start = consistent_start(self, t, p, y, s, kept, is_probe=_is_probe, anew=anew)
-        if _is_probe:
-            return start
-        y, s = start.y, start.s
-        if start.is_chosen and self.sensitivities:
-            s = start_by_differences(self, t, p, initial, start)
         u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
-        y, s = settle_jumps(self, t, p, u, *solve_start(self, t, p, u, y, s, held), held)
-        check_followers(self, initial, y)
-        check_redundant(self, t, p, u, Start(y, s), set(initial))
-        return Start(y, s, start.is_chosen)
+        return find_start(self, t, self.parameter_array(p), u, initial or {})
 
     def initial_values(self, t: float, p: Array, u: Any) -> tuple[Array, Array]:
         """Return initial states and sensitivities before any equation is imposed on them."""

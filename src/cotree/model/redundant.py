@@ -16,8 +16,8 @@ from cotree.errors import ParameterError
 if TYPE_CHECKING:
     from collections.abc import Container, Sequence
 
+    from cotree.model.consistent import Start
     from cotree.model.model import CompiledModel
-    from cotree.model.start import Start
 
 Array = npt.NDArray[np.float64]
 

@@ -1,95 +1,41 @@
-"""The consistent start: initial states and sensitivities that satisfy every constraint.
+"""The start of a run: states and sensitivities that satisfy all equations, step by step.
 
-What the user gave is kept, and the rest follows by Gauss-Newton steps of least length. Where that
-cannot be but the given values are nearly consistent, they move as little as they can, with a
-warning; else the start is refused with the residual of each joint. Sensitivities are derivatives of
-what is done: what was given moves with a parameter, too, where nothing else can follow it.
+In: a model, parameters, inputs, and initial values of a run. Out: a ``Start``. The steps, of which
+each leaves alone what those before it found:
+
+1. Values as they are given: the scene's or those of its operating point, then those of the run.
+2. The constraints of mechanisms (:mod:`cotree.model.consistent`).
+3. Algebraic unknowns, and what storages hold from what follows from it; then the modes of jumps
+   inside expressions, and the unknowns again (:mod:`cotree.model.unknowns`).
+4. A check of what was given twice (:mod:`cotree.model.contents`, :mod:`cotree.model.redundant`).
 """
 
 from __future__ import annotations
 
-import warnings
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from cotree.errors import ParameterError
-from cotree.model.finder import RANK, Finder
+from cotree.errors import ParameterError, nearest
+from cotree.model.consistent import Start, consistent_start
+from cotree.model.contents import check_followers, held_followers
+from cotree.model.redundant import check_redundant
+from cotree.model.unknowns import settle_jumps, solve_start
+from cotree.scene.description import check_number
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Mapping
 
     from cotree.model.model import CompiledModel
 
 Array = npt.NDArray[np.float64]
 
-_LARGEST_ITERATIONS = 50
 
-#: Residuals below this share of the states' size are met.
-_MET = 1e-11
-
-#: Those below this are nothing but rounding.
-_ROUNDING = 1e-15
-
-#: Given values that would have to move by more than this contradict each other: radians, lengths
-#: of the scene, or shares of the largest speed.
-_FARTHEST = 0.1
-
-#: Given values that change by more than this are worth a word.
-_NOTICED = 1e-4
-
-#: How far, and how often, to look aside where constraints have no gradient.
-_ASIDE, _TRIES = 0.1, 4
-
-#: No step turns by more than this, [rad], which might leave the branch, nor shifts by so many
-#: lengths of the scene.
-_LONGEST = 0.5
-
-#: Derivatives of residuals below this share of themselves, and this of what they are sums of, are
-#: made up for.
-_FOLLOWED, _ROUNDING_OF_SUMS = 1e-8, 1e-13
-
-_LEVELS = ("positions", "velocities")
-
-
-@dataclass(frozen=True)
-class Start:
-    """A consistent start.
-
-    Attributes
-    ----------
-    y, s : ndarray, shapes (n_states,) and (n_states, n_parameters)
-        Initial states and their sensitivities.
-    is_chosen : bool
-        Whether something moved that neither the constraints nor what was given fix: the least move
-        was chosen, and ``s`` does not know how that choice depends on the parameters.
-    """
-
-    y: Array
-    s: Array
-    is_chosen: bool = False
-
-    @property
-    def z(self) -> Array:
-        """States and then sensitivities, parameter by parameter, as integrations hold them."""
-        return np.concatenate([self.y, self.s.T.ravel()])
-
-
-def consistent_start(
-    model: CompiledModel,
-    t: float,
-    p: Array,
-    y: Array,
-    s: Array,
-    kept: Collection[int],
-    *,
-    is_initial: bool = True,
-    is_probe: bool = False,
-    anew: Collection[int] = (),
+def find_start(
+    model: CompiledModel, t: float, p: Array, u: Array | None, initial: Mapping[str, float]
 ) -> Start:
-    """Move initial states and sensitivities onto the constraints.
+    """Find initial states and sensitivities; see :meth:`cotree.Model.start`.
 
     Parameters
     ----------
@@ -99,36 +45,49 @@ def consistent_start(
         Start time, [s].
     p : ndarray, shape (n_parameters,)
         Parameters.
-    y, s : ndarray, shapes (n_states,) and (n_states, n_parameters)
-        Initial states and sensitivities as given.
-    kept : collection of int
-        The states that the user gave.
-    is_initial : bool
-        Whether initial values of what is no state are to hold, too, and what was given may be
-        mended; later on neither.
-    is_probe : bool
-        Whether only the states are wanted, next to a start that was found.
-    anew : collection of int
-        Those of ``kept`` whose values a run gives in place of the scene's. Where they are all
-        coordinates, or all speeds, the scene's initial values of what is no state give way.
-
-    Raises
-    ------
-    ParameterError
-        If the given values violate a constraint that nothing else can mend, or the start has no
-        derivative by a parameter.
+    u : ndarray, shape (n_inputs,), optional
+        Inputs at that time; the scene's where absent.
+    initial : mapping of str to float
+        Initial values of states in place of the scene's.
     """
-    if not model.layout.constraints and not model.layout.start_rows:
-        return Start(y, s)
-    finder = Finder(model, t, p, y, frozenset(kept), frozenset(anew), is_initial=is_initial)
-    search = _Search(model, p, finder, is_initial, is_probe)
-    found = search.settle(search.settle(search.finder.normalised(y), 0), 1)
-    if model.sensitivities and not is_probe:
-        s = search.sensitivities(found, s)
-    return Start(found, s, search.is_chosen(y, found))
+    held = held_followers(model, initial)
+    start = constrained_start(model, t, p, u, initial)
+    y, s = start.y, start.s
+    if start.is_chosen and model.sensitivities:
+        s = _by_differences(model, t, p, initial, start)
+    y, s = solve_start(model, t, p, u, y, s, held)
+    y, s = settle_jumps(model, t, p, u, y, s, held)
+    check_followers(model, initial, y)
+    check_redundant(model, t, p, u, Start(y, s), set(initial))
+    return Start(y, s, start.is_chosen)
 
 
-def start_by_differences(
+def constrained_start(
+    model: CompiledModel,
+    t: float,
+    p: Array,
+    u: Array | None,
+    initial: Mapping[str, float],
+    *,
+    is_probe: bool = False,
+) -> Start:
+    """Take the values that are given, and move what is not onto the constraints."""
+    names, wanted = model.states, model.sensitivities
+    y, s = model.initial_values(t, p, u)
+    for name, value in initial.items():
+        if name not in names:
+            raise ParameterError(f"the model has no state '{name}'{nearest(name, names)}")
+        i = names.index(name)
+        y[i] = check_number(value, f"initial value of '{name}'")
+        s[i] = [float(other == name) for other in wanted]
+    anew = {names.index(name) for name in initial}
+    kept = {i for i, is_given in enumerate(model.layout.given) if is_given} | anew
+    # An initial value that may change is an initial value.
+    kept |= {names.index(name) for name in wanted if name in names}
+    return consistent_start(model, t, p, y, s, kept, is_probe=is_probe, anew=anew)
+
+
+def _by_differences(
     model: CompiledModel, t: float, p: Array, initial: Mapping[str, float], start: Start
 ) -> Array:
     """Differentiate a start that was chosen as the least move, shape (n_states, n_parameters).
@@ -150,213 +109,6 @@ def start_by_differences(
                 given[name] = float(own + place * step)
             else:
                 moved[model.parameters.index(name)] += place * step
-            total += weight * model.start(t, moved, given, _is_probe=True).y
+            total += weight * constrained_start(model, t, moved, None, given, is_probe=True).y
         s[:, j] = total / (12.0 * step)
     return np.where(model.sensitivity_pattern, s, 0.0)  # of what does not depend, rounding is left
-
-
-class _Search:
-    """Looks for one start."""
-
-    def __init__(
-        self,
-        model: CompiledModel,
-        p: Array,
-        finder: Finder,
-        is_initial: bool,
-        is_probe: bool,
-    ) -> None:
-        self.model, self.p, self.finder = model, p, finder
-        self._mends, self._is_probe = is_initial, is_probe
-        self._mended = [False, False]
-
-    def settle(self, y: Array, level: int) -> Array:
-        """Solve one level, keeping what was given; mend nearly consistent values."""
-        finder, size = self.finder, self.finder.size(y, level)
-        found, residual = self._iterate(y, level)
-        rng, free = np.random.default_rng(0), finder.columns[level]
-        for _ in range(_TRIES if level == 0 and free else 0):
-            if residual <= _MET * size:
-                break
-            # Where a gradient vanishes, as that of a length does across it, a step aside shows it.
-            aside = np.zeros(finder.n_speeds)
-            aside[free] = _ASIDE * rng.standard_normal(len(free))
-            other = self._iterate(finder.moved(y, aside, 0), 0)
-            if other[1] < residual:
-                found, residual = other
-        if residual <= _MET * size:
-            return found
-        mended, residual = found, np.inf
-        if self._mends and len(free) < finder.n_speeds:
-            mended, residual = self._iterate(found, level, mends=True)
-        if not residual <= _MET * size:
-            self._refuse(found, level)
-        self._mended[level] = True
-        if not self._is_probe:
-            self._check_mended(y, found, mended, level)
-        return mended
-
-    def _iterate(self, y: Array, level: int, *, mends: bool = False) -> tuple[Array, float]:
-        """Take Gauss-Newton steps of least length until the residual no longer shrinks."""
-        finder = self.finder
-        best, smallest = y, finder.distance(y, level)
-        size = finder.size(y, level)
-        for _ in range(_LARGEST_ITERATIONS):
-            if not (finder.columns[level] or mends) or smallest <= _ROUNDING * size:
-                break
-            rows = finder.gradient(y, level)
-            target = finder.residual(y, level) / finder.sizes[level]
-            if not np.all(np.isfinite(rows)) or not np.all(np.isfinite(target)):
-                break
-            if np.max(np.abs(rows if mends else rows[:, finder.columns[level]])) < RANK:
-                break  # nothing moves what is left
-            step = finder.step(rows, target, level, mends=mends)
-            length = float(np.max(np.abs(step)))
-            if level == 0 and length > _LONGEST:
-                step *= _LONGEST / length
-            y = finder.moved(y, step, level)
-            distance = finder.distance(y, level)
-            if distance < smallest:
-                best, smallest = y, distance
-            elif smallest < 1e-9:
-                break
-        return best, smallest
-
-    def _check_mended(self, y: Array, found: Array, mended: Array, level: int) -> None:
-        """Say what was given and had to change; refuse what is no small change."""
-        finder = self.finder
-        places = range(finder.own[level].start, finder.own[level].stop)
-        change = np.abs(finder.scaled(mended, level) - finder.scaled(y, level))
-        if level == 1:
-            change /= float(np.max(np.abs(finder.scaled(mended, 1)), initial=0.0)) or 1.0
-        moved = [
-            (i, change[i - places.start])
-            for i in places
-            if i in finder.kept and change[i - places.start] > _NOTICED
-        ]
-        names = ", ".join(
-            f"'{self.model.states[i]}' from {y[i]:.6g} to {mended[i]:.6g}" for i, _ in moved[:6]
-        )
-        if any(far > _FARTHEST for _, far in moved):
-            self._refuse(found, level, f". The nearest that do not would move {names}")
-        if moved:
-            warnings.warn(
-                f"initial values were changed to satisfy the constraints: {names}",
-                RuntimeWarning,
-                stacklevel=6,
-            )
-
-    def _refuse(self, y: Array, level: int, nearest: str = "") -> NoReturn:
-        residual = self.finder.residual(y, level)
-        order = np.argsort(-np.nan_to_num(np.abs(residual), nan=np.inf))[:6]
-        worst = [i for i in order if not abs(residual[i]) <= 1e-10 * self.finder.sizes[level][i]]
-        listed = ", ".join(f"{self.finder.rows[level][i].name} = {residual[i]:.3g}" for i in worst)
-        raise ParameterError(
-            f"the initial {_LEVELS[level]} violate the constraints and what was given leaves no "
-            f"way to mend that; residuals: {listed}{nearest}. Change initial values or lengths of "
-            "these joints, or give fewer initial values"
-        )
-
-    def is_chosen(self, given: Array, y: Array) -> bool:
-        """Whether the least of several moves was taken."""
-        finder = self.finder
-        for level in (0, 1):
-            change = finder.scaled(y, level) - finder.scaled(given, level)
-            if np.max(np.abs(change), initial=0.0) <= _MET * finder.size(y, level):
-                continue
-            columns = finder.columns[level]
-            if self._mended[level]:
-                return True
-            rows = finder.gradient(y, level)[:, columns]
-            size = max(1.0, float(np.max(np.abs(rows), initial=0.0)))
-            if len(columns) > np.linalg.matrix_rank(rows, tol=RANK * size):
-                return True
-        return False
-
-    def sensitivities(self, y: Array, s: Array) -> Array:
-        """Let sensitivities follow from the constraints as the states do.
-
-        Raises
-        ------
-        ParameterError
-            If no motion makes up for what a parameter changes of the constraints.
-        """
-        s, finder = s.copy(), self.finder
-        for first in self.model.layout.quaternions:
-            q = y[first : first + 4]
-            s[first : first + 4] -= np.outer(q, q @ s[first : first + 4])
-        for level in (0, 1):
-            d, rows = finder.residual_sensitivity(y, s, level), finder.gradient(y, level)
-            if not d.size:
-                continue
-            step, rounding = np.zeros((finder.n_speeds, s.shape[1])), self._rounding(rows, s)
-            for columns, n in self._columns(level):
-                step[:, columns] = self._followed(
-                    rows[:n], d[:n, columns], level, rounding, columns
-                )
-            if level == 1:
-                s[finder.own[1]] += step * finder.units[:, None]
-            else:
-                for j in range(s.shape[1]):
-                    s[: finder.n_coordinates, j] += finder.shift(y, step[:, j])
-        return s
-
-    def _columns(self, level: int) -> list[tuple[list[int], int]]:
-        """List the columns of sensitivities, each group with the number of rows that hold for it.
-
-        Where the initial value of a state is what changes, what the scene gives of joints that are
-        no states gives way; constraints do not.
-        """
-        finder, names = self.finder, self.model.sensitivities
-        n = len(finder.rows[level])
-        groups: list[tuple[list[int], int]] = [([], n), ([], n - len(finder.conditions[level]))]
-        for j, name in enumerate(names):
-            groups[name in self.model.states][0].append(j)
-        return [group for group in groups if group[0]]
-
-    def _followed(
-        self, rows: Array, d: Array, level: int, rounding: Array, columns: list[int]
-    ) -> Array:
-        """Find the motions that make up for derivatives of residuals.
-
-        What was given moves, too, along parameters that the rest cannot follow.
-        """
-        step = self.finder.step(rows, d, level, mends=False)
-        if not self._mends or not d.size:
-            return step
-        allowed = _FOLLOWED * np.max(np.abs(d), axis=0) + rounding[columns]
-        missed = np.max(np.abs(d + rows @ step), axis=0) > allowed
-        if not np.any(missed):
-            return step
-        step = np.where(missed, self.finder.step(rows, d, level, mends=True), step)
-        left = d + rows @ step
-        shares = np.max(np.abs(left), axis=0) / allowed
-        if np.any(shares > 1.0):
-            j = int(np.argmax(shares))
-            self._refuse_derivative(left[:, j], level, columns[j])
-        return step
-
-    def _rounding(self, rows: Array, s: Array) -> Array:
-        """Bound what rounding leaves of residuals' derivatives that vanish, shape (m,)."""
-        finder = self.finder
-        largest = [
-            np.max(np.abs(np.array([finder.scaled(column, level) for column in s.T])), axis=1)
-            for level in (0, 1)
-        ]
-        values = dict(zip(self.model.parameters, np.abs(self.p), strict=True))
-        own = np.array([1.0 / (values.get(name) or 1.0) for name in self.model.sensitivities])
-        reach = max(1.0, float(np.max(np.abs(rows), initial=0.0)))
-        return np.asarray(_ROUNDING_OF_SUMS * (reach * np.maximum(*largest) + own))
-
-    def _refuse_derivative(self, left: Array, level: int, j: int) -> NoReturn:
-        rows = self.finder.rows[level]
-        least = 0.1 * float(np.max(np.abs(left)))
-        order = [i for i in np.argsort(-np.abs(left))[:4] if abs(left[i]) > least]
-        named = ", ".join(f"'{rows[i].name}'" for i in order)
-        raise ParameterError(
-            f"the start has no derivative by '{self.model.sensitivities[j]}': it changes the "
-            f"{_LEVELS[level]} that the constraints ask for, and no motion follows to first order: "
-            f"{named} would be violated. Constraints depend on each other there: begin elsewhere, "
-            "let all that has to change with it depend on that parameter, or compile without this "
-            "sensitivity"
-        )

@@ -1,4 +1,7 @@
-"""Algebraic unknowns of a model: those of a start, with their sensitivities, and of a point."""
+"""Algebraic unknowns of a model: those of a start, with their sensitivities, and of a point.
+
+Of a start, the modes of jumps inside expressions are found with them.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +23,8 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-#: What a start finds from what follows from it is found in so many rounds, to this share of the
-#: terms that it is made of.
+#: Jumps may decide each other, and what storages hold may change what it is found from, so many
+#: times; the latter to this share of the terms that it is made of.
 _MOST_ROUNDS, _SAME = 50, 1e-12
 
 
@@ -146,6 +149,57 @@ def _solve_held(
     raise SolveError(
         f"{names} cannot be found at t = {t:.10g} from initial values of what follows from it: it "
         "depends on unknowns of nonlinear equations besides; give its own initial value"
+    )
+
+
+def settle_jumps(
+    model: CompiledModel,
+    t: float,
+    p: Array,
+    u: Array | None,
+    y: Array,
+    s: Array,
+    held: Sequence[Pair] = (),
+) -> tuple[Array, Array]:
+    """Set the modes that stand for jumps inside expressions to what these are at a point.
+
+    Parameters
+    ----------
+    model, t, p, u, held
+        As for :func:`solve_start`.
+    y, s : ndarray, shapes (n_states,) and (n_states, n_parameters)
+        States that satisfy all equations with the modes that they hold, and sensitivities.
+
+    Returns
+    -------
+    ndarray, shape (n_states,), and ndarray, shape (n_states, n_parameters)
+
+    Raises
+    ------
+    SolveError
+        If there are no values that agree with the states that they lead to.
+    """
+    rows = model.layout.events
+    if not any(row.is_jump for row in rows):
+        return y, s
+    looked_at, new, y = model.bound("events", p), model.bound("jumps", p), y.copy()
+    nothing = np.zeros(0)
+    for _ in range(_MOST_ROUNDS * len(rows)):
+        values = looked_at(t, y, nothing, u).copy()
+        wanted = new(t, y, nothing, u)
+        changed = False
+        for row, value in zip(rows, values, strict=True):
+            if row.is_jump and row.direction * value > 0.0 and not changed:
+                (target,) = row.targets
+                changed = bool(y[target] != wanted[row.results.start])
+                y[target] = wanted[row.results.start]
+        if not changed:
+            return y, s
+        y, s = solve_start(model, t, p, u, y, s, held)
+    names = ", ".join(f"'{model.states[row.targets[0]]}'" for row in rows if row.is_jump)
+    raise SolveError(
+        f"no values of {names} agree with the states that they lead to at t = {t:g}: the jump "
+        "turns back what it looks at"
     )
 
 

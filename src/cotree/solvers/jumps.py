@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cotree.errors import ParameterError, SolveError
-from cotree.model.start import Start, consistent_start
+from cotree.model.consistent import Start, consistent_start
 from cotree.model.unknowns import solve_start
 from cotree.solvers.verdicts import verdict
 

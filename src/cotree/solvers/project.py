@@ -14,6 +14,8 @@ import numpy.typing as npt
 
 from cotree.errors import SolveError
 from cotree.model.lengths import gradient_groups, scene_length, turned, turning_speeds
+from cotree.model.linear import ROUNDING, SMALL
+from cotree.tolerances import RANK
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -22,13 +24,6 @@ if TYPE_CHECKING:
     from cotree.solvers.problem import FloatArray
 
 _MOST_STEPS = 10
-
-# A correction of a few units in the last place is rounding; the step after it would be too.
-_ROUNDING = 4 * float(np.finfo(np.float64).eps)
-
-# Rounding in the kernels may be more than that where lengths or speeds are large. Newton's method
-# squares its errors, so a correction below this that no longer halves can only be rounding.
-_SMALL = 1e-8
 
 # Residuals, in the constraints' own units, above this share of the largest state (or of 1) are not
 # met. Near a singular configuration, along what the constraints hardly see, those of trial steps
@@ -42,9 +37,6 @@ _ROUNDING_ROW = 1e-12
 # their weakest one in a few other positions, or below the second number, are nearly dependent. Many
 # loops side by side have weak directions everywhere.
 _NEAR, _LEAST, _POSITIONS = 0.1, 1e-6, 3
-
-# Singular values of the constraints' gradients, about of length one, below this are none.
-_REDUNDANT = 1e-10
 
 # Edges with more than this share in a direction that the constraints no longer see are named.
 _INVOLVED = 0.1
@@ -175,7 +167,7 @@ class Projection:
         if not self._edges:
             return 0
         rows = self._rows(t, z)
-        return len(rows) - int(np.linalg.matrix_rank(rows, tol=_REDUNDANT))
+        return len(rows) - int(np.linalg.matrix_rank(rows, tol=RANK))
 
     def residual(self, t: float, z: FloatArray) -> FloatArray:
         """Return the residuals of the constraints, a fresh array of the shape of ``names``."""
@@ -193,7 +185,8 @@ class Projection:
             dx = self._step(t, x, s, u)
             size = float(np.max(np.abs(dx) / np.maximum(1.0, np.abs(x)), initial=0.0))
             x += dx
-            if size <= _ROUNDING or (size < _SMALL and size > previous / 2):
+            # Rounding in the kernels may be more than that where lengths or speeds are large.
+            if size <= ROUNDING or (size < SMALL and size > previous / 2):
                 return
             previous = size
 
