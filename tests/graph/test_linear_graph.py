@@ -3,7 +3,8 @@ from __future__ import annotations
 import pytest
 
 from cotree.errors import TopologyError
-from cotree.graph import GraphEdge, LinearGraph, check_connected
+from cotree.graph import GraphEdge, LinearGraph
+from cotree.graph.checks import check_spanned
 
 
 def graph_of(nodes: str, *edges: str) -> LinearGraph:
@@ -11,6 +12,11 @@ def graph_of(nodes: str, *edges: str) -> LinearGraph:
     return LinearGraph(
         "translation", tuple(nodes.split()), tuple(GraphEdge(*e.split(), "x") for e in edges)
     )
+
+
+def check_connected(graph: LinearGraph) -> None:
+    """Check that all edges together join every node to the reference."""
+    check_spanned(graph, graph.edge_names, "edges", f"connect {{them}} to '{graph.reference}'")
 
 
 def test_edge_is_found_by_name_and_counted():
@@ -22,12 +28,6 @@ def test_edge_is_found_by_name_and_counted():
 def test_unknown_edge_names_the_nearest():
     with pytest.raises(TopologyError, match="no edge 'spring'; did you mean 'spring1'"):
         graph_of("ground A", "spring1 ground A").edge("spring")
-
-
-def test_networkx_copy_keeps_parallel_edges_and_kinds():
-    copy = graph_of("ground A", "m ground A", "k ground A").to_networkx()
-    assert sorted(copy.edges(keys=True)) == [("ground", "A", "k"), ("ground", "A", "m")]
-    assert copy.edges["ground", "A", "k"]["kind"] == "x"
 
 
 def test_summary_has_a_line_an_edge():

@@ -17,9 +17,7 @@ from cotree.graph import (
     f_cutset,
     incidence,
     named_tree,
-    prefix_sums,
     select_tree,
-    suffix_sums,
     tree_walk,
 )
 
@@ -78,30 +76,16 @@ def test_tellegen(tree: Tree, seed: int):
     potential = random_values(seed, graph.nodes)
     across = np.array([potential[e.head] - potential[e.tail] for e in graph.edges]).reshape(-1, 3)
     chords = random_values(seed + 1, tree.chords)
-    branches = suffix_sums(tree, chords, np.zeros(3))
+    cutset = f_cutset(tree)
+    branches = {
+        row: -sum((s * chords[n] for s, n in cutset.terms(row) if n != row), np.zeros(3))
+        for row in cutset.rows
+    }
     through = np.array([(chords | branches)[e.name] for e in graph.edges]).reshape(-1, 3)
     assert not (incidence(graph).matrix @ through).any()
     assert not (f_circuit(tree).matrix @ across).any()
     # Sums of integers below 2**53 are exact, so nothing is left to rounding.
     assert np.sum(across * through) == 0.0
-
-
-@given(trees(), seeds)
-def test_sums_along_the_walk_equal_the_matrix_products(tree: Tree, seed: int):
-    graph = tree.graph
-    branches, chords = random_values(seed, tree.branches), random_values(seed, tree.chords)
-    across_at = prefix_sums(tree, branches, np.zeros(3))
-    assert set(across_at) == set(graph.nodes)
-    circuit, cutset = f_circuit(tree), f_cutset(tree)
-    for row in circuit.rows:
-        edge = graph.edge(row)
-        others = [s * branches[name] for s, name in circuit.terms(row) if name != row]
-        np.testing.assert_array_equal(across_at[edge.head] - across_at[edge.tail], -sum(others))
-    through = suffix_sums(tree, chords, np.zeros(3))
-    assert tuple(through) == tree.branches
-    for row in cutset.rows:
-        others = [s * chords[name] for s, name in cutset.terms(row) if name != row]
-        np.testing.assert_array_equal(through[row], -sum(others, np.zeros(3)))
 
 
 @given(trees())
@@ -115,13 +99,6 @@ def test_walk_reaches_parents_before_children(tree: Tree):
         assert step.child not in reached
         reached.add(step.child)
     assert reached == set(tree.graph.nodes)
-
-
-def test_sums_of_plain_numbers_leave_the_values_alone():
-    edges = (GraphEdge("a", "B", "ground", "x"), GraphEdge("b", "ground", "B", "x"))
-    tree = named_tree(LinearGraph("test", ("ground", "B"), edges), ["a"])
-    assert prefix_sums(tree, {"a": 2.0}) == {"ground": 0, "B": -2.0}
-    assert suffix_sums(tree, {"b": 3.0}) == {"a": 3.0}
 
 
 @pytest.fixture
@@ -164,8 +141,6 @@ def test_long_chain_needs_neither_recursion_nor_quadratic_time():
     graph = LinearGraph("test", nodes, (*edges, chord))
     begin = time.perf_counter()
     tree = named_tree(graph, [edge.name for edge in edges])
-    assert prefix_sums(tree, dict.fromkeys(tree.branches, 1))[nodes[-1]] == n
-    assert set(suffix_sums(tree, {"c": 1}).values()) == {-1}
     assert select_tree(graph, dict.fromkeys(graph.edge_names, 1.0)).chords == ("c",)
     assert len(f_circuit(tree).terms("c")) == n + 1
     # Takes about 0.2 s; 10,000 nodes in quadratic time would take a minute.

@@ -12,7 +12,7 @@ from cotree.errors import SceneError
 from cotree.watch import shapes
 from cotree.watch.bodies import body_box
 from cotree.watch.frames import MOST_FRAMES, choose_frames, coordinates_at
-from cotree.watch.poses import Evaluator
+from cotree.watch.poses import MotionValues
 
 Z = [0, 0, 1]
 
@@ -21,7 +21,7 @@ def points_of(model, result, times):
     """Give positions, shape (n_times, 3), and axes of every node at some times."""
     first, p = model.first_graph, model.parameter_array(result.parameter_values)
     coordinates = coordinates_at(result, model, first.system, p, times)
-    values = Evaluator(first.motion, p, times, coordinates)
+    values = MotionValues(first.motion, p, times, coordinates)
     poses, found = values.poses(), {}
     for name, point in first.motion.clusters.points.items():
         place = values.place(point)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from cotree.components.component import Component, Field, Role
 from cotree.components.law import Law
 from cotree.components.ports import resistive, value
-from cotree.components.terminal import Integral, Kind, Measure, Terminal
+from cotree.components.terminal import Integral, Kind, PortMeasure, Terminal
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -39,11 +39,11 @@ def _ports(pairs: Sequence[int]) -> tuple[Terminal, ...]:
     return (*ports, store)
 
 
-def _measures(pairs: Sequence[int]) -> tuple[Measure, ...]:
+def _measures(pairs: Sequence[int]) -> tuple[PortMeasure, ...]:
     parts = ("series", *(f"pair{i}" for i in pairs), "")
     return (
-        Measure("v", "V", tuple((1, "across", part) for part in parts)),
-        Measure("i", "A", ((1, "through", "series"),)),
+        PortMeasure("v", "V", tuple((1, "across", part) for part in parts)),
+        PortMeasure("i", "A", ((1, "through", "series"),)),
     )
 
 

@@ -27,7 +27,7 @@ from cotree.components.junctions import (
 )
 from cotree.components.law import Law
 from cotree.components.ports import optional, resistive, value
-from cotree.components.terminal import Kind, Measure, Terminal
+from cotree.components.terminal import Kind, PortMeasure, Terminal
 from cotree.errors import SceneError
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ def _transistor(
     )
 
 
-def _measures(inner: Mapping[str, str], substrate: int) -> tuple[Measure, ...]:
+def _measures(inner: Mapping[str, str], substrate: int) -> tuple[PortMeasure, ...]:
     """Give currents into the terminals, and voltages between them."""
 
     def drop(sign: int, end: str) -> tuple[tuple[int, str, str], ...]:
@@ -134,12 +134,12 @@ def _measures(inner: Mapping[str, str], substrate: int) -> tuple[Measure, ...]:
     own: dict[int, tuple[tuple[int, str, str], ...]] = {substrate: ((-1, "through", "substrate"),)}
     own[0] = ()
     return (
-        Measure("ib", "A", ((1, "through", "be"), (1, "through", "bc"), *own.get(-1, ()))),
-        Measure("ic", "A", ((-1, "through", "bc"), *own.get(1, ()))),
-        Measure("ie", "A", ((-1, "through", "be"),)),
-        Measure("vbe", "V", (*drop(1, "base"), be, *drop(-1, "emitter"))),
-        Measure("vbc", "V", (*drop(1, "base"), bc, *drop(-1, "collector"))),
-        Measure(
+        PortMeasure("ib", "A", ((1, "through", "be"), (1, "through", "bc"), *own.get(-1, ()))),
+        PortMeasure("ic", "A", ((-1, "through", "bc"), *own.get(1, ()))),
+        PortMeasure("ie", "A", ((-1, "through", "be"),)),
+        PortMeasure("vbe", "V", (*drop(1, "base"), be, *drop(-1, "emitter"))),
+        PortMeasure("vbc", "V", (*drop(1, "base"), bc, *drop(-1, "collector"))),
+        PortMeasure(
             "vce",
             "V",
             (be, (-1, "across", "bc"), *drop(1, "collector"), *drop(-1, "emitter")),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from cotree.components.law import Law
-    from cotree.components.terminal import Measure, Terminal
+    from cotree.components.terminal import PortMeasure, Terminal
 
 
 class Role(Enum):
@@ -197,7 +197,7 @@ class Component:
     adapt : callable or None
         Where ports depend on the scene: takes the edge's name, its nodes as listed and its fields
         as given; returns the component adapted to them, the nodes, and the fields that remain.
-    measures : tuple of Measure
+    measures : tuple of PortMeasure
         Of a scalar component: sums of variables of its ports, under names of its own.
     demands : tuple of Demand
         Conditions on its fields together.
@@ -216,7 +216,7 @@ class Component:
     terminals: tuple[str, ...] = ()
     loss: Law | None = None
     adapt: Adapt | None = None
-    measures: tuple[Measure, ...] = ()
+    measures: tuple[PortMeasure, ...] = ()
     demands: tuple[Demand, ...] = ()
 
     @property

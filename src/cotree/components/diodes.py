@@ -20,7 +20,7 @@ from cotree.components.junctions import (
 )
 from cotree.components.law import Law
 from cotree.components.ports import optional, resistive, value
-from cotree.components.terminal import Kind, Measure, Terminal
+from cotree.components.terminal import Kind, PortMeasure, Terminal
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -68,8 +68,8 @@ def _diode(has: frozenset[str]) -> Component:
         ports=(junction, series),
         terminals=("anode", "cathode"),
         measures=(
-            Measure("v", "V", ((1, "across", "series"), (1, "across", "junction"))),
-            Measure("i", "A", ((1, "through", "series"),)),
+            PortMeasure("v", "V", ((1, "across", "series"), (1, "across", "junction"))),
+            PortMeasure("i", "A", ((1, "through", "series"),)),
         ),
     )
 

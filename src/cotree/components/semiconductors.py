@@ -12,7 +12,7 @@ from cotree.components.diodes import DIODE
 from cotree.components.junctions import is_absent, junction_current, symbol
 from cotree.components.law import Law
 from cotree.components.ports import optional, value
-from cotree.components.terminal import Kind, Measure, Terminal
+from cotree.components.terminal import Kind, PortMeasure, Terminal
 from cotree.errors import SceneError
 
 if TYPE_CHECKING:
@@ -58,12 +58,12 @@ def _bipolar(name: str, doc: str, sign: int) -> Component:
         ),
         terminals=("collector", "base", "emitter"),
         measures=(
-            Measure("ib", "A", ((1, "through", "be"), (1, "through", "bc"))),
-            Measure("ic", "A", ((-1, "through", "bc"),)),
-            Measure("ie", "A", ((-1, "through", "be"),)),
-            Measure("vbe", "V", ((1, "across", "be"),)),
-            Measure("vbc", "V", ((1, "across", "bc"),)),
-            Measure("vce", "V", ((1, "across", "be"), (-1, "across", "bc"))),
+            PortMeasure("ib", "A", ((1, "through", "be"), (1, "through", "bc"))),
+            PortMeasure("ic", "A", ((-1, "through", "bc"),)),
+            PortMeasure("ie", "A", ((-1, "through", "be"),)),
+            PortMeasure("vbe", "V", ((1, "across", "be"),)),
+            PortMeasure("vbc", "V", ((1, "across", "bc"),)),
+            PortMeasure("vce", "V", ((1, "across", "be"), (-1, "across", "bc"))),
         ),
     )
     return replace(plain, adapt=bipolar(name, doc, sign, plain))
@@ -130,9 +130,9 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
         ),
         terminals=("drain", "gate", "source"),
         measures=(
-            Measure("id", "A", ((1, "through", "ds"),)),
-            Measure("vds", "V", ((1, "across", "ds"),)),
-            Measure("vgs", "V", ((1, "across", "gs"),)),
+            PortMeasure("id", "A", ((1, "through", "ds"),)),
+            PortMeasure("vds", "V", ((1, "across", "ds"),)),
+            PortMeasure("vgs", "V", ((1, "across", "gs"),)),
         ),
     )
     return replace(plain, adapt=_with_bulk(plain, law, sign))
@@ -168,7 +168,7 @@ def _with_bulk(plain: Component, law: Callable[..., Any], sign: int) -> Adapt:
             plain,
             ports=(drain, plain.ports[1], bulk),
             terminals=(*plain.terminals, "bulk"),
-            measures=(*plain.measures, Measure("vbs", "V", ((1, "across", "bs"),))),
+            measures=(*plain.measures, PortMeasure("vbs", "V", ((1, "across", "bs"),))),
         )
 
     def adapt(

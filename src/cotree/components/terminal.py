@@ -49,7 +49,7 @@ class Integral:
 
 
 @dataclass(frozen=True)
-class Measure:
+class PortMeasure:
     """A sum of variables of a component's ports that outputs and fields may name.
 
     Attributes

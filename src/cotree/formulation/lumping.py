@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from cotree.formulation.clusters import Inertia
     from cotree.formulation.fields import BoundEdge
     from cotree.formulation.system import Step, System
-    from cotree.graph import Step as Walk
+    from cotree.graph import TreeStep
 
 
 def lump(system: System) -> Clusters:
@@ -41,7 +41,7 @@ def lump(system: System) -> Clusters:
 
 
 class _Walks:
-    """Walk over both trees from the ground outwards, with all that they have reached so far."""
+    """TreeStep over both trees from the ground outwards, with all that they have reached so far."""
 
     def __init__(self, system: System) -> None:
         self.system = system
@@ -60,7 +60,7 @@ class _Walks:
                 raise FormulationError(self._opposite(waiting))
             rest = waiting
 
-    def _is_done(self, step: Walk) -> bool:
+    def _is_done(self, step: TreeStep) -> bool:
         """Place a node of the translation tree; False where it has to wait."""
         inner = self.points.get(step.parent)
         if inner is None:
@@ -76,7 +76,7 @@ class _Walks:
         self.points[step.child] = replace(place, turn=self._turn(step.child))
         return True
 
-    def _opposite(self, waiting: list[Walk]) -> str:
+    def _opposite(self, waiting: list[TreeStep]) -> str:
         """Say which bodies the trees reach in opposite orders."""
         step = next(step for step in waiting if step.parent in self.points)
         turning = self._entering(step.child)
@@ -87,7 +87,7 @@ class _Walks:
             f"place of '{turning.edge}', or another tree of translation"
         )
 
-    def _entering(self, node: str) -> Walk:
+    def _entering(self, node: str) -> TreeStep:
         """Find the step of the rotation tree into a node's cluster."""
         step = self._to[node]
         while self.system.edges[step.edge].component.role is Role.ARM:
@@ -106,7 +106,7 @@ class _Walks:
             self._turns[step.child] = turn
         return turn
 
-    def _turned(self, step: Walk, turn: Matrix | None) -> Matrix | None:
+    def _turned(self, step: TreeStep, turn: Matrix | None) -> Matrix | None:
         edge = self.system.edges[step.edge]
         if edge.component.role is Role.ARM:
             own = edge.rotation
@@ -117,7 +117,7 @@ class _Walks:
         # The outer node's axes become the child's.
         return None if any(isinstance(own.kind, FreeRotation) for own in steps) else turn
 
-    def _fixed_point(self, edge: BoundEdge, step: Walk, inner: Point) -> Point:
+    def _fixed_point(self, edge: BoundEdge, step: TreeStep, inner: Point) -> Point:
         """Place the other node of an arm or a weld."""
         arm = edge.vectors.get("vector")
         if step.sign > 0:
@@ -128,7 +128,7 @@ class _Walks:
             return first
         return replace(first, local=vector.sub(first.local, first.resolved(arm)))
 
-    def _moved(self, step: Walk, inner: Point, turning: Walk) -> Point:
+    def _moved(self, step: TreeStep, inner: Point, turning: TreeStep) -> Point:
         """Make the branches into a cluster, and give its origin."""
         first = len(self.branches)
         if turning == step:
@@ -155,13 +155,13 @@ class _Walks:
         self.entries["translation"][step.edge] = Entry(step.sign, first, place.cluster)
         return place
 
-    def _along(self, step: Walk, place: Point, turned: Point) -> Point:
+    def _along(self, step: TreeStep, place: Point, turned: Point) -> Point:
         """Make a branch of each step of an edge's motion space."""
         for own in self.system.steps.get(step.edge, ())[:: step.sign]:
             place = turned = self._add(step, own, place, turned)
         return place
 
-    def _add(self, step: Walk, own: Step | None, place: Point, turned: Point) -> Point:
+    def _add(self, step: TreeStep, own: Step | None, place: Point, turned: Point) -> Point:
         edge, child = self.system.edges[step.edge], len(self.branches)
         branch, outer = _branch(edge, own, step.sign, place, turned, child)
         self.branches.append(branch)

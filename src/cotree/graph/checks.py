@@ -16,22 +16,6 @@ if TYPE_CHECKING:
 _MOST_NAMES = 8
 
 
-def check_connected(graph: LinearGraph) -> None:
-    """Check that some path of edges joins every node to the reference.
-
-    Parameters
-    ----------
-    graph : LinearGraph
-        The graph.
-
-    Raises
-    ------
-    TopologyError
-        If a node is not connected to the reference; the message names it and the edges at it.
-    """
-    check_spanned(graph, graph.edge_names, "edges", f"connect {{them}} to '{graph.reference}'")
-
-
 def check_spanned(graph: LinearGraph, names: Collection[str], what: str, remedy: str) -> None:
     """Check that the named edges alone join every node to the reference.
 

@@ -14,8 +14,6 @@ from cotree.errors import TopologyError, nearest
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    import networkx
-
 
 @dataclass(frozen=True)
 class GraphEdge:
@@ -125,16 +123,6 @@ class LinearGraph:
             raise TopologyError(
                 f"the {self.domain} graph has no edge '{name}'{nearest(name, self._edge_by_name)}"
             ) from None
-
-    def to_networkx(self) -> networkx.MultiDiGraph:
-        """Copy the graph into networkx, with edge names as keys and `kind` as an attribute."""
-        import networkx
-
-        graph = networkx.MultiDiGraph(domain=self.domain, reference=self.reference)
-        graph.add_nodes_from(self.nodes)
-        for edge in self.edges:
-            graph.add_edge(edge.tail, edge.head, key=edge.name, kind=edge.kind)
-        return graph
 
     def summary(self) -> str:
         """Describe the graph, one line an edge."""

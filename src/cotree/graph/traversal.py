@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Step:
+class TreeStep:
     """One step of a walk, from a node that is known to one that is not.
 
     Parameters
@@ -32,7 +32,7 @@ class Step:
     sign: int
 
 
-def walk_edges(graph: LinearGraph, names: Collection[str], start: str) -> tuple[Step, ...]:
+def walk_edges(graph: LinearGraph, names: Collection[str], start: str) -> tuple[TreeStep, ...]:
     """Walk depth first from `start` along the named edges, reaching each node once.
 
     Parameters
@@ -46,18 +46,18 @@ def walk_edges(graph: LinearGraph, names: Collection[str], start: str) -> tuple[
 
     Returns
     -------
-    tuple of Step
+    tuple of TreeStep
         Parents before children, siblings in edge order, a subtree without interruption. Costs O(n),
         and no recursion, so that long chains are no danger.
     """
     allowed = names if isinstance(names, (set, frozenset)) else set(names)
-    leaving: defaultdict[str, list[Step]] = defaultdict(list)
+    leaving: defaultdict[str, list[TreeStep]] = defaultdict(list)
     # Backwards, so that the stack gives the edges back in their own order.
     for edge in reversed(graph.edges):
         if edge.name in allowed:
-            leaving[edge.tail].append(Step(edge.name, edge.tail, edge.head, 1))
-            leaving[edge.head].append(Step(edge.name, edge.head, edge.tail, -1))
-    steps: list[Step] = []
+            leaving[edge.tail].append(TreeStep(edge.name, edge.tail, edge.head, 1))
+            leaving[edge.head].append(TreeStep(edge.name, edge.head, edge.tail, -1))
+    steps: list[TreeStep] = []
     reached = {start}
     stack = list(leaving[start])
     while stack:

@@ -38,7 +38,7 @@ _SAME = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class Slopes:
     """A model linearised about a state, as its equations stand.
 
     Attributes
@@ -93,12 +93,12 @@ class Reduced:
     names: tuple[str, ...]
 
 
-def reduce(point: Point, names: Sequence[str], chosen: Sequence[str] | None = None) -> Reduced:
+def reduce(point: Slopes, names: Sequence[str], chosen: Sequence[str] | None = None) -> Reduced:
     """Take a linear system to independent deviations.
 
     Parameters
     ----------
-    point : Point
+    point : Slopes
         The system.
     names : sequence of str
         Of its states.
@@ -151,7 +151,7 @@ def _sized(rows: Array) -> Array:
     return found
 
 
-def _deviations(point: Point, names: Sequence[str]) -> tuple[Array, Array, Array, list[str]]:
+def _deviations(point: Slopes, names: Sequence[str]) -> tuple[Array, Array, Array, list[str]]:
     """Write changes of quaternions as rotation vectors: T, T', a left inverse, their names."""
     n = len(point.y)
     columns: list[tuple[Array, Array, Array, str]] = []
@@ -174,7 +174,7 @@ def _deviations(point: Point, names: Sequence[str]) -> tuple[Array, Array, Array
     return turn, rate, back.T, [column[3] for column in columns]
 
 
-def _rotation(point: Point, at: int, edge: str) -> list[tuple[Array, Array, Array, str]]:
+def _rotation(point: Slopes, at: int, edge: str) -> list[tuple[Array, Array, Array, str]]:
     """Change a quaternion by a rotation about each axis of the frame that it turns against."""
     own = slice(at, at + 4)
     q, rate = point.y[own], point.rates[own]
@@ -188,7 +188,7 @@ def _rotation(point: Point, at: int, edge: str) -> list[tuple[Array, Array, Arra
 
 
 def _rotation_rate(
-    point: Point, at: int, speed: int, edge: str
+    point: Slopes, at: int, speed: int, edge: str
 ) -> list[tuple[Array, Array, Array, str]]:
     """Change angular velocities, which are along turned axes, along those that do not turn."""
     own = slice(speed, speed + 3)
@@ -236,7 +236,7 @@ def core(system: Reduced) -> npt.NDArray[np.int_]:
         kept = found
 
 
-def is_still(system: Reduced, point: Point) -> bool:
+def is_still(system: Reduced, point: Slopes) -> bool:
     """Whether a motion stays where it is, but for what nothing depends on."""
     rates = np.abs(system.rates[core(system)])
     return bool(

@@ -85,12 +85,12 @@ class Junctions:
         seeds = [{symbol: dag.one} for symbol in (*unknowns, *exponentials)]
         return cls(equations, unknowns, exponentials, tuple(tangents_along(roots, seeds)))
 
-    def at(self, t: float, y: Array, p: Array, u: Array) -> Point:
+    def at(self, t: float, y: Array, p: Array, u: Array) -> HeldEquations:
         """Hold time, states, parameters and inputs."""
-        return Point(self, t, y, p, u)
+        return HeldEquations(self, t, y, p, u)
 
 
-class Point:
+class HeldEquations:
     """The equations at a time, states, parameters and inputs; it belongs to one search."""
 
     n_carried = 0

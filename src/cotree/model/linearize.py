@@ -19,7 +19,7 @@ from cotree.dag.traverse import reachable, symbols_in
 from cotree.equations import spread
 from cotree.errors import Error, SingularSystemError
 from cotree.model.algebraic import eliminated
-from cotree.model.deviations import Point, Reduced, is_same, is_still, reduce
+from cotree.model.deviations import Reduced, Slopes, is_same, is_still, reduce
 from cotree.model.unknowns import solve_states
 from cotree.program.solved import SolvedSystem
 
@@ -129,7 +129,7 @@ class Linearizer:
         n = len(self._equations.states) - self._equations.n_algebraic
         return tuple(state.name for state in self._equations.states[:n])
 
-    def at(self, t: float, y: Sequence[float] | Array, p: Array, u: Array) -> Point:
+    def at(self, t: float, y: Sequence[float] | Array, p: Array, u: Array) -> Slopes:
         """Evaluate them.
 
         Parameters
@@ -160,7 +160,7 @@ class Linearizer:
         if equations.n_algebraic:
             n -= equations.n_algebraic
             whole = _without_algebraic(whole, n, equations)
-        return Point(
+        return Slopes(
             y=np.array(y[:n], dtype=float),
             rates=rates[:n],
             A=whole[:n, :n].copy(),
@@ -201,7 +201,7 @@ class Linearizer:
             is_steady=is_still(found, point) and self._stays(model, at, point, found),
         )
 
-    def _stays(self, model: CompiledModel, at: Instant, point: Point, here: Reduced) -> bool:
+    def _stays(self, model: CompiledModel, at: Instant, point: Slopes, here: Reduced) -> bool:
         """Whether the equations remain the same along what moves, and as time goes by."""
         fastest = float(np.max(np.abs(point.rates), initial=0.0))
         follows = self.has_timed_inputs and at.follows
@@ -219,7 +219,7 @@ class Linearizer:
         later = reduce(there, self.states, here.names)
         return is_still(later, there) and is_same(here, later)
 
-    def _moved(self, point: Point, at: Instant, step: float) -> Array:
+    def _moved(self, point: Slopes, at: Instant, step: float) -> Array:
         """Follow the motion for a moment, by the classical method of fourth order."""
         n, u, y = len(point.y), at.u, at.y
         slopes = [point.rates]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from cotree.plot.layout import Array, Curve, Drawing, lay_out, of_one_height
+from cotree.plot.layout import Array, Curve, GraphDrawing, lay_out, of_one_height
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -75,7 +75,7 @@ def draw_graphs(graphs_with_trees: Iterable[tuple[LinearGraph, Tree | None]]) ->
     return figure
 
 
-def _new_figure(drawings: Sequence[Drawing]) -> Figure:
+def _new_figure(drawings: Sequence[GraphDrawing]) -> Figure:
     from matplotlib.figure import Figure
 
     width = sum(drawing.size[0] for drawing in drawings) * _INCHES
@@ -83,7 +83,7 @@ def _new_figure(drawings: Sequence[Drawing]) -> Figure:
     return Figure(figsize=(max(width, 2.6), height + 0.8), layout="constrained")
 
 
-def _draw(drawing: Drawing, tree: Tree | None, ax: Axes) -> None:
+def _draw(drawing: GraphDrawing, tree: Tree | None, ax: Axes) -> None:
     graph = drawing.graph
     ax.set_aspect("equal")
     ax.set_axis_off()

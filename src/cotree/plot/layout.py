@@ -1,8 +1,8 @@
 """Layout of the nodes and edges of a linear graph on paper.
 
-In: a `LinearGraph`. Out: a `Drawing`: positions of nodes, curves of edges, corners of the picture,
-in units of about two thirds of the usual distance between neighbours. No randomness: the same graph
-gives the same picture.
+In: a `LinearGraph`. Out: a `GraphDrawing`: positions of nodes, curves of edges, corners of the
+picture, in units of about two thirds of the usual distance between neighbours. No randomness: the
+same graph gives the same picture.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Drawing:
+class GraphDrawing:
     """A graph on paper: nodes, edges, places of the edges' names, corners of the picture."""
 
     graph: LinearGraph
@@ -62,16 +62,16 @@ class Drawing:
         return self.high - self.low
 
 
-def lay_out(graph: LinearGraph) -> Drawing:
+def lay_out(graph: LinearGraph) -> GraphDrawing:
     """Place the nodes and the edges of a graph."""
     position_of = _positions(graph)
     curves = tuple(_curves(graph, position_of))
     points = [*position_of.values(), *(c.at(s) for c in curves for s in np.linspace(0, 1, 9))]
     low, high = np.min(points, axis=0) - _MARGIN, np.max(points, axis=0) + _MARGIN
-    return Drawing(graph, position_of, curves, _labels(curves, position_of), low, high)
+    return GraphDrawing(graph, position_of, curves, _labels(curves, position_of), low, high)
 
 
-def of_one_height(drawings: Sequence[Drawing]) -> list[Drawing]:
+def of_one_height(drawings: Sequence[GraphDrawing]) -> list[GraphDrawing]:
     """Give all drawings the same lower and upper edge, so that titles and keys are in line."""
     low, high = min(d.low[1] for d in drawings), max(d.high[1] for d in drawings)
     return [

@@ -16,7 +16,7 @@ from cotree.readers.spice_couplings import find_couplings
 from cotree.readers.spice_devices import DEVICES
 from cotree.readers.spice_lines import Line, settings, shown, split_settings
 from cotree.readers.spice_netlist import Circuit, Netlist, parse_netlist
-from cotree.readers.spice_place import Place
+from cotree.readers.spice_place import Instance
 from cotree.readers.spice_sources import Times
 from cotree.readers.spice_values import Scope, Value
 from cotree.readers.text_file import read_text
@@ -106,7 +106,7 @@ class Writer(Generic[_Scene]):
             self._transient(self.netlist.transient, top)
         for line in self.netlist.held:
             self._held(line, top)
-        self._circuit(whole, Place(self, whole, top), 0)
+        self._circuit(whole, Instance(self, whole, top), 0)
         if not self.scene.edges:
             raise self.error(1, "no elements: is the first line the title?")
         self._begin()
@@ -227,7 +227,7 @@ class Writer(Generic[_Scene]):
         start = "operating point"
         self.guarded(line, lambda: self.scene.simulation(start=start, held=held))
 
-    def _circuit(self, circuit: Circuit, place: Place, depth: int) -> None:
+    def _circuit(self, circuit: Circuit, place: Instance, depth: int) -> None:
         """Add the elements of a circuit or of an instance."""
         for line in circuit.elements:
             self.count += 1
@@ -242,7 +242,7 @@ class Writer(Generic[_Scene]):
             place.check_name(line)
             self.guarded(line.number, partial(DEVICES[line.key[0]], place, line))
 
-    def _instance(self, line: Line, outer: Place, depth: int) -> None:
+    def _instance(self, line: Line, outer: Instance, depth: int) -> None:
         words, given = split_settings(line.words[1:])
         words = tuple(word for word in words if word.lower() != "params:")
         outer.check_name(line)
@@ -263,7 +263,7 @@ class Writer(Generic[_Scene]):
         for pin, node in zip(circuit.pins, words[:-1], strict=True):
             self.nodes[path, pin.lower()] = outer.node(node)
         inner = Scope({}, home.scope)
-        place = Place(self, circuit, inner, path, home)
+        place = Instance(self, circuit, inner, path, home)
         for name in values:
             if name not in circuit.defaults:
                 raise self.error(

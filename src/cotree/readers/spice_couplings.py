@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from cotree.readers.spice_lines import Line
-    from cotree.readers.spice_place import Place
+    from cotree.readers.spice_place import Instance
 
 _Key = TypeVar("_Key")
 
@@ -40,7 +40,7 @@ class Coupled:
         return next(iter(self.couplings.values())).key
 
 
-def find_couplings(place: Place, lines: list[Line]) -> None:
+def find_couplings(place: Instance, lines: list[Line]) -> None:
     """Find the inductors that are coupled, before they are written.
 
     Raises
@@ -54,7 +54,7 @@ def find_couplings(place: Place, lines: list[Line]) -> None:
             _couple(place, line, inductors)
 
 
-def _couple(place: Place, line: Line, inductors: Mapping[str, Line]) -> None:
+def _couple(place: Instance, line: Line, inductors: Mapping[str, Line]) -> None:
     """Couple the inductors of a K statement, each with each."""
     names = [word.lower() for word in line.words[1:-1]]
     if len(names) < 2 or "=" in line.words:
@@ -91,7 +91,7 @@ def _in_order(lines: dict[_Key, Line]) -> dict[_Key, Line]:
     return dict(sorted(lines.items(), key=lambda item: item[1].number))
 
 
-def complete_signs(place: Place, coupled: Coupled) -> dict[str, float] | None:
+def complete_signs(place: Instance, coupled: Coupled) -> dict[str, float] | None:
     """Give the sign of each winding against the first, where all share all of their flux.
 
     Returns
@@ -128,13 +128,13 @@ def complete_signs(place: Place, coupled: Coupled) -> dict[str, float] | None:
 
 
 def coupled_fields(
-    place: Place, coupled: Coupled, windings: Mapping[str, tuple[list[str], Any]]
+    place: Instance, coupled: Coupled, windings: Mapping[str, tuple[list[str], Any]]
 ) -> dict[str, Any]:
     """Give the fields of coupled inductors.
 
     Parameters
     ----------
-    place : Place
+    place : Instance
         The circuit that they stand in.
     coupled : Coupled
         The inductors, and the line of each coupling.

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from cotree.readers.spice_couplings import Coupled
     from cotree.readers.spice_lines import Line
     from cotree.readers.spice_models import DeviceModel
-    from cotree.readers.spice_place import Place
+    from cotree.readers.spice_place import Instance
     from cotree.readers.spice_values import Value
 
 #: Geometry that serves capacitances and leakage per area, of which models here have none.
@@ -28,13 +28,13 @@ _DEFAULT_SIZE = 1e-4  # m, as ngspice has it
 
 
 def parts(
-    place: Place, line: Line, known: set[str], counts: range
+    place: Instance, line: Line, known: set[str], counts: range
 ) -> tuple[tuple[str, ...], dict[str, str]]:
     """Split a line into words and settings.
 
     Parameters
     ----------
-    place : Place
+    place : Instance
         The circuit that the line stands in.
     line : Line
         The line of an element.
@@ -66,7 +66,7 @@ def parts(
     return words, given
 
 
-def _one_port(place: Place, line: Line, type: str, field: str, unit: str, key: str) -> None:
+def _one_port(place: Instance, line: Line, type: str, field: str, unit: str, key: str) -> None:
     """Add a resistor, capacitor or inductor."""
     known = {key, "m", "ic"} if key != "r" else {key, "m"}
     words, given = parts(place, line, known, range(2, 4))
@@ -80,7 +80,7 @@ def _one_port(place: Place, line: Line, type: str, field: str, unit: str, key: s
     place.add(line.words[0], type, nodes, {field: whole}, initial)
 
 
-def _count(place: Place, line: Line, given: dict[str, str]) -> Value:
+def _count(place: Instance, line: Line, given: dict[str, str]) -> Value:
     """Read the number of parallel elements."""
     count = place.scope.value(given["m"], place.at(line)) if "m" in given else 1.0
     if isinstance(count, float) and not count > 0.0:
@@ -89,13 +89,13 @@ def _count(place: Place, line: Line, given: dict[str, str]) -> Value:
 
 
 def initial_value(
-    place: Place, line: Line, words: tuple[str, ...], given: dict[str, str], key: str
+    place: Instance, line: Line, words: tuple[str, ...], given: dict[str, str], key: str
 ) -> dict[str, Any]:
     """Give the initial value of a storage, where the netlist asks for ``uic``.
 
     Parameters
     ----------
-    place : Place
+    place : Instance
         The circuit that the element stands in.
     line : Line
         Its line.
@@ -122,7 +122,7 @@ def initial_value(
     return {} if is_zero(voltage) else {symbol: voltage}
 
 
-def _given_voltage(place: Place, plus: str, minus: str) -> Value:
+def _given_voltage(place: Instance, plus: str, minus: str) -> Value:
     """Give the voltage between two nodes that .ic says, zero where it says nothing."""
     ends = []
     for word in (plus, minus):
@@ -137,20 +137,20 @@ def _given_voltage(place: Place, plus: str, minus: str) -> Value:
     return f"{text_of(ends[0])} - {text_of(ends[1])}"
 
 
-def _resistor(place: Place, line: Line) -> None:
+def _resistor(place: Instance, line: Line) -> None:
     _one_port(place, line, "resistor", "resistance", "ohm", "r")
 
 
-def _capacitor(place: Place, line: Line) -> None:
+def _capacitor(place: Instance, line: Line) -> None:
     _one_port(place, line, "capacitor", "capacitance", "F", "c")
 
 
-def _inductor(place: Place, line: Line) -> None:
+def _inductor(place: Instance, line: Line) -> None:
     if line.key not in place.coupled:
         _one_port(place, line, "inductor", "inductance", "H", "l")
 
 
-def _coupling(place: Place, line: Line) -> None:
+def _coupling(place: Instance, line: Line) -> None:
     """Add coupled inductors as one edge, named as the first of their couplings."""
     coupled = place.coupled[line.words[1].lower()]
     if line.key != coupled.first:
@@ -180,7 +180,7 @@ def _coupling(place: Place, line: Line) -> None:
 
 
 def _one_flux(
-    place: Place,
+    place: Instance,
     coupled: Coupled,
     windings: Mapping[str, tuple[list[str], Value]],
     initial: Mapping[str, dict[str, Any]],
@@ -206,7 +206,7 @@ def _one_flux(
         place.add(coupled.inductors[name].words[0], "transformer", (), fields)
 
 
-def _independent(place: Place, line: Line) -> None:
+def _independent(place: Instance, line: Line) -> None:
     """Add a source of a voltage or a current."""
     if len(line.words) < 3 or "=" in line.words:
         raise place.sheet.error(line.number, f"'{shown(line.words[0])}' needs two nodes, a value")
@@ -222,7 +222,7 @@ def _independent(place: Place, line: Line) -> None:
     place.add(line.words[0], kind, nodes, given)
 
 
-def _by_voltage(place: Place, line: Line) -> None:
+def _by_voltage(place: Instance, line: Line) -> None:
     """Add a source that a voltage controls, or a polynomial of several."""
     if has_polynomial(line):
         add_polynomial(place, line)
@@ -237,7 +237,7 @@ def _by_voltage(place: Place, line: Line) -> None:
     place.add(line.words[0], type, (), {**ports, field: factor})
 
 
-def _by_current(place: Place, line: Line) -> None:
+def _by_current(place: Instance, line: Line) -> None:
     """Add a source that the current of a voltage source controls, or a polynomial of several."""
     if has_polynomial(line):
         add_polynomial(place, line)
@@ -252,7 +252,7 @@ def _by_current(place: Place, line: Line) -> None:
     place.add(line.words[0], f"{kind}_source", nodes, {kind: law})
 
 
-def _area(place: Place, line: Line, words: tuple[str, ...], given: dict[str, str]) -> Value:
+def _area(place: Instance, line: Line, words: tuple[str, ...], given: dict[str, str]) -> Value:
     """Read the area factor of a device, and ignore ``off``."""
     rest = [word for word in words if word.lower() != "off"]
     if len(rest) > 1 or (rest and "area" in given):
@@ -263,7 +263,7 @@ def _area(place: Place, line: Line, words: tuple[str, ...], given: dict[str, str
     return scaled(area, _count(place, line, given))
 
 
-def _diode(place: Place, line: Line) -> None:
+def _diode(place: Instance, line: Line) -> None:
     words, given = parts(place, line, {"area", "m", "ic"}, range(3, 6))
     model = place.model(words[2], "d", line)
     fields = device_fields(model, _area(place, line, words[3:], given), place.sheet.gmin)
@@ -279,7 +279,7 @@ def _diode(place: Place, line: Line) -> None:
     place.add(line.words[0], "diode", nodes, fields, initial)
 
 
-def _bipolar(place: Place, line: Line) -> None:
+def _bipolar(place: Instance, line: Line) -> None:
     words, given = parts(place, line, {"area", "m"}, range(4, 8))
     # The fourth word is the model, or the substrate if no model has that name.
     at = 3 if place.has_model(words[3]) or len(words) == 4 else 4
@@ -308,7 +308,7 @@ _TRANSITS = {
 _LEAST_CAPACITANCE = 5e-11
 
 
-def _hold_charges(place: Place, line: Line, fields: dict[str, Value]) -> None:
+def _hold_charges(place: Instance, line: Line, fields: dict[str, Value]) -> None:
     """Give junctions with a transit time but no capacitance a small one, scaled by the run."""
     if not place.sheet.times.stop:
         return
@@ -328,7 +328,7 @@ def _hold_charges(place: Place, line: Line, fields: dict[str, Value]) -> None:
         )
 
 
-def _field_effect(place: Place, line: Line) -> None:
+def _field_effect(place: Instance, line: Line) -> None:
     """Add a transistor with its overlaps, the diodes of its bulk and its resistances."""
     known = {"w", "l", "m"} | _UNUSED_OF_CHANNELS
     words, given = parts(place, line, known, range(5, 7))
@@ -362,7 +362,9 @@ def _field_effect(place: Place, line: Line) -> None:
             place.add(name, "capacitor", (gate, end), {"capacitance": capacitance})
 
 
-def _inner(place: Place, line: Line, model: DeviceModel, name: str, node: str, count: Value) -> str:
+def _inner(
+    place: Instance, line: Line, model: DeviceModel, name: str, node: str, count: Value
+) -> str:
     """Put a resistance between a terminal and the channel, where the model has one."""
     if is_zero(model.values[name]):
         return node
@@ -373,7 +375,7 @@ def _inner(place: Place, line: Line, model: DeviceModel, name: str, node: str, c
 
 
 #: The function that adds the elements of each letter.
-DEVICES: dict[str, Callable[[Place, Line], None]] = {
+DEVICES: dict[str, Callable[[Instance, Line], None]] = {
     "r": _resistor,
     "c": _capacitor,
     "l": _inductor,

@@ -64,7 +64,7 @@ class Sheet(Protocol):
 
 
 @dataclass
-class Place:
+class Instance:
     """A circuit that is written out once, with the meaning of its names.
 
     Attributes
@@ -77,8 +77,8 @@ class Place:
         Its parameters.
     path : str
         Names of the instances that it is in, each with a dot behind it.
-    defined_in : Place or None
-        Place in which names that are not found here are looked up.
+    defined_in : Instance or None
+        Instance in which names that are not found here are looked up.
     edges : dict of str to str
         Edges by names of elements in small letters.
     coupled : dict of str to Coupled
@@ -89,7 +89,7 @@ class Place:
     circuit: Circuit
     scope: Scope
     path: str = ""
-    defined_in: Place | None = None
+    defined_in: Instance | None = None
     edges: dict[str, str] = field(default_factory=dict)
     coupled: dict[str, Coupled] = field(default_factory=dict)
     taken: set[str] = field(default_factory=set)
@@ -115,7 +115,7 @@ class Place:
             raise self.sheet.error(line.number, f"there is a second '{shown(line.words[0])}'")
         self.taken.add(line.key)
 
-    def circuit_named(self, name: str, line: int) -> tuple[Circuit, Place]:
+    def circuit_named(self, name: str, line: int) -> tuple[Circuit, Instance]:
         """Look up a subcircuit, and the place of its definition.
 
         Raises
@@ -123,7 +123,7 @@ class Place:
         SceneError
             If there is none.
         """
-        place: Place | None = self
+        place: Instance | None = self
         while place is not None:
             found = place.circuit.circuits.get(name.lower())
             if found is not None:
@@ -134,7 +134,7 @@ class Place:
 
     def has_model(self, name: str) -> bool:
         """Say whether there is a model of a name."""
-        place: Place | None = self
+        place: Instance | None = self
         while place is not None:
             if name.lower() in place.circuit.models:
                 return True
@@ -158,7 +158,7 @@ class Place:
         SceneError
             If there is none, or it is for other elements.
         """
-        place: Place | None = self
+        place: Instance | None = self
         while place is not None and name.lower() not in place.circuit.models:
             place = place.defined_in
         if place is None:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from cotree.readers.spice_lines import Line
-    from cotree.readers.spice_place import Place
+    from cotree.readers.spice_place import Instance
     from cotree.readers.spice_values import Value
 
 _MOST_ARGUMENTS, _MOST_COEFFICIENTS = 20, 80
@@ -23,7 +23,7 @@ def has_polynomial(line: Line) -> bool:
     return len(line.words) > 3 and line.words[3].lower() == "poly"
 
 
-def add_polynomial(place: Place, line: Line) -> None:
+def add_polynomial(place: Instance, line: Line) -> None:
     """Add a source whose voltage or current is a polynomial of voltages or currents.
 
     The coefficients become parameters ``NAME_p0``, ``NAME_p1``, ...
@@ -89,12 +89,12 @@ def _monomials(arguments: list[str]) -> Iterator[list[str]]:
             yield [x if power == 1 else f"{x}**{power}" for x, power in powers.items()]
 
 
-def voltage_between(place: Place, plus: str, minus: str) -> str:
+def voltage_between(place: Instance, plus: str, minus: str) -> str:
     """Write the voltage between two nodes as part of an expression.
 
     Parameters
     ----------
-    place : Place
+    place : Instance
         The circuit that names them.
     plus, minus : str
         The nodes, as in the netlist.
@@ -104,12 +104,12 @@ def voltage_between(place: Place, plus: str, minus: str) -> str:
     return f"({first} - {second})" if second != "0" else first
 
 
-def current_of(place: Place, line: Line, name: str) -> str:
+def current_of(place: Instance, line: Line, name: str) -> str:
     """Write the current of a voltage source as part of an expression.
 
     Parameters
     ----------
-    place : Place
+    place : Instance
         The circuit that asks.
     line : Line
         The line that asks.

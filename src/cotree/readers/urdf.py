@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from cotree.readers.urdf_robot import Inertial, Joint, Link, Robot
+    from cotree.readers.urdf_robot import Inertial, Joint, Robot, RobotLink
     from cotree.readers.urdf_values import Pose
 
 _Scene = TypeVar("_Scene", bound=SceneDescription)
@@ -108,12 +108,12 @@ def read_urdf_text(text: str, where: str, scene_type: type[_Scene], options: Urd
     if options.mimic:
         check_mimics(joints, where)
     try:
-        return _Writer(scene_type, robot, options).write(root, joints, where)
+        return _SceneWriter(scene_type, robot, options).write(root, joints, where)
     except ModelError as error:
         raise type(error)(f"{where}: {error}") from None
 
 
-class _Writer(Generic[_Scene]):
+class _SceneWriter(Generic[_Scene]):
     """Adds a robot's parts to a scene, from the root outwards."""
 
     def __init__(self, scene_type: type[_Scene], robot: Robot, options: UrdfOptions) -> None:
@@ -130,7 +130,7 @@ class _Writer(Generic[_Scene]):
             name if name[0].isalpha() else f"robot_{name}", gravity=[0.0, 0.0, f"-{self.gravity}"]
         )
 
-    def write(self, root: Link, joints: Sequence[Joint], where: str) -> _Scene:
+    def write(self, root: RobotLink, joints: Sequence[Joint], where: str) -> _Scene:
         self.scene.parameter(self.gravity, _STANDARD_GRAVITY, unit="m/s^2", doc="gravity")
         self.node = {link.name: self.namer.give("link", link.name) for link in self.robot.links}
         self.edge = {joint.name: self.namer.give("joint", joint.name) for joint in joints}
@@ -233,7 +233,7 @@ class _Writer(Generic[_Scene]):
             phase=joint.mimic.offset,
         )
 
-    def _add_link(self, link: Link) -> None:
+    def _add_link(self, link: RobotLink) -> None:
         node = self.node[link.name]
         self.visuals += [replace(visual, node=node) for visual in link.visuals]
         inertial = link.inertial

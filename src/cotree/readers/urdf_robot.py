@@ -53,7 +53,7 @@ class Inertial:
 
 
 @dataclass(frozen=True)
-class Link:
+class RobotLink:
     """A link: its name, the line where it begins, its inertia if it has any, what it looks like."""
 
     name: str
@@ -110,7 +110,7 @@ class Robot:
     """Contents of a file: name, links, joints, and counts of elements that are not read."""
 
     name: str
-    links: tuple[Link, ...]
+    links: tuple[RobotLink, ...]
     joints: tuple[Joint, ...]
     ignored: dict[str, int]
 
@@ -145,10 +145,10 @@ def read_robot(root: Element, where: str) -> Robot:
     return Robot(root.attributes.get("name", "robot"), links, joints, dict(ignored))
 
 
-def _link(reader: Reader, element: Element) -> Link:
+def _link(reader: Reader, element: Element) -> RobotLink:
     name = reader.name(element, "link")
     inertial = element.first("inertial")
-    return Link(
+    return RobotLink(
         name,
         element.line,
         None if inertial is None else _inertial(reader, inertial, f"link '{name[:60]}'"),

@@ -10,12 +10,12 @@ from cotree.errors import SceneError
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from cotree.readers.urdf_robot import Joint, Link, Robot
+    from cotree.readers.urdf_robot import Joint, Robot, RobotLink
 
-_Named = TypeVar("_Named", "Link", "Joint")
+_Named = TypeVar("_Named", "RobotLink", "Joint")
 
 
-def order_joints(robot: Robot, where: str) -> tuple[Link, tuple[Joint, ...]]:
+def order_joints(robot: Robot, where: str) -> tuple[RobotLink, tuple[Joint, ...]]:
     """Order the joints from the root outwards.
 
     Parameters
@@ -27,7 +27,7 @@ def order_joints(robot: Robot, where: str) -> tuple[Link, tuple[Joint, ...]]:
 
     Returns
     -------
-    root : Link
+    root : RobotLink
         The link that is no joint's child.
     joints : tuple of Joint
         Every joint, each after the one that its parent hangs on; siblings as in the file.

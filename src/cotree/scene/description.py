@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.several import Table
     from cotree.scene.origin import Origin
-    from cotree.scene.ports import Ends
+    from cotree.scene.ports import PortEnds
 
 #: Value of a field: one expression, or a tuple of three, or three such rows.
 FieldValue = Expression | tuple[Expression, ...] | tuple[tuple[Expression, ...], ...]
@@ -65,7 +65,7 @@ class Edge:
         Its nodes: two, but for scalar components with several ports.
     fields, initial : mapping
         Values of its fields, and initial values, by name.
-    ports : tuple of Ends
+    ports : tuple of PortEnds
         Of a scalar component: where each port's edge runs.
     statement : mapping
         The original statement, as the table of a scene file: the component's type, the nodes as
@@ -77,7 +77,7 @@ class Edge:
     nodes: tuple[str, ...]
     fields: Mapping[str, FieldValue]
     initial: Mapping[str, FieldValue]
-    ports: tuple[Ends, ...] = ()
+    ports: tuple[PortEnds, ...] = ()
     statement: Mapping[str, Any] = field(default_factory=dict)
 
 

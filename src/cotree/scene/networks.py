@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from cotree.components import Terminal
     from cotree.scene.description import Edge, FieldValue, SceneDescription
-    from cotree.scene.ports import Ends
+    from cotree.scene.ports import PortEnds
 
 
 @dataclass(frozen=True)
@@ -29,14 +29,14 @@ class Port:
         The component in the scene.
     terminal : Terminal
         Its terminal equation.
-    ends : Ends
+    ends : PortEnds
         Its nodes, or what it acts on in a multibody system.
     """
 
     name: str
     edge: Edge
     terminal: Terminal
-    ends: Ends
+    ends: PortEnds
 
     @property
     def tail(self) -> str:

@@ -20,7 +20,7 @@ _MECHANICAL = ("translational", "rotational")
 
 
 @dataclass(frozen=True)
-class Ends:
+class PortEnds:
     """End nodes of a port's edge; its across variable is the head's minus the tail's.
 
     Attributes
@@ -39,7 +39,7 @@ class Ends:
 
 def check_ports(
     edge: str, component: Component, nodes: Sequence[object], fields: Mapping[str, Any]
-) -> tuple[tuple[str, ...], tuple[Ends, ...], dict[str, Any]]:
+) -> tuple[tuple[str, ...], tuple[PortEnds, ...], dict[str, Any]]:
     """Check the nodes of an edge.
 
     Parameters
@@ -57,7 +57,7 @@ def check_ports(
     -------
     nodes : tuple of str
         All nodes, in order.
-    ports : tuple of Ends
+    ports : tuple of PortEnds
         Of each port of a scalar component; empty for others.
     rest : dict
         The fields that remain.
@@ -151,18 +151,20 @@ def _heat_nodes(edge: str, value: object) -> tuple[str, str]:
     return _pair(edge, pair, f"{HEAT} of edge '{edge}'")
 
 
-def _multibody(edge: str, rest: dict[str, Any]) -> Ends:
+def _multibody(edge: str, rest: dict[str, Any]) -> PortEnds:
     """Take what a port acts on in a multibody system: a joint, or the line of two nodes."""
     if "joint" in rest:
         joint, dot, coordinate = str(rest.pop("joint")).partition(".")
         name = check_name("joint", joint)
-        return Ends("", "", (f"{name}.{check_name('coordinate', coordinate)}" if dot else name,))
-    return Ends("", "", _pair(edge, rest.pop("line"), f"line of edge '{edge}'"))
+        return PortEnds(
+            "", "", (f"{name}.{check_name('coordinate', coordinate)}" if dot else name,)
+        )
+    return PortEnds("", "", _pair(edge, rest.pop("line"), f"line of edge '{edge}'"))
 
 
 def _by_terminal(
     edge: str, component: Component, nodes: Sequence[object], rest: dict[str, Any]
-) -> tuple[tuple[str, ...], tuple[Ends, ...], dict[str, Any]]:
+) -> tuple[tuple[str, ...], tuple[PortEnds, ...], dict[str, Any]]:
     """Give the nodes of a component such as a transistor, whose ports share them."""
     if not _is_list(nodes) or len(nodes) != len(component.terminals):
         wanted = ", ".join(component.terminals)
@@ -184,7 +186,7 @@ def _by_terminal(
             raise SceneError(
                 f"{first} and {second} of edge '{edge}' are both node '{head}': name two"
             )
-        ports.append(Ends(tail, head))
+        ports.append(PortEnds(tail, head))
     return tuple(dict.fromkeys(by_name.values())), tuple(ports), rest
 
 
@@ -193,8 +195,8 @@ def _from_ground(port: Terminal, node: object) -> tuple[object, object]:
     return (node, "ground") if DOMAINS[port.domain].head_first else ("ground", node)
 
 
-def _ends(port: Terminal, pair: tuple[str, str], where: str) -> Ends:
-    ends = Ends(pair[1], pair[0]) if DOMAINS[port.domain].head_first else Ends(*pair)
+def _ends(port: Terminal, pair: tuple[str, str], where: str) -> PortEnds:
+    ends = PortEnds(pair[1], pair[0]) if DOMAINS[port.domain].head_first else PortEnds(*pair)
     if port.is_absolute and ends.tail != "ground":
         raise SceneError(f"{where} {DOMAINS[port.domain].absolute.format(tail=ends.tail)}")
     return ends

@@ -18,7 +18,7 @@ from cotree.watch.catalogue import draft_scene
 from cotree.watch.frames import choose_frames, coordinates_at
 from cotree.watch.page import page
 from cotree.watch.picture import Painter, gif
-from cotree.watch.poses import Evaluator
+from cotree.watch.poses import MotionValues
 from cotree.watch.stage import set_stage
 from cotree.watch.visuals import visual_meshes
 
@@ -214,7 +214,7 @@ def animate(
     p = model.parameter_array(result.parameter_values)
     with forming:
         coordinates = coordinates_at(shown, model, first.system, p, frames.times)
-        values = Evaluator(first.motion, p, frames.times, coordinates)
+        values = MotionValues(first.motion, p, frames.times, coordinates)
         stage = set_stage(first, values, view)
         meshes = visual_meshes(first.scene.origin, stage.places, trust_paths=trust_paths)
         draft = draft_scene(first, values, stage, meshes)

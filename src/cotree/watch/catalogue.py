@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from cotree.formulation.fields import BoundEdge
     from cotree.formulation.first_graph import FirstGraph
-    from cotree.watch.poses import Evaluator
+    from cotree.watch.poses import MotionValues
     from cotree.watch.shapes import Mesh
     from cotree.watch.stage import Stage
 
@@ -46,7 +46,7 @@ SHOWN: dict[str, Callable[[Drafter, BoundEdge], None]] = {
 
 def draft_scene(
     first: FirstGraph,
-    values: Evaluator,
+    values: MotionValues,
     stage: Stage,
     visuals: Mapping[int, list[tuple[str, Mesh]]],
 ) -> Drafter:
@@ -56,7 +56,7 @@ def draft_scene(
     ----------
     first : FirstGraph
         The graph.
-    values : Evaluator
+    values : MotionValues
         Gives positions and fields.
     stage : Stage
         Directions and sizes.

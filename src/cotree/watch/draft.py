@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from cotree.formulation.fields import BoundEdge
     from cotree.formulation.first_graph import FirstGraph
     from cotree.watch.colors import Color
-    from cotree.watch.frames import Frames
-    from cotree.watch.poses import Evaluator, Place
+    from cotree.watch.frames import Moments
+    from cotree.watch.poses import MotionValues, Place
     from cotree.watch.shapes import Mesh
     from cotree.watch.stage import Stage
 
@@ -35,7 +35,7 @@ class Drafter:
     ----------
     first : FirstGraph
         The graph.
-    values : Evaluator
+    values : MotionValues
         Gives positions and fields.
     stage : Stage
         Directions and sizes.
@@ -46,7 +46,7 @@ class Drafter:
     def __init__(
         self,
         first: FirstGraph,
-        values: Evaluator,
+        values: MotionValues,
         stage: Stage,
         clothed: frozenset[int] = frozenset(),
     ) -> None:
@@ -62,14 +62,14 @@ class Drafter:
         self._feet: set[tuple[float, ...]] = set()
         self._between: dict[tuple[str, str], list[tuple[str, Mesh, Color]]] = {}
 
-    def drawing(self, title: str, note: str, frames: Frames) -> Drawing:
+    def drawing(self, title: str, note: str, frames: Moments) -> Drawing:
         """Finish the drawing.
 
         Parameters
         ----------
         title, note : str
             The lines above and below it.
-        frames : Frames
+        frames : Moments
             Times and values to show.
         """
         stage = self.stage

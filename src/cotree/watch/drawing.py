@@ -15,7 +15,7 @@ from cotree.watch.shapes import axes_along
 
 if TYPE_CHECKING:
     from cotree.watch.colors import Color
-    from cotree.watch.frames import Frames
+    from cotree.watch.frames import Moments
     from cotree.watch.poses import Poses
     from cotree.watch.shapes import Mesh
 
@@ -100,7 +100,7 @@ class Drawing:
     ----------
     title, note : str
         The scene's name, and what is to be known of the run; untrusted text.
-    frames : Frames
+    frames : Moments
         When.
     poses : Poses
         Of the tracks, which are the clusters, in each frame.
@@ -118,7 +118,7 @@ class Drawing:
 
     title: str
     note: str
-    frames: Frames
+    frames: Moments
     poses: Poses
     solids: tuple[Solid, ...]
     struts: tuple[Strut, ...]

@@ -41,7 +41,7 @@ _PATIENCE = 86_400.0  # s that anyone may watch
 
 
 @dataclass(frozen=True, eq=False)
-class Frames:
+class Moments:
     """Evenly spaced times of a run.
 
     Attributes
@@ -65,7 +65,7 @@ class Frames:
 
 def choose_frames(
     start: float, end: float, fps: float, speed: float | None, n_bodies: int = 1
-) -> Frames:
+) -> Moments:
     """Space frames evenly from the start of a run to its end.
 
     Parameters
@@ -98,7 +98,7 @@ def choose_frames(
         raise SceneError(f"at speed {speed:g} the run lasts {lasting:.3g} s: give a larger one")
     most = min(MOST_FRAMES, max(_FEWEST, MOST_POSES // max(n_bodies, 1)))
     n = max(round(min(lasting * fps, most - 1.0)) + 1, 2) if span else 1
-    return Frames(np.linspace(start, end, n), lasting / (n - 1) if n > 1 else 1.0 / fps)
+    return Moments(np.linspace(start, end, n), lasting / (n - 1) if n > 1 else 1.0 / fps)
 
 
 def _round(x: float) -> float:

@@ -65,7 +65,7 @@ class Place:
     turn: Array
 
 
-class Evaluator:
+class MotionValues:
     """Values of nodes of the first graph over a run.
 
     Parameters

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from cotree.formulation.first_graph import FirstGraph
-    from cotree.watch.poses import Evaluator, Place, Poses
+    from cotree.watch.poses import MotionValues, Place, Poses
 
 Array = npt.NDArray[np.float64]
 
@@ -68,14 +68,14 @@ class Stage:
     spurs: frozenset[str]
 
 
-def set_stage(first: FirstGraph, values: Evaluator, view: tuple[float, float] | None) -> Stage:
+def set_stage(first: FirstGraph, values: MotionValues, view: tuple[float, float] | None) -> Stage:
     """Choose directions and sizes.
 
     Parameters
     ----------
     first : FirstGraph
         The graph.
-    values : Evaluator
+    values : MotionValues
         Gives positions and fields.
     view : (float, float) or None
         Azimuth and elevation of who looks, [deg]; along the normal of a plane where absent.
