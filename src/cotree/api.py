@@ -5,27 +5,24 @@ from __future__ import annotations
 import time
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from cotree.build import BuildOptions
+from cotree.compiled import Model
 from cotree.errors import ParameterError
-from cotree.operating import OperatingModel
 from cotree.readers import load_source
-from cotree.results import Result
 from cotree.scene.description import SceneDescription, check_number
 from cotree.scene.tunable import keep_tunable, listed_names
-from cotree.sharing import forming
-from cotree.solvers.simulate import Settings, simulate
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
-    from cotree.choice import Operations
-    from cotree.export.c_project import CProject
     from cotree.export.equations import SymbolicEquations
     from cotree.export.graph_report import GraphReport
-    from cotree.pipeline import Compiled
     from cotree.scene.graphs import TreeChoice
+
+
+__all__ = ["Model", "Scene", "load"]
 
 
 class Scene(SceneDescription):
@@ -189,172 +186,3 @@ def load(source: str | Path) -> Scene:
     ('ground', 'A', 'C', 'D', 'B')
     """
     return load_source(source, Scene)
-
-
-class Model(OperatingModel):
-    """A compiled scene."""
-
-    def __init__(self, compiled: Compiled, scene: SceneDescription) -> None:
-        super().__init__(compiled.program, compiled.kernels, scene, compiled.first)
-        self._compiled = compiled
-        #: Seconds spent in each stage: formulate, generate, compile, start.
-        self.times: dict[str, float] = dict(compiled.times)
-
-    @property
-    def source(self) -> str:
-        """The C text of the model."""
-        return self._compiled.files[f"{self._compiled.context.prefix}.c"]
-
-    @property
-    def cached(self) -> bool:
-        """Whether the library was compiled before."""
-        return self._compiled.cached
-
-    @property
-    def operations(self) -> Operations:
-        """Operation counts by kernel; ``alternatives`` are the formulations that were tried."""
-        from cotree.choice import Operations
-
-        return Operations(super().operations, self._compiled.alternatives)
-
-    def summary(self) -> str:
-        """Describe the kernels, the formulations tried and what each pass did."""
-        lines = [self._program.summary(), *self.operations.tried()]
-        for report in self._compiled.reports:
-            lines.append(f"pass {report.name}: operations of each kernel alone, before -> after")
-            counts = [(name, n, report.after[name]) for name, n in report.before.items()]
-            rows = [f"  {name:20} {n} -> {m}" for name, n, m in counts if n != m]
-            lines += rows or ["  none changed"]
-        return "\n".join(lines)
-
-    def simulate(
-        self,
-        t_span: tuple[float, float] | None = None,
-        t_eval: Any = None,
-        method: str | None = None,
-        rtol: float | None = None,
-        atol: float | None = None,
-        parameters: Any = None,
-        initial: Mapping[str, float] | None = None,
-        inputs: Mapping[str, Any] | None = None,
-        *,
-        error_test_sensitivities: bool = True,
-        scales: Mapping[str, float] | None = None,
-        max_step: float | None = None,
-        max_steps: int | None = None,
-        max_events: int | None = None,
-        time_limit: float | None = None,
-        throw: bool = False,
-        project: bool = True,
-    ) -> Result:
-        """Integrate states and sensitivities together.
-
-        Parameters
-        ----------
-        t_span : (float, float), optional
-            Start and end, [s]; the scene's ``t_end`` where absent.
-        t_eval : array_like, shape (n_t,), optional
-            Times to report; the solver's own steps where absent.
-        method : str, optional
-            ``dopri5``, ``rkf45``, ``dop853``, ``rodas4``, ``rodas5`` (in C), ``RK45``, ``RK23``,
-            ``DOP853``, ``Radau``, ``BDF``, ``LSODA`` (SciPy), ``cvode``, ``ida``, and as an extra
-            ``cvodes``, ``cvodes-simultaneous`` and ``idas`` (SUNDIALS), or ``auto``.
-        rtol, atol : float, optional
-            Relative and absolute tolerance.
-        parameters : mapping of str to float, or array_like of shape (n_parameters,), optional
-            Values in place of the scene's.
-        initial : mapping of str to float, optional
-            Initial values of states in place of the scene's; they depend on no parameter.
-        inputs : mapping, optional
-            Inputs in place of the scene's: a number, an expression of t and parameters,
-            (times, values), or a Python function of t.
-        error_test_sensitivities : bool
-            Whether sensitivities take part in the error test.
-        scales : mapping of str to float, optional
-            Sizes of parameters in place of their values: ``atol`` divided by them is that of their
-            sensitivities. One where a value is zero, and for initial values.
-        max_step : float, optional
-            Longest step, [s]; infinity for no limit. The default is a 32nd of the shortest period
-            where sines of time drive laws that act for a part of it, as diodes do; else none.
-        max_steps, max_events, time_limit : int, int and float, optional
-            Budgets of steps, of events that happen, and of seconds.
-        throw : bool
-            Raise SolveError where the integration fails; else it warns, and the result says so.
-        project : bool
-            Hold states and sensitivities to the constraints by projection; where false, drift
-            is left to the tolerances, or to ``baumgarte``.
-
-        Returns
-        -------
-        Result
-            ``t``, ``y`` (n_states, n_t), ``s`` (n_states, n_parameters, n_t), and all by name.
-
-        Raises
-        ------
-        ModelError
-            If a parameter, initial value or input is not accepted.
-        SolveError
-            If the method is unknown or its settings make no sense.
-
-        Examples
-        --------
-        >>> result = load("slider-pendulum").compile(["L"]).simulate((0, 10), rtol=1e-10)
-        >>> round(float(result["j1.s"][-1]), 6)
-        0.526045
-        """
-        defaults = self._scene.defaults
-        settings = Settings(
-            t_span=(0.0, defaults.t_end) if t_span is None else t_span,
-            t_eval=t_eval,
-            method=method or defaults.method,
-            rtol=defaults.rtol if rtol is None else rtol,
-            atol=defaults.atol if atol is None else atol,
-            parameters=parameters,
-            initial=initial or {},
-            inputs=inputs or {},
-            error_test_sensitivities=error_test_sensitivities,
-            scales=scales or {},
-            max_step=max_step,
-            max_steps=max_steps,
-            max_events=max_events,
-            time_limit=time_limit,
-            throw=throw,
-            project=project,
-        )
-        run = simulate(self, settings, self.layout.units)
-        built = self.times.get("compile", 0.0) + run.times["compile"]
-        times = {**self.times, **run.times, "compile": built}
-        return Result(**{**vars(run), "times": times}, model=self)
-
-    def write(
-        self, directory: str | Path, integrator: str = "dopri5", step: float | None = None
-    ) -> CProject:
-        """Write model, header, integrator and a main program that need no Python.
-
-        Parameters
-        ----------
-        directory : str or Path
-            Where to; made if it does not exist.
-        integrator : str
-            ``dopri5``, ``rkf45``, ``dop853``; if stiff ``rodas5``, ``rodas4``; of one step length
-            ``rk4``, if stiff ``euler``.
-        step : float, optional
-            That length, [s].
-
-        Returns
-        -------
-        CProject
-            The files and the command that builds them.
-
-        Raises
-        ------
-        CodegenError
-            If the directory cannot be written, or integrator, scene and step do not go together.
-        """
-        from cotree.export.c_project import write_c_project
-
-        d, to = self._scene.defaults, Path(directory)
-        numbers = {"t_end": d.t_end, "rtol": d.rtol, "atol": d.atol}
-        start = self.start() if self.begins_at_rest else None
-        with forming:
-            return write_c_project(self._program, to, integrator, **numbers, step=step, start=start)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from functools import cached_property
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,12 +16,12 @@ from cotree.model.junctions import Junctions
 from cotree.model.packing import whole_kernel
 from cotree.model.start import find_start
 from cotree.model.structure import Structure
-from cotree.model.undefined import why_undefined
+from cotree.model.undefined import check_start, why_undefined
 from cotree.scene.description import check_number
 from cotree.sharing import formed_once
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Container, Iterable, Mapping
+    from collections.abc import Container, Iterable, Mapping
 
     from scipy.sparse import csc_matrix
 
@@ -33,6 +33,9 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
+#: ``rest(t, p, u, s)`` gives initial states and sensitivities in place of the scene's, s.
+Rest = Callable[[float, Array, "Array | None", Array], tuple[Array, Array]]
+
 _NONE: Array = np.zeros(0)
 
 
@@ -42,44 +45,38 @@ class _Own(threading.local):
     prepared: Array | None = None
 
 
-class CompiledModel(Structure):
+class CompiledModel:
     """Kernels of a scene with their names, called with numpy arrays.
 
     Every method takes parameters ``p`` and inputs ``u`` as arrays in the order of
     :attr:`parameters` and :attr:`inputs`; None takes the scene's values. Parameters may be a
     mapping of names to values, too: the others are the scene's. Results are fresh arrays.
     Several threads may call the same model at the same time, with other parameters each.
+
+    Attributes
+    ----------
+    states, parameters, inputs, outputs : tuple of str
+        Names of the states, the tunable parameters, the inputs and the outputs.
+    structure : Structure
+        Patterns of its derivatives.
     """
 
-    def __init__(self, program: Program, kernels: Kernels) -> None:
+    def __init__(self, program: Program, kernels: Kernels, rest: Rest | None = None) -> None:
         self._program = program
         self._kernels = kernels
+        self._rest = rest
         self._own = _Own()
+        layout = program.layout
+        self.structure = Structure(layout)
+        self.states = tuple(row.name for row in layout.states)
+        self.parameters = tuple(row.name for row in layout.parameters)
+        self.inputs = tuple(row.name for row in layout.inputs)
+        self.outputs = tuple(row.name for row in layout.outputs)
 
     @property
     def layout(self) -> Layout:
         """Names, units and patterns."""
         return self._program.layout
-
-    @cached_property
-    def states(self) -> tuple[str, ...]:
-        """Names of the states."""
-        return tuple(row.name for row in self.layout.states)
-
-    @cached_property
-    def parameters(self) -> tuple[str, ...]:
-        """Names of the tunable parameters."""
-        return tuple(row.name for row in self.layout.parameters)
-
-    @cached_property
-    def inputs(self) -> tuple[str, ...]:
-        """Names of the inputs."""
-        return tuple(row.name for row in self.layout.inputs)
-
-    @cached_property
-    def outputs(self) -> tuple[str, ...]:
-        """Names of the outputs."""
-        return tuple(row.name for row in self.layout.outputs)
 
     @property
     def sensitivities(self) -> tuple[str, ...]:
@@ -101,6 +98,31 @@ class CompiledModel(Structure):
         kernels = self._program.kernels
         read = symbols_in([*kernels["constraints"].results, *kernels["start"].results])
         return any(node.data[0] == "t" for node in read)
+
+    @property
+    def begins_at_rest(self) -> bool:
+        """Whether runs begin at the operating point."""
+        return self._rest is not None
+
+    @property
+    def jacobian_pattern(self) -> npt.NDArray[np.bool_]:
+        """Mask of the entries of the Jacobian that may be nonzero, shape (n_states, n_states)."""
+        return self.structure.jacobian_pattern
+
+    @property
+    def jacobian_sparsity(self) -> csc_matrix:
+        """Pattern as a SciPy CSC matrix of True, ordered like the one of ``jacobian_sparse``."""
+        return self.structure.jacobian_sparsity
+
+    @property
+    def jacobian_colouring(self) -> npt.NDArray[np.intp]:
+        """Colours of the Jacobian's columns; see :attr:`Structure.jacobian_colouring`."""
+        return self.structure.jacobian_colouring
+
+    @property
+    def sensitivity_pattern(self) -> npt.NDArray[np.bool_]:
+        """Mask of what may be nonzero; see :attr:`Structure.sensitivity_pattern`."""
+        return self.structure.sensitivity_pattern
 
     @property
     def backend(self) -> str:
@@ -176,9 +198,14 @@ class CompiledModel(Structure):
         u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
         return find_start(self, t, self.parameter_array(p), u, initial or {})
 
-    def initial_values(self, t: float, p: Array, u: Any) -> tuple[Array, Array]:
-        """Return initial states and sensitivities before any equation is imposed on them."""
-        return self.initial(p), self.initial_sensitivity(p)
+    def initial_values(self, t: float, p: Array, u: Array | None) -> tuple[Array, Array]:
+        """Give initial states and sensitivities: those of the operating point, or the scene's."""
+        y, s = self.initial(p), self.initial_sensitivity(p)
+        return (y, s) if self._rest is None or not self.states else self._rest(t, p, u, s)
+
+    def check_start(self) -> None:
+        """Refuse a scene whose start is refused or has no rates; see :func:`check_start`."""
+        check_start(self)
 
     @formed_once
     def junctions(self) -> Junctions:
@@ -253,11 +280,11 @@ class CompiledModel(Structure):
 
         Parameters and errors as for :meth:`rhs`.
         """
-        return self._full(self._at("jacobian", t, y, p, u))
+        return self.structure.full(self._at("jacobian", t, y, p, u))
 
     def jacobian_sparse(self, t: float, y: Any, p: Any = None, u: Any = None) -> csc_matrix:
         """Evaluate the Jacobian as a scipy CSC matrix; see :meth:`jacobian`."""
-        return self._sparse(self._at("jacobian", t, y, p, u))
+        return self.structure.sparse(self._at("jacobian", t, y, p, u))
 
     def sensitivity_rhs(self, t: float, y: Any, s: Any, p: Any = None, u: Any = None) -> Array:
         """Evaluate the rates of the sensitivities.
@@ -314,7 +341,8 @@ class CompiledModel(Structure):
         self, p: Array, *, is_sparse: bool = False
     ) -> Callable[[float, Array, Array | None], Any]:
         """Give the Jacobian, full or by rows, as a function like those of :meth:`bound`."""
-        kernel, place = self.bound("jacobian", p), self._by_rows if is_sparse else self._full
+        kernel = self.bound("jacobian", p)
+        place = self.structure.by_rows if is_sparse else self.structure.full
         return lambda t, x, u: place(kernel(t, x, _NONE, u))
 
     def why_undefined(self, t: float, y: Array, p: Array, u: Array | None) -> str:

@@ -19,17 +19,16 @@ if TYPE_CHECKING:
 
 
 class Structure:
-    """The structure of a model's derivatives, known before they are evaluated."""
+    """The structure of a model's derivatives, known before they are evaluated.
 
-    @property
-    def layout(self) -> Layout:
-        """Names, units and patterns."""
-        raise NotImplementedError
+    Parameters
+    ----------
+    layout : Layout
+        The model's.
+    """
 
-    @property
-    def begins_at_rest(self) -> bool:
-        """Whether runs begin at an operating point."""
-        return False
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
 
     @property
     def jacobian_pattern(self) -> npt.NDArray[np.bool_]:
@@ -39,19 +38,21 @@ class Structure:
     @property
     def jacobian_sparsity(self) -> csc_matrix:
         """Pattern as a SciPy CSC matrix of True, ordered like the one of ``jacobian_sparse``."""
-        return self._sparse(np.ones(len(self._rows), dtype=np.bool_))
+        return self.sparse(np.ones(len(self._rows), dtype=np.bool_))
 
-    def _sparse(self, values: npt.NDArray[Any]) -> csc_matrix:
+    def sparse(self, values: npt.NDArray[Any]) -> csc_matrix:
         """Put values where the Jacobian may be nonzero."""
         from scipy.sparse import csc_matrix
 
         n = len(self.layout.states)
         return csc_matrix((values, self._rows, self.layout.column_starts), shape=(n, n))
 
-    def _by_rows(self, values: npt.NDArray[np.float64]) -> csr_matrix:
-        return self._sparse(values).tocsr()
+    def by_rows(self, values: npt.NDArray[np.float64]) -> csr_matrix:
+        """Put values where the Jacobian may be nonzero, compressed by rows."""
+        return self.sparse(values).tocsr()
 
-    def _full(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def full(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Put values where the Jacobian may be nonzero, and zeros elsewhere."""
         n = len(self.layout.states)
         dense = np.zeros((n, n))
         dense[self._rows, self._columns] = values
