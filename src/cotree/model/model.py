@@ -12,7 +12,7 @@ import numpy.typing as npt
 from cotree.dag.traverse import symbols_in
 from cotree.errors import ParameterError, SingularSystemError
 from cotree.model.arrays import as_array, as_parameters
-from cotree.model.junctions import Junctions
+from cotree.model.limited_newton import Junctions
 from cotree.model.packing import whole_kernel
 from cotree.model.start import find_start
 from cotree.model.structure import Structure

@@ -4,7 +4,7 @@ In: g, its derivatives and a guess. Out: a ``Root``, found or not. What is tried
 always the iteration of :mod:`cotree.model.damped_newton`:
 
 1. With whole steps, then a little damped by the natural monotonicity test.
-2. The same from a better guess, if :mod:`cotree.model.junctions` has one; then from the guess
+2. The same from a better guess, if :mod:`cotree.model.limited_newton` has one; then from the guess
    given, with more damping.
 3. Damped so that the residual falls; g is scaled row by row.
 4. Continuation: roots of g(z) - (1 - l) g(z0) for l from 0 to 1, with step control. Where all laws
