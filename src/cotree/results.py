@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from cotree.operating import OperatingModel
     from cotree.watch import Animation
+    from cotree.watch.frames import WatchedModel
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -26,11 +26,11 @@ class Result(RunRecord):
 
     Attributes
     ----------
-    model : OperatingModel or None
+    model : WatchedModel or None
         The model that ran; it is left behind where a result is copied or pickled.
     """
 
-    model: OperatingModel | None = None
+    model: WatchedModel | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave the model behind, which is a library in memory."""
@@ -52,7 +52,7 @@ class Result(RunRecord):
         fps: float = 25.0,
         speed: float | None = None,
         view: tuple[float, float] | None = None,
-        model: OperatingModel | None = None,
+        model: WatchedModel | None = None,
         trust_paths: bool = False,
     ) -> Animation:
         """Draw the mechanism as it moves, in its plane or in space.
@@ -71,7 +71,7 @@ class Result(RunRecord):
         view : (float, float), optional
             Azimuth and elevation of who looks, [deg]; a plane is seen along its normal where
             absent.
-        model : OperatingModel, optional
+        model : WatchedModel, optional
             What ran, where the result does not know it: after copying or pickling.
         trust_paths : bool
             Whether a robot's file may name meshes outside its folder and its packages.

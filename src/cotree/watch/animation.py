@@ -25,10 +25,10 @@ from cotree.watch.visuals import visual_meshes
 if TYPE_CHECKING:
     import os
 
-    from cotree.operating import OperatingModel
     from cotree.scene.description import SceneDescription
     from cotree.solvers import RunRecord
     from cotree.watch.drawing import Drawing
+    from cotree.watch.frames import WatchedModel
 
 _SUFFIXES = (".gif", ".html")
 _NOTEBOOK_HEIGHT = 520  # pixels
@@ -164,7 +164,7 @@ def check_moving(scene: SceneDescription) -> None:
 
 def animate(
     result: RunRecord,
-    model: OperatingModel | None,
+    model: WatchedModel | None,
     *,
     fps: float = 25.0,
     speed: float | None = None,
@@ -177,7 +177,7 @@ def animate(
     ----------
     result : RunRecord
         The run.
-    model : OperatingModel or None
+    model : WatchedModel or None
         The model that made it.
     fps : float
         Frames per second of the animation.

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -24,8 +24,8 @@ from cotree.scene.description import check_number
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from cotree.formulation.first_graph import FirstGraph
     from cotree.formulation.system import System
-    from cotree.model.model import CompiledModel
     from cotree.solvers import RunRecord
 
 Array = npt.NDArray[np.float64]
@@ -38,6 +38,21 @@ _FEWEST = 100  # of however many bodies
 _SHORTEST, _LONGEST = 2.0, 30.0
 _COMFORTABLE = 8.0
 _PATIENCE = 86_400.0  # s that anyone may watch
+
+
+class WatchedModel(Protocol):
+    """A model as animations see it: :class:`cotree.Model`."""
+
+    states: tuple[str, ...]
+    first_graph: FirstGraph
+
+    def parameter_array(self, values: Any = None) -> Array:
+        """Give the parameter array."""
+        ...
+
+    def rhs(self, t: float, y: Any, p: Any = None, u: Any = None) -> Array:
+        """Evaluate the rates of the states."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +123,7 @@ def _round(x: float) -> float:
 
 
 def coordinates_at(
-    result: RunRecord, model: CompiledModel, system: System, p: Array, times: Array
+    result: RunRecord, model: WatchedModel, system: System, p: Array, times: Array
 ) -> Array:
     """Interpolate the coordinates of a run.
 
@@ -116,7 +131,7 @@ def coordinates_at(
     ----------
     result : RunRecord
         With finite states, at one time or more.
-    model, system : CompiledModel, System
+    model, system : WatchedModel, System
         What ran.
     p : ndarray, shape (n_parameters,)
         Its parameters.
@@ -171,7 +186,7 @@ def _with_events(result: RunRecord) -> tuple[Array, Array, Array]:
 
 
 def _motion_at(
-    model: CompiledModel, system: System, p: Array, t: Array, y: Array, u: Array
+    model: WatchedModel, system: System, p: Array, t: Array, y: Array, u: Array
 ) -> Array:
     """Give coordinates, their rates and accelerations, shape (3, n_coordinates, n_points)."""
     n, m = len(system.coordinates), len(system.speeds)
