@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from cotree.dag.dual import is_varied, tangent_of, value_of, varied
 from cotree.dag.from_sympy import from_sympy
 
 if TYPE_CHECKING:
@@ -104,8 +105,22 @@ class Law:
         return {name: value for name, value in derivatives.items() if value != 0}
 
     def value(self, dag: Dag, arguments: Mapping[str, Node]) -> Node:
-        """Form the law's value from its arguments."""
-        return from_sympy(self.expression, dag, arguments)
+        """Form the law's value from its arguments, which may be duals."""
+        changing = {name for name, argument in arguments.items() if is_varied(argument)}
+        if not changing:
+            return from_sympy(self.expression, dag, arguments)
+        values = {name: value_of(argument) for name, argument in arguments.items()}
+        # Sensitivity graphs need the same derivatives of the same law for every direction.
+        key = (self.expression, *values.items())
+        if key not in dag.formed:
+            value = from_sympy(self.expression, dag, values)
+            dag.formed[key] = value, self.partial_values(dag, values)
+        value, partials = dag.formed[key]
+        d = dag.zero
+        for name, partial in partials.items():
+            if name in changing:
+                d = d + partial * tangent_of(arguments[name])
+        return varied(value, d)
 
     def partial_value(self, dag: Dag, arguments: Mapping[str, Node], name: str) -> Node | None:
         """Evaluate one pre-formed partial derivative; None where it is or folds to zero."""
@@ -120,11 +135,3 @@ class Law:
             name: from_sympy(partial, dag, arguments) for name, partial in self.partials.items()
         }
         return {name: value for name, value in values.items() if not value.is_zero}
-
-
-def chain(partials: Mapping[str, Node], d: Mapping[str, Node], zero: Node) -> Node:
-    """Sum partial derivatives times the derivatives ``d`` of their arguments."""
-    total = zero
-    for name, partial in partials.items():
-        total = total + partial * d[name]
-    return total

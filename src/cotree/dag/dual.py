@@ -1,89 +1,219 @@
 """Dual numbers: a value with its derivative along one direction.
 
-Formulas written with operators serve values and derivatives alike: with nodes they give values,
-with duals both.
+A formula that is written once serves values and derivatives alike: with nodes it gives values, with
+duals both. The value of a dual may be a node, a vector or a matrix. What does not change along the
+direction stays a plain value, so that nothing is formed for it; static types are those of the
+values, in whose place duals stand.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeVar
+from functools import wraps
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from cotree.dag.derivative import tangents
 from cotree.dag.nodes import Node
 from cotree.dag.traverse import substitute
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
     from cotree.dag.nodes import Dag
-    from cotree.dag.vector import Vector
+
+T = TypeVar("T")
+Form = TypeVar("Form", bound="Callable[..., Any]")
 
 
-@dataclass(frozen=True)
 class Dual:
-    """A value and its derivative."""
+    """A value and its derivative: nodes, vectors or matrices of nodes.
 
-    value: Node
-    d: Node
+    Operators are those of scalars; :mod:`cotree.dag.vector` has those of vectors and matrices.
+    """
+
+    __slots__ = ("d", "value")
+
+    def __init__(self, value: Any, d: Any) -> None:
+        self.value = value
+        self.d = d
+
+    def __getitem__(self, i: int) -> Any:
+        return varied(self.value[i], self.d[i])
+
+    def __iter__(self) -> Iterator[Any]:
+        return (varied(value, d) for value, d in zip(self.value, self.d, strict=True))
 
     @property
-    def dag(self) -> Dag:
-        """The arena of both."""
-        return self.value.dag
+    def is_zero(self) -> bool:
+        """Whether it is the constant zero, which does not change."""
+        return False
 
-    def __add__(self, other: Dual | float) -> Dual:
-        other = self._dual(other)
-        return Dual(self.value + other.value, self.d + other.d)
+    def __add__(self, other: Any) -> Any:
+        if other.__class__ is Dual:
+            return varied(self.value + other.value, self.d + other.d)
+        return Dual(self.value + other, self.d)
 
-    __radd__ = __add__
+    def __radd__(self, other: Any) -> Any:
+        return Dual(other + self.value, self.d)
 
-    def __sub__(self, other: Dual | float) -> Dual:
-        other = self._dual(other)
-        return Dual(self.value - other.value, self.d - other.d)
+    def __sub__(self, other: Any) -> Any:
+        if other.__class__ is Dual:
+            return varied(self.value - other.value, self.d - other.d)
+        return Dual(self.value - other, self.d)
 
-    def __rsub__(self, other: float) -> Dual:
-        return self._dual(other) - self
+    def __rsub__(self, other: Any) -> Any:
+        return Dual(other - self.value, -self.d)
 
-    def __mul__(self, other: Dual | float) -> Dual:
-        other = self._dual(other)
-        return Dual(self.value * other.value, self.d * other.value + self.value * other.d)
+    def __mul__(self, other: Any) -> Any:
+        if other.__class__ is Dual:
+            return varied(self.value * other.value, self.d * other.value + self.value * other.d)
+        return varied(self.value * other, self.d * other)
 
-    __rmul__ = __mul__
+    def __rmul__(self, other: Any) -> Any:
+        return varied(other * self.value, other * self.d)
 
-    def __truediv__(self, other: Dual | float) -> Dual:
-        other = self._dual(other)
-        value = self.value / other.value
-        return Dual(value, (self.d - value * other.d) / other.value)
+    def __truediv__(self, other: Any) -> Any:
+        if other.__class__ is Dual:
+            value = self.value / other.value
+            return varied(value, (self.d - value * other.d) / other.value)
+        return Dual(self.value / other, self.d / other)
 
-    def __rtruediv__(self, other: float) -> Dual:
-        return self._dual(other) / self
+    def __rtruediv__(self, other: Any) -> Any:
+        value = other / self.value
+        return varied(value, -(value * self.d) / self.value)
 
-    def __neg__(self) -> Dual:
+    def __neg__(self) -> Any:
         return Dual(-self.value, -self.d)
 
-    def _dual(self, other: Dual | float) -> Dual:
-        if isinstance(other, Dual):
-            return other
-        return Dual(self.dag.constant(other), self.dag.zero)
+
+def varied(value: T, d: T) -> T:
+    """Join a value and its derivative; where that vanishes, give the plain value."""
+    return value if _is_zero(d) else cast("T", Dual(value, d))
 
 
-Scalar = TypeVar("Scalar", Node, Dual)
+def is_varied(*parts: Any) -> bool:
+    """Whether any of the parts changes."""
+    return any([part.__class__ is Dual for part in parts])
 
 
-def function(name: str, *args: Scalar) -> Scalar:
+def value_of(a: T) -> T:
+    """Give the value without its derivative."""
+    value: T = a.value if isinstance(a, Dual) else a
+    return value
+
+
+def tangent_of(a: T) -> T:
+    """Give the derivative alone; zeros where nothing changes."""
+    d: T = a.d if isinstance(a, Dual) else _zeros(a)
+    return d
+
+
+def _is_zero(d: Any) -> bool:
+    if d.__class__ is Node:
+        return bool(d is d.dag.zero)
+    zero = _dag_of(d).zero
+    return all([part is zero if part.__class__ is Node else _is_zero(part) for part in d])
+
+
+def _dag_of(value: Any) -> Dag:
+    while value.__class__ is not Node:
+        value = value[0]
+    dag: Dag = value.dag
+    return dag
+
+
+def _zeros(value: Any) -> Any:
+    if value.__class__ is Node:
+        return value.dag.zero
+    return tuple([_zeros(part) for part in value])
+
+
+def formed(form: Callable[..., T], a: Any, b: Any) -> T:
+    """Form a value of two others, or find it where it was formed of the same before.
+
+    Sensitivity graphs need the same products of values for every direction.
+    """
+    known: dict[Any, T] = _dag_of(a).formed
+    key = (form, a, b)
+    found = known.get(key)
+    if found is None:
+        found = known[key] = form(a, b)
+    return found
+
+
+def linear(form: Form) -> Form:
+    """Let a function that is linear in all its arguments together take duals."""
+
+    @wraps(form)
+    def taking(*args: Any) -> Any:
+        if is_varied(*args):
+            value = form(*[value_of(arg) for arg in args])
+            return varied(value, form(*[tangent_of(arg) for arg in args]))
+        return form(*args)
+
+    return cast("Form", taking)
+
+
+def additive(form: Form) -> Form:
+    """Let a sum, or a difference, take duals."""
+
+    @wraps(form)
+    def taking(a: Any, b: Any) -> Any:
+        if a.__class__ is Dual:
+            if b.__class__ is Dual:
+                return varied(formed(form, a.value, b.value), form(a.d, b.d))
+            return Dual(formed(form, a.value, b), a.d)
+        if b.__class__ is Dual:
+            return Dual(formed(form, a, b.value), form(_zeros(a), b.d))
+        return form(a, b)
+
+    return cast("Form", taking)
+
+
+def bilinear(form: Form) -> Form:
+    """Let a function that is linear in each of its two arguments take duals."""
+
+    @wraps(form)
+    def taking(a: Any, b: Any) -> Any:
+        if a.__class__ is Dual:
+            if b.__class__ is Dual:
+                d = _plus(form(a.d, b.value), form(a.value, b.d))
+                return varied(formed(form, a.value, b.value), d)
+            return varied(formed(form, a.value, b), form(a.d, b))
+        if b.__class__ is Dual:
+            return varied(formed(form, a, b.value), form(a, b.d))
+        return form(a, b)
+
+    return cast("Form", taking)
+
+
+def _plus(a: Any, b: Any) -> Any:
+    if a.__class__ is Node:
+        return a + b
+    return tuple([x + y if x.__class__ is Node else _plus(x, y) for x, y in zip(a, b, strict=True)])
+
+
+def function(name: str, *args: Node) -> Node:
     """Form a function of nodes or of duals."""
-    first = args[0]
-    if isinstance(first, Node):
-        return first.dag.function(name, *args)
-    dag = first.dag
+    dag = _dag_of(value_of(args[0]))
+    if not is_varied(*args):
+        return dag.function(name, *args)
     symbols = [dag.symbol("argument", i) for i in range(len(args))]
-    known = dict(zip(symbols, (arg.value for arg in args), strict=True))
-    formula = dag.function(name, *symbols)
-    (d,) = tangents([formula], dict(zip(symbols, (arg.d for arg in args), strict=True)))
-    value, slope = substitute([formula, d], known)
-    return Dual(value, slope)
+    return formula(dag.function(name, *symbols), dict(zip(symbols, args, strict=True)), {})
 
 
-def paired(values: Vector, tangent: Vector) -> tuple[Dual, Dual, Dual]:
-    """Join a vector and its derivative."""
-    x, y, z = (Dual(a, b) for a, b in zip(values, tangent, strict=True))
-    return (x, y, z)
+def formula(node: Node, arguments: Mapping[Node, Node], seed: Mapping[Node, Node]) -> Node:
+    """Put nodes or duals in the place of a formula's arguments.
+
+    Parameters
+    ----------
+    node : Node
+        The formula.
+    arguments : mapping of Node to Node or Dual
+        What the symbols of the formula stand for.
+    seed : mapping of Node to Node
+        Derivatives of the symbols that stand for themselves.
+    """
+    along = {**seed, **{symbol: tangent_of(arg) for symbol, arg in arguments.items()}}
+    values = {symbol: value_of(arg) for symbol, arg in arguments.items()}
+    value, d = substitute([node, tangents([node], along)[0]], values)
+    return varied(value, d)

@@ -61,7 +61,9 @@ class Node:
 
     def __add__(self, other: Node | float) -> Node:
         if other.__class__ is not Node:
-            other = self.dag.constant(other)  # type: ignore[arg-type]
+            if not isinstance(other, (float, int)):
+                return NotImplemented
+            other = self.dag.constant(other)
         return self.dag.add(self, other)
 
     def __radd__(self, other: float) -> Node:
@@ -69,7 +71,9 @@ class Node:
 
     def __sub__(self, other: Node | float) -> Node:
         if other.__class__ is not Node:
-            other = self.dag.constant(other)  # type: ignore[arg-type]
+            if not isinstance(other, (float, int)):
+                return NotImplemented
+            other = self.dag.constant(other)
         return self.dag.sub(self, other)
 
     def __rsub__(self, other: float) -> Node:
@@ -77,14 +81,20 @@ class Node:
 
     def __mul__(self, other: Node | float) -> Node:
         if other.__class__ is not Node:
-            other = self.dag.constant(other)  # type: ignore[arg-type]
+            if not isinstance(other, (float, int)):
+                return NotImplemented
+            other = self.dag.constant(other)
         return self.dag.mul(self, other)
 
     def __rmul__(self, other: float) -> Node:
         return self.dag.mul(self.dag.constant(other), self)
 
     def __truediv__(self, other: Node | float) -> Node:
-        return self.dag.div(self, other if isinstance(other, Node) else self.dag.constant(other))
+        if other.__class__ is not Node:
+            if not isinstance(other, (float, int)):
+                return NotImplemented
+            other = self.dag.constant(other)
+        return self.dag.div(self, other)
 
     def __rtruediv__(self, other: float) -> Node:
         return self.dag.div(self.dag.constant(other), self)
@@ -123,12 +133,16 @@ class Dag:
         Label given to the nodes made from now on; set it with :meth:`labelled`.
     origins : dict of Node to str
         Where some values come from, as "resistance of edge 'R1'", for messages.
+    formed : dict
+        Values by what they were formed of; see :func:`cotree.dag.dual.formed`.
     """
 
     def __init__(self) -> None:
         self.nodes: list[Node] = []
         self.section = ""
         self.origins: dict[Node, str] = {}
+        self.formed: dict[Any, Any] = {}
+        self._suffix = ""
         self._interned: dict[Any, Node] = {}
         self.zero = self.constant(0.0)
         self.one = self.constant(1.0)
@@ -139,11 +153,20 @@ class Dag:
     @contextmanager
     def labelled(self, section: str) -> Iterator[None]:
         """Label the nodes made inside the ``with`` block."""
-        previous, self.section = self.section, section
+        previous, self.section = self.section, section + self._suffix
         try:
             yield
         finally:
             self.section = previous
+
+    @contextmanager
+    def suffixed(self, suffix: str) -> Iterator[None]:
+        """Add to every label that is set inside the ``with`` block."""
+        previous, self._suffix = self._suffix, suffix
+        try:
+            yield
+        finally:
+            self._suffix = previous
 
     def note_origin(self, node: Node, origin: str) -> None:
         """Record the origin of a value, for messages; the first origin stays."""

@@ -1,12 +1,15 @@
 """Three-vectors and three-by-three matrices of nodes.
 
 A vector is a tuple of three nodes, a matrix a tuple of three rows. What is structurally zero is
-the constant zero and folds away, so that planar scenes give planar programs.
+the constant zero and folds away, so that planar scenes give planar programs. The functions here
+take duals of vectors and matrices, too (:mod:`cotree.dag.dual`), and then give duals.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+
+from cotree.dag.dual import additive, bilinear, is_varied, linear, tangent_of, value_of, varied
 
 if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
@@ -28,20 +31,25 @@ def identity(dag: Dag) -> Matrix:
 
 def is_zero(a: Vector) -> bool:
     """Whether a vector is structurally zero."""
+    if is_varied(a):
+        return False
     zero = a[0].dag.zero
     return a[0] is zero and a[1] is zero and a[2] is zero
 
 
+@additive
 def add(a: Vector, b: Vector) -> Vector:
     """Form a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
+@additive
 def sub(a: Vector, b: Vector) -> Vector:
     """Form a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
+@linear
 def neg(a: Vector) -> Vector:
     """Form -a."""
     return (-a[0], -a[1], -a[2])
@@ -52,16 +60,19 @@ def signed(sign: int, a: Vector) -> Vector:
     return a if sign > 0 else neg(a)
 
 
+@bilinear
 def scale(factor: Node, a: Vector) -> Vector:
     """Form factor * a."""
     return (factor * a[0], factor * a[1], factor * a[2])
 
 
+@bilinear
 def dot(a: Vector, b: Vector) -> Node:
     """Form the scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
+@bilinear
 def cross(a: Vector, b: Vector) -> Vector:
     """Form the vector product."""
     return (
@@ -71,11 +82,13 @@ def cross(a: Vector, b: Vector) -> Vector:
     )
 
 
+@bilinear
 def times(m: Matrix, a: Vector) -> Vector:
     """Form the product of a matrix and a vector."""
     return (dot(m[0], a), dot(m[1], a), dot(m[2], a))
 
 
+@bilinear
 def transposed_times(m: Matrix, a: Vector) -> Vector:
     """Form the product of the transposed matrix and a vector."""
     return (
@@ -85,12 +98,14 @@ def transposed_times(m: Matrix, a: Vector) -> Vector:
     )
 
 
+@linear
 def transpose(m: Matrix) -> Matrix:
     """Form the transposed matrix."""
     a, b, c = m
     return ((a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2]))
 
 
+@bilinear
 def matmul(a: Matrix, b: Matrix) -> Matrix:
     """Form the product of two matrices."""
     columns = transpose(b)
@@ -98,6 +113,7 @@ def matmul(a: Matrix, b: Matrix) -> Matrix:
     return (rows[0], rows[1], rows[2])
 
 
+@additive
 def matadd(a: Matrix, b: Matrix) -> Matrix:
     """Form the sum of two matrices."""
     return (add(a[0], b[0]), add(a[1], b[1]), add(a[2], b[2]))
@@ -111,26 +127,40 @@ def congruence(r: Matrix, s: Matrix) -> Matrix:
     return ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
 
 
+def polar(a: Vector) -> tuple[Node, Vector]:
+    """Give the length of a vector and its direction.
+
+    The direction e changes by what of a' is across it, over the length; the length by e . a'.
+    """
+    value = value_of(a)
+    length = value[0].dag.function("sqrt", dot(value, value))
+    inverse = 1.0 / length
+    direction = scale(inverse, value)
+    if not is_varied(a):
+        return length, direction
+    d = tangent_of(a)
+    d_length = dot(direction, d)
+    d_direction = scale(inverse, sub(d, scale(d_length, direction)))
+    return varied(length, d_length), varied(direction, d_direction)
+
+
 def angular_acceleration_matrix(omega: Vector, alpha: Vector) -> Matrix:
     """Form A = [alpha]x + [omega]x[omega]x, so that A r is the acceleration of a fixed point r."""
-    wx, wy, wz = omega
-    xx, yy, zz = wx * wx, wy * wy, wz * wz
-    xy, xz, yz = wx * wy, wx * wz, wy * wz
+    return _spread(_products(omega, omega), alpha)
+
+
+@bilinear
+def _products(a: Vector, b: Vector) -> tuple[Vector, Vector]:
+    """Form the squares and the mixed products of two vectors that have the same value."""
+    squares = (a[0] * b[0], a[1] * b[1], a[2] * b[2])
+    return squares, (a[1] * b[2], a[0] * b[2], a[0] * b[1])
+
+
+@linear
+def _spread(products: tuple[Vector, Vector], alpha: Vector) -> Matrix:
+    (xx, yy, zz), (yz, xz, xy) = products
     ax, ay, az = alpha
     # The diagonal is written as -(yy + zz), never as xx - |omega|^2: nothing cancels.
-    return (
-        (-(yy + zz), xy - az, xz + ay),
-        (xy + az, -(xx + zz), yz - ax),
-        (xz - ay, yz + ax, -(xx + yy)),
-    )
-
-
-def angular_acceleration_tangent(omega: Vector, d_omega: Vector, d_alpha: Vector) -> Matrix:
-    """Form the derivative of :func:`angular_acceleration_matrix` along d_omega, d_alpha."""
-    (wx, wy, wz), (px, py, pz) = omega, d_omega
-    xx, yy, zz = 2.0 * (wx * px), 2.0 * (wy * py), 2.0 * (wz * pz)
-    xy, xz, yz = wx * py + wy * px, wx * pz + wz * px, wy * pz + wz * py
-    ax, ay, az = d_alpha
     return (
         (-(yy + zz), xy - az, xz + ay),
         (xy + az, -(xx + zz), yz - ax),

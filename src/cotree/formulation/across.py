@@ -1,7 +1,9 @@
-"""Across variables of the first graph: prefix sums over the tree (paper, Eq. (2)).
+"""Across variables: prefix sums over the tree (paper, Eq. (2)).
 
 Quantities of a cluster are vectors resolved in its basis; those of a branch, in the basis of its
 parent. Accelerations contain minus gravity, so that weight needs no terminal equation of its own.
+A sensitivity graph runs over the same functions with duals; where its seed does not reach, the
+first graph's values serve.
 """
 
 from __future__ import annotations
@@ -12,10 +14,10 @@ from typing import TYPE_CHECKING
 
 from cotree.dag import vector
 from cotree.formulation.circuits import Circuits, inwards
-from cotree.formulation.frames import choose_frames, resolve_branch
+from cotree.formulation.frames import resolve_branch
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
+    from collections.abc import Sequence
 
     from cotree.dag.nodes import Node
     from cotree.dag.vector import Matrix, Vector
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Motion:
-    """Positions and velocities of the first graph.
+    """Positions and velocities.
 
     Attributes
     ----------
@@ -35,7 +37,9 @@ class Motion:
     geometry : tuple of Geometry
         Every moving branch, parents before children.
     omega : tuple of Vector
-        Angular velocity of each cluster.
+        Angular velocity of each cluster, [rad/s].
+    first : Motion or None
+        The first graph's, where this is a sensitivity graph's.
     """
 
     system: System
@@ -43,6 +47,7 @@ class Motion:
     frames: Frames
     geometry: tuple[Geometry, ...]
     omega: tuple[Vector, ...]
+    first: Motion | None = None
 
     def to(self, cluster: int) -> Geometry:
         """Give the branch that carries a cluster."""
@@ -51,18 +56,22 @@ class Motion:
     @cached_property
     def positions(self) -> Circuits:
         """Position circuits, from cluster origin to cluster origin."""
-        return Circuits(self.clusters, self.frames, lambda branch: self.to(branch.child).offset)
+        known = None if self.first is None else self.first.positions
+        return Circuits(
+            self.clusters, self.frames, lambda branch: self.to(branch.child).offset, known
+        )
 
     @cached_property
     def velocities(self) -> Circuits:
         """Velocity circuits, from cluster origin to cluster origin."""
-        return Circuits(self.clusters, self.frames, self._branch_velocity)
+        known = None if self.first is None else self.first.velocities
+        return Circuits(self.clusters, self.frames, self._branch_velocity, known)
 
     def _branch_velocity(self, branch: Branch) -> Vector:
         geometry = self.to(branch.child)
         result = vector.cross(self.omega[branch.parent], geometry.offset)
         for speed, shifting in zip(branch.speeds, geometry.shifting, strict=True):
-            result = vector.add(result, vector.scale(speed.symbol, shifting))
+            result = vector.add(result, vector.scale(self.frames.seen(speed.symbol), shifting))
         return result
 
     def arm(self, point: Point) -> Vector:
@@ -85,7 +94,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Accelerations:
-    """Accelerations of the first graph, less gravity.
+    """Accelerations, less gravity.
 
     Attributes
     ----------
@@ -108,26 +117,34 @@ class Accelerations:
     rates: tuple[Node, ...]
 
 
-def move(system: System, clusters: Clusters, own_axes: Collection[int]) -> Motion:
+def move(system: System, clusters: Clusters, frames: Frames, first: Motion | None = None) -> Motion:
     """Form the geometry of the branches and the angular velocities of the clusters."""
-    with system.dag.labelled("f-circuits, rotation"):
-        frames = choose_frames(system, clusters, own_axes)
     geometry = []
     omega = [vector.zeros(system.dag)]
     for branch in clusters.branches[1:]:
         assert branch is not None
+        if first is not None and frames.is_kept(branch.child):
+            geometry.append(first.to(branch.child))
+            omega.append(first.omega[branch.child])
+            continue
         with system.dag.labelled(f"f-circuits, geometry of {branch.edge}"):
             own = resolve_branch(system, frames, branch)
             geometry.append(own)
-            total = vector.add(omega[branch.turn_parent], relative_spin(own))
+            total = vector.add(omega[branch.turn_parent], relative_spin(frames, own))
             omega.append(frames.down(branch.child, total))
-    return Motion(system, clusters, frames, tuple(geometry), tuple(omega))
+    return Motion(system, clusters, frames, tuple(geometry), tuple(omega), first)
 
 
-def relative_spin(geometry: Geometry) -> Vector:
+def relative_spin(frames: Frames, geometry: Geometry) -> Vector:
     """Form the angular velocity across a branch."""
-    zero = vector.zeros(geometry.from_parent[0].dag)
-    return weighted(zero, geometry.turning, [v.symbol for v in geometry.branch.speeds])
+    return _moving(frames, geometry, geometry.turning)
+
+
+def _moving(frames: Frames, geometry: Geometry, directions: Sequence[Vector]) -> Vector:
+    """Sum directions of a motion space, times the speeds."""
+    zero = vector.zeros(geometry.branch.anchor[0].dag)
+    speeds = [frames.seen(v.symbol) for v in geometry.branch.speeds]
+    return weighted(zero, directions, speeds)
 
 
 def weighted(zero: Vector, vectors: Sequence[Vector], factors: Sequence[Node]) -> Vector:
@@ -145,42 +162,73 @@ def carrier_spin(motion: Motion, branch: Branch) -> Vector:
     return motion.frames.up(branch.child, motion.omega[branch.child])
 
 
-def accelerate(motion: Motion, rates: Sequence[Node]) -> Accelerations:
+def accelerate(
+    motion: Motion, rates: Sequence[Node], first: Accelerations | None = None
+) -> Accelerations:
     """Form the accelerations of the clusters for given accelerations of the coordinates.
 
     Parameters
     ----------
     motion : Motion
-        The first graph's positions and velocities.
+        Positions and velocities.
     rates : sequence of Node
-        Rates of the speeds, in their order.
+        Rates of the speeds, in their order. A sensitivity graph holds them fixed: their
+        derivatives are its unknowns.
+    first : Accelerations, optional
+        The first graph's, where the motion is a sensitivity graph's.
     """
     system, frames = motion.system, motion.frames
     zero = vector.zeros(system.dag)
     alpha = [zero]
-    matrix = [vector.angular_acceleration_matrix(alpha[0], alpha[0])]
-    origin = [vector.neg(system.gravity)]
+    matrix = [vector.angular_acceleration_matrix(zero, zero)]
+    origin = [vector.neg(frames.resolved(0, system.gravity))]
     steps = []
     for geometry in motion.geometry:
         branch = geometry.branch
-        own = [rates[v.index] for v in branch.speeds]
-        speeds = [v.symbol for v in branch.speeds]
+        parent, child = branch.parent, branch.child
+        if first is not None and frames.is_kept(child):
+            alpha.append(first.alpha[child])
+            matrix.append(first.matrix[child])
+            steps.append(first.across[child - 1])
+            if origin[parent] == first.origin[parent]:
+                origin.append(first.origin[child])
+                continue
         with system.dag.labelled(f"f-circuits, acceleration of {branch.edge}"):
-            spin = carrier_spin(motion, branch)
-            turn = vector.add(
-                weighted(zero, geometry.turning, own), vector.cross(spin, relative_spin(geometry))
-            )
-            alpha.append(frames.down(branch.child, vector.add(alpha[branch.turn_parent], turn)))
-            matrix.append(vector.angular_acceleration_matrix(motion.omega[branch.child], alpha[-1]))
-            sliding = geometry.sliding
-            across = vector.times(matrix[branch.parent], geometry.from_parent)
-            across = vector.add(across, weighted(zero, sliding, own))
-            coriolis = vector.cross(spin, weighted(zero, sliding, speeds))
-            across = vector.add(across, vector.add(coriolis, coriolis))
-            if not vector.is_zero(geometry.from_child):
-                carried = vector.times(matrix[-1], frames.down(branch.child, geometry.from_child))
-                across = vector.add(across, frames.up(branch.child, carried))
-            steps.append(across)
-            total = vector.add(origin[branch.parent], across)
-            origin.append(frames.down(branch.child, total))
+            if len(steps) < child:
+                own = [rates[v.index] for v in branch.speeds]
+                spin = carrier_spin(motion, branch)
+                turn = _turn(frames, geometry, own, spin)
+                total = vector.add(alpha[branch.turn_parent], turn)
+                alpha.append(frames.down(child, total))
+                matrix.append(vector.angular_acceleration_matrix(motion.omega[child], alpha[-1]))
+                steps.append(_shift(frames, geometry, own, spin, matrix))
+            origin.append(frames.down(child, vector.add(origin[parent], steps[-1])))
     return Accelerations(tuple(alpha), tuple(matrix), tuple(origin), tuple(steps), tuple(rates))
+
+
+def _turn(frames: Frames, geometry: Geometry, rates: Sequence[Node], spin: Vector) -> Vector:
+    """Form the angular acceleration across a branch whose carrier spins."""
+    zero = vector.zeros(geometry.branch.anchor[0].dag)
+    gyroscopic = vector.cross(spin, relative_spin(frames, geometry))
+    return vector.add(weighted(zero, geometry.turning, rates), gyroscopic)
+
+
+def _shift(
+    frames: Frames,
+    geometry: Geometry,
+    rates: Sequence[Node],
+    spin: Vector,
+    matrix: Sequence[Matrix],
+) -> Vector:
+    """Form the acceleration of a branch's outer origin against the inner one."""
+    branch = geometry.branch
+    zero = vector.zeros(branch.anchor[0].dag)
+    total = vector.times(matrix[branch.parent], geometry.from_parent)
+    total = vector.add(total, weighted(zero, geometry.sliding, rates))
+    coriolis = vector.cross(spin, _moving(frames, geometry, geometry.sliding))
+    total = vector.add(total, vector.add(coriolis, coriolis))
+    if not vector.is_zero(geometry.from_child):
+        outer = frames.down(branch.child, geometry.from_child)
+        carried = vector.times(matrix[branch.child], outer)
+        total = vector.add(total, frames.up(branch.child, carried))
+    return total

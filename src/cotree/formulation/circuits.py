@@ -25,15 +25,20 @@ class Circuits:
         Topology and bases.
     across : callable
         The across variable of a branch, in the basis of its parent.
+    known : Circuits or None
+        The first graph's, where this is a sensitivity graph's: they serve where nothing changes.
     """
 
     clusters: Clusters
     frames: Frames
     across: Callable[[Branch], Vector]
+    known: Circuits | None = None
     _sums: dict[tuple[int, int], Vector] = field(default_factory=dict)
 
     def between(self, ancestor: int, cluster: int, zero: Vector) -> Vector:
         """Sum from an ancestor's origin to a cluster's, in the ancestor's basis."""
+        if self.known is not None and self.frames.is_kept(cluster):
+            return self.known.between(ancestor, cluster, zero)
         total = zero
         for branch in self.clusters.path(cluster, ancestor):
             key = (ancestor, branch.child)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cotree.dag import vector
-from cotree.dag.dual import function
 from cotree.formulation.ends import Carried, Ends, Pull, pull_in_place
 
 if TYPE_CHECKING:
@@ -87,8 +86,7 @@ class Rolling:
         """Give the part of the normal within the disc, its length, and its direction."""
         n, d = self.normal.value(view), self.axle.value(view)
         part = vector.sub(n, vector.scale(vector.dot(n, d), d))
-        length = function("sqrt", vector.dot(part, part))
-        return part, length, vector.scale(1.0 / length, part)
+        return part, *vector.polar(part)
 
     def _contact(self, view: View) -> Any:
         """Give the vector from the centre to the contact."""

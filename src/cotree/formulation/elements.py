@@ -7,7 +7,7 @@ hang from, so that only the circuit between them is summed.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cotree.components import Role
 from cotree.dag import vector
@@ -35,11 +35,32 @@ class Wrench:
         """Add another wrench at the same origin."""
         return Wrench(vector.add(self.force, other.force), vector.add(self.torque, other.torque))
 
+    def minus(self) -> Wrench:
+        """Give the reaction."""
+        return Wrench(vector.neg(self.force), vector.neg(self.torque))
 
-def gather(totals: list[Wrench | None], cluster: int, wrench: Wrench) -> None:
-    """Add a wrench to what is known on a cluster."""
-    known = totals[cluster]
-    totals[cluster] = wrench if known is None else known.plus(wrench)
+
+class Sums:
+    """Wrenches on clusters, summed as they come.
+
+    Those of a sensitivity graph sum what changes (:mod:`cotree.sensitivity.through`).
+    """
+
+    def __init__(self, n_clusters: int) -> None:
+        self._on_cluster: list[Wrench | None] = [None] * n_clusters
+
+    def gather(self, cluster: int, wrench: Wrench) -> None:
+        """Add a wrench."""
+        known = self._on_cluster[cluster]
+        self._on_cluster[cluster] = wrench if known is None else known.plus(wrench)
+
+    def at(self, cluster: int) -> Wrench | None:
+        """Give the sum on a cluster; None where there is nothing."""
+        return self._on_cluster[cluster]
+
+    def takes(self, cluster: int, *parts: Any) -> bool:
+        """Whether a wrench of a cluster that is formed of some parts counts."""
+        return True
 
 
 @dataclass(frozen=True)
@@ -58,14 +79,8 @@ class Action:
         The nodes' positions from their clusters' origins.
     reach : Vector
         From the first node to the second.
-    direction : Vector or None
-        Unit vector of a scalar law's force.
-    closing : Vector or None
-        Velocity of the second node less that of the first, where the law uses it.
-    arguments, partials : mapping of str to Node
-        Arguments of a scalar law, and its partial derivatives by argument.
-    magnitude : Node or None
-        Value of a scalar law.
+    arguments : mapping of str to Node
+        Arguments of a scalar law.
     force, torque : Vector
         On the second node.
     is_central : bool
@@ -78,11 +93,7 @@ class Action:
     ancestor: int
     arms: tuple[Vector, Vector]
     reach: Vector
-    direction: Vector | None
-    closing: Vector | None
     arguments: Mapping[str, Node]
-    partials: Mapping[str, Node]
-    magnitude: Node | None
     force: Vector
     torque: Vector
     is_central: bool = False
@@ -94,11 +105,12 @@ def actions(motion: Motion) -> list[Action]:
     for edge in motion.system.edges.values():
         if edge.component.role in (Role.LINE, Role.FORCE, Role.TORQUE):
             with motion.system.dag.labelled(f"terminal equation of {edge.name}"):
-                found.append(_act(motion, edge))
+                found.append(act(motion, edge))
     return found
 
 
-def _act(motion: Motion, edge: BoundEdge) -> Action:
+def act(motion: Motion, edge: BoundEdge) -> Action:
+    """Form the terminal equation of a force element."""
     clusters, frames = motion.clusters, motion.frames
     first, second = clusters.points[edge.first], clusters.points[edge.second]
     ancestor = clusters.common_ancestor(first.cluster, second.cluster)
@@ -115,9 +127,7 @@ def _act(motion: Motion, edge: BoundEdge) -> Action:
         force = carried(motion, first, edge.vectors["force"], ancestor)
     else:
         torque = carried(motion, first, edge.vectors["torque"], ancestor)
-    return Action(
-        edge, first, second, ancestor, arms, reach, None, None, {}, {}, None, force, torque
-    )
+    return Action(edge, first, second, ancestor, arms, reach, {}, force, torque)
 
 
 def carried(motion: Motion, point: Point, local: Vector, ancestor: int) -> Vector:
@@ -141,18 +151,17 @@ def _line(
     is_central = "axis" not in edge.vectors
     dag = motion.system.dag
     if is_central:
-        length = dag.function("sqrt", vector.dot(reach, reach))
-        if length.is_zero:
+        if vector.is_zero(reach):
             raise ParameterError(
                 f"the nodes of edge '{edge.name}' coincide whatever the coordinates, so the line "
                 "between them has no direction: give the edge an axis"
             )
-        direction = vector.scale(1.0 / length, reach)
+        length, direction = vector.polar(reach)
     else:
         direction = carried(motion, first, edge.vectors["axis"], ancestor)
         length = vector.dot(direction, reach)
-    arguments = {**edge.scalars, "length": length}
-    closing = None
+    seen = {name: motion.frames.seen(node) for name, node in edge.scalars.items()}
+    arguments = {**seen, "length": length}
     # The rate costs velocities: form it only where the law really depends on it.
     if "rate" in law.arguments and not _is_inert(edge):
         closing = vector.sub(motion.velocity(second, ancestor), motion.velocity(first, ancestor))
@@ -170,11 +179,7 @@ def _line(
         ancestor,
         arms,
         reach,
-        direction,
-        closing,
         arguments,
-        law.partial_values(dag, arguments),
-        magnitude,
         vector.scale(magnitude, direction),
         vector.zeros(dag),
         is_central,

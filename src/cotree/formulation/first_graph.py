@@ -18,6 +18,7 @@ from cotree.errors import ExpressionError
 from cotree.formulation.across import accelerate, move
 from cotree.formulation.augmented import augmented_mass_matrix
 from cotree.formulation.events import bind_events, started
+from cotree.formulation.frames import choose_frames
 from cotree.formulation.laws import applied_laws
 from cotree.formulation.lazy_mass_matrix import LateMatrix, is_deep
 from cotree.formulation.lumping import lump
@@ -29,7 +30,7 @@ from cotree.formulation.safety import check_inertia, met_where_idle, safe_pivots
 from cotree.formulation.start import body_starts, start_conditions
 from cotree.formulation.system import bind
 from cotree.formulation.through import balance, load, mass_matrix
-from cotree.formulation.views import FirstView
+from cotree.formulation.views import View
 from cotree.linear.tree import TreeLink
 from cotree.scene.motion_spaces import motion_spaces
 
@@ -58,7 +59,7 @@ class FirstGraph:
     ----------
     scene : SceneDescription
         What it was made from.
-    motion, loads, view, balance : Motion, Loads, FirstView, Balance
+    motion, loads, view, balance : Motion, Loads, View, Balance
         Across and through variables, at the accelerations and multipliers ``unknowns``.
     applied : tuple of Applied
         Through variables along measures: laws of chord joints, then multipliers.
@@ -97,7 +98,7 @@ class FirstGraph:
     scene: SceneDescription
     motion: Motion
     loads: Loads
-    view: FirstView
+    view: View
     balance: Balance
     applied: tuple[Applied, ...]
     constraints: Constraints
@@ -158,10 +159,10 @@ def form_first_graph(
     starts = body_starts(scene, trees, motion_spaces(scene).of, dag)
     system = bind(scene, trees, dag, starts, names=_network_names(whole))
     clusters = lump(system)
-    motion = move(system, clusters, own_axes)
-    still = FirstView(motion, accelerate(motion, [dag.zero] * len(system.speeds)))
+    motion = move(system, clusters, choose_frames(system, clusters, own_axes))
+    still = View(motion, accelerate(motion, [dag.zero] * len(system.speeds)))
     accelerations = tuple(v.acceleration for v in system.speeds)
-    view = FirstView(motion, accelerate(motion, accelerations))
+    view = View(motion, accelerate(motion, accelerations))
     attached = attach_network(whole, view)
     network, observed = attached.network, attached.observed
     laws = [*applied_laws(motion, still), *attached.loads]

@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING
 
 from cotree.dag import vector
 from cotree.dag.rotation import Rotation, no_rotation, of_quaternion
+from cotree.dag.traverse import substitute
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Callable, Collection, Mapping
 
+    from cotree.dag.nodes import Node
     from cotree.dag.vector import Matrix, Vector
     from cotree.formulation.clusters import Branch, Clusters
     from cotree.formulation.system import System
@@ -24,7 +26,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Frames:
-    """Axes of the clusters.
+    """Axes of the clusters, and how values are seen in them.
+
+    The first graph sees plain values. In a sensitivity graph the axes turn with what changes, and
+    all is seen as duals (:class:`cotree.sensitivity.turning.Turning`).
 
     Attributes
     ----------
@@ -37,6 +42,10 @@ class Frames:
     rotations: tuple[Rotation, ...]
     steps: tuple[Matrix | None, ...]
 
+    def is_kept(self, cluster: int) -> bool:
+        """Whether a cluster moves as in the first graph, so that its values serve again."""
+        return False
+
     def up(self, cluster: int, a: Vector) -> Vector:
         """Resolve a vector of a cluster's basis in its parent's."""
         step = self.steps[cluster]
@@ -48,8 +57,16 @@ class Frames:
         return a if step is None else vector.transposed_times(step, a)
 
     def resolved(self, cluster: int, local: Vector) -> Vector:
-        """Resolve a vector of the cluster's axes in its basis."""
+        """Resolve a vector field of the cluster's axes in its basis."""
         return vector.times(self.rotations[cluster].matrix, local)
+
+    def tensor(self, cluster: int, local: Matrix) -> Matrix:
+        """Resolve a symmetric tensor field of the cluster's axes in its basis."""
+        return vector.congruence(self.rotations[cluster].matrix, local)
+
+    def carried(self, branch: Branch, local: Vector) -> Vector:
+        """Resolve a vector field of a branch's carrier in the basis of the branch's parent."""
+        return vector.times(self.carrier_axes(branch), local)
 
     def carrier_axes(self, branch: Branch) -> Matrix:
         """Give the axes of a branch's carrier, resolved in the parent's basis."""
@@ -59,21 +76,34 @@ class Frames:
         own = self.rotations[branch.child].matrix
         return own if step is None else vector.matmul(step, own)
 
+    def seen(self, node: Node) -> Node:
+        """See a field, a coordinate or a speed."""
+        return node
+
+    def formula(self, node: Node, arguments: Mapping[Node, Node]) -> Node:
+        """Put values in the place of a formula's arguments."""
+        return substitute([node], arguments)[0]
+
+    def within(self, cluster: int, form: Callable[..., Vector], *vectors: Vector) -> Vector:
+        """Form a vector of others with tensors that turn with a cluster."""
+        return form(*vectors)
+
 
 def choose_frames(system: System, clusters: Clusters, own_axes: Collection[int]) -> Frames:
     """Resolve the clusters of ``own_axes`` in their own axes, the others in their parent's."""
     assert system.trees.is_one or not own_axes  # of two parents neither basis would do
     rotations = [no_rotation(system.dag)]
     steps: list[Matrix | None] = [None]
-    for branch in clusters.branches[1:]:
-        assert branch is not None
-        relative = _turned(rotations[branch.turn_parent], branch)
-        if branch.turns and branch.child in own_axes:
-            rotations.append(no_rotation(system.dag))
-            steps.append(relative.matrix)
-        else:
-            rotations.append(relative)
-            steps.append(None)
+    with system.dag.labelled("f-circuits, rotation"):
+        for branch in clusters.branches[1:]:
+            assert branch is not None
+            relative = _turned(rotations[branch.turn_parent], branch)
+            if branch.turns and branch.child in own_axes:
+                rotations.append(no_rotation(system.dag))
+                steps.append(relative.matrix)
+            else:
+                rotations.append(relative)
+                steps.append(None)
     return Frames(tuple(rotations), tuple(steps))
 
 
@@ -128,8 +158,7 @@ class Geometry:
 def resolve_branch(system: System, frames: Frames, branch: Branch) -> Geometry:
     """Resolve a branch in the basis of its parent."""
     zero = vector.zeros(system.dag)
-    carrier = frames.carrier_axes(branch)
-    axes = tuple(vector.times(carrier, axis) for axis in branch.axes)
+    axes = tuple(frames.carried(branch, axis) for axis in branch.axes)
     slide = zero  # in the carrier's axes
     for axis, length in zip(branch.axes, branch.slides, strict=True):
         if not length.is_zero:
@@ -139,12 +168,12 @@ def resolve_branch(system: System, frames: Frames, branch: Branch) -> Geometry:
         from_child = zero
     else:
         from_parent = frames.resolved(branch.parent, branch.anchor)
-        from_child = vector.neg(vector.times(carrier, slide))
+        from_child = vector.neg(frames.carried(branch, slide))
     turning, shifting, sliding = [], [], []
     for axis, length in zip(axes, branch.slides, strict=True):
         along = vector.signed(branch.sign, axis)
         turning.append(along if branch.turns else zero)
-        sliding.append(vector.scale(length, along))
+        sliding.append(vector.scale(frames.seen(length), along))
         # A child that turns about its parent's point takes along what it carries itself.
         shifting.append(vector.add(vector.cross(turning[-1], from_child), sliding[-1]))
     return Geometry(

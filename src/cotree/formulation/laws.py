@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from cotree.formulation.ends import Pull
     from cotree.formulation.fields import BoundEdge
     from cotree.formulation.measures import Measure
-    from cotree.formulation.views import FirstView, View
+    from cotree.formulation.views import View
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def _seen(arguments: Mapping[Node, tuple[Measure, bool]], view: View) -> dict[No
     }
 
 
-def applied_laws(motion: Motion, view: FirstView) -> list[Applied]:
+def applied_laws(motion: Motion, view: View) -> list[Applied]:
     """Evaluate the laws that act along measures."""
     found: list[Applied] = []
     for edge in motion.system.edges.values():
@@ -91,7 +91,7 @@ def _act(
     measure: Measure,
     formula: Node,
     arguments: Mapping[Node, tuple[Measure, bool]],
-    view: FirstView,
+    view: View,
     potential: Node | None = None,
 ) -> Applied:
     seen = _seen(arguments, view)
@@ -108,7 +108,7 @@ def _symbols(motion: Motion) -> tuple[Node, Node]:
     return dag.symbol("measure", 0), dag.symbol("measure rate", 0)
 
 
-def _chord_joint(motion: Motion, edge: BoundEdge, view: FirstView) -> Iterator[Applied]:
+def _chord_joint(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
     """Evaluate the law of a joint along its coordinate where that is of a chord."""
     law = edge.component.law
     if law is None:
@@ -139,7 +139,7 @@ def stored_energy(scalars: Mapping[str, Node], at: Node) -> Node:
     return 0.5 * scalars["stiffness"] * (stretch * stretch)
 
 
-def _bushing(motion: Motion, edge: BoundEdge, view: FirstView) -> Iterator[Applied]:
+def _bushing(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
     """Evaluate a bushing along and about the axes of its first node."""
     ends, units = chord_ends(motion, edge), vector.identity(motion.system.dag)
     a = [carried_by(motion, ends, 0, unit) for unit in units]
@@ -165,7 +165,7 @@ def _bushing(motion: Motion, edge: BoundEdge, view: FirstView) -> Iterator[Appli
                 yield _act(edge, name, measure, formula, arguments, view, stored)
 
 
-def _user_law(motion: Motion, edge: BoundEdge, view: FirstView) -> Iterator[Applied]:
+def _user_law(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
     """Evaluate a law that a user wrote, in Python or as an expression of the scene."""
     ends = chord_ends(motion, edge)
     if edge.component.acts is Acts.VELOCITY:
@@ -196,7 +196,7 @@ def _with_names(motion: Motion, own: Mapping[str, Node]) -> Any:
     return resolve
 
 
-def _against_motion(motion: Motion, edge: BoundEdge, view: FirstView) -> Iterator[Applied]:
+def _against_motion(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
     """Evaluate a law of speed along the relative velocity: law(speed) / speed times velocity."""
     dag, ends = motion.system.dag, chord_ends(motion, edge)
     law = edge.component.law

@@ -82,19 +82,19 @@ class Coincidence:
 
     def value(self, view: View) -> Any:
         """Give the component."""
-        return vector.dot(view.constant(self.direction), self.ends.reach(view))
+        return vector.dot(self.direction, self.ends.reach(view))
 
     def rate(self, view: View) -> Any:
         """Give the component of the velocity."""
-        return vector.dot(view.constant(self.direction), self.ends.closing(view))
+        return vector.dot(self.direction, self.ends.closing(view))
 
     def acceleration(self, view: View) -> Any:
         """Give the component of the acceleration."""
-        return vector.dot(view.constant(self.direction), self.ends.opening(view))
+        return vector.dot(self.direction, self.ends.opening(view))
 
     def pull(self, view: View) -> Pull:
         """Act with a force along the direction."""
-        return pair_pull(view, self.ends, view.constant(self.direction), None)
+        return pair_pull(view, self.ends, self.direction, None)
 
 
 @dataclass(frozen=True)
@@ -137,27 +137,27 @@ class Distance:
 
     ends: Ends
 
+    def _polar(self, view: View) -> Any:
+        return vector.polar(self.ends.reach(view))
+
     def value(self, view: View) -> Any:
         """Give |r|."""
-        reach = self.ends.reach(view)
-        return function("sqrt", vector.dot(reach, reach))
-
-    def _direction(self, view: View) -> Any:
-        return vector.scale(1.0 / self.value(view), self.ends.reach(view))
+        return self._polar(view)[0]
 
     def rate(self, view: View) -> Any:
         """Give e.r', e being the direction."""
-        return vector.dot(self._direction(view), self.ends.closing(view))
+        return vector.dot(self._polar(view)[1], self.ends.closing(view))
 
     def acceleration(self, view: View) -> Any:
         """Give e.r'' + (r'.r' - (e.r')^2) / |r|."""
+        length, direction = self._polar(view)
         closing, rate = self.ends.closing(view), self.rate(view)
-        across = (vector.dot(closing, closing) - rate * rate) / self.value(view)
-        return vector.dot(self._direction(view), self.ends.opening(view)) + across
+        across = (vector.dot(closing, closing) - rate * rate) / length
+        return vector.dot(direction, self.ends.opening(view)) + across
 
     def pull(self, view: View) -> Pull:
         """Push the nodes apart."""
-        return pair_pull(view, self.ends, self._direction(view), None)
+        return pair_pull(view, self.ends, self._polar(view)[1], None)
 
 
 @dataclass(frozen=True)

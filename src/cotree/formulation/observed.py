@@ -17,7 +17,7 @@ from cotree.formulation.elements import Wrench
 from cotree.formulation.laws import stored_energy
 from cotree.formulation.measures import Angle
 from cotree.formulation.through import shifted
-from cotree.formulation.views import FirstView
+from cotree.formulation.views import View
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -97,7 +97,7 @@ def _chord_coordinate(motion: Motion, edge: BoundEdge, name: str, is_acting: boo
     is_value = any(name == n for step in edge.component.motion_space for n, _ in step.coordinates)
     if is_acting and is_value and isinstance(measure, Angle):
         measure = whole_angle(motion, edge)
-    view = FirstView(motion)
+    view = View(motion)
     found: Node = measure.value(view) if is_value else measure.rate(view)
     return found
 
@@ -135,7 +135,7 @@ class Observer:
 
     Attributes
     ----------
-    view : FirstView
+    view : View
         Across variables.
     loads, balance : Loads, Balance
         Through variables.
@@ -145,7 +145,7 @@ class Observer:
         Variables of the scalar networks, by name.
     """
 
-    view: FirstView
+    view: View
     loads: Loads
     balance: Balance
     applied: Sequence[Applied]

@@ -5,15 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from cotree.dag.dual import tangent_of
 from cotree.scene.events import event_expressions
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from cotree.dag.nodes import Node
+    from cotree.formulation.across import Motion
     from cotree.formulation.observed import Observer
     from cotree.scene.description import SceneDescription
-    from cotree.sensitivity.across import MotionTangent
 
 
 @dataclass(frozen=True)
@@ -87,13 +88,14 @@ def _place(name: str) -> tuple[int, int] | None:
     return None
 
 
-def output_seed(moved: MotionTangent, outputs: Outputs) -> dict[Node, Node]:
-    """Differentiate the across variables that outputs use, by the sensitivity graph."""
+def output_tangents(motion: Motion, outputs: Outputs) -> dict[Node, Node]:
+    """Differentiate the across variables that outputs use, by a sensitivity graph's motion."""
     seed = {}
     for name, value in outputs.across.items():
         place = _place(name)
         assert place is not None  # only such are kept
-        point = moved.motion.clusters.points[name.partition(".")[0]]
+        point = motion.clusters.points[name.partition(".")[0]]
         order, i = place
-        seed[value] = (moved.position(point) if order == 0 else moved.velocity(point))[i]
+        see = motion.velocity if order else motion.position
+        seed[value] = tangent_of(see(point))[i]
     return seed

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.dag import vector
 from cotree.formulation.chords import constraint_rows
-from cotree.formulation.elements import Wrench
+from cotree.formulation.elements import Sums, Wrench
 from cotree.formulation.laws import Applied
-from cotree.formulation.through import hand_on, project
+from cotree.formulation.through import carried, hand_on, project
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from cotree.formulation.ends import Pull
     from cotree.formulation.frames import Geometry
     from cotree.formulation.measures import Measure
-    from cotree.formulation.views import FirstView, View
+    from cotree.formulation.views import View
 
 
 @dataclass(frozen=True)
@@ -60,16 +60,14 @@ class Constraints:
     baumgarte: float
 
 
-def form_constraints(
-    motion: Motion, view: FirstView, baumgarte: float
-) -> tuple[Constraints, list[Row]]:
+def form_constraints(motion: Motion, view: View, baumgarte: float) -> tuple[Constraints, list[Row]]:
     """Form the constraints of a scene.
 
     Parameters
     ----------
     motion : Motion
         The first graph.
-    view : FirstView
+    view : View
         Its across variables at accelerations zero.
     baumgarte : float
         Rate at which violated constraints decay.
@@ -162,16 +160,16 @@ def _along_speeds(
     for index, effort in pull.efforts.items():
         totals[index] = totals[index] + of_effort(effort)
     for pulled, force, torque in pull.wrenches:
-        on_cluster: list[Wrench | None] = [None] * pulled + [Wrench(force, torque)]
+        sums = Sums(pulled + 1)
+        sums.gather(pulled, Wrench(force, torque))
         for cluster in range(pulled, 0, -1):
-            wrench = on_cluster[cluster]
-            if wrench is None:
+            total = sums.at(cluster)
+            if total is None:
                 continue
-            geometry = motion.to(cluster)
-            wrench = Wrench(frames.up(cluster, wrench.force), frames.up(cluster, wrench.torque))
+            geometry, wrench = motion.to(cluster), carried(frames, cluster, total)
             for i, speed in enumerate(geometry.branch.speeds):
                 totals[speed.index] = totals[speed.index] + projected(geometry, i, wrench)
-            hand_on(on_cluster, geometry.branch, wrench, (geometry.offset, wrench.force))
+            hand_on(sums, geometry, wrench)
     return totals
 
 

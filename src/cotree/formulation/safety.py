@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from cotree.formulation.chords import Row
     from cotree.formulation.clusters import Branch, Clusters, Inertia
     from cotree.formulation.system import System
-    from cotree.formulation.views import FirstView
+    from cotree.formulation.views import View
 
 #: Metres or radians that nodes may be apart where nothing can bring them together: rounding.
 _LARGEST_GAP = 1e-9
@@ -60,7 +60,7 @@ def check_inertia(
             )
 
 
-def met_where_idle(rows: Sequence[Row], view: FirstView) -> list[Guard]:
+def met_where_idle(rows: Sequence[Row], view: View) -> list[Guard]:
     """Require that constraints that no motion changes, such as those out of a plane, hold.
 
     Raises

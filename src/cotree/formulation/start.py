@@ -17,6 +17,7 @@ from cotree.dag.rotation import quaternion_of_nodes
 from cotree.errors import SceneError
 from cotree.formulation.across import move
 from cotree.formulation.chords import chord_measure, node_angle
+from cotree.formulation.frames import choose_frames
 from cotree.formulation.lumping import lump
 from cotree.formulation.pulls import along_speeds
 from cotree.formulation.system import bind
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from cotree.formulation.across import Motion
     from cotree.formulation.measures import Measure
     from cotree.formulation.system import System
-    from cotree.formulation.views import FirstView
+    from cotree.formulation.views import View
     from cotree.scene.description import SceneDescription
     from cotree.scene.trees import Trees
 
@@ -55,7 +56,8 @@ def body_starts(
     if not placed:
         return {}
     system = bind(scene, reference, dag, is_start=True)
-    motion = move(system, lump(system), ())
+    clusters = lump(system)
+    motion = move(system, clusters, choose_frames(system, clusters, ()))
     values = _parameter_values(scene, motion)
     return {name: _start(motion, name, spaces[name], values) for name in placed}
 
@@ -126,9 +128,7 @@ class Condition:
     gradient: tuple[Node, ...]
 
 
-def start_conditions(
-    scene: SceneDescription, motion: Motion, view: FirstView
-) -> tuple[Condition, ...]:
+def start_conditions(scene: SceneDescription, motion: Motion, view: View) -> tuple[Condition, ...]:
     """List the initial values that the scene gives for joints and bodies that are chords.
 
     Raises

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 
 from cotree.components import Role
 from cotree.dag import vector
+from cotree.dag.dual import is_varied
 from cotree.formulation.clusters import Inertia, combined
-from cotree.formulation.elements import Wrench, actions, gather, wrenches
+from cotree.formulation.elements import Sums, Wrench, actions, wrenches
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -21,19 +22,17 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Node
     from cotree.dag.vector import Matrix, Vector
     from cotree.formulation.across import Accelerations, Motion
-    from cotree.formulation.clusters import Branch
     from cotree.formulation.elements import Action
     from cotree.formulation.ends import Pull
-    from cotree.formulation.frames import Geometry
+    from cotree.formulation.frames import Frames, Geometry
 
 
 @dataclass(frozen=True)
 class Effort:
-    """Value of a joint's law along a coordinate, its arguments and its partial derivatives."""
+    """Value of a joint's law along a coordinate, and its arguments."""
 
     value: Node
     arguments: Mapping[str, Node]
-    partials: Mapping[str, Node]
 
 
 @dataclass(frozen=True)
@@ -65,7 +64,8 @@ class Loads:
         on_cluster, along = list(self.on_cluster), list(self.along)
         for pull in pulls:
             for cluster, force, torque in pull.wrenches:
-                gather(on_cluster, cluster, Wrench(force, torque))
+                known, wrench = on_cluster[cluster], Wrench(force, torque)
+                on_cluster[cluster] = wrench if known is None else known.plus(wrench)
             for index, effort in pull.efforts.items():
                 along[index] = along[index] + effort
         return replace(self, on_cluster=tuple(on_cluster), along=tuple(along))
@@ -79,53 +79,67 @@ class Balance:
     ----------
     residual : tuple of Node
         One for each speed; zero on a motion.
+    totals : tuple of Wrench
+        Sum of inertia less load on each cluster and beyond it, at its origin and in its basis.
     beyond : tuple of Wrench
-        Sum of inertia less load beyond each moving branch, at the child's origin, in the parent's
-        basis: what the branch transmits.
+        The same of each moving branch's child, in the parent's basis: what the branch transmits.
     """
 
     residual: tuple[Node, ...]
+    totals: tuple[Wrench, ...]
     beyond: tuple[Wrench, ...]
 
 
 def load(motion: Motion) -> Loads:
     """Form the terminal equations of force elements and joint laws, and resolve the inertias."""
-    on_cluster: list[Wrench | None] = [None] * len(motion.omega)
-    elements = tuple(actions(motion))
+    found = loads_of(motion, actions(motion))
+    with motion.system.dag.labelled("inertias"):
+        inertias = tuple(
+            None if inertia is None else resolved_field(motion.frames, i, inertia)
+            for i, inertia in enumerate(motion.clusters.inertias)
+        )
+    return replace(found, inertias=inertias)
+
+
+def loads_of(motion: Motion, elements: Sequence[Action], first: Loads | None = None) -> Loads:
+    """Sum the force elements and evaluate the laws of joints, without inertias.
+
+    ``first`` are the first graph's loads, where this is a sensitivity graph's.
+    """
+    sums = Sums(len(motion.omega))
     for action in elements:
         with motion.system.dag.labelled(f"terminal equation of {action.edge.name}"):
             for cluster, wrench in wrenches(motion, action):
-                gather(on_cluster, cluster, wrench)
+                sums.gather(cluster, wrench)
     with motion.system.dag.labelled("terminal equations of joints"):
-        efforts = tuple(joint_efforts(motion))
-    with motion.system.dag.labelled("inertias"):
-        inertias = tuple(
-            None if inertia is None else resolved(inertia, motion.frames.rotations[i].matrix)
-            for i, inertia in enumerate(motion.clusters.inertias)
-        )
-    along = tuple(effort.value for effort in efforts)
-    return Loads(elements, tuple(on_cluster), efforts, along, inertias)
+        efforts = tuple(_joint_efforts(motion, first))
+    clusters = range(len(motion.omega))
+    return Loads(
+        tuple(elements),
+        tuple(sums.at(cluster) for cluster in clusters),
+        efforts,
+        tuple(effort.value for effort in efforts),
+        tuple(None for _ in clusters),
+    )
 
 
-def joint_efforts(motion: Motion) -> list[Effort]:
+def _joint_efforts(motion: Motion, first: Loads | None) -> list[Effort]:
     """Evaluate the law of each tree joint along its coordinate."""
-    system = motion.system
+    system, seen = motion.system, motion.frames.seen
     efforts = []
     for speed in system.speeds:
         edge, coordinate = system.edges[speed.edge], speed.coordinate
         law = edge.component.law
         if law is None or coordinate is None or edge.component.role is not Role.JOINT:
-            efforts.append(Effort(system.dag.zero, {}, {}))
+            efforts.append(Effort(system.dag.zero, {}))
             continue
         name = coordinate.name.partition(".")[2]
-        arguments = {**edge.scalars, name: coordinate.symbol, f"{name}_dot": speed.symbol}
-        efforts.append(
-            Effort(
-                law.value(system.dag, arguments),
-                arguments,
-                law.partial_values(system.dag, arguments),
-            )
-        )
+        arguments = {key: seen(node) for key, node in edge.scalars.items()}
+        arguments |= {name: seen(coordinate.symbol), f"{name}_dot": seen(speed.symbol)}
+        if first is not None and not is_varied(*arguments.values()):
+            efforts.append(first.efforts[speed.index])
+        else:
+            efforts.append(Effort(law.value(system.dag, arguments), arguments))
     return efforts
 
 
@@ -138,74 +152,95 @@ def resolved(inertia: Inertia, axes: Matrix) -> Inertia:
     )
 
 
+def resolved_field(frames: Frames, cluster: int, local: Inertia) -> Inertia:
+    """Resolve a cluster's inertia, given in its axes, in its basis."""
+    return Inertia(
+        frames.seen(local.mass),
+        frames.resolved(cluster, local.moment),
+        frames.tensor(cluster, local.tensor),
+    )
+
+
 def inertial_wrench(
-    inertia: Inertia, omega: Vector, alpha: Vector, matrix: Matrix, origin: Vector
+    motion: Motion, across: Accelerations, cluster: int, inertia: Inertia
 ) -> Wrench:
     """Form the terminal equation of a lumped inertia, at its cluster's origin.
 
     Force ``m a + A h``; torque ``h x a + J alpha + omega x (J omega)``, with first moment h and
     second moment J about the origin, whose acceleration is a.
     """
+    origin, matrix = across.origin[cluster], across.matrix[cluster]
     force = vector.add(vector.scale(inertia.mass, origin), vector.times(matrix, inertia.moment))
-    torque = vector.add(
-        vector.cross(inertia.moment, origin), spin_torque(inertia.tensor, omega, alpha)
-    )
-    return Wrench(force, torque)
 
+    def spin_torque(omega: Vector, alpha: Vector) -> Vector:
+        gyroscopic = vector.cross(omega, vector.times(inertia.tensor, omega))
+        return vector.add(vector.times(inertia.tensor, alpha), gyroscopic)
 
-def spin_torque(tensor: Matrix, omega: Vector, alpha: Vector) -> Vector:
-    """Form J alpha + omega x (J omega)."""
-    gyroscopic = vector.cross(omega, vector.times(tensor, omega))
-    return vector.add(vector.times(tensor, alpha), gyroscopic)
+    spin = motion.frames.within(cluster, spin_torque, motion.omega[cluster], across.alpha[cluster])
+    return Wrench(force, vector.add(vector.cross(inertia.moment, origin), spin))
 
 
 def balance(motion: Motion, loads: Loads, across: Accelerations) -> Balance:
     """Form the f-cutset equations of the branches and project them on their motion spaces."""
+    zero = vector.zeros(motion.system.dag)
+    nothing = Wrench(zero, zero)
+    sums = Sums(len(motion.omega))
+    gather_chords(motion, loads, across, sums)
+    residual = project_cutsets(motion, loads, sums)
+    totals = tuple(sums.at(cluster) or nothing for cluster in range(len(motion.omega)))
+    beyond = tuple(
+        carried(motion.frames, geometry.branch.child, totals[geometry.branch.child])
+        for geometry in motion.geometry
+    )
+    return Balance(residual, totals, beyond)
+
+
+def gather_chords(motion: Motion, loads: Loads, across: Accelerations, sums: Sums) -> None:
+    """Sum the chords at each cluster: its inertia less its loads."""
+    dag = motion.system.dag
+    with dag.labelled("terminal equations of inertias"):
+        for cluster, inertia in enumerate(loads.inertias):
+            if cluster == 0:
+                continue
+            if inertia is not None and sums.takes(
+                cluster,
+                inertia.mass,
+                inertia.moment,
+                inertia.tensor,
+                motion.omega[cluster],
+                across.alpha[cluster],
+                across.origin[cluster],
+            ):
+                sums.gather(cluster, inertial_wrench(motion, across, cluster, inertia))
+            applied = loads.on_cluster[cluster]
+            if applied is not None:
+                sums.gather(cluster, applied.minus())
+
+
+def project_cutsets(motion: Motion, loads: Loads, sums: Sums) -> tuple[Node, ...]:
+    """Sum inwards what the branches transmit, and project it on their motion spaces."""
     system, frames = motion.system, motion.frames
-    zero = vector.zeros(system.dag)
-    totals = [_cluster_total(motion, loads, across, c) for c in range(len(motion.omega))]
-    beyond: list[Wrench] = []
     residual: dict[str, Node] = {}
     for geometry in reversed(motion.geometry):
         branch = geometry.branch
+        total = sums.at(branch.child)
+        if total is None:
+            continue
         with system.dag.labelled(f"f-cutset of {branch.edge}"):
-            total = totals[branch.child] or Wrench(zero, zero)
-            carried = Wrench(
-                frames.up(branch.child, total.force), frames.up(branch.child, total.torque)
-            )
+            wrench = carried(frames, branch.child, total)
             for i, speed in enumerate(branch.speeds):
-                residual[speed.name] = project(geometry, i, carried)
-            hand_on(totals, branch, carried, (geometry.offset, carried.force))
-        beyond.append(carried)
+                residual[speed.name] = project(geometry, i, wrench)
+            hand_on(sums, geometry, wrench)
     with system.dag.labelled("projection on motion spaces"):
-        rows = tuple(
-            residual[speed.name] - effort
+        return tuple(
+            residual.get(speed.name, system.dag.zero) - effort
             for speed, effort in zip(system.speeds, loads.along, strict=True)
         )
-    return Balance(rows, tuple(reversed(beyond)))
 
 
-def _cluster_total(
-    motion: Motion, loads: Loads, across: Accelerations, cluster: int
-) -> Wrench | None:
-    """Sum the chords at one cluster: its inertia less its loads."""
-    inertia, applied = loads.inertias[cluster], loads.on_cluster[cluster]
-    if cluster == 0 or (inertia is None and applied is None):
-        return None
-    total = None
-    with motion.system.dag.labelled("terminal equations of inertias"):
-        if inertia is not None:
-            total = inertial_wrench(
-                inertia,
-                motion.omega[cluster],
-                across.alpha[cluster],
-                across.matrix[cluster],
-                across.origin[cluster],
-            )
-        if applied is not None:
-            reaction = Wrench(vector.neg(applied.force), vector.neg(applied.torque))
-            total = reaction if total is None else total.plus(reaction)
-    return total
+def carried(frames: Frames, cluster: int, wrench: Wrench) -> Wrench:
+    """Resolve a wrench of a cluster's basis in its parent's."""
+    return Wrench(frames.up(cluster, wrench.force), frames.up(cluster, wrench.torque))
 
 
 def project(geometry: Geometry, i: int, wrench: Wrench) -> Node:
@@ -220,22 +255,19 @@ def shifted(wrench: Wrench, arm: Vector) -> Wrench:
     return Wrench(wrench.force, vector.add(wrench.torque, vector.cross(arm, wrench.force)))
 
 
-def hand_on(
-    totals: list[Wrench | None], branch: Branch, wrench: Wrench, *moments: tuple[Vector, Vector]
-) -> None:
-    """Add what a branch transmits to its parents: the force with its moments, and the torque.
+def hand_on(sums: Sums, geometry: Geometry, wrench: Wrench) -> None:
+    """Add what a branch transmits to its parents: the force with its moment, and the torque.
 
-    Each moment is an arm and a force. Where the trees differ the torque goes the way of the
-    rotation graph.
+    Where the trees differ the torque goes the way of the rotation graph.
     """
-    torque = wrench.torque
-    if branch.parent != branch.turn_parent:
-        zero = vector.zeros(torque[0].dag)
-        gather(totals, branch.turn_parent, Wrench(zero, torque))
-        torque = zero
-    for arm, force in moments:
-        torque = vector.add(torque, vector.cross(arm, force))
-    gather(totals, branch.parent, Wrench(wrench.force, torque))
+    branch = geometry.branch
+    if branch.parent == branch.turn_parent:
+        if branch.parent:  # nobody asks what the ground feels
+            sums.gather(branch.parent, shifted(wrench, geometry.offset))
+        return
+    zero = vector.zeros(branch.anchor[0].dag)
+    sums.gather(branch.turn_parent, Wrench(zero, wrench.torque))
+    sums.gather(branch.parent, shifted(Wrench(wrench.force, zero), geometry.offset))
 
 
 def mass_matrix(motion: Motion, loads: Loads) -> list[list[Node]]:
@@ -311,8 +343,5 @@ def _project_column(
             matrix[row][column] = matrix[column][row] = project(geometry, i, wrench)
         if branch.parent == 0:
             return
-        wrench = shifted(wrench, geometry.offset)
-        wrench = Wrench(
-            frames.up(branch.parent, wrench.force), frames.up(branch.parent, wrench.torque)
-        )
+        wrench = carried(frames, branch.parent, shifted(wrench, geometry.offset))
         geometry = motion.to(branch.parent)

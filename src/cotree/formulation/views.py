@@ -1,17 +1,15 @@
 """Views for measures: across variables between clusters, in the basis of a common ancestor.
 
-The first graph gives nodes; a sensitivity graph (:mod:`cotree.sensitivity.views`) gives duals, so
-that each formula is written once.
+The first graph sees vectors and nodes, a sensitivity graph their duals.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING
 
 from cotree.dag import vector
-from cotree.dag.traverse import substitute
 from cotree.formulation.circuits import Circuits, inwards, outwards
 
 if TYPE_CHECKING:
@@ -23,61 +21,23 @@ if TYPE_CHECKING:
     from cotree.formulation.clusters import Point
 
 
-class View(Protocol):
-    """Across variables as nodes, or as duals of a sensitivity graph."""
-
-    @property
-    def motion(self) -> Motion:
-        """The first graph's positions and velocities."""
-        ...
-
-    def scalar(self, node: Node) -> Any:
-        """See a field, a coordinate, a speed or an acceleration."""
-        ...
-
-    def fixed(self, cluster: int, local: Vector, ancestor: int) -> Any:
-        """See a vector of a cluster's axes that is constant there, but for explicit time."""
-        ...
-
-    def position(self, point: Point, ancestor: int) -> Any:
-        """See the vector from an ancestor's origin to a point."""
-        ...
-
-    def velocity(self, point: Point, ancestor: int) -> Any:
-        """See a point's velocity less that of an ancestor's origin."""
-        ...
-
-    def acceleration(self, point: Point, ancestor: int) -> Any:
-        """See a point's acceleration less that of an ancestor's origin."""
-        ...
-
-    def omega(self, cluster: int, ancestor: int) -> Any:
-        """See an angular velocity."""
-        ...
-
-    def alpha(self, cluster: int, ancestor: int) -> Any:
-        """See an angular acceleration."""
-        ...
-
-    def formula(self, node: Node, arguments: Mapping[Node, Any]) -> Any:
-        """Put values in the place of a formula's arguments."""
-        ...
-
-    def constant(self, a: Vector) -> Any:
-        """See a vector of numbers that nothing moves."""
-        ...
-
-    def settled(self, a: Any, ancestor: int, cluster: int) -> Any:
-        """Resolve a vector of an ancestor's basis in a cluster's."""
-        ...
-
-
 @dataclass(frozen=True)
-class FirstView:
-    """The first graph's across variables, at some accelerations or without any."""
+class View:
+    """Across variables of a graph, at some accelerations or without any.
+
+    Attributes
+    ----------
+    motion : Motion
+        Positions and velocities.
+    accelerations : Accelerations or None
+        The accelerations.
+    first : View or None
+        The first graph's, where this is a sensitivity graph's.
+    """
 
     motion: Motion
     accelerations: Accelerations | None = None
+    first: View | None = None
 
     @property
     def across(self) -> Accelerations:
@@ -91,6 +51,7 @@ class FirstView:
             self.motion.clusters,
             self.motion.frames,
             lambda branch: self.across.across[branch.child - 1],
+            None if self.first is None else self.first._accelerations,
         )
 
     @cached_property
@@ -102,23 +63,25 @@ class FirstView:
         return inwards(self.motion.clusters, self.motion.frames, a, cluster, ancestor)
 
     def scalar(self, node: Node) -> Node:
-        """See a scalar; accelerations are those of this view."""
-        return node if self.accelerations is None else self._rates.get(node, node)
+        """See a field, a coordinate, a speed or an acceleration of this view."""
+        if self.accelerations is not None:
+            node = self._rates.get(node, node)
+        return self.motion.frames.seen(node)
 
     def fixed(self, cluster: int, local: Vector, ancestor: int) -> Vector:
-        """See a vector of a cluster's axes."""
+        """See a vector of a cluster's axes that is constant there, but for explicit time."""
         return self._inwards(self.motion.frames.resolved(cluster, local), cluster, ancestor)
 
     def position(self, point: Point, ancestor: int) -> Vector:
-        """See a position."""
+        """See the vector from an ancestor's origin to a point."""
         return self.motion.position(point, ancestor)
 
     def velocity(self, point: Point, ancestor: int) -> Vector:
-        """See a velocity."""
+        """See a point's velocity less that of an ancestor's origin."""
         return self.motion.velocity(point, ancestor)
 
     def acceleration(self, point: Point, ancestor: int) -> Vector:
-        """See an acceleration."""
+        """See a point's acceleration less that of an ancestor's origin."""
         zero = vector.zeros(self.motion.system.dag)
         own = vector.times(self.across.matrix[point.cluster], self.motion.arm(point))
         own = self._inwards(own, point.cluster, ancestor)
@@ -133,13 +96,9 @@ class FirstView:
         return self._inwards(self.across.alpha[cluster], cluster, ancestor)
 
     def formula(self, node: Node, arguments: Mapping[Node, Node]) -> Node:
-        """Substitute."""
-        return substitute([node], arguments)[0]
-
-    def constant(self, a: Vector) -> Vector:
-        """See a constant vector."""
-        return a
+        """Put values in the place of a formula's arguments."""
+        return self.motion.frames.formula(node, arguments)
 
     def settled(self, a: Vector, ancestor: int, cluster: int) -> Vector:
-        """Resolve in a cluster's basis."""
+        """Resolve a vector of an ancestor's basis in a cluster's."""
         return outwards(self.motion.clusters, self.motion.frames, a, ancestor, cluster)

@@ -12,21 +12,23 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from cotree.dag.derivative import tangents
+from cotree.dag.dual import tangent_of
 from cotree.dag.symbols import PARAMETER_CHANGE, SENSITIVITY, STATE_CHANGE, UNKNOWN_CHANGE
 from cotree.dag.traverse import substitute
 from cotree.equations import Derivative, Equations, Quantity
 from cotree.errors import ParameterError, nearest
+from cotree.formulation.across import accelerate, move
 from cotree.formulation.observed import observed_unit
-from cotree.formulation.outputs import output_seed
+from cotree.formulation.outputs import output_tangents
 from cotree.formulation.pulls import stabilised
-from cotree.sensitivity.across import accelerate_tangent, move_tangent
+from cotree.formulation.views import View
 from cotree.sensitivity.held import gather_constraints, start_tangents
 from cotree.sensitivity.motion import motion_seed
 from cotree.sensitivity.networks import network_tangents
 from cotree.sensitivity.reach import Reach, rows_touched
 from cotree.sensitivity.seed import Seed, Support
-from cotree.sensitivity.through import balance_tangent
-from cotree.sensitivity.views import TangentView
+from cotree.sensitivity.through import residual_tangents
+from cotree.sensitivity.turning import turn_axes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -94,27 +96,20 @@ def _along(
     dag = first.system.dag
     symbols = {**symbols, **_measured_tangents(first, {**symbols, **of_networks})}
     seed = Seed(dag, symbols, support)
-    moved = move_tangent(first.motion, seed)
-    across = accelerate_tangent(moved, first.view.across, first.view.across.rates)
-    view = TangentView(first.view, moved, across)
-    residual = balance_tangent(
-        moved,
-        first.loads,
-        first.view.across,
-        first.balance,
-        view,
-        [first.applied[i] for i in rows_touched(reach.pulled, symbols)],
-    )
-    rate = first.constraints.baumgarte
-    held = [(dag.zero, dag.zero, dag.zero)] * len(first.constraints.rows)
-    for i in rows_touched(reach.held, symbols):
-        held[i] = _held_tangents(view, first.constraints.rows[i].measure, rate)
+    with dag.suffixed(", derivative"):
+        view = _view(first, seed)
+        pulled = [first.applied[i] for i in rows_touched(reach.pulled, symbols)]
+        residual = residual_tangents(view, first.loads, first.balance, pulled)
+        rate = first.constraints.baumgarte
+        held = [(dag.zero, dag.zero, dag.zero)] * len(first.constraints.rows)
+        for i in rows_touched(reach.held, symbols):
+            held[i] = _held_tangents(view, first.constraints.rows[i].measure, rate)
     with dag.labelled("derivatives of rates and outputs"):
         of_unknowns = dict(zip(first.unknowns, unknown_tangents(first), strict=True))
         n = len(first.rates) - (len(first.network.rates) if first.network else 0)
         rates = _tangents_at(first.rates, range(n), {**symbols, **of_unknowns})
         rates |= {n + i: changed for i, changed in network_rates.items()}
-        of_nodes = {**of_networks, **output_seed(moved, first.outputs)}
+        of_nodes = {**of_networks, **output_tangents(view.motion, first.outputs)}
         touched = [i for symbol in symbols for i in reach.outputs.get(symbol, ())]
         outputs = _tangents_at(
             first.outputs.values,
@@ -132,8 +127,16 @@ def _along(
         initial,
         tuple(value for value, _, _ in held),
         tuple(rate for _, rate, _ in held),
-        start_tangents(first, view, of_networks),
+        start_tangents(first, view, seed, of_networks),
     )
+
+
+def _view(first: FirstGraph, seed: Seed) -> View:
+    """Form the across variables of a sensitivity graph, accelerations of coordinates held fixed."""
+    motion, across = first.motion, first.view.across
+    frames = turn_axes(motion, seed)
+    moved = move(first.system, motion.clusters, frames, motion)
+    return View(moved, accelerate(moved, across.rates, across), first.view)
 
 
 def _measured_tangents(first: FirstGraph, symbols: Mapping[Node, Node]) -> dict[Node, Node]:
@@ -142,16 +145,14 @@ def _measured_tangents(first: FirstGraph, symbols: Mapping[Node, Node]) -> dict[
     return {key: d for key, d in zip(first.measured, along, strict=True) if not d.is_zero}
 
 
-def _held_tangents(
-    view: TangentView, measure: Measure, baumgarte: float
-) -> tuple[Node, Node, Node]:
+def _held_tangents(view: View, measure: Measure, baumgarte: float) -> tuple[Node, Node, Node]:
     """Differentiate a constraint at the levels of position, velocity and acceleration."""
     value = measure.value(view)
-    zero = view.moved.seed.dag.zero
+    zero = view.motion.system.dag.zero
     return (
-        zero if value is None else value.d,
-        measure.rate(view).d,
-        stabilised(measure, view, baumgarte).d,
+        zero if value is None else tangent_of(value),
+        tangent_of(measure.rate(view)),
+        tangent_of(stabilised(measure, view, baumgarte)),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cotree.components import FreeRotation
+from cotree.dag.dual import tangent_of
 from cotree.dag.traverse import substitute, symbols_in
 from cotree.equations import ConstraintSet, Quantity, RedundantRow
 from cotree.errors import ParameterError
@@ -15,7 +16,8 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Node
     from cotree.formulation.first_graph import FirstGraph
     from cotree.formulation.networks.states import Redundant
-    from cotree.sensitivity.views import TangentView
+    from cotree.formulation.views import View
+    from cotree.sensitivity.seed import Seed
 
 
 def gather_constraints(first: FirstGraph) -> ConstraintSet:
@@ -62,16 +64,15 @@ def gather_constraints(first: FirstGraph) -> ConstraintSet:
 
 
 def start_tangents(
-    first: FirstGraph, view: TangentView, of_networks: Mapping[Node, Node]
+    first: FirstGraph, view: View, seed: Seed, of_networks: Mapping[Node, Node]
 ) -> tuple[Node, ...]:
     """Differentiate :attr:`ConstraintSet.start_values`, variables of the networks being known."""
-    seed = view.moved.seed
     network = first.network
     redundant = network.redundant if network else ()
     values = [network.solved.values[row.variable] for row in redundant] if network else []
     return (
         *(
-            (row.measure.rate(view) if row.is_rate else row.measure.value(view)).d
+            tangent_of(row.measure.rate(view) if row.is_rate else row.measure.value(view))
             - seed.of(row.given)
             for row in first.conditions
         ),

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from cotree.formulation.networks.couplings import Coupling
     from cotree.formulation.networks.network import Network
     from cotree.formulation.system import System
-    from cotree.formulation.views import FirstView
+    from cotree.formulation.views import View
     from cotree.scene.description import SceneDescription
 
 
@@ -71,14 +71,14 @@ class Attached:
         return tuple(tuple(row) for row in rows)
 
 
-def attach_network(scene: SceneDescription, view: FirstView) -> Attached:
+def attach_network(scene: SceneDescription, view: View) -> Attached:
     """Form the scalar networks of a scene, where it has any.
 
     Parameters
     ----------
     scene : SceneDescription
         The scene.
-    view : FirstView
+    view : View
         Its multibody system, at the symbols of its accelerations.
     """
     # Purely multibody scenes form no network at all.

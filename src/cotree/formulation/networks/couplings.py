@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from cotree.formulation.across import Motion
     from cotree.formulation.ends import Pull
     from cotree.formulation.measures import Measure
-    from cotree.formulation.views import FirstView
+    from cotree.formulation.views import View
     from cotree.scene.networks import Port
 
 
@@ -52,14 +52,14 @@ class Coupling:
     pull: Pull
 
 
-def form_couplings(ports: Mapping[str, Port], view: FirstView) -> dict[str, Coupling]:
+def form_couplings(ports: Mapping[str, Port], view: View) -> dict[str, Coupling]:
     """Find what transducers act along.
 
     Parameters
     ----------
     ports : mapping of str to Port
         The edges of all scalar graphs.
-    view : FirstView
+    view : View
         The multibody system, at the symbols of its accelerations.
 
     Raises

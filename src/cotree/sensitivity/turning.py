@@ -1,0 +1,173 @@
+"""Axes that turn along a seed: the rule that lets the formulation run over duals.
+
+The derivative of a vector is that of the arrow in space, resolved in the same basis as the vector.
+The rotational across variable of a sensitivity graph is the parametric rotation vector phi, with
+dR/dp = [phi]x R, so that a vector fixed in a cluster changes by phi x vector. All other rules are
+those of products and sums (:mod:`cotree.dag.dual`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.dag import vector
+from cotree.dag.dual import formed, formula, tangent_of, value_of, varied
+from cotree.dag.rotation import quaternion_turn
+from cotree.formulation.frames import Frames
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from cotree.dag.nodes import Node
+    from cotree.dag.vector import Matrix, Vector
+    from cotree.formulation.across import Motion
+    from cotree.formulation.clusters import Branch
+    from cotree.formulation.frames import Geometry
+    from cotree.sensitivity.seed import Seed
+
+
+@dataclass(frozen=True)
+class Turning(Frames):
+    """Axes of the clusters as they turn along a seed, in which all is seen as duals.
+
+    Attributes
+    ----------
+    seed : Seed
+        What is differentiated by.
+    reached : frozenset of int
+        The clusters that the seed moves; the others move as in the first graph.
+    phi : tuple of Vector
+        Parametric rotation vector of each cluster, in its basis.
+    phi_inwards : tuple of Vector
+        The same, in the basis of the parent.
+    """
+
+    seed: Seed
+    reached: frozenset[int]
+    phi: tuple[Vector, ...]
+    phi_inwards: tuple[Vector, ...]
+
+    def is_kept(self, cluster: int) -> bool:
+        """Whether the seed does not reach a cluster."""
+        return cluster not in self.reached
+
+    def resolved(self, cluster: int, local: Vector) -> Vector:
+        """Resolve a vector field: it turns with the cluster, and changes by itself."""
+        return self._turned(self.rotations[cluster].matrix, local, self.phi[cluster])
+
+    def carried(self, branch: Branch, local: Vector) -> Vector:
+        """Resolve a vector field of a branch's carrier in the basis of the branch's parent."""
+        is_childs = branch.carrier == branch.child
+        phi = self.phi_inwards[branch.child] if is_childs else self.phi[branch.carrier]
+        return self._turned(self.carrier_axes(branch), local, phi)
+
+    def _turned(self, axes: Matrix, local: Vector, phi: Vector) -> Vector:
+        value = formed(vector.times, axes, local)
+        d_local = self.seed.vector(local)
+        d = phi if vector.is_zero(phi) else vector.cross(phi, value)
+        if not vector.is_zero(d_local):
+            d = vector.add(d, vector.times(axes, d_local))
+        return varied(value, d)
+
+    def tensor(self, cluster: int, local: Matrix) -> Matrix:
+        """Resolve a tensor field, as seen from the turning cluster; see :meth:`within`."""
+        axes = self.rotations[cluster].matrix
+        value, d_local = formed(vector.congruence, axes, local), self.seed.matrix(local)
+        if all(vector.is_zero(row) for row in d_local):
+            return value
+        return varied(value, vector.congruence(axes, d_local))
+
+    def seen(self, node: Node) -> Node:
+        """See a field, a coordinate or a speed."""
+        return varied(node, self.seed.of(node))
+
+    def formula(self, node: Node, arguments: Mapping[Node, Node]) -> Node:
+        """Substitute, and differentiate by the arguments and by the seed itself."""
+        return formula(node, arguments, self.seed.symbols)
+
+    def within(self, cluster: int, form: Callable[..., Vector], *vectors: Vector) -> Vector:
+        """Form a vector of others with tensors that turn with a cluster.
+
+        As seen from the cluster such tensors do not turn: the others change by what remains of
+        their derivatives, and the result turns with the cluster.
+        """
+        phi = self.phi[cluster]
+        if vector.is_zero(phi):
+            return form(*vectors)
+        seen = []
+        for a in vectors:
+            value = value_of(a)
+            seen.append(varied(value, vector.sub(tangent_of(a), vector.cross(phi, value))))
+        result = form(*seen)
+        value = value_of(result)
+        return varied(value, vector.add(vector.cross(phi, value), tangent_of(result)))
+
+
+def turn_axes(first: Motion, seed: Seed) -> Turning:
+    """Find the clusters that a seed reaches, and how it turns them."""
+    frames, zero = first.frames, vector.zeros(first.system.dag)
+    n = len(first.omega)
+    reached: set[int] = set()
+    phi, inwards = [zero] * n, [zero] * n
+    for geometry in first.geometry:
+        branch = geometry.branch
+        if reached.isdisjoint((branch.parent, branch.turn_parent)) and not _is_seeded(branch, seed):
+            continue
+        reached.add(branch.child)
+        with first.system.dag.labelled(f"f-circuits, geometry of {branch.edge}"):
+            turn = vector.add(phi[branch.turn_parent], _turn(frames, seed, geometry))
+            inwards[branch.child] = turn
+            phi[branch.child] = frames.down(branch.child, turn)
+    return Turning(
+        frames.rotations, frames.steps, seed, frozenset(reached), tuple(phi), tuple(inwards)
+    )
+
+
+def _is_seeded(branch: Branch, seed: Seed) -> bool:
+    """Whether anything of the branch itself depends on the seed."""
+    symbols = [c.symbol for c in branch.coordinates] + [v.symbol for v in branch.speeds]
+    if any(not seed.of(node).is_zero for node in (*symbols, *branch.slides)):
+        return True
+    fields = (branch.anchor, *branch.axes, *(branch.mount or ()))
+    return not all(vector.is_zero(seed.vector(local)) for local in fields)
+
+
+def _turn(frames: Frames, seed: Seed, first: Geometry) -> Vector:
+    """Form what a branch itself adds to phi, in the basis of its parent."""
+    branch = first.branch
+    if not branch.turns:
+        return vector.zeros(seed.dag)
+    if branch.quaternion is None:
+        d_axis = frames.resolved(branch.turn_parent, seed.vector(branch.axes[0]))
+        own = vector.scale(seed.of(branch.position), first.turning[0])
+        return vector.add(own, _tilt(first, d_axis))
+    d = [seed.of(entry) for entry in branch.quaternion]
+    own = vector.zeros(seed.dag)
+    if any(not entry.is_zero for entry in d):
+        own = quaternion_turn(branch.quaternion, d, is_own=branch.sign < 0)
+        own = vector.signed(branch.sign, own)
+    if branch.mount is not None:
+        own = vector.add(vector.times(branch.mount, own), _mounting(branch.mount, seed))
+    return frames.resolved(branch.turn_parent, own)
+
+
+def _mounting(mount: Matrix, seed: Seed) -> Vector:
+    """Form the rotation vector of a change of constant axes: [phi]x = dT T^T."""
+    spin = vector.matmul(seed.matrix(mount), vector.transpose(mount))
+    return (spin[2][1], spin[0][2], spin[1][0])
+
+
+def _tilt(first: Geometry, d_axis: Vector) -> Vector:
+    """Form what a change of the axis itself adds to phi.
+
+    From the derivative of the rotation vector theta e by its left Jacobian:
+    sin(theta) e_p + (1 - cos(theta)) e x e_p.
+    """
+    if vector.is_zero(d_axis):
+        return d_axis
+    position = first.branch.position
+    angle = position if first.branch.sign > 0 else -position
+    sine, cosine = (position.dag.function(name, angle) for name in ("sin", "cos"))
+    across = vector.cross(first.axes[0], d_axis)
+    return vector.add(vector.scale(sine, d_axis), vector.scale(1.0 - cosine, across))
