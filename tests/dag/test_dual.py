@@ -8,7 +8,7 @@ import pytest
 
 from cotree.dag import vector
 from cotree.dag.derivative import tangents
-from cotree.dag.dual import Dual, function, paired
+from cotree.dag.dual import Dual, function, is_varied, tangent_of, value_of, varied
 from cotree.dag.evaluate import evaluate
 from cotree.dag.operations import OPERATIONS
 
@@ -49,7 +49,7 @@ def points(dag, x, y):
 
 def _check(found, formula, seed, values):
     (expected,) = tangents([formula], seed)
-    value, d = evaluate([found.value, found.d], values)
+    value, d = evaluate([value_of(found), tangent_of(found)], values)
     # Derivatives of quotients are summed in another order.
     assert value == pytest.approx(evaluate([formula], values)[0], rel=1e-15)
     assert d == pytest.approx(evaluate([expected], values)[0], rel=1e-13)
@@ -92,17 +92,54 @@ def test_the_same_value_along_two_directions(dag, points):
     assert evaluate([found.d], values)[0] == pytest.approx(expected, rel=1e-14)
 
 
-def test_vectors_pass_through(dag, points):
-    a, b, values = points
-    first = paired((a.value, b.value, dag.one), (a.d, b.d, dag.zero))
-    second = paired((b.value, dag.constant(0.4), a.value), (b.d, dag.zero, a.d))
-    found = vector.cross(first, second)
-    values_of = [tuple(entry.value for entry in row) for row in (first, second)]
-    formulas = vector.cross(*values_of)
-    for entry, formula in zip(found, formulas, strict=True):
-        _check(entry, formula, {a.value: a.d, b.value: b.d}, values)
+def _matrix(a, b):
+    return vector.angular_acceleration_matrix(a, b)
 
 
-def test_numbers_have_no_derivative(dag, x):
-    assert (Dual(x, dag.zero) * 2.0 + 1.0).d is dag.zero
-    assert Dual(x, dag.zero).dag is dag
+#: Functions of two vectors, written once.
+OF_VECTORS = {
+    "sum": vector.add,
+    "difference": vector.sub,
+    "scalar product": vector.dot,
+    "vector product": vector.cross,
+    "multiple": lambda a, b: vector.scale(vector.dot(a, b), b),
+    "negative": lambda a, b: vector.signed(-1, a),
+    "entries": lambda a, b: a[1] * b[2] - next(iter(b)) / 3.0,
+    "length": lambda a, b: vector.polar(vector.sub(a, b))[0],
+    "direction": lambda a, b: vector.polar(vector.sub(a, b))[1],
+    "matrix": lambda a, b: vector.times(_matrix(a, b), b),
+    "transposed matrix": lambda a, b: vector.transposed_times(_matrix(a, b), b),
+    "product of matrices": lambda a, b: vector.times(
+        vector.matmul(_matrix(a, b), vector.transpose(_matrix(b, a))), b
+    ),
+    "sum of matrices": lambda a, b: vector.times(vector.matadd(_matrix(a, b), _matrix(b, a)), a),
+}
+
+
+@pytest.mark.parametrize("changing", [(), (0,), (1,), (0, 1)])
+@pytest.mark.parametrize("name", OF_VECTORS)
+def test_vectors(dag, name, changing):
+    rng = random.Random(7)
+    plain = [tuple(dag.symbol("x", 3 * i + k) for k in range(3)) for i in range(2)]
+    along = [tuple(dag.symbol("s", 3 * i + k) for k in range(3)) for i in range(2)]
+    seed = {x: d for i in changing for x, d in zip(plain[i], along[i], strict=True)}
+    values = {node: rng.uniform(0.2, 0.9) for node in (*sum(plain, ()), *sum(along, ()))}
+    vectors = [varied(a, along[i]) if i in changing else a for i, a in enumerate(plain)]
+    found, formula = OF_VECTORS[name](*vectors), OF_VECTORS[name](*plain)
+    assert value_of(found) == formula
+    assert changing or not is_varied(found)
+    d = tangent_of(found)
+    entries = zip(d, formula, strict=True) if isinstance(d, tuple) else [(d, formula)]
+    for entry, node in entries:
+        (expected,) = evaluate(tangents([node], seed), values)
+        # Sums of the same products in another order.
+        assert evaluate([entry], values)[0] == pytest.approx(expected, rel=1e-12, abs=1e-14)
+
+
+def test_what_does_not_change_is_plain(dag, x, y):
+    dx = dag.symbol("s", 0)
+    dual = varied(x, dx)
+    assert not is_varied(dual - dual, dual * dag.zero, varied(x, dag.zero))
+    assert is_varied(dual * 2.0, y * dual, 1.0 / dual, y - dual)
+    assert varied((x, y, x), (dag.zero,) * 3) == (x, y, x)
+    assert tangent_of((x, y, x)) == vector.zeros(dag)

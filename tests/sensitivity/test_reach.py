@@ -5,12 +5,14 @@ from __future__ import annotations
 import pytest
 from rod_chain import rod_chain
 
+from cotree.dag.dual import is_varied
+from cotree.formulation.across import move
 from cotree.formulation.first_graph import form_first_graph
 from cotree.pipeline import draw_graphs
 from cotree.scene.graphs import joint_tree
-from cotree.sensitivity.across import move_tangent
 from cotree.sensitivity.graphs import differentiate, state_columns
 from cotree.sensitivity.seed import Seed, Support
+from cotree.sensitivity.turning import turn_axes
 
 N = 12
 
@@ -22,22 +24,25 @@ def first():
     return form_first_graph(scene, joint_tree(scene, trees))
 
 
+def moved_along(first, symbol):
+    dag, motion = first.system.dag, first.motion
+    frames = turn_axes(motion, Seed(dag, {symbol: dag.one}, Support()))
+    return move(first.system, motion.clusters, frames, motion)
+
+
 @pytest.mark.parametrize("place", [0, 5, N - 1])
 def test_a_coordinate_reaches_the_clusters_beyond_its_joint(first, place):
-    seed = Seed(first.system.dag, {first.states[place].symbol: first.system.dag.one}, Support())
-    moved = move_tangent(first.motion, seed)
-    reached = [phi is not None for phi in moved.phi]
-    assert reached == [cluster > place for cluster in range(N + 1)]
-    assert sum(geometry is not None for geometry in moved.geometry) == N - place
+    moved = moved_along(first, first.states[place].symbol)
+    assert moved.frames.reached == set(range(place + 1, N + 1))
+    kept = [own is known for own, known in zip(moved.geometry, first.motion.geometry, strict=True)]
+    assert kept == [branch < place for branch in range(N)]
 
 
 def test_a_mass_moves_nothing(first):
-    symbol = first.system.parameters["m3"]
-    moved = move_tangent(
-        first.motion, Seed(first.system.dag, {symbol: first.system.dag.one}, Support())
-    )
-    assert all(phi is None for phi in moved.phi)
-    assert all(geometry is None for geometry in moved.geometry)
+    moved = moved_along(first, first.system.parameters["m3"])
+    assert not moved.frames.reached
+    assert moved.geometry == first.motion.geometry
+    assert not is_varied(*moved.omega)
 
 
 def test_columns_of_outer_joints_cost_less(first):

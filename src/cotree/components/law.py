@@ -115,6 +115,7 @@ class Law:
         if key not in dag.formed:
             value = from_sympy(self.expression, dag, values)
             dag.formed[key] = value, self.partial_values(dag, values)
+        value: Node
         value, partials = dag.formed[key]
         d = dag.zero
         for name, partial in partials.items():

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from cotree.equations import EventRow, Guard
     from cotree.formulation.across import Motion
     from cotree.formulation.laws import Applied
+    from cotree.formulation.networks.couplings import Coupling
     from cotree.formulation.networks.network import Network
     from cotree.formulation.outputs import Outputs
     from cotree.formulation.pulls import Constraints
@@ -87,6 +88,8 @@ class FirstGraph:
         The outputs.
     network : Network or None
         The scalar networks, whose states come after the speeds.
+    couplings : tuple of Coupling
+        The ports by which they act on the multibody system.
     has_far_inertia : bool
         Whether storages of the networks are tied to joints, so that the mass matrix holds them.
     links : tuple of TreeLink
@@ -113,6 +116,7 @@ class FirstGraph:
     rates: tuple[Node, ...]
     outputs: Outputs
     network: Network | None = None
+    couplings: tuple[Coupling, ...] = ()
     has_far_inertia: bool = False
     links: tuple[TreeLink, ...] = ()
     events: tuple[EventRow, ...] = ()
@@ -222,6 +226,7 @@ def form_first_graph(
         ),
         outputs=outputs,
         network=network,
+        couplings=tuple(attached.couplings.values()),
         has_far_inertia=bool(attached.slopes),
         events=bind_events(whole, system, states),
     )

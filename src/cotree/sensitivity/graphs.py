@@ -31,7 +31,7 @@ from cotree.sensitivity.through import residual_tangents
 from cotree.sensitivity.turning import turn_axes
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Hashable, Iterable, Mapping, Sequence
 
     from cotree.dag.nodes import Node
     from cotree.formulation.first_graph import FirstGraph
@@ -59,7 +59,8 @@ def differentiate(
         ]
     # Fields of the networks may use across variables of the multibody system.
     ahead = [{**row, **_measured_tangents(first, row)} for row in directions.values()]
-    networks = network_tangents(first.network, ahead, support)
+    couplings = _coupling_tangents(first, ahead, support)
+    networks = network_tangents(first.network, ahead, couplings, support)
     return [
         _along(
             first,
@@ -137,6 +138,35 @@ def _view(first: FirstGraph, seed: Seed) -> View:
     frames = turn_axes(motion, seed)
     moved = move(first.system, motion.clusters, frames, motion)
     return View(moved, accelerate(moved, across.rates, across), first.view)
+
+
+def _coupling_tangents(
+    first: FirstGraph, directions: Sequence[Mapping[Node, Node]], support: Support
+) -> dict[Node, dict[Hashable, Node]]:
+    """Differentiate what ports of the networks measure, by the sensitivity graphs of mechanics."""
+    dag, forms = first.system.dag, ("value", "rate", "acceleration")
+    measured = [
+        (getattr(coupling, form), coupling.measure, form)
+        for coupling in first.couplings
+        for form in forms
+    ]
+    found: dict[Node, dict[Hashable, Node]] = {
+        node: {} for node, _, _ in measured if node is not None and node.args
+    }
+    for i, symbols in enumerate(directions):
+        touched = [
+            (node, measure, form)
+            for node, measure, form in measured
+            if node in found and not support.of(node).isdisjoint(symbols)
+        ]
+        if touched:
+            with dag.suffixed(", derivative"):
+                view = _view(first, Seed(dag, symbols, support))
+                for node, measure, form in touched:
+                    d = tangent_of(getattr(measure, form)(view))
+                    if not d.is_zero:
+                        found[node][i] = d
+    return found
 
 
 def _measured_tangents(first: FirstGraph, symbols: Mapping[Node, Node]) -> dict[Node, Node]:

@@ -61,6 +61,7 @@ class _Seeds:
     """Gives derivatives of symbols and fields along all directions."""
 
     directions: Sequence[Mapping[Node, Node]]
+    couplings: Mapping[Node, Tangent]
     support: Support
     _by_symbol: dict[Node, dict[Hashable, Node]] = field(default_factory=lambda: defaultdict(dict))
 
@@ -74,6 +75,8 @@ class _Seeds:
         """Differentiate a node along all directions that it depends on."""
         if node.op == "symbol":
             return self._by_symbol.get(node, {})
+        if node in self.couplings:
+            return self.couplings[node]
         if node.value is not None:
             return {}
         touched: dict[Hashable, dict[Node, Node]] = defaultdict(dict)
@@ -87,6 +90,7 @@ class _Seeds:
 def network_tangents(
     network: Network,
     directions: Sequence[Mapping[Node, Node]],
+    couplings: Mapping[Node, Tangent],
     support: Support,
 ) -> NetworkTangents:
     """Run the networks over the sensitivity graphs of several directions.
@@ -97,10 +101,12 @@ def network_tangents(
         The first graph's networks.
     directions : sequence of mapping of Node to Node
         Tangents of the symbols that change along each direction.
+    couplings : mapping of Node to Tangent
+        Derivatives of the across variables of the multibody system that ports use.
     support : Support
         Shared with other directions.
     """
-    d = differentiate_plan(network.solved, _Seeds(directions, support))
+    d = differentiate_plan(network.solved, _Seeds(directions, couplings, support))
     return NetworkTangents(
         tuple(d[variable] for variable in network.rates),
         {

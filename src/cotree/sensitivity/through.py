@@ -83,7 +83,7 @@ def _loads(view: View, first: Loads, applied: Sequence[Applied]) -> Loads:
             with motion.system.dag.labelled(f"terminal equation of {action.edge.name}"):
                 elements.append(act(motion, action.edge))
     found = loads_of(motion, elements, first).plus(list(_pulls(view, applied)))
-    with motion.system.dag.labelled("inertias"):
+    with motion.system.dag.labelled("terminal equations of inertias"):
         inertias = tuple(
             None if local is None else resolved_field(motion.frames, cluster, local)
             for cluster, local in enumerate(motion.clusters.inertias)
