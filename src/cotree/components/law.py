@@ -113,9 +113,10 @@ class Law:
         # Sensitivity graphs need the same derivatives of the same law for every direction.
         key = (self.expression, *values.items())
         if key not in dag.formed:
-            value = from_sympy(self.expression, dag, values)
-            dag.formed[key] = value, self.partial_values(dag, values)
+            formed = from_sympy(self.expression, dag, values)
+            dag.formed[key] = formed, self.partial_values(dag, values)
         value: Node
+        partials: dict[str, Node]
         value, partials = dag.formed[key]
         d = dag.zero
         for name, partial in partials.items():
