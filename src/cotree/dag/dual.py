@@ -24,17 +24,20 @@ T = TypeVar("T")
 Form = TypeVar("Form", bound="Callable[..., Any]")
 
 
-class Dual:
+class Dual(Node):
     """A value and its derivative: nodes, vectors or matrices of nodes.
 
-    Operators are those of scalars; :mod:`cotree.dag.vector` has those of vectors and matrices.
+    Operators are those of scalars; :mod:`cotree.dag.vector` has those of vectors and matrices. It
+    is a kind of node, so that Python asks it first how a node and a dual combine.
     """
 
-    __slots__ = ("d", "value")
+    __slots__ = ("d",)
+    value: Any
+    d: Any
 
     def __init__(self, value: Any, d: Any) -> None:
         self.value = value
-        self.d = d
+        self.d = d  # and no place in an arena: only its parts have one
 
     def __getitem__(self, i: int) -> Any:
         return varied(self.value[i], self.d[i])

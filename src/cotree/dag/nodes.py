@@ -61,9 +61,7 @@ class Node:
 
     def __add__(self, other: Node | float) -> Node:
         if other.__class__ is not Node:
-            if not isinstance(other, (float, int)):
-                return NotImplemented
-            other = self.dag.constant(other)
+            other = self.dag.constant(other)  # type: ignore[arg-type]
         return self.dag.add(self, other)
 
     def __radd__(self, other: float) -> Node:
@@ -71,9 +69,7 @@ class Node:
 
     def __sub__(self, other: Node | float) -> Node:
         if other.__class__ is not Node:
-            if not isinstance(other, (float, int)):
-                return NotImplemented
-            other = self.dag.constant(other)
+            other = self.dag.constant(other)  # type: ignore[arg-type]
         return self.dag.sub(self, other)
 
     def __rsub__(self, other: float) -> Node:
@@ -81,20 +77,14 @@ class Node:
 
     def __mul__(self, other: Node | float) -> Node:
         if other.__class__ is not Node:
-            if not isinstance(other, (float, int)):
-                return NotImplemented
-            other = self.dag.constant(other)
+            other = self.dag.constant(other)  # type: ignore[arg-type]
         return self.dag.mul(self, other)
 
     def __rmul__(self, other: float) -> Node:
         return self.dag.mul(self.dag.constant(other), self)
 
     def __truediv__(self, other: Node | float) -> Node:
-        if other.__class__ is not Node:
-            if not isinstance(other, (float, int)):
-                return NotImplemented
-            other = self.dag.constant(other)
-        return self.dag.div(self, other)
+        return self.dag.div(self, other if isinstance(other, Node) else self.dag.constant(other))
 
     def __rtruediv__(self, other: float) -> Node:
         return self.dag.div(self.dag.constant(other), self)
@@ -131,6 +121,8 @@ class Dag:
         The constants 0 and 1.
     section : str
         Label given to the nodes made from now on; set it with :meth:`labelled`.
+    suffix : str
+        Added to every label that is set from now on.
     origins : dict of Node to str
         Where some values come from, as "resistance of edge 'R1'", for messages.
     formed : dict
@@ -142,7 +134,7 @@ class Dag:
         self.section = ""
         self.origins: dict[Node, str] = {}
         self.formed: dict[Any, Any] = {}
-        self._suffix = ""
+        self.suffix = ""
         self._interned: dict[Any, Node] = {}
         self.zero = self.constant(0.0)
         self.one = self.constant(1.0)
@@ -153,20 +145,11 @@ class Dag:
     @contextmanager
     def labelled(self, section: str) -> Iterator[None]:
         """Label the nodes made inside the ``with`` block."""
-        previous, self.section = self.section, section + self._suffix
+        previous, self.section = self.section, section + self.suffix
         try:
             yield
         finally:
             self.section = previous
-
-    @contextmanager
-    def suffixed(self, suffix: str) -> Iterator[None]:
-        """Add to every label that is set inside the ``with`` block."""
-        previous, self._suffix = self._suffix, suffix
-        try:
-            yield
-        finally:
-            self._suffix = previous
 
     def note_origin(self, node: Node, origin: str) -> None:
         """Record the origin of a value, for messages; the first origin stays."""

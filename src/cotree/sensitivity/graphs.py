@@ -17,25 +17,24 @@ from cotree.dag.symbols import PARAMETER_CHANGE, SENSITIVITY, STATE_CHANGE, UNKN
 from cotree.dag.traverse import substitute
 from cotree.equations import Derivative, Equations, Quantity
 from cotree.errors import ParameterError, nearest
-from cotree.formulation.across import accelerate, move
 from cotree.formulation.observed import observed_unit
 from cotree.formulation.outputs import output_tangents
 from cotree.formulation.pulls import stabilised
-from cotree.formulation.views import View
 from cotree.sensitivity.held import gather_constraints, start_tangents
 from cotree.sensitivity.motion import motion_seed
-from cotree.sensitivity.networks import network_tangents
+from cotree.sensitivity.networks import coupling_tangents, network_tangents
 from cotree.sensitivity.reach import Reach, rows_touched
 from cotree.sensitivity.seed import Seed, Support
 from cotree.sensitivity.through import residual_tangents
-from cotree.sensitivity.turning import turn_axes
+from cotree.sensitivity.turning import derivatives_labelled, view_along
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from cotree.dag.nodes import Node
     from cotree.formulation.first_graph import FirstGraph
     from cotree.formulation.measures import Measure
+    from cotree.formulation.views import View
 
 
 def differentiate(
@@ -59,7 +58,7 @@ def differentiate(
         ]
     # Fields of the networks may use across variables of the multibody system.
     ahead = [{**row, **_measured_tangents(first, row)} for row in directions.values()]
-    couplings = _coupling_tangents(first, ahead, support)
+    couplings = coupling_tangents(first, ahead, support)
     networks = network_tangents(first.network, ahead, couplings, support)
     return [
         _along(
@@ -97,8 +96,8 @@ def _along(
     dag = first.system.dag
     symbols = {**symbols, **_measured_tangents(first, {**symbols, **of_networks})}
     seed = Seed(dag, symbols, support)
-    with dag.suffixed(", derivative"):
-        view = _view(first, seed)
+    with derivatives_labelled(dag):
+        view = view_along(first, seed)
         pulled = [first.applied[i] for i in rows_touched(reach.pulled, symbols)]
         residual = residual_tangents(view, first.loads, first.balance, pulled)
         rate = first.constraints.baumgarte
@@ -130,43 +129,6 @@ def _along(
         tuple(rate for _, rate, _ in held),
         start_tangents(first, view, seed, of_networks),
     )
-
-
-def _view(first: FirstGraph, seed: Seed) -> View:
-    """Form the across variables of a sensitivity graph, accelerations of coordinates held fixed."""
-    motion, across = first.motion, first.view.across
-    frames = turn_axes(motion, seed)
-    moved = move(first.system, motion.clusters, frames, motion)
-    return View(moved, accelerate(moved, across.rates, across), first.view)
-
-
-def _coupling_tangents(
-    first: FirstGraph, directions: Sequence[Mapping[Node, Node]], support: Support
-) -> dict[Node, dict[Hashable, Node]]:
-    """Differentiate what ports of the networks measure, by the sensitivity graphs of mechanics."""
-    dag, forms = first.system.dag, ("value", "rate", "acceleration")
-    measured = [
-        (getattr(coupling, form), coupling.measure, form)
-        for coupling in first.couplings
-        for form in forms
-    ]
-    found: dict[Node, dict[Hashable, Node]] = {
-        node: {} for node, _, _ in measured if node is not None and node.args
-    }
-    for i, symbols in enumerate(directions):
-        touched = [
-            (node, measure, form)
-            for node, measure, form in measured
-            if node in found and not support.of(node).isdisjoint(symbols)
-        ]
-        if touched:
-            with dag.suffixed(", derivative"):
-                view = _view(first, Seed(dag, symbols, support))
-                for node, measure, form in touched:
-                    d = tangent_of(getattr(measure, form)(view))
-                    if not d.is_zero:
-                        found[node][i] = d
-    return found
 
 
 def _measured_tangents(first: FirstGraph, symbols: Mapping[Node, Node]) -> dict[Node, Node]:

@@ -8,12 +8,16 @@ from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar
 
 from cotree.dag.derivative import tangents
+from cotree.dag.dual import tangent_of
 from cotree.formulation.networks.solved import differentiate_plan
+from cotree.sensitivity.seed import Seed
+from cotree.sensitivity.turning import derivatives_labelled, view_along
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterable, Mapping, Sequence
 
     from cotree.dag.nodes import Node
+    from cotree.formulation.first_graph import FirstGraph
     from cotree.formulation.networks.network import Network
     from cotree.formulation.networks.rules import Tangent
     from cotree.sensitivity.seed import Support
@@ -115,3 +119,26 @@ def network_tangents(
             if network.solved.values[variable].value is None
         },
     )
+
+
+def coupling_tangents(
+    first: FirstGraph, directions: Sequence[Mapping[Node, Node]], support: Support
+) -> dict[Node, Tangent]:
+    """Differentiate what ports of the networks measure, by the sensitivity graphs of mechanics."""
+    measured = {
+        getattr(coupling, form): (coupling.measure, form)
+        for coupling in first.couplings
+        for form in ("value", "rate", "acceleration")
+    }
+    found: dict[Node, Tangent] = {node: {} for node in measured if node is not None and node.args}
+    for i, symbols in enumerate(directions):
+        touched = [node for node in found if not support.of(node).isdisjoint(symbols)]
+        if touched:
+            with derivatives_labelled(first.system.dag):
+                view = view_along(first, Seed(first.system.dag, symbols, support))
+                for node in touched:
+                    measure, form = measured[node]
+                    d = tangent_of(getattr(measure, form)(view))
+                    if not d.is_zero:
+                        found[node][i] = d
+    return found

@@ -8,21 +8,25 @@ those of products and sums (:mod:`cotree.dag.dual`).
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.dag import vector
 from cotree.dag.dual import formed, formula, tangent_of, value_of, varied
 from cotree.dag.rotation import quaternion_turn
+from cotree.formulation.across import accelerate, move
 from cotree.formulation.frames import Frames
+from cotree.formulation.views import View
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
-    from cotree.dag.nodes import Node
+    from cotree.dag.nodes import Dag, Node
     from cotree.dag.vector import Matrix, Vector
     from cotree.formulation.across import Motion
     from cotree.formulation.clusters import Branch
+    from cotree.formulation.first_graph import FirstGraph
     from cotree.formulation.frames import Geometry
     from cotree.sensitivity.seed import Seed
 
@@ -102,6 +106,23 @@ class Turning(Frames):
         result = form(*seen)
         value = value_of(result)
         return varied(value, vector.add(vector.cross(phi, value), tangent_of(result)))
+
+
+@contextmanager
+def derivatives_labelled(dag: Dag) -> Iterator[None]:
+    """Label the nodes made inside the ``with`` block as derivatives of what they belong to."""
+    dag.suffix = ", derivative"
+    try:
+        yield
+    finally:
+        dag.suffix = ""
+
+
+def view_along(first: FirstGraph, seed: Seed) -> View:
+    """Form the across variables of a sensitivity graph, accelerations of coordinates held fixed."""
+    motion, across = first.motion, first.view.across
+    moved = move(first.system, motion.clusters, turn_axes(motion, seed), motion)
+    return View(moved, accelerate(moved, across.rates, across), first.view)
 
 
 def turn_axes(first: Motion, seed: Seed) -> Turning:
