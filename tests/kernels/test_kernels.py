@@ -11,6 +11,7 @@ from eq8 import HAND_WRITTEN
 
 from cotree.dag.derivative import tangents
 from cotree.dag.evaluate import evaluate
+from cotree.dag.symbols import ARGUMENT_OF
 from cotree.dag.traverse import symbols_in
 from cotree.model.kernels import CKernels, PythonKernels
 
@@ -45,7 +46,7 @@ def evaluated(program, name, t, y, s, p, numbers="complex_"):
     """Evaluate a kernel of a program from scratch, prepared values included."""
     roots = program.kernels[name].results
     arrays = {"t": [t], "x": y, "s": np.asarray(s).T.ravel(), "p": p, "u": []}
-    values = {node: arrays[node.data[0]][node.data[1]] for node in symbols_in(roots)}
+    values = {node: arrays[ARGUMENT_OF[node.data[0]]][node.data[1]] for node in symbols_in(roots)}
     return np.array(evaluate(roots, values, numbers))
 
 

@@ -16,6 +16,7 @@ from test_embedded_algebraic import bridge
 
 from cotree import Scene, load
 from cotree.dag.evaluate import evaluate
+from cotree.dag.symbols import ARGUMENT_OF
 from cotree.dag.traverse import symbols_in
 from cotree.model.unknowns import of_model
 
@@ -43,9 +44,11 @@ def evaluated(model, name, t, x, s=(), p=None):
     arrays = {"t": [t], "x": x, "s": np.ravel(s), "p": p}
     inputs = model._program.kernels["inputs"].results
     arrays["u"] = evaluate(
-        inputs, {n: arrays[n.data[0]][n.data[1]] for n in symbols_in(inputs)}, "complex_"
+        inputs,
+        {n: arrays[ARGUMENT_OF[n.data[0]]][n.data[1]] for n in symbols_in(inputs)},
+        "complex_",
     )
-    values = {node: arrays[node.data[0]][node.data[1]] for node in symbols_in(roots)}
+    values = {node: arrays[ARGUMENT_OF[node.data[0]]][node.data[1]] for node in symbols_in(roots)}
     return np.array(evaluate(roots, values, "complex_"))
 
 

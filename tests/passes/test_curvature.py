@@ -7,6 +7,7 @@ import pytest
 
 from cotree import load
 from cotree.dag.evaluate import evaluate
+from cotree.dag.symbols import ARGUMENT_OF
 from cotree.dag.traverse import symbols_in
 from cotree.passes.curvature import form_curvature
 
@@ -26,7 +27,7 @@ def test_agrees_with_differences(scene: str, names: list[str]) -> None:
 
     given = {"t": [t], "x": x, "s": s.T.ravel(), "p": p, "u": model.input_values(t), "v": v}
     symbols = symbols_in([*curvature.at.results, *curvature.along.results])
-    values = {node: float(given[node.data[0]][node.data[1]]) for node in symbols}
+    values = {node: float(given[ARGUMENT_OF[node.data[0]]][node.data[1]]) for node in symbols}
     found = np.zeros(n * m)
     found[list(curvature.places)] = evaluate(curvature.along.results, values)
 

@@ -18,6 +18,7 @@ from cotree.codegen import kernel_text, maps
 from cotree.codegen.blocks import Blocks, cut_into_blocks
 from cotree.codegen.context import model_context
 from cotree.dag.evaluate import evaluate
+from cotree.dag.symbols import ARGUMENT_OF
 from cotree.dag.traverse import reachable, symbols_in
 from cotree.passes.curvature import form_curvature
 from cotree.passes.recipe import RECIPE, run_passes
@@ -60,7 +61,9 @@ def _point(program, seed):
 
 
 def _evaluated(roots, point, numbers="real"):
-    values = {node: point[node.data[0]][node.data[1]].item() for node in symbols_in(roots)}
+    values = {
+        node: point[ARGUMENT_OF[node.data[0]]][node.data[1]].item() for node in symbols_in(roots)
+    }
     return np.array(evaluate(roots, values, numbers))
 
 
