@@ -15,8 +15,8 @@ from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag
 from cotree.dag.several import Function, Table, call, solve, table
 from cotree.export.equations import SymbolicEquations, symbolic_equations
-from cotree.export.spelling import short_names
 from cotree.export.to_sympy import rational, to_sympy
+from cotree.export.variable_names import short_names
 from cotree.formulation.first_graph import form_first_graph
 from cotree.scene.description import SceneDescription
 from cotree.scene.graphs import choose_trees, joint_tree, linear_graphs

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cotree.equations import spread
-from cotree.export.events import SymbolicEvent, symbolic_events
-from cotree.export.spelling import (
+from cotree.export.symbolic_events import SymbolicEvent, symbolic_events
+from cotree.export.to_sympy import to_sympy
+from cotree.export.variable_names import (
     acceleration_name,
     latex_subscript,
     real_symbol,
@@ -20,7 +21,6 @@ from cotree.export.spelling import (
     spell_states,
     subscript,
 )
-from cotree.export.to_sympy import to_sympy
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
