@@ -180,7 +180,6 @@ class Terminals:
         if name in self.couplings:
             motion = self.couplings[name]
             return FieldRule(motion.acceleration if rate else motion.rate)
-        # Both ends are one node.
         if port.is_short:
             return Sum(())
         if not self.is_branch(name):
