@@ -65,9 +65,10 @@ _C_KEYWORDS = frozenset(
 _MAIN, _OWN = "main", "cotree_"
 
 
-def _shown(name: object) -> str:
-    text = repr(name)
-    return text if len(text) <= 80 else text[:77] + "..."
+def brief(text: object) -> str:
+    """Put a text on one line of at most 60 characters, for a message."""
+    line = " ".join(str(text).split())
+    return line if len(line) <= 60 else f"{line[:57]}..."
 
 
 def check_name(kind: str, name: object) -> str:
@@ -81,7 +82,7 @@ def check_name(kind: str, name: object) -> str:
     """
     if not isinstance(name, str) or not _NAME.match(name):
         raise SceneError(
-            f"{kind} name {_shown(name)} is not allowed: use a letter followed by at most 63 "
+            f"{kind} name {brief(repr(name))} is not allowed: use a letter followed by at most 63 "
             "letters, digits or underscores"
         )
     if keyword.iskeyword(name):
@@ -103,7 +104,7 @@ def check_scene_name(name: object) -> str:
     """
     if not isinstance(name, str) or not _SCENE_NAME.match(name):
         raise SceneError(
-            f"scene name {_shown(name)} is not allowed: use a letter followed by at most 63 "
+            f"scene name {brief(repr(name))} is not allowed: use a letter followed by at most 63 "
             "letters, digits, underscores or dashes"
         )
     return name

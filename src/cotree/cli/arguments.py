@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cotree.errors import ParameterError, SceneError, TopologyError
+from cotree.naming import brief
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,8 +29,8 @@ def read_numbers(option: str, texts: Sequence[str]) -> dict[str, float]:
             numbers[name] = float(value)
         except ValueError:
             raise ParameterError(
-                f"{option} {_short(name)}={_short(value)}: '{_short(value)}' is not a number; "
-                f"write it as {option} {_short(name)}=1.5"
+                f"{option} {brief(name)}={brief(value)}: '{brief(value)}' is not a number; "
+                f"write it as {option} {brief(name)}=1.5"
             ) from None
     return numbers
 
@@ -41,11 +42,11 @@ def read_pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
         name, equals, value = (part.strip() for part in text.partition("="))
         if not (name and equals and value):
             raise ParameterError(
-                f"{option} '{_short(text)}' is not of the form name=value: "
+                f"{option} '{brief(text)}' is not of the form name=value: "
                 f"write it as {option} L=1.5"
             )
         if name in pairs:
-            raise ParameterError(f"{option} gives '{_short(name)}' twice: give it once")
+            raise ParameterError(f"{option} gives '{brief(name)}' twice: give it once")
         pairs[name] = value
     return pairs
 
@@ -65,7 +66,7 @@ def read_tolerances(texts: Sequence[str]) -> list[float | tuple[float, float]]:
             (atol,) = rest or (None,)
         except ValueError:
             raise ParameterError(
-                f"--tolerance '{_short(text)}' is not of the form rtol or rtol,atol: "
+                f"--tolerance '{brief(text)}' is not of the form rtol or rtol,atol: "
                 "write it as --tolerance 1e-6"
             ) from None
         tolerances.append(rtol if atol is None else (rtol, atol))
@@ -88,11 +89,11 @@ def read_tree(texts: Sequence[str]) -> TreeChoice:
         domain, equals, names_text = text.partition("=")
         if not equals:
             raise TopologyError(
-                f"--tree '{_short(text)}' names no domain, but another --tree does: "
+                f"--tree '{brief(text)}' names no domain, but another --tree does: "
                 "write --tree translation=... --tree rotation=..."
             )
         if domain.strip() in tree:
-            raise TopologyError(f"--tree gives the domain '{_short(domain)}' twice: give it once")
+            raise TopologyError(f"--tree gives the domain '{brief(domain)}' twice: give it once")
         tree[domain.strip()] = _names(names_text)
     return tree
 
@@ -119,11 +120,6 @@ def check_folder(path: Path | None) -> None:
 
 def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",") if name.strip()]
-
-
-def _short(text: str) -> str:
-    line = " ".join(text.split())
-    return line if len(line) <= 60 else f"{line[:57]}..."
 
 
 def check_picture(path: Path | None) -> None:

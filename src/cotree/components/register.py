@@ -8,7 +8,7 @@ from cotree.components.component import Acts, Component, Field, Plane, Role, Sha
 from cotree.components.law import Law
 from cotree.dag.nodes import Dag
 from cotree.errors import SceneError
-from cotree.naming import check_name
+from cotree.naming import brief, check_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -104,7 +104,7 @@ def checked_law(function: Callable[..., Any], what: str) -> Law:
         raise SceneError(f"{what} gives no expression: {error}") from None
     if not isinstance(expression, sympy.Expr):
         raise SceneError(
-            f"{what} gives no expression, but {_short(expression)}: give a SymPy expression or a "
+            f"{what} gives no expression, but {brief(expression)}: give a SymPy expression or a "
             "number"
         )
     # A symbol that the function did not receive would have no value in scenes.
@@ -133,7 +133,3 @@ def _predicate(error: Exception) -> str:
     """Say what is wrong with a law, without naming it."""
     told = str(error)
     return told.removeprefix("the law ") if told.startswith("the law ") else f"has no value: {told}"
-
-
-def _short(value: object) -> str:
-    return str(value)[:60]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cotree.errors import SceneError, nearest
-from cotree.naming import check_name
+from cotree.naming import brief, check_name
 from cotree.scene.expressions import Expression, parse
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def make_event(
     # True equals 1 in Python, but is no direction.
     if isinstance(direction, bool) or direction not in (-1, 0, 1):
         raise SceneError(
-            f"direction of {whose} is {_shown(direction)}: give -1 (downwards), 1 (upwards) or 0 "
+            f"direction of {whose} is {brief(direction)}: give -1 (downwards), 1 (upwards) or 0 "
             "(both)"
         )
     if not isinstance(stop, bool):
@@ -108,7 +108,7 @@ def make_event(
         raise SceneError(f"set of {whose} must be a table of states and modes")
     for target in values:
         if not isinstance(target, str):
-            raise SceneError(f"set of {whose} holds {_shown(target)}: give names in quotes")
+            raise SceneError(f"set of {whose} holds {brief(target)}: give names in quotes")
     return Event(
         accepted,
         parse(when, f"when of {whose}"),
@@ -157,7 +157,3 @@ def check_event_table(name: str, table: Any) -> Mapping[str, Any]:
     if "when" not in table:
         raise SceneError(f"event '{name}' needs the field 'when'")
     return table
-
-
-def _shown(value: object) -> str:
-    return str(value)[:60]

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.nodes import Dag
 from cotree.errors import ExpressionError, nearest
+from cotree.naming import brief
 from cotree.quiet import without_warnings
 
 if TYPE_CHECKING:
@@ -165,7 +166,7 @@ def _parse_text(text: str, where: str) -> Expression:
     try:
         tree, names = _tree_of(text)
     except ExpressionError as error:
-        raise ExpressionError(f"{where}: '{_short(text)}' {error}") from None
+        raise ExpressionError(f"{where}: '{brief(text)}' {error}") from None
     return Expression(text, where, tree, names)
 
 
@@ -182,14 +183,9 @@ def _tree_of(text: str) -> tuple[ast.expr, frozenset[str]]:
     return tree, frozenset(names)
 
 
-def _short(text: str) -> str:
-    line = " ".join(text.split())
-    return line if len(line) <= 60 else line[:57] + "..."
-
-
 def _shown(value: object) -> str:
     try:
-        return _short(repr(value))
+        return brief(repr(value))
     except ValueError:  # Python itself refuses to write integers of thousands of digits
         return "an integer of thousands of digits"
 
