@@ -95,8 +95,8 @@ def write(model: Model, folder: Path, integrator: str = "dopri5", t_end: float =
 
 
 def simulated(model: Model, t: float) -> dict[str, float]:
-    """Give what the executable prints, by the loops of Python."""
-    result = model.simulate((0.0, t), [t], "DOP853", rtol=1e-12, atol=1e-13, throw=True)
+    """Give what the executable prints, by another method, which Python drives."""
+    result = model.simulate((0.0, t), [t], "dop853", rtol=1e-12, atol=1e-13, throw=True)
     found = {}
     for event, row in result.events.items():
         for i, at in enumerate(row.t):

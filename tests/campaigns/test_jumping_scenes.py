@@ -26,7 +26,7 @@ pytestmark = pytest.mark.compiler
 CASES = int(os.environ.get("COTREE_CASES", "12"))
 PER_SCENE, MOST_PARAMETERS = 4, 4
 TIGHT = {"rtol": 1e-10, "atol": 1e-12}
-METHODS = ("dop853", "rodas5", "DOP853")
+METHODS = ("dop853", "rodas5", "cvode")
 
 #: Relative steps of differences. Where the two agree to a share of their size, so must the
 #: sensitivity; else the point is within a step of where the order of events changes.

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.compiler
 QUICK, SLOW = 12, 40
 
 #: Methods by turns; one of SciPy's among them.
-METHODS = ("dop853", "rodas5", "dopri5", "cvode", "ida", "rodas4", "Radau")
+METHODS = ("dop853", "rodas5", "dopri5", "cvode", "ida", "rodas4")
 
 #: A central difference whose steps are shares of a second: from where truncation shows to where the
 #: tolerance of its runs does.

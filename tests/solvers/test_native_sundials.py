@@ -18,7 +18,7 @@ from sundials_cases import counted_contexts, follows_a_long_ladder, follows_an_o
 from cotree import Scene, load
 from cotree.codegen.sundials import SUNDIALS_FUNCTIONS
 from cotree.pipeline import formulate
-from cotree.solvers import bdf, sundials
+from cotree.solvers import bdf
 
 pytest.importorskip("sksundae")
 pytestmark = pytest.mark.compiler
@@ -37,19 +37,6 @@ def _in_c():
 @pytest.fixture(scope="module")
 def slider():
     return load("slider-pendulum").compile(["L", "k"])
-
-
-@pytest.fixture
-def in_python(monkeypatch):
-    """Hide SUNDIALS' functions from C, until called with False."""
-
-    def hide(hidden: bool = True) -> None:
-        if hidden:
-            monkeypatch.setattr(sundials, "solve_in_c", lambda problem, method: "it is hidden")
-        else:
-            monkeypatch.undo()
-
-    return hide
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -88,44 +75,25 @@ def test_agrees_with_a_tight_solution(slider, tested, method):
     settings = {"error_test_sensitivities": tested, "throw": True}
     result = slider.simulate((0.0, 10.0), times, method, 1e-9, 1e-10, **settings)
     assert result.message == f"{method} reached t = 10."
-    assert result.statistics.through == ""
+    assert result.statistics.method == method
     # 1e-9 a step through a thousand steps of a motion that stretches errors.
     assert np.abs(result.y - reference.y).max() < 1e-6
     assert np.abs(result.s - reference.s).max() < 1e-5
     assert np.array_equal(result.t, times)
 
 
-def test_the_same_steps_as_through_python(slider, in_python):
-    """Of states alone, where both solve the same equations: to the digit."""
-    model = load("slider-pendulum").compile()
-    there = model.simulate((0.0, 10.0), None, "cvode")
-    in_python()
-    here = model.simulate((0.0, 10.0), None, "cvode")
-    assert here.statistics.through == "scikit-sundae's Python interface: it is hidden"
-    assert here.message.endswith(
-        "cvode ran through scikit-sundae's Python interface: it is hidden."
-    )
-    assert there.statistics.n_steps == here.statistics.n_steps
-    # Their linear algebra rounds differently, and the motion stretches that.
-    np.testing.assert_allclose(there.t, here.t, rtol=1e-6)
-    np.testing.assert_allclose(there.y, here.y, atol=3e-6)
-
-
 @pytest.mark.parametrize(("name", "span"), [("chem_hires", 321.8122), ("chem_robertson", 1e5)])
 @pytest.mark.parametrize("tested", [True, False])
 @pytest.mark.parametrize("method", METHODS)
-def test_stiff_reactions_agree_with_python(name, span, tested, method, in_python):
+def test_stiff_reactions_agree_with_a_tight_solution(name, span, tested, method):
     scene = scene_of_domain(name)
     model = scene.compile(list(scene.compile().parameters)[:3])
     times = np.geomspace(1e-3, span, 40)
     settings = {"method": method, "rtol": 1e-8, "atol": 1e-13, "throw": True}
-    in_python()
-    tight = settings | {"rtol": 1e-11, "atol": 1e-16}
+    tight = settings | {"rtol": 1e-11, "atol": 1e-16, "method": "rodas5"}
     reference = model.simulate((0.0, span), times, **tight)
-    through_python = model.simulate((0.0, span), times, error_test_sensitivities=tested, **settings)
-    in_python(False)
     result = model.simulate((0.0, span), times, error_test_sensitivities=tested, **settings)
-    assert result.statistics.through == ""
+    assert result.statistics.method == method
     scale_y = np.abs(reference.y).max(axis=1, keepdims=True)
     scale_s = np.abs(reference.s).max(axis=2, keepdims=True)
 
@@ -139,9 +107,6 @@ def test_stiff_reactions_agree_with_python(name, span, tested, method, in_python
     y, s = errors(result)
     assert y < 1e-6
     assert s < (1e-6 if tested else 1e-4)
-    # No worse than the full matrix, up to chance, and no more work.
-    assert s < 3.0 * errors(through_python)[1] + 1e-7
-    assert result.statistics.n_steps < 1.3 * through_python.statistics.n_steps
     # One factorisation for the states of a step and one for all their sensitivities, with one
     # evaluation each; half as many again for steps that are refused or iterated on.
     assert result.statistics.nlu < 2.5 * result.statistics.n_steps
@@ -176,21 +141,19 @@ def test_jumps_of_an_input_are_corners(method):
     )
     # The pulse's area is 4 N s: 2 m/s for 2 kg.
     np.testing.assert_allclose(result["v"], [0.0, 0.0, 2.0], rtol=1e-8, atol=1e-10)
-    assert result.statistics.through == ""
+    assert result.statistics.method == method
 
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("make", "size"), [(rc_ladder, 200), (rc_grid, 15)])
-def test_narrow_and_wide_bands(make, size, method, in_python):
+def test_narrow_and_wide_bands(make, size, method):
     """Networks of hundreds of states: a band of a few entries, and one of tens."""
     model = make(size).compile()
     settings = {"method": method, "rtol": 1e-7, "atol": 1e-10, "throw": True}
     result = model.simulate((0.0, 50.0), [1.0, 50.0], **settings)
-    assert result.statistics.through == ""
-    in_python()
-    other = model.simulate((0.0, 50.0), [1.0, 50.0], **settings)
-    assert result.statistics.n_steps == pytest.approx(other.statistics.n_steps, abs=5)
-    # The same method, whose linear algebra rounds differently.
+    assert result.statistics.method == method
+    # SciPy's, whose factors are sparse; each follows with an error of some hundred tolerances.
+    other = model.simulate((0.0, 50.0), [1.0, 50.0], **settings | {"method": "BDF", "rtol": 1e-9})
     np.testing.assert_allclose(result.y, other.y, rtol=1e-5, atol=1e-8)
 
 
@@ -266,21 +229,32 @@ def test_too_wide_a_band_is_left_to_sparse_matrices(monkeypatch):
     monkeypatch.setattr(bdf, "_MOST_MULTIPLICATIONS", 1e3)
     model = rc_grid(15).compile()
     result = model.simulate((0.0, 1.0), [1.0], "cvode")
-    assert "the Jacobian's band is wide" in result.statistics.through
+    assert "BDF stood in for cvode: the Jacobian's band is wide." in result.message
+
+
+def test_too_wide_a_band_with_events_is_factorised_all_the_same(monkeypatch):
+    scene = rc_grid(15)
+    scene.event("late", "t - 0.5", direction=1, stop=True)
+    model = scene.compile()
+    first = model.simulate((0.0, 1.0), [0.5], "cvode")
+    monkeypatch.setattr(bdf, "_MOST_MULTIPLICATIONS", 1e3)
+    result = model.simulate((0.0, 1.0), [0.5], "cvode")
+    assert result.statistics.method == "cvode"
+    np.testing.assert_array_equal(result.y, first.y)
 
 
 def test_many_states_beside_algebraic_unknowns_are_left_to_others(monkeypatch):
     monkeypatch.setattr(bdf, "_MOST_REDUCED", 2)
     model = load("bridge-rectifier").compile()
     result = model.simulate((0.0, 1e-3), [1e-3], "cvode", 1e-6, 1e-8)
-    assert "more than 2 states have algebraic unknowns" in result.statistics.through
+    assert "more than 2 states have algebraic unknowns" in result.message
     result = model.simulate((0.0, 1e-3), [1e-3], "ida", 1e-6, 1e-8)
-    assert result.statistics.through == ""
+    assert result.statistics.method == "ida"
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_sensitivities_of_a_long_ladder(method):
-    assert follows_a_long_ladder(method).statistics.through == ""
+    assert follows_a_long_ladder(method).statistics.method == method
 
 
 @pytest.mark.parametrize(
@@ -358,23 +332,9 @@ def test_what_is_missing_is_said(slider, monkeypatch, missing, method):
         "version": "SUNDIALS is of version 7.9, not 6.0",
         "compiler": "no compiler can build its engine",
     }[missing]
-    assert why in result.message
-    assert why in result.statistics.through
+    assert f"BDF stood in for {method}: {why}" in result.message
     exact = slider.simulate((0.0, 0.1), [0.1], "DOP853", 1e-11, 1e-12)
     np.testing.assert_allclose(result.y, exact.y, atol=1e-6)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_what_c_cannot_take_is_said(method):
-    scene = Scene("discharge")
-    scene.edge("C1", "capacitor", "a", "ground", capacitance=1.0, initial={"v": 1.0})
-    scene.edge("R1", "resistor", "a", "ground", resistance=1.0)
-    scene.input("current", 0.0)
-    scene.edge("I1", "current_source", "ground", "a", current="current")
-    model = scene.compile()
-    result = model.simulate((0.0, 1.0), [1.0], method, inputs={"current": "0.1*t"})
-    assert "an input is neither a number nor a table" in result.statistics.through
-    assert "an input is neither a number nor a table" in result.message
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -389,7 +349,7 @@ def test_references_of_index_1(name, parameters, steps, method):
     times = [row["t"] for row in data["reference"]]
     model = circuits.circuit(name).compile(wanted)
     result = model.simulate((0.0, data["t_end"]), times, method, 1e-8, 1e-10, throw=True)
-    assert result.statistics.through == ""
+    assert result.statistics.method == method
     # Were algebraic unknowns in IDA's error test, it would take a hundred times as many.
     assert result.statistics.n_steps < steps
     tables = {"": data["reference"]} | {p: data["sensitivities"]["values"][p] for p in wanted}
@@ -417,7 +377,7 @@ def test_stored_points_of_index_1_are_solutions_with_their_sensitivities(method)
     diode = {"saturation_current": saturation, "thermal_voltage": thermal}
     scene.edge("D1", "diode", "b", "ground", **diode)
     result = scene.compile(["R"]).simulate((0.0, 0.05), None, method, 1e-8, 1e-10)
-    assert result.statistics.through == ""
+    assert result.statistics.method == method
     v, vd = result["C1.v"], result["D1.v"]
     current = saturation * np.expm1(vd / thermal)
     # The exponential enlarges the rounding of a volt forty times; currents of 50 mA.
@@ -444,7 +404,7 @@ def test_algebraic_unknowns_jump_with_an_input(method):
     settings = {"inputs": {"u": steps}, "throw": True}
     result = model.simulate((0.0, 6e-3), times, method, 1e-8, 1e-10, **settings)
     expected = model.simulate((0.0, 6e-3), times, "dop853", 1e-11, 1e-13, **settings)
-    assert result.statistics.through == ""
+    assert result.statistics.method == method
     # Some hundred steps of 1e-8 on each of three pieces.
     np.testing.assert_allclose(result["C1.v"], expected["C1.v"], atol=1e-6)
     assert result.drift.worst < 1e-12
@@ -458,7 +418,7 @@ def test_constrained_motions_stay_on_their_constraints(method, tested):
     settings = {"error_test_sensitivities": tested, "throw": True}
     result = model.simulate((0.0, 10.0), times, method, 1e-9, 1e-10, **settings)
     expected = model.simulate((0.0, 10.0), times, "dop853", 1e-12, 1e-13, throw=True)
-    assert result.statistics.through == ""
+    assert result.statistics.method == method
     assert model.layout.constraints
     # Rounding of lengths and speeds of some metres.
     assert result.drift.worst < 1e-13
@@ -475,7 +435,7 @@ def test_constraints_beside_algebraic_unknowns_are_held_in_c(method):
     times = np.linspace(0.0, 1.0, 6)
     result = model.simulate((0.0, 1.0), times, method, 1e-9, 1e-11, throw=True)
     expected = model.simulate((0.0, 1.0), times, "dop853", 1e-12, 1e-13, throw=True)
-    assert result.statistics.through == ""
+    assert result.statistics.method == method
     # Some hundred steps at 1e-9, enlarged some ten times by the motion.
     np.testing.assert_allclose(result.y, expected.y, atol=1e-6)
     np.testing.assert_allclose(result.s, expected.s, atol=1e-5)
@@ -485,7 +445,7 @@ def test_constraints_beside_algebraic_unknowns_are_held_in_c(method):
 def test_unheld_constraints_drift(method):
     model = load("slider-pendulum").compile(tree=["m5", "m6", "r3", "r4"])
     result = model.simulate((0.0, 10.0), [10.0], method, 1e-6, 1e-8, project=False)
-    assert result.statistics.through == ""
+    assert result.statistics.method == method
     assert result.drift is None
 
 
@@ -502,7 +462,7 @@ def test_the_last_good_point_of_a_spent_budget(method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_what_fails_in_c_ends_in_python_with_the_reason(method):
+def test_a_fold_is_named(method):
     """x' = -1, 0 = z^2 - x: no solution is left beyond t = 1."""
     made = Made(
         "fold", {"x": 1.0}, {"z": 1.0}, {}, lambda v: [-1.0 + 0.0 * v["z"], v["z"] ** 2 - v["x"]]
@@ -510,6 +470,5 @@ def test_what_fails_in_c_ends_in_python_with_the_reason(method):
     with pytest.warns(RuntimeWarning, match=f"{method} stopped at"):
         result = made.model().simulate((0.0, 2.0), [0.75, 1.5], method, 1e-8, 1e-10)
     assert result.status == -1
-    assert "ran through scikit-sundae's Python interface" in result.message
     assert "algebraic" in result.message
     np.testing.assert_allclose(result["z"][0], 0.5, rtol=1e-8)

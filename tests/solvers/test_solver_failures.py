@@ -11,7 +11,7 @@ from cotree.errors import ModelError, SolveError
 from cotree.solvers import METHODS, check_problem, integrate
 
 # Those that take Python functions.
-ALL = [name for name, row in METHODS.items() if row.family in ("scipy", "sundials")]
+ALL = [name for name, row in METHODS.items() if row.family == "scipy"]
 
 
 @pytest.mark.parametrize("method", ALL)
@@ -45,7 +45,7 @@ def test_derivative_is_infinite_at_the_start(method):
     assert result.t.tolist() == [0.0]
 
 
-@pytest.mark.parametrize("method", ["Radau", "BDF", "LSODA", "cvode", "ida"])
+@pytest.mark.parametrize("method", ["Radau", "BDF", "LSODA"])
 def test_jacobian_that_is_not_finite_at_first(method):
     result = integrate(scalar(lambda t, x: -1000 * x, lambda t, x: math.nan), method)
     # LSODA begins with Adams' formulas and may never ask.
@@ -54,7 +54,7 @@ def test_jacobian_that_is_not_finite_at_first(method):
         assert "'x' differentiated by 'x' is nan" in result.message
 
 
-@pytest.mark.parametrize("method", ["Radau", "BDF", "LSODA", "cvode", "ida"])
+@pytest.mark.parametrize("method", ["Radau", "BDF", "LSODA"])
 def test_trial_steps_may_leave_the_domain(method):
     def root(t: float, x: float) -> float:
         return -math.sqrt(x) if x >= 0 else math.nan
@@ -127,16 +127,6 @@ def test_time_budget(method):
     assert "time limit of 0.05 s" in result.message
     # One evaluation may overrun; the rest is room for a busy machine.
     assert time.perf_counter() - begin < 10.0
-
-
-@pytest.mark.parametrize("method", ["cvode", "ida"])
-def test_more_than_500_steps_between_outputs(method):
-    problem = scalar(
-        lambda t, x: math.cos(100 * t), lambda t, x: 0.0, t_eval=np.array([10.0]), t_span=(0, 10)
-    )
-    result = integrate(problem, method)
-    assert result.status == 0
-    assert result.statistics.n_steps > 500
 
 
 @pytest.mark.parametrize(

@@ -16,13 +16,13 @@ from ivp_cases import (
 )
 
 from cotree.errors import SolveError
-from cotree.solvers import METHODS, integrate, solver_for
+from cotree.solvers import METHODS, integrate
 
 # Those that take Python functions.
-ALL = [name for name, row in METHODS.items() if row.family in ("scipy", "sundials")]
+ALL = [name for name, row in METHODS.items() if row.family == "scipy"]
 LONG = ("RK23", "Radau")  # many steps at tight tolerances
 SHORT = [name for name in ALL if name not in LONG]
-IMPLICIT = [name for name, row in METHODS.items() if row.implicit and row.family != "correctors"]
+IMPLICIT = [name for name, row in METHODS.items() if row.implicit and row.family == "scipy"]
 
 
 def _error(trajectory) -> float:
@@ -245,7 +245,7 @@ def test_no_states(method):
 
 def test_unknown_method_names_the_nearest():
     with pytest.raises(SolveError, match=r"no method 'DOP835'.*'DOP853'"):
-        solver_for("DOP835")
+        integrate(oscillator(), "DOP835")
 
 
 @pytest.mark.parametrize("method", ["cvode", "ida"])
@@ -253,3 +253,13 @@ def test_missing_sundials_names_the_package(method, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, f"sksundae.{method}", None)
     with pytest.raises(SolveError, match="pip install scikit-sundae"):
         integrate(oscillator(), method)
+
+
+@pytest.mark.parametrize("method", ["dopri5", "rodas5", "cvode", "ida"])
+def test_functions_of_python_are_left_to_scipy(method):
+    if method in ("cvode", "ida"):
+        pytest.importorskip("sksundae")
+    result = integrate(oscillator(np.linspace(0, 5, 11)), method)
+    assert result.statistics.method in ("RK45", "Radau", "BDF")
+    assert f"stood in for {method}: its equations are Python functions." in result.message
+    assert _error(result) < 2e-6

@@ -117,6 +117,7 @@ def solved(value: float) -> Any:
 
 def test_the_reference_is_that_of_the_two_that_agree_best() -> None:
     values = {"DOP853": 0.5, "Radau": 1.0, "LSODA": 1.0 + 1e-8, "cvode": 1.0 - 5e-8}
+    values |= {"dop853": 2.0, "rodas5": 3.0}
     pair = find_reference(lambda method, rtol: solved(values[method]), is_stiff=False)
     assert (pair.solution.method, pair.other.method) == ("Radau", "LSODA")
     assert pair.agreement == pytest.approx(1e-8, rel=1e-6)

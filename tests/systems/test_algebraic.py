@@ -16,7 +16,7 @@ from cotree.pipeline import formulate
 from cotree.solvers import METHODS, Problem, integrate
 from cotree.studies.check import check_sensitivities
 
-ALL = [*(name for name, row in METHODS.items() if row.family in ("scipy", "sundials")), "auto"]
+ALL = [*(name for name, row in METHODS.items() if row.family == "scipy"), "cvode", "ida", "auto"]
 
 # x' = -a x + z, 0 = z - b x - sin(w t): x' = (b - a) x + sin(w t).
 LINEAR = Made(

@@ -57,7 +57,7 @@ def test_a_corner_of_a_charge_is_an_event():
     e, r, c, v1, t = sympy.symbols("E R c v1 t", positive=True)
     v = e - (e - v1) * sympy.exp(-(t + r * c * sympy.log((e - v1) / e)) / (3 * r * c))
     at = {e: 1.5, r: 1e3, c: 1e-12, v1: 0.5, t: 2e-9}
-    for method in ("dopri5", "rodas5", "cvode", "BDF"):
+    for method in ("dopri5", "rodas5", "cvode"):
         result = model.simulate((0, 2e-9), method=method, t_eval=[2e-9], rtol=1e-9)
         assert result["C.v"][-1] == pytest.approx(float(v.subs(at)), rel=1e-7)
         exact = [float(v.diff(p).subs(at)) for p in (c, v1)]

@@ -93,11 +93,11 @@ def test_sensitivities_of_pulses_against_differences(parameter):
     model = scene.compile([parameter])
 
     def end(value):
-        run = model.simulate((0, 1), parameters={parameter: value}, method="DOP853", **TIGHT)
+        run = model.simulate((0, 1), parameters={parameter: value}, method="dop853", **TIGHT)
         return run["C1.v"][-1]
 
     h, value = 1e-5, values[parameter]
-    found = model.simulate((0, 1), method="DOP853", **TIGHT).sensitivity("C1.v", parameter)[-1]
+    found = model.simulate((0, 1), method="dop853", **TIGHT).sensitivity("C1.v", parameter)[-1]
     # Truncation is h**2 times a third derivative of some thousand; runs err by 1e-11 / h.
     assert found == pytest.approx((end(value + h) - end(value - h)) / (2 * h), rel=1e-5)
 

@@ -18,13 +18,9 @@ from cotree.errors import (
 )
 
 TIGHT = {"rtol": 1e-11, "atol": 1e-13}
-QUICK = ["DOP853", "LSODA", "cvode", "ida", "dop853", "dopri5", "rodas4", "rodas5"]
 METHODS = [
-    *QUICK,
-    *(
-        pytest.param(name, marks=pytest.mark.slow)
-        for name in ("RK45", "RK23", "Radau", "BDF", "rkf45")
-    ),
+    *("cvode", "ida", "dop853", "dopri5", "rodas4", "rodas5"),
+    pytest.param("rkf45", marks=pytest.mark.slow),
 ]
 
 
@@ -35,9 +31,9 @@ def method(request):
     return request.param
 
 
-@pytest.fixture(params=["DOP853", "dop853", "rodas5", "cvode", "ida"])
+@pytest.fixture(params=["dop853", "rodas5", "cvode", "ida"])
 def loop(request):
-    """The loop of Python, and that of C with every kind of engine."""
+    """The loop with every kind of engine."""
     if request.param in ("cvode", "ida"):
         pytest.importorskip("sksundae")
     return request.param
@@ -339,7 +335,7 @@ class TestRandom:
         return scene
 
     @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-    @pytest.mark.parametrize("loop", ["DOP853", "dop853", "rodas5", "cvode", "ida"])
+    @pytest.mark.parametrize("loop", ["dop853", "rodas5", "cvode", "ida"])
     @settings(max_examples=5)
     @given(st.integers(0, 10_000))
     def test_sensitivities_are_differences(self, loop, seed):
@@ -512,10 +508,10 @@ stop = false
 """
     path = tmp_path / "ball.toml"
     path.write_text(text)
-    result = cotree.load(path).compile(["e"]).simulate((0, 2), method="DOP853", **TIGHT)
+    result = cotree.load(path).compile(["e"]).simulate((0, 2), method="dop853", **TIGHT)
     scene = ball(s=2.0)
     scene.mode("n", 0)
-    again = scene.compile(["e"]).simulate((0, 2), method="DOP853", **TIGHT)
+    again = scene.compile(["e"]).simulate((0, 2), method="dop853", **TIGHT)
     np.testing.assert_allclose(result["j.s"][-1], again["j.s"][-1], atol=1e-14)
     assert result["n"][-1] == len(result.events["hit"].t) == 2
     for wrong, message in (

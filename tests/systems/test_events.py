@@ -11,10 +11,9 @@ import pytest
 
 import cotree
 
-QUICK = ["DOP853", "LSODA", "cvode", "ida", "dop853", "dopri5", "rodas4", "rodas5"]
 METHODS = [
-    *QUICK,
-    *(pytest.param(name, marks=pytest.mark.slow) for name in ("RK45", "Radau", "BDF", "rkf45")),
+    *("cvode", "ida", "dop853", "dopri5", "rodas4", "rodas5"),
+    pytest.param("rkf45", marks=pytest.mark.slow),
 ]
 TIGHT = {"rtol": 1e-12, "atol": 1e-13}
 CLOSE = 1e-9
@@ -194,7 +193,7 @@ def test_pendulum_against_a_stop(method):
 
 
 @pytest.mark.parametrize("when", ["h.theta - a", "B.x - L*sin(a)"])
-@pytest.mark.parametrize("loop", ["DOP853", "dop853", "rodas5", "cvode", "ida"])
+@pytest.mark.parametrize("loop", ["dop853", "rodas5", "cvode", "ida"])
 def test_an_impact_of_one_coordinate_reverses_its_rate(when, loop):
     scene = pendulum(when=when, impact={"restitution": "e"})
     check_pendulum(scene.compile(list(PENDULUM)).simulate((0, 4), method=loop, **TIGHT))

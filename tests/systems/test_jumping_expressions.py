@@ -15,7 +15,7 @@ from cotree.errors import FormulationError, SolveError
 pytestmark = pytest.mark.compiler
 
 TIGHT = {"rtol": 1e-10, "atol": 1e-12}
-METHODS = ["dopri5", "dop853", "rodas5", "rodas4", "cvode", "ida", "Radau", "LSODA"]
+METHODS = ["dopri5", "dop853", "rodas5", "rodas4", "cvode", "ida"]
 
 
 def _charged(voltage: str, capacitance: float | str = 1.0, **values: float) -> Scene:
@@ -148,7 +148,7 @@ def test_conditions_of_states_and_time():
     }
 
 
-@pytest.mark.parametrize("method", ["dop853", "rodas5", "cvode", "Radau"])
+@pytest.mark.parametrize("method", ["dop853", "rodas5", "cvode"])
 def test_dry_friction_swings_with_exact_sensitivities(method):
     """Half a turn after half a turn about a centre that the friction shifts."""
 
@@ -169,7 +169,7 @@ def test_dry_friction_swings_with_exact_sensitivities(method):
     _agrees(scene, end, values, 8.0, method, "s.s")
 
 
-@pytest.mark.parametrize("method", ["dop853", "rodas5", "cvode", "Radau", "LSODA"])
+@pytest.mark.parametrize("method", ["dop853", "rodas5", "cvode"])
 @pytest.mark.parametrize("sensitivities", [[], ["F"]])
 def test_what_sticks_stops_with_the_expression(method, sensitivities):
     model = _slid("-F*sign(m.v)", F=2.0).compile(sensitivities)
@@ -179,7 +179,7 @@ def test_what_sticks_stops_with_the_expression(method, sensitivities):
     assert result.t[-1] == pytest.approx(0.5, rel=1e-6)
 
 
-@pytest.mark.parametrize("method", ["dop853", "rodas5", "Radau"])
+@pytest.mark.parametrize("method", ["dop853", "rodas5"])
 def test_what_rests_at_a_jump_stays_or_stops(method):
     rests = _slid("-F*sign(m.v)", 0.0, F=2.0).compile().simulate((0, 1.0), method=method)
     assert rests.status == 0
@@ -194,7 +194,7 @@ def test_what_rests_at_a_jump_stays_or_stops(method):
         assert model.simulate((0, 1.0), method=method).status < 0
 
 
-@pytest.mark.parametrize("method", ["dop853", "rodas5", "Radau"])
+@pytest.mark.parametrize("method", ["dop853", "rodas5"])
 def test_what_rests_is_pushed_off_at_a_corner_of_a_force(method):
     """v = (5 - F) (t - d)."""
     scene = _slid("where(t >= d, 5, 0) - F*sign(m.v)", 0.0, F=2.0, d=1.0)
@@ -217,7 +217,7 @@ def test_a_start_on_a_jump_has_sensitivities_along_it_only():
     assert result.sensitivity("C.v", "C.v")[-1] == pytest.approx(math.exp(-0.5), rel=1e-8)
 
 
-@pytest.mark.parametrize("method", ["auto", "Radau"])
+@pytest.mark.parametrize("method", ["auto", "rodas5"])
 def test_jumps_at_once_that_come_apart_have_no_derivative(method):
     """At 1.5 both levels are passed: with c a little larger one comes later than the other."""
     scene = _charged("E + K*floor(C.v/c) + K*floor(C.v/0.3)", E=2.0, K=0.3, c=0.25, R=1.0)
@@ -351,9 +351,7 @@ def test_corners_whose_rate_is_needed_refuse_sensitivities_that_would_jump(
     assert scene.compile(allowed).simulate((0, 1.0)).status == 0
 
 
-@pytest.mark.parametrize(
-    "method", ["dop853", "rodas5", pytest.param("DOP853", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("method", ["dop853", "rodas5"])
 def test_a_large_count_passes_each_number_once(method):
     """C v' = 2 a floor(v/a): straight between whole numbers, ever steeper down to -1573.
 

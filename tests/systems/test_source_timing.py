@@ -16,7 +16,7 @@ from cotree.errors import SolveError
 pytestmark = pytest.mark.compiler
 
 OWN = ("dopri5", "rkf45", "dop853", "rodas4", "rodas5")
-OTHERS = ("cvode", "ida", "RK45", "DOP853", "Radau", "BDF", "LSODA")
+OTHERS = ("cvode", "ida")
 TIGHT = {"rtol": 1e-10, "atol": 1e-12}
 
 #: Milliseconds, kiloohms and microfarads: units that belong together.
@@ -74,7 +74,7 @@ def test_a_loop_of_capacitors_with_a_pulse(loop, method):
     assert result.status == 0
     assert "stood in" not in result.message
     # Multistep methods begin anew at every corner: some hundred local errors of 1e-10 add up.
-    scale = 1e-7 if method in ("cvode", "ida", "BDF", "LSODA") else 2e-9
+    scale = 1e-7 if method in OTHERS else 2e-9
     expected = [_loop_voltage(at, **TIMING) for at in t]
     assert result["C1.v"] == pytest.approx(expected, abs=scale)
     for name in TIMING:
@@ -86,13 +86,22 @@ def test_the_same_without_a_compiler(monkeypatch):
     monkeypatch.setenv("COTREE_COMPILER", "none")
     with pytest.warns(RuntimeWarning, match="evaluated in Python"):
         model = _loop().compile(["delay", "period"])
-    result = model.simulate((0, 3.1), method="dopri5", **TIGHT)
-    for name in ("delay", "period"):
-        assert result.sensitivity("C1.v", name)[-1] == pytest.approx(_exact(name, 3.1), abs=1e-7)
+    refused = r"sensitivities to parameters that move a corner of a source.*pip install ziglang"
+    for method in ("dopri5", "cvode", "RK45", "auto"):
+        with pytest.raises(SolveError, match=refused):
+            model.simulate((0, 3.1), method=method)
+    # Where no corner is within reach, nothing jumps.
+    assert model.simulate((0, 0.9), method="dopri5").status == 0
+
+
+@pytest.mark.parametrize("method", ["RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA"])
+def test_scipys_methods_name_others(loop, method):
+    with pytest.raises(SolveError, match=rf"'{method}' cannot take sensitivities.*use 'dopri5'"):
+        loop.simulate((0, 6), method=method)
 
 
 def test_what_is_kept_at_a_corner_is_what_holds_behind_it(loop):
-    for method in ("dop853", "rodas5", "cvode", "DOP853"):
+    for method in ("dop853", "rodas5", "cvode"):
         steps = loop.simulate((0, 1.2), method=method, **TIGHT)
         i = int(np.flatnonzero(steps.t == 1.0)[0])
         # The source's slope of 12.5 V/ms begins there; two thirds of it charge C2.
@@ -139,7 +148,7 @@ WAVEFORMS = [
 
 
 @pytest.mark.parametrize("waveform", WAVEFORMS, ids=str)
-@pytest.mark.parametrize("method", ["dopri5", "rodas5", "ida", "Radau"])
+@pytest.mark.parametrize("method", ["dopri5", "rodas5", "ida"])
 def test_waveforms_with_corners_and_jumps(waveform, method):
     values = {"d": 1.0, "P": 0.7}
 
@@ -238,14 +247,14 @@ def test_systems_with_a_delay(system):
     model = scene_of().compile(["d"])
     what = what if what in model.states else model.states[0]
     by_difference = _difference(scene_of, {"d": 0.6}, "d", what, 1.35)
-    for method in ("dop853", "rodas5", "cvode", "Radau"):
+    for method in ("dop853", "rodas5", "cvode"):
         result = model.simulate((0, 1.35), method=method, **TIGHT)
         found = result.sensitivity(what, "d")[-1]
         # BDF's local errors of 1e-10 add up over a few thousand steps.
         assert found == pytest.approx(by_difference, rel=1e-6, abs=1e-6), method
 
 
-@pytest.mark.parametrize("method", ["dopri5", "rodas5", "cvode", "ida", "DOP853"])
+@pytest.mark.parametrize("method", ["dopri5", "rodas5", "cvode", "ida"])
 def test_an_event_at_a_corner_moves_with_it(method):
     """An event that a jump of a source triggers happens at its time: a mode that starts a clock."""
 
@@ -280,7 +289,7 @@ def test_corners_that_meet_and_differ_are_refused_by_name():
     model = scene.compile(["width", "delay"])
     parameters = {"width": 0.5}
     assert model.simulate((0, 1.3), parameters=parameters).status == 0
-    for method in ("dop853", "rodas5", "cvode", "Radau"):
+    for method in ("dop853", "rodas5", "cvode"):
         with pytest.raises(SolveError, match=r"sensitivity of 'C1.v' to 'width' does not exist"):
             model.simulate((0, 3), parameters=parameters, method=method, throw=True)
     # Where nothing jumps, what meets does not matter: a pulse into a resistor and a capacitor.
@@ -299,7 +308,7 @@ def test_corners_that_meet_and_differ_are_refused_by_name():
 
 def test_a_corner_at_the_start_is_refused_by_name(loop):
     parameters = {"delay": 0.0}
-    for method in ("dop853", "rodas5", "cvode", "Radau"):
+    for method in ("dop853", "rodas5", "cvode"):
         with pytest.raises(SolveError, match=r"to 'delay' does not exist: a source has a corner"):
             loop.simulate((0, 1), parameters=parameters, method=method, throw=True)
     # From before it there is one.
@@ -365,7 +374,7 @@ def test_parameters_that_make_a_tied_source_jump_are_refused():
         model.simulate((0, 3), parameters={"P": 0.6})
 
 
-@pytest.mark.parametrize("method", ["rodas5", "rodas4", "Radau"])
+@pytest.mark.parametrize("method", ["rodas5", "rodas4"])
 def test_an_end_at_a_corner(method):
     """Corners at 5, 10, 15 and 20 s of a stiff filter, whose rates change within rounding of t."""
     scene = cotree.Scene("stiff")
@@ -399,7 +408,7 @@ def test_a_prescribed_motion_whose_speed_jumps_is_refused(motion):
         scene.compile()
 
 
-@pytest.mark.parametrize("method", ["dop853", "rodas5", "ida", "DOP853"])
+@pytest.mark.parametrize("method", ["dop853", "rodas5", "ida"])
 def test_a_corner_whose_time_is_a_small_difference(method):
     """At 0.864 - 0.860 s, a time whose rounding is that of larger ones, a ramp falls back."""
     values = {"d": 0.864, "P": 0.86}

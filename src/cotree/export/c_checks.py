@@ -153,5 +153,5 @@ def check_start(evaluated: Evaluated, start: Start | None) -> None:
     if start is None or is_apart:
         return
     model = evaluated.model
-    events = ModelEvents(model, model.default_parameters, lambda t: None, is_held=False)
+    events = ModelEvents(model, model.default_parameters, lambda t: None)
     events.check_start(0.0, start.z)

@@ -6,8 +6,8 @@ with names, units and outputs.
 
 from __future__ import annotations
 
-from cotree.solvers.base import Drift, Solver, Statistics, Trajectory
-from cotree.solvers.methods import METHODS, Method, solver_for
+from cotree.solvers.base import Drift, Occurrence, Statistics, Trajectory
+from cotree.solvers.methods import METHODS, Method
 from cotree.solvers.problem import Problem, check_problem
 from cotree.solvers.project import Projection
 from cotree.solvers.result import RunRecord, UnknownNameError
@@ -17,15 +17,14 @@ __all__ = [
     "METHODS",
     "Drift",
     "Method",
+    "Occurrence",
     "Problem",
     "Projection",
     "RunRecord",
-    "Solver",
     "Statistics",
     "Trajectory",
     "UnknownNameError",
     "check_problem",
     "choose_method",
     "integrate",
-    "solver_for",
 ]

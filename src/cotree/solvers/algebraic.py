@@ -4,17 +4,12 @@ In: a ``Problem`` M y' = rhs(t, y), whose last unknowns have no rates but residu
 problem x' = f(t, x, z(t, x)) of the others: each evaluation solves for z, beginning with the last
 one found. Its sensitivities are those of x; those of z follow, S_z = -g_z^-1 (g_x S_x + g_p).
 Every stored value is a solution of the equations to rounding.
-
-IDA, which could take the problem as it is and does so in C, gets this one through Python, too. The
-iteration of its own ends where what is tested has converged; the unknowns of junctions that block
-are then anything, and what is extrapolated from them leads no iteration anywhere where these begin
-to conduct. Rectifiers stop half way, and a transistor amplifier takes a third more evaluations.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,9 +19,8 @@ from cotree.model.algebraic import Algebraic, UnsolvedError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from cotree.equations import EventRow
     from cotree.solvers.base import Trajectory
-    from cotree.solvers.problem import Events, FloatArray, Problem
+    from cotree.solvers.problem import FloatArray, Problem
 
 #: How many solutions are remembered as guesses, and how many of them are tried.
 _REMEMBERED, _NEAREST = 200, 3
@@ -70,36 +64,9 @@ def reduce_problem(problem: Problem) -> Problem:
         complete=reduction.complete,
         residual=reduction.residual,
         constraints=reduction.residual_names,
-        events=_ReducedEvents(problem.events, reduction) if problem.events else None,
+        events=None,
         places=None if problem.places is None else np.flatnonzero(reduction.without(is_left)),
     )
-
-
-@dataclass(frozen=True)
-class _ReducedEvents:
-    """Events of a problem without its algebraic unknowns."""
-
-    inner: Events
-    reduction: _Reduction
-
-    @property
-    def rows(self) -> tuple[EventRow, ...]:
-        return self.inner.rows
-
-    def values(self, t: float, z: FloatArray) -> FloatArray:
-        return self.inner.values(t, self.reduction.complete(t, z))
-
-    def rates(self, t: float, z: FloatArray) -> FloatArray:
-        return self.inner.rates(t, self.reduction.complete(t, z))
-
-    def apply(
-        self, i: int, t: float, z: FloatArray, time_sensitivity: FloatArray | None = None
-    ) -> tuple[FloatArray, FloatArray]:
-        after, t_p = self.inner.apply(i, t, self.reduction.complete(t, z), time_sensitivity)
-        return self.reduction.without(after), t_p
-
-    def is_due(self, i: int, t: float, z: FloatArray) -> bool:
-        return self.inner.is_due(i, t, self.reduction.complete(t, z))
 
 
 class _Reduction:

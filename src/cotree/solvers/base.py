@@ -1,15 +1,14 @@
-"""The result of every solver, and the protocol of a solver."""
+"""The outcome of every solver."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from cotree.solvers.events import Occurrence
-    from cotree.solvers.problem import FloatArray, Problem
+    from cotree.solvers.problem import FloatArray
 
 
 @dataclass(frozen=True)
@@ -30,8 +29,6 @@ class Statistics:
         Wall-clock time, [s].
     compile_seconds : float
         Wall-clock time that the C of the method itself took before, once on a machine, [s].
-    through : str
-        What ran a method of SUNDIALS in place of C, and why. Empty where C ran it, events included.
     began_with : str
         The method that ran before it, up to where the problem became stiff; or empty. The other
         numbers count both.
@@ -43,7 +40,6 @@ class Statistics:
     nlu: int
     n_steps: int
     seconds: float
-    through: str = ""
     compile_seconds: float = 0.0
     began_with: str = ""
 
@@ -72,6 +68,29 @@ class Drift:
     def worst(self) -> float:
         """Return the largest residual of all rows and points."""
         return float(np.max(np.abs(self.residual), initial=0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Occurrence:
+    """One event that happened.
+
+    Attributes
+    ----------
+    event : int
+        Number of the event.
+    t : float
+        Time of the event, [s].
+    before, after : ndarray
+        States.
+    time_sensitivity : ndarray, shape (n_sensitivities,)
+        Derivatives of its time by the parameters.
+    """
+
+    event: int
+    t: float
+    before: FloatArray
+    after: FloatArray
+    time_sensitivity: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,11 +123,3 @@ class Trajectory:
     statistics: Statistics
     drift: Drift | None = None
     events: tuple[Occurrence, ...] = ()
-
-
-class Solver(Protocol):
-    """A way to integrate."""
-
-    def solve(self, problem: Problem) -> Trajectory:
-        """Integrate; a failed integration is a value with status != 0."""
-        ...

@@ -19,7 +19,6 @@ from cotree.codegen.sundials import SUNDIALS_FUNCTIONS, SUNDIALS_VERSION
 from cotree.sharing import made_once
 from cotree.solvers.corners import segments
 from cotree.solvers.engine import Job, build_engine
-from cotree.solvers.evaluate import FAILED
 from cotree.solvers.native import compiled_in, run_job, trajectory_of
 from cotree.solvers.sundials_library import library_path, version_of
 
@@ -104,16 +103,12 @@ def solve_in_c(
     corners = segments(problem)
     times = [corners[0][0], *(end for _, end in corners)]
     job = (make_job or SundialsJob)(sundials, problem, times, method)
-    if problem.is_sparse and job.is_wide:
+    if problem.is_sparse and job.is_wide and problem.events is None:
         return "the Jacobian's band is wide"
     try:
         ended = run_job(job, problem, method)
     finally:
         job.end()
-    is_hard = problem.n_algebraic > 0 or problem.singular is not None
-    if ended.status == FAILED and is_hard and make_job is None and not job.is_final:
-        # What looks far for algebraic unknowns, and passes singular positions, is Python.
-        return f"{ended.reason} at t = {float(job.job.t):.10g}"
     trajectory = trajectory_of(job, problem, method, ended)
     return compiled_in(trajectory, begin - before)
 

@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, Any
 from cotree.errors import SolveError
 from cotree.solvers.augmented import augmented_tolerances
 from cotree.solvers.bdf import SundialsJob, load_sundials, solve_in_c
-from cotree.solvers.problem import check_problem
 from cotree.solvers.sundials_library import library_path
 
 if TYPE_CHECKING:
@@ -49,38 +48,31 @@ CORRECTORS: Mapping[str, Corrector] = {
 }
 
 
-@dataclass(frozen=True)
-class CorrectorSolver:
-    """CVODES or IDAS.
+def solve_with_corrector(problem: Problem, method: str) -> Trajectory:
+    """Integrate a checked problem with CVODES or IDAS.
 
-    Attributes
+    Parameters
     ----------
+    problem : Problem
+        It has passed ``check_problem``.
     method : str
         A name in ``CORRECTORS``.
+
+    Raises
+    ------
+    SolveError
+        If the library is not there, or the problem can only be taken by a method that the message
+        names.
     """
-
-    method: str
-
-    def solve(self, problem: Problem) -> Trajectory:
-        """Integrate a problem.
-
-        Raises
-        ------
-        SolveError
-            If the library is not there, or the problem cannot be accepted, or only by a method
-            that the message names.
-        """
-        corrector = CORRECTORS[self.method]
-        check_library(self.method)
-        check_problem(problem)
-        found = solve_in_c(problem, self.method, corrector.library, CorrectorJob)
-        if not isinstance(found, str):
-            return found
-        why = found or "its equations are Python functions"
-        raise SolveError(
-            f"The method '{self.method}' cannot take this problem: {why}. "
-            f"Use '{corrector.without}', which takes states and sensitivities as one vector."
-        )
+    corrector = CORRECTORS[method]
+    check_library(method)
+    found = solve_in_c(problem, method, corrector.library, CorrectorJob)
+    if not isinstance(found, str):
+        return found
+    raise SolveError(
+        f"The method '{method}' cannot take this problem: {found}. "
+        f"Use '{corrector.without}', which takes states and sensitivities as one vector."
+    )
 
 
 def check_library(method: str) -> None:

@@ -1,8 +1,9 @@
-"""The one loop over steps that all methods share.
+"""The loop over steps of SciPy's methods.
 
-In: a checked ``Problem`` and a function that starts a stepper. Out: a ``Trajectory``. The loop
-restarts at breakpoints, collects outputs, holds a constrained motion to its constraints, watches
-budgets and progress, and turns what goes wrong into a status and a sentence.
+In: a ``Problem`` and a method's name. Out: a ``Trajectory``. The loop restarts at breakpoints,
+collects outputs, holds a constrained motion to its constraints, watches budgets and progress, and
+turns what goes wrong into a status and a sentence. Events, and sensitivities that jump where a
+source has a corner, are left to the loop in C.
 
 Every stored value of a constrained problem is projected. Methods without a memory also go on from
 the projected value after each step. Those with one, whose history a projection puts at odds with
@@ -15,13 +16,15 @@ from __future__ import annotations
 import contextlib
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cotree.errors import SolveError
 from cotree.quiet import without_warnings
+from cotree.solvers.algebraic import solve_reduced
 from cotree.solvers.base import Drift, Statistics, Trajectory
-from cotree.solvers.corners import Turns, segments
+from cotree.solvers.corners import segments
 from cotree.solvers.evaluate import (
     BUDGET_SPENT,
     FAILED,
@@ -29,21 +32,24 @@ from cotree.solvers.evaluate import (
     IntegrationStopError,
     OffConstraintsError,
 )
-from cotree.solvers.events import Watch
 from cotree.solvers.messages import ROUNDING_LEVEL, told
-from cotree.solvers.packed import packed
 from cotree.solvers.passage import LOOSENED, LOOSEST, Passage
+from cotree.solvers.problem import check_problem
 from cotree.solvers.progress import Progress
-from cotree.solvers.since import counted_from_start
-from cotree.solvers.stepper import Idle
-from cotree.solvers.verdicts import verdict
+from cotree.solvers.scipy_ivp import Idle, ScipyStepper, alone
 
 if TYPE_CHECKING:
-    from cotree.solvers.locate import Located
     from cotree.solvers.problem import FloatArray, Problem
-    from cotree.solvers.stepper import StartStepper, Stepper
 
-# Steps of a few units in the last place get nowhere; LSODA and SUNDIALS take them forever. A single
+    _Stepper = ScipyStepper | Idle
+
+#: The end of a sentence on what SciPy's methods do not take.
+IN_C = (
+    "use 'dopri5', 'rodas5' or 'cvode', which run in C; where there is no compiler, "
+    "`pip install ziglang` brings one"
+)
+
+# Steps of a few units in the last place get nowhere; LSODA takes them forever. A single
 # one is normal before an output or a breakpoint.
 _STALL_SPACINGS, _STALL_STEPS = 16, 5
 
@@ -57,26 +63,47 @@ _STEPS_UNHELD = 100
 _RETREAT, _LEAST_REACH = 0.1, 1e-9
 
 
-def drive(problem: Problem, method: str, start: StartStepper) -> Trajectory:
-    """Integrate with one method.
+def solve_with_scipy(problem: Problem, method: str) -> Trajectory:
+    """Integrate with one of SciPy's methods; algebraic unknowns are eliminated.
 
     Parameters
     ----------
     problem : Problem
-        It has passed ``check_problem``.
+        The problem.
     method : str
-        Name for statistics and messages.
-    start : callable
-        ``start(evaluator, t, z, t_end)`` returns a stepper that has not stepped yet.
+        "RK45", "DOP853", "RK23", "Radau", "BDF" or "LSODA".
 
     Returns
     -------
     Trajectory
         With status 0, or with the last good point as its last column.
+
+    Raises
+    ------
+    SolveError
+        If the problem cannot be accepted, or has what only methods in C take.
     """
+    check_problem(problem)
+    what = beyond_scipy(problem)
+    if what:
+        raise SolveError(f"The method '{method}' cannot take {what}: {IN_C}.")
+    with alone(method):
+        return solve_reduced(problem, lambda reduced: _drive(reduced, method))
+
+
+def beyond_scipy(problem: Problem) -> str:
+    """Name what a problem has that methods in C take, and SciPy's do not; empty for nothing."""
+    if problem.events is not None:
+        return f"events, such as '{problem.events.rows[0].name}'"
+    starts = [start for start, _ in segments(problem)]
+    if problem.n_sensitivities and not problem.shifts.keys().isdisjoint(starts):
+        return "sensitivities to parameters that move a corner of a source"
+    return ""
+
+
+def _drive(problem: Problem, method: str) -> Trajectory:
     begin = time.perf_counter()
-    begins = packed(counted_from_start(start)) if problem.size else Idle
-    run = _Run(problem, begins, Progress(method, problem.t_span))
+    run = _Run(problem, method, Progress(method, problem.t_span))
     status, reason = 0, ""
     # What is not finite is watched and reported here; SciPy's own warnings say it once more.
     with np.errstate(all="ignore"), without_warnings(module=r"scipy\."):
@@ -107,18 +134,17 @@ def drive(problem: Problem, method: str, start: StartStepper) -> Trajectory:
         message=told(problem, method, run.t, reason, cause, run.passage.summary()),
         statistics=statistics,
         drift=run.drift(),
-        events=() if run.watch is None else tuple(run.watch.happened),
     )
 
 
 class _Run:
     """The moving parts of one integration."""
 
-    def __init__(self, problem: Problem, start: StartStepper, progress: Progress) -> None:
+    def __init__(self, problem: Problem, method: str, progress: Progress) -> None:
         self.problem = problem
+        self._method = method
         self.progress = progress
         self.evaluator = Evaluator(problem)
-        self.turns = Turns(self.evaluator)
         self.t = float(problem.t_span[0])
         self.z = np.array(problem.z0, dtype=np.float64)
         self.times: list[float] = []
@@ -126,14 +152,11 @@ class _Run:
         self.residuals: list[FloatArray] = []
         self.n_steps = 0
         self.nlu = 0
-        self._start = start
         self._wanted = [] if problem.t_eval is None else [float(t) for t in problem.t_eval]
         self._next = 0
         self._steps_unheld = 0
         self._moved = 0.0  # by how many tolerances the constraints would have moved the last step
         self.passage = Passage()
-        events = problem.events
-        self.watch = Watch(problem, events, self.evaluator, start) if events else None
         self._reach = 0.0  # of the last step, or of those allowed since
 
     def integrate_segment(self, start: float, end: float) -> None:
@@ -141,114 +164,58 @@ class _Run:
         evaluator = self.evaluator
         evaluator.open_segment(start, end)
         # A jump of an input may leave the motion of the segment before off the constraints.
-        self._turn(start)
         self.z = evaluator.project(start, self.z)
         evaluator.settle(start, self.z)
-        self._look_at_start()
         self._keep_start()
         self._derivative(start, self.z, "it cannot start")
         self._steps_unheld, self._moved = 0, 0.0
-        stepper = self._start(evaluator, start, self.z, end)
+        stepper = self._begin(start, self.z, end)
         nlu_before = self.nlu
         short_steps = 0
         crossing = end  # up to where the tolerance is loosened
         try:
             while self.problem.direction * (end - self.t) > 0:
                 self._check_steps()
-                before, z_before = self.t, self.z
+                before = self.t
                 if evaluator.problem is not self.problem and self.t == crossing:
                     evaluator.problem = self.problem
-                    stepper, nlu_before = self._start(evaluator, self.t, self.z, end), self.nlu
+                    stepper, nlu_before = self._begin(self.t, self.z, end), self.nlu
                 limit = end if evaluator.problem is self.problem else crossing
                 bound = self._bound(limit)
                 reason = stepper.step(bound if stepper.lands else limit)
                 self.nlu = nlu_before + stepper.nlu
                 if not reason and not np.all(np.isfinite(stepper.z)):
                     reason = "the solution is no longer finite"
-                found = None
-                if self.watch is not None and not reason:
-                    found = self.watch.find(stepper, before, z_before, end)
                 try:
                     if reason:
                         raise IntegrationStopError(FAILED, reason)
-                    self._accept(stepper, found)
+                    self._accept(stepper)
                 except IntegrationStopError as stop:
                     crossing = self._retreat(stepper, end, stop)
-                    stepper = self._start(evaluator, self.t, self.z, crossing)
+                    stepper = self._begin(self.t, self.z, crossing)
                     nlu_before = self.nlu
                     continue
                 self._reach = abs(self.t - before)
-                if found is not None:
-                    self._let_happen(found)
-                    stepper = self._start(evaluator, self.t, self.z, limit)
-                    nlu_before = self.nlu
-                    continue
                 is_short = abs(self.t - before) <= _STALL_SPACINGS * np.spacing(abs(self.t - start))
                 short_steps = short_steps + 1 if is_short else 0
                 if not is_short:
                     evaluator.progressed()
                 if short_steps >= _STALL_STEPS:
-                    self._give_up(IntegrationStopError(FAILED, ROUNDING_LEVEL))
+                    raise IntegrationStopError(FAILED, ROUNDING_LEVEL)
                 if self._is_stuck(stepper, before, bound):
                     crossing = self._crossing(end)
-                    stepper = self._start(evaluator, self.t, self.z, crossing)
+                    stepper = self._begin(self.t, self.z, crossing)
                     nlu_before = self.nlu
         finally:
             self.nlu = nlu_before + stepper.nlu
-        if end != self.problem.t_span[1]:
-            self.turns.leave(end, self.z)
 
-    def _turn(self, t: float) -> None:
-        """Let sensitivities jump at a breakpoint; what is kept there is what holds behind it."""
-        turned = self.turns.enter(t, self.z)
-        if turned is not self.z and self.times and self.times[-1] == t:
-            self._keep_again(t, turned)
-        self.z = turned
+    def _begin(self, t: float, z: FloatArray, t_end: float) -> _Stepper:
+        """Start the method; without states there is nothing to start."""
+        if not self.problem.size:
+            return Idle(t, z)
+        return ScipyStepper(self._method, self.evaluator, t, z, t_end)
 
-    def _keep_again(self, t: float, z: FloatArray) -> None:
-        """Store something in place of what was stored last."""
-        for kept in (self.times, self.columns, self.residuals):
-            del kept[-1:]
-        self._keep(t, z)
-
-    def _look_at_start(self) -> None:
-        """Let happen what happens at the start of a segment."""
-        watch = self.watch
-        if watch is None:
-            return
-        is_first = self.t == float(self.problem.t_span[0]) and not self.times
-        n_before = len(watch.happened)
-        if is_first:
-            self.z = watch.begin(self.t, self.z)
-        else:
-            self.z = watch.resume(self.t, self.z, self.turns.slopes(self.t))
-        if len(watch.happened) > n_before:
-            self._keep_after(self.t)
-
-    def _let_happen(self, found: Located) -> None:
-        """Go on from what an event leaves."""
-        assert self.watch is not None  # which found it
-        self.z, self._moved = self.watch.happen(found), 0.0
-        self.evaluator.progressed()
-        self.passage.restarted()
-        self._keep_after(found.t)
-
-    def _keep_after(self, t: float) -> None:
-        """Store what an event leaves, in place of what was before it; stop where it says so."""
-        assert self.watch is not None
-        is_kept = bool(self.times) and self.times[-1] == t
-        if is_kept:
-            self._keep_again(t, self.z)
-        for at in self._wanted_until(t):
-            if at != t or not is_kept:
-                self._keep(at, self.z)
-        limit = self.problem.max_events
-        if limit is not None and len(self.watch.happened) >= limit:
-            raise IntegrationStopError(BUDGET_SPENT, verdict("spends", [], detail=limit))
-        if self.watch.stopped:
-            raise IntegrationStopError(0, verdict("stops", [self.watch.stopped]))
-
-    def _is_stuck(self, stepper: Stepper, before: float, bound: float) -> bool:
+    def _is_stuck(self, stepper: _Stepper, before: float, bound: float) -> bool:
         """Watch a step for a singular configuration; tell whether to cross it."""
         problem, passage = self.problem, self.passage
         if problem.singular is None or self.t == bound:
@@ -271,24 +238,19 @@ class _Run:
         ahead = self.t + problem.direction * passage.longest
         return ahead if problem.direction * (end - ahead) > 0 else end
 
-    def _retreat(self, stepper: Stepper, end: float, stop: IntegrationStopError) -> float:
+    def _retreat(self, stepper: _Stepper, end: float, stop: IntegrationStopError) -> float:
         """Shorten the steps after a failure, and say up to where."""
         self._reach = _RETREAT * (abs(stepper.t - self.t) or self._reach)
         least = _LEAST_REACH * abs(self.problem.t_span[1] - self.problem.t_span[0])
         # Methods with a memory give up where a trial step is not finite; others shorten it.
         is_known = stop.status == FAILED and stepper.has_memory and self.evaluator.not_finite
         if not (is_known or isinstance(stop, OffConstraintsError)) or self._reach <= least:
-            self._give_up(stop)
+            raise stop
         if stepper.has_memory:
             self.z, self._moved = self.evaluator.project(self.t, self.z), 0.0
         self.evaluator.problem = replace(self.evaluator.problem, max_step=self._reach)
         ahead = self.t + self.problem.direction * self._reach / _RETREAT
         return ahead if self.problem.direction * (end - ahead) > 0 else end
-
-    def _give_up(self, stop: IntegrationStopError) -> NoReturn:
-        if self.watch is not None and stop.reason == ROUNDING_LEVEL:
-            self.watch.explain(self.t)
-        raise stop
 
     def keep_last_point(self) -> None:
         """Append the last good point, unless it is there."""
@@ -315,32 +277,25 @@ class _Run:
         wanted = self._wanted[self._next]
         return wanted if self.problem.direction * (end - wanted) > 0 else end
 
-    def _accept(self, stepper: Stepper, found: Located | None = None) -> None:
-        """Take a step, with the outputs in it; of one with an event, what comes before that."""
+    def _accept(self, stepper: _Stepper) -> None:
+        """Take a step, with the outputs in it."""
         self._steps_unheld += 1
         self.evaluator.step_done()
         self.progress.reached(stepper.t)
         first = self._next
-        wanted = self._wanted_until(stepper.t) if found is None else self._wanted_before(found)
+        wanted = self._wanted_until(stepper.t)
         points = [(t, stepper.z if t == stepper.t else stepper.interpolate(t)) for t in wanted]
         try:
-            if self.problem.project is not None and found is None:
+            if self.problem.project is not None:
                 points = self._hold(stepper, points)
-            elif self.problem.project is not None:
-                points = [(t, self.evaluator.project(t, z)) for t, z in points]
             columns = [(t, self.evaluator.complete(t, z)) for t, z in points]
         except IntegrationStopError:
             self._next = first
             raise
         self.n_steps += 1
-        end = stepper if found is None else found
-        self.t, self.z = end.t, end.z
+        self.t, self.z = stepper.t, stepper.z
         for t, column in columns:
             self._store(t, column)
-
-    def _wanted_before(self, found: Located) -> list[float]:
-        """Take the outputs before an event, but for what its time cannot be told from."""
-        return [] if self.problem.t_eval is None else self._wanted_until(found.t - found.margin)
 
     def _wanted_until(self, t: float) -> list[float]:
         """Take the outputs up to a time from those still wanted; without any, each step is one."""
@@ -354,7 +309,7 @@ class _Run:
         return self._wanted[first : self._next]
 
     def _hold(
-        self, stepper: Stepper, points: list[tuple[float, FloatArray]]
+        self, stepper: _Stepper, points: list[tuple[float, FloatArray]]
     ) -> list[tuple[float, FloatArray]]:
         """Project the points of a step, and its end where the method can go on from there."""
         z, evaluator, has_memory = stepper.z, self.evaluator, stepper.has_memory

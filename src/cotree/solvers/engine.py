@@ -18,11 +18,12 @@ from cotree.errors import BuildError
 from cotree.model.kernels import SINGULAR
 from cotree.sharing import made_once
 from cotree.solvers.augmented import augmented_tolerances
+from cotree.solvers.base import Occurrence
 from cotree.solvers.corners import turn_tolerances, turning
-from cotree.solvers.events import Occurrence
 from cotree.solvers.messages import undefined_ahead
 from cotree.solvers.problem import describe_entry
-from cotree.solvers.verdicts import BY_STATUS, UNCERTAIN, verdict
+from cotree.solvers.rescue import Rescue
+from cotree.solvers.verdicts import BY_STATUS, verdict
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
@@ -140,9 +141,12 @@ class Job:
         job.p, job.k = self._doubles(native.model.p), self._doubles(native.model.k)
         job.u = self._doubles(np.zeros(native.n_inputs))
         job.n_replaced, job.replaced = len(native.replaced), self._tables(native)
-        self._error: BaseException | None = None
+        self._errors: list[BaseException] = []
         if native.functions:
-            job.input_function = self._callback(native.functions)
+            job.input_function = self._ask_for_inputs(native.functions)
+        self.rescue = Rescue(problem)
+        if self.rescue.is_needed:
+            job.helper = self._helper(problem.n_states)
         job.has_sensitivities = int(problem.n_sensitivities > 0)
         job.is_held = int(problem.project is not None)
         job.is_extended = int(is_extended)
@@ -201,8 +205,8 @@ class Job:
             self.job.is_waiting = int(unwatched <= 0)
             most_steps = min(most_steps, unwatched) if unwatched > 0 else most_steps
         result = int(self._lib.cotree_job_run(self.job, most_steps))
-        if self._error is not None:
-            raise self._error
+        if self._errors:
+            raise self._errors[0]
         return result
 
     @property
@@ -245,12 +249,6 @@ class Job:
         self._lib.cotree_job_end(self.job)
 
     @property
-    def is_final(self) -> bool:
-        """Tell whether the job failed for a reason that another method would meet, too."""
-        status = int(self.job.status)
-        return status == TURNED or BY_STATUS.get(status, UNCERTAIN[0]) not in UNCERTAIN
-
-    @property
     def has_spent_events(self) -> bool:
         """Tell whether the budget of events is spent."""
         return bool(0 < self.job.most_events <= self.job.n_records)
@@ -280,7 +278,8 @@ class Job:
         events = [rows[c.event].name]
         if name in ("endless", "slides"):
             events = [row.name for i, row in enumerate(rows) if c.has_fired[i]]
-        return verdict(name, events, float(c.event_time), float(c.event_detail))
+        said = verdict(name, events, float(c.event_time), float(c.event_detail))
+        return f"{said} ({self.rescue.complaint})" if self.rescue.complaint else said
 
     def _make_aid(self, problem: Problem, newton: Newton | None) -> Any:
         """Point to what the stepper needs besides."""
@@ -312,20 +311,45 @@ class Job:
         self._kept.append(pointer)
         return pointer
 
-    def _callback(self, functions: Mapping[int, Callable[[float], float]]) -> Any:
+    def _ask_for_inputs(self, functions: Mapping[int, Callable[[float], float]]) -> Any:
         """Give C a function that asks Python for inputs."""
+        errors = self._errors
 
         def ask(t: float, u: Any, context: Any) -> int:
-            if self._error is not None:  # C may try a shorter step before it gives up
+            if errors:  # C may try a shorter step before it gives up
                 return -1
             for place, function in functions.items():
                 u[place] = function(t)
             return 0
 
-        def remember(kind: Any, error: BaseException, traceback: Any) -> None:
-            self._error = error  # of the function, or Ctrl-C in it
+        return self._callback("cotree_input_function", ask)
 
-        callback = self._ffi.callback("cotree_input_function", ask, error=-1, onerror=remember)
+    def _helper(self, n_states: int) -> Any:
+        """Give C what looks farther than it does."""
+        rescue, ffi = self.rescue, self._ffi
+
+        def find_unknowns(t: float, x: Any, context: Any) -> int:
+            point = np.frombuffer(ffi.buffer(x, 8 * n_states))
+            return int(not rescue.find_unknowns(t, point))
+
+        def find_states(t: float, x: Any, kept: Any, n_kept: int, context: Any) -> int:
+            point = np.frombuffer(ffi.buffer(x, 8 * n_states))
+            return int(not rescue.find_states(t, point, [kept[i] for i in range(n_kept)]))
+
+        helper = ffi.new("cotree_helper *")
+        helper.find_unknowns = self._callback("cotree_find_unknowns", find_unknowns)
+        helper.find_states = self._callback("cotree_find_states", find_states)
+        self._kept.append(helper)
+        return helper
+
+    def _callback(self, kind: str, function: Callable[..., int]) -> Any:
+        """Give C a function of Python; exceptions, Ctrl-C among them, wait until C is back."""
+        errors = self._errors
+
+        def remember(kind: Any, error: BaseException, traceback: Any) -> None:
+            errors.append(error)
+
+        callback = self._ffi.callback(kind, function, error=-1, onerror=remember)
         self._kept.append(callback)
         return callback
 

@@ -61,9 +61,6 @@ class Evaluator:
         What was first not finite since ``progressed()``, as a phrase for a message; or empty.
     correction : float
         The largest relative change of a state by a projection; see ``Drift``.
-    margin : float
-        How far within a segment the times handed to the problem are, with the sign of time's
-        direction, [s].
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -73,7 +70,6 @@ class Evaluator:
         self.not_finite = ""
         self.correction = 0.0
         self._last_jacobian: Any = None
-        self.margin = 0.0
         self._bounds = sorted(problem.t_span)
         self._deadline = math.inf
         if problem.time_limit is not None:
@@ -93,7 +89,6 @@ class Evaluator:
         size = max(abs(start), abs(end), self.problem.scale)
         margin = min(SAME * size, 0.25 * abs(end - start))
         margin = math.copysign(margin, end - start)
-        self.margin = margin
         sharp = self.problem.breakpoints
         first = start if start == low and low not in sharp else start + margin
         last = end if end == high and high not in sharp else end - margin
@@ -115,14 +110,6 @@ class Evaluator:
         if not math.isfinite(dz.dot(dz)) and not self.not_finite:
             self._remember(t, z, dz)
         return dz
-
-    def outside(self, t: float, z: FloatArray) -> FloatArray:
-        """Return the derivative of z at a time that may lie outside the segment."""
-        bounds, self._bounds = self._bounds, [t, t]
-        try:
-            return self.rhs(t, z)
-        finally:
-            self._bounds = bounds
 
     def project(self, t: float, z: FloatArray) -> FloatArray:
         """Return z on the constraints, as a fresh array; z itself where there are none.

@@ -1,7 +1,7 @@
-"""A first step for methods whose own is a share of the span.
+"""A first step for a method whose own is a share of the span.
 
-IDA and LSODA fail where nothing moves at the start, but will soon, as a stiff circuit does that a
-source of sine feeds: they begin far too long and may shorten a step only a few times.
+LSODA fails where nothing moves at the start, but will soon, as a stiff circuit does that a source
+of sine feeds: it begins far too long and may shorten a step only a few times.
 """
 
 from __future__ import annotations
@@ -11,17 +11,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from cotree.solvers.evaluate import Evaluator
+    from collections.abc import Callable
+
     from cotree.solvers.problem import FloatArray
 
 _SHARE = 0.01
 
 
 def first_step(
-    evaluator: Evaluator,
+    rates_at: Callable[[float, FloatArray], FloatArray],
     t: float,
     z: FloatArray,
     t_end: float,
+    longest: float,
     tolerances: tuple[float, FloatArray],
 ) -> float:
     """Choose a first step from the rates and their change along a tiny one.
@@ -31,32 +33,33 @@ def first_step(
 
     Parameters
     ----------
-    evaluator : Evaluator
-        Gives the rates.
+    rates_at : callable
+        ``rates_at(t, z)`` gives the rates.
     t : float
         Start, [s].
     z : ndarray
         Values there.
     t_end : float
         End, [s].
+    longest : float
+        The longest step, [s].
     tolerances : float, ndarray
         Relative and absolute.
 
     Returns
     -------
     float
-        Positive, [s], no more than the distance to the end or than the longest step.
+        Positive, [s], no more than the longest step.
     """
     rtol, atol = tolerances
     weights = 1.0 / (atol + rtol * np.abs(z))
-    rates = evaluator.rhs(t, z)
+    rates = rates_at(t, z)
     size, slope = _norm(z * weights), _norm(rates * weights)
-    longest = min(abs(t_end - t), evaluator.problem.max_step)
     least = 4.0 * float(np.spacing(max(abs(t), abs(t_end))))
     trial = 1e-6 if min(size, slope) < 1e-5 else _SHARE * size / slope
     trial = min(max(trial, least), longest)
     direction = 1.0 if t_end > t else -1.0
-    ahead = evaluator.rhs(t + direction * trial, z + direction * trial * rates)
+    ahead = rates_at(t + direction * trial, z + direction * trial * rates)
     bend = _norm((ahead - rates) * weights) / trial
     steepest = max(slope, bend) if np.isfinite(bend) else slope
     if steepest <= 1e-15:

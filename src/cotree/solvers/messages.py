@@ -9,6 +9,7 @@ import numpy as np
 
 from cotree.codegen.statuses import SENTENCES
 from cotree.solvers.augmented import RTOL_FLOOR, augmented_tolerances
+from cotree.solvers.rescue import Rescue
 
 if TYPE_CHECKING:
     from cotree.solvers.problem import FloatArray, Problem
@@ -54,7 +55,7 @@ def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
         return ""
     start, end = problem.t_span
     y = np.array(z[: problem.n_states])
-    why = problem.undefined(t, y)
+    why = _undefined(problem, t, y)
     if why:
         return why
     rates = np.array(problem.state_rhs(t, y))
@@ -63,9 +64,19 @@ def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
     step = 4.0 * float(np.spacing(max(abs(t), float(np.finfo(np.float64).tiny))))
     while step <= reach and not why:
         ahead = math.copysign(step, end - start)
-        why = problem.undefined(t + ahead, y + ahead * rates)
+        why = _undefined(problem, t + ahead, y + ahead * rates)
         step *= 4.0
     return why
+
+
+def _undefined(problem: Problem, t: float, y: FloatArray) -> str:
+    """Say why rates, or the algebraic unknowns that they take, have no value at a point."""
+    assert problem.undefined is not None  # or nobody would have asked
+    why = problem.undefined(t, y)
+    if why or not problem.n_algebraic:
+        return why
+    rescue = Rescue(problem)
+    return "" if rescue.find_unknowns(t, y) else rescue.complaint
 
 
 def _rounding_of_time(problem: Problem, t: float) -> str:

@@ -1,7 +1,7 @@
-"""The table of methods, and the solver of each.
+"""The table of methods.
 
-In: a method's name. Out: a ``Solver`` that turns a ``Problem`` into a ``Trajectory``. A new method
-of a known family is one row of ``METHODS``.
+In: a method's name. Out: its row, by which :mod:`cotree.solvers.select` finds what runs it. A new
+method of a known family is one row of ``METHODS``.
 
 Constrained problems are projected between steps. A one-step method goes on from the projected
 state after every step. A multistep method remembers states before, which a projection leaves
@@ -20,8 +20,6 @@ from cotree.errors import SolveError, nearest
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-
-    from cotree.solvers.base import Solver
 
 
 @dataclass(frozen=True)
@@ -80,34 +78,3 @@ def method_row(method: str) -> Method:
     if method not in METHODS:
         raise SolveError(f"There is no method '{method}'{nearest(method, [*METHODS, 'auto'])}")
     return METHODS[method]
-
-
-def solver_for(method: str) -> Solver:
-    """Return the solver of a method.
-
-    Parameters
-    ----------
-    method : str
-        A name in ``METHODS``; "auto" is resolved by ``choose_method`` before.
-
-    Raises
-    ------
-    SolveError
-        If no method has this name, or its package is not installed.
-    """
-    row = method_row(method)
-    if row.family == "scipy":
-        from cotree.solvers.scipy_ivp import ScipySolver
-
-        return ScipySolver(row.name)
-    if row.family == "cotree":
-        from cotree.solvers.native import NativeSolver
-
-        return NativeSolver(row.name)
-    if row.family == "correctors":
-        from cotree.solvers.correctors import CorrectorSolver
-
-        return CorrectorSolver(row.name)
-    from cotree.solvers.sundials import SundialsSolver
-
-    return SundialsSolver(row.name)

@@ -7,7 +7,7 @@ then, to check for interrupts and budgets.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
@@ -18,7 +18,6 @@ from cotree.solvers.engine import Job, load_engine
 from cotree.solvers.evaluate import BUDGET_SPENT, FAILED
 from cotree.solvers.messages import summary
 from cotree.solvers.methods import METHODS
-from cotree.solvers.problem import check_problem
 from cotree.solvers.progress import Progress
 from cotree.solvers.verdicts import verdict
 
@@ -31,20 +30,13 @@ _MORE, _FAILED, _STOPPED, _STIFF = 1, 2, 3, 4
 # Time that C runs before Python regains control, [s], and the number of steps it begins with.
 _GLANCE, _FIRST_STEPS = 0.1, 1000
 
-#: The methods of SciPy that stand in where there is no C.
-STAND_INS = {
-    "dopri5": "RK45",
-    "rkf45": "RK45",
-    "dop853": "DOP853",
-    "rodas4": "Radau",
-    "rodas5": "Radau",
-}
-
 
 def refusal(method: str, problem: Problem) -> str:
     """Say why a method cannot take a problem; empty where it can."""
-    if problem.native is None or problem.size == 0:
-        return problem.not_native or "there is nothing for C to do"
+    if problem.native is None:
+        return problem.not_native
+    if problem.size == 0:
+        return "there is nothing for C to do"
     if not METHODS[method].implicit:
         return ""
     if problem.singular is not None:
@@ -79,100 +71,83 @@ class Successor(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class NativeSolver:
-    """One of cotree's own methods.
+def solve_own(
+    problem: Problem, method: str, successor: Successor | None = None
+) -> Trajectory | str:
+    """Integrate a checked problem with a method of our own, or say why C cannot.
 
-    Attributes
+    Parameters
     ----------
+    problem : Problem
+        It has passed ``check_problem``.
     method : str
         "dopri5", "rkf45", "dop853", "rodas4" or "rodas5".
     successor : Successor or None
         The method that may take over where an explicit method finds that the problem is stiff.
+
+    Returns
+    -------
+    Trajectory or str
+        A reason is a sentence without a capital and an end.
     """
+    why = refusal(method, problem)
+    if why:
+        return why
+    before = time.perf_counter()
+    engine = load_engine(method)
+    if engine is None:
+        return "no compiler can build its engine"
+    newton = None
+    if METHODS[method].implicit:
+        assert problem.native is not None  # it was not refused
+        newton = problem.native.model.newton()
+        if newton is None:
+            return "no compiler can build what it needs of the model"
+    begin = time.perf_counter()
+    corners = segments(problem)
+    times = [corners[0][0], *(end for _, end in corners)]
+    is_extended = can_extend(method, problem)
+    job = Job(engine, method, problem, times, is_extended, newton)
+    ended = _run(job, problem, method, successor)
+    if isinstance(ended, Ended) and ended.status == FAILED and is_extended:
+        problem = _less(problem, job)
+        job = Job(engine, method, problem, times)
+        ended = _run(job, problem, method, successor, ended.seconds)
+    if isinstance(ended, Trajectory):
+        return compiled_in(ended, ended.statistics.compile_seconds + begin - before)
+    trajectory = trajectory_of(job, problem, method, ended)
+    note = successor.note if successor is not None else _note(job)
+    trajectory = replace(trajectory, message=" ".join([trajectory.message, note]).rstrip())
+    return compiled_in(trajectory, begin - before)
 
-    method: str
-    successor: Successor | None = None
 
-    def solve(self, problem: Problem) -> Trajectory:
-        """Integrate a problem, with SciPy where C cannot.
+def _run(
+    job: Job, problem: Problem, method: str, successor: Successor | None, spent: float = 0.0
+) -> Ended | Trajectory:
+    """Advance a job to its end, or let its successor go on."""
+    if successor is None:
+        return run_job(job, problem, method, spent)
+    job.wait_where_stiff(0)
+    ended = run_job(job, problem, method, spent)
+    while ended.is_stiff:
+        first = trajectory_of(job, problem, method, ended)
+        trajectory = successor.take_over(problem, first, job)
+        if trajectory is not None:
+            return trajectory
+        job.wait_where_stiff(2 * int(job.job.n_steps))
+        ended = run_job(job, problem, method, ended.seconds)
+    return ended
 
-        Raises
-        ------
-        SolveError
-            If the problem cannot be accepted.
-        """
-        check_problem(problem)
-        why = refusal(self.method, problem)
-        if why:
-            return self._stand_in(problem, why)
-        before = time.perf_counter()
-        engine = load_engine(self.method)
-        if engine is None:
-            return self._stand_in(problem, "no compiler can build its engine")
-        newton = None
-        if METHODS[self.method].implicit:
-            assert problem.native is not None  # it was not refused
-            newton = problem.native.model.newton()
-            if newton is None:
-                return self._stand_in(problem, "no compiler can build what it needs of the model")
-        begin = time.perf_counter()
-        corners = segments(problem)
-        times = [corners[0][0], *(end for _, end in corners)]
-        is_extended = can_extend(self.method, problem)
-        job = Job(engine, self.method, problem, times, is_extended, newton)
-        ended = self._run(job, problem)
-        if isinstance(ended, Ended) and ended.status == FAILED and is_extended:
-            problem = _less(problem, job)
-            job = Job(engine, self.method, problem, times)
-            ended = self._run(job, problem, ended.seconds)
-        if isinstance(ended, Trajectory):
-            return compiled_in(ended, ended.statistics.compile_seconds + begin - before)
-        is_hard = problem.n_algebraic or problem.singular is not None
-        if ended.status == FAILED and is_hard and not job.is_final:
-            # Wide searches for algebraic unknowns and passages of singular positions run in Python.
-            why = f"{ended.reason} at t = {float(job.job.t):.10g}"
-            return self._stand_in(_less(problem, job), why)
-        trajectory = trajectory_of(job, problem, self.method, ended)
-        note = f" {self._note(job)}" if self._note(job) else ""
-        trajectory = replace(trajectory, message=f"{trajectory.message}{note}")
-        return compiled_in(trajectory, begin - before)
 
-    def _run(self, job: Job, problem: Problem, spent: float = 0.0) -> Ended | Trajectory:
-        """Advance a job to its end, or let its successor go on."""
-        successor = self.successor
-        if successor is not None:
-            job.wait_where_stiff(0)
-        ended = run_job(job, problem, self.method, spent)
-        while ended.is_stiff:
-            assert successor is not None  # or nobody would have waited
-            first = trajectory_of(job, problem, self.method, ended)
-            trajectory = successor.take_over(problem, first, job)
-            if trajectory is not None:
-                return trajectory
-            job.wait_where_stiff(2 * int(job.job.n_steps))
-            ended = run_job(job, problem, self.method, ended.seconds)
-        return ended
-
-    def _note(self, job: Job) -> str:
-        """Say what an explicit method found out about stiffness."""
-        if self.successor is not None:
-            return self.successor.note
-        if not job.is_stiff:
-            return ""
-        return (
-            f"The problem is stiff from t = {float(job.job.stiff_since):.6g} on: about "
-            f"{int(job.job.n_stiff_steps)} steps were as short as stability asks, and a method for "
-            "stiff problems such as rodas5 may take far fewer."
-        )
-
-    def _stand_in(self, problem: Problem, why: str) -> Trajectory:
-        from cotree.solvers.select import integrate
-
-        other = STAND_INS[self.method]
-        trajectory = integrate(problem, other)
-        message = f"{trajectory.message} {other} stood in for {self.method}: {why}."
-        return replace(trajectory, message=message)
+def _note(job: Job) -> str:
+    """Say what an explicit method found out about stiffness."""
+    if not job.is_stiff:
+        return ""
+    return (
+        f"The problem is stiff from t = {float(job.job.stiff_since):.6g} on: about "
+        f"{int(job.job.n_stiff_steps)} steps were as short as stability asks, and a method for "
+        "stiff problems such as rodas5 may take far fewer."
+    )
 
 
 def compiled_in(trajectory: Trajectory, seconds: float) -> Trajectory:

@@ -8,7 +8,7 @@ parameter by parameter, so each block of ``n_states`` entries obeys the same sta
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -17,39 +17,15 @@ from cotree.errors import SolveError
 from cotree.tolerances import rtol_fault
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from scipy.sparse import csc_matrix
 
     from cotree.dag.corners import Corner
-    from cotree.equations import EventRow
     from cotree.solvers.engine import Native
+    from cotree.solvers.jumps import ModelEvents
 
 FloatArray = npt.NDArray[np.float64]
-
-
-class Events(Protocol):
-    """The events of a problem, which happen where values pass through zero."""
-
-    @property
-    def rows(self) -> tuple[EventRow, ...]:
-        """Names and directions of the events, and which of them end a run."""
-        ...
-
-    def values(self, t: float, z: FloatArray) -> FloatArray:
-        """Evaluate the values that the events watch, shape (n_events,), as a fresh array."""
-
-    def rates(self, t: float, z: FloatArray) -> FloatArray:
-        """Evaluate the time derivatives of these values along the motion, shape (n_events,)."""
-
-    def apply(
-        self, i: int, t: float, z: FloatArray, time_sensitivity: FloatArray | None = None
-    ) -> tuple[FloatArray, FloatArray]:
-        """Let an event happen: return z after it, and how its time depends on the parameters."""
-
-    def is_due(self, i: int, t: float, z: FloatArray) -> bool:
-        """Tell whether an event that stands for a jump would change the mode that it sets."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,11 +110,14 @@ class Problem:
         The native form of the problem, where C can take it.
     not_native : str
         The reason why C cannot take it, as a sentence without a capital and a full stop.
+    settle : callable or None
+        ``settle(t, y, kept)`` moves states onto the constraints, but for those at the places
+        ``kept``, as an event set them; it raises ModelError where it cannot.
     singular : callable or None
         ``singular(t, z)`` names the edges whose constraints are nearly dependent at a point. With
         it the right-hand side is evaluated at projected points; see :mod:`cotree.solvers.passage`.
-    events : Events or None
-        The events of the problem; with events, time must increase.
+    events : ModelEvents or None
+        The events of the problem, which only methods in C take; time must increase.
     places : ndarray of int or None
         The positions in z of the entries that do not vanish at all times, states first, in order:
         methods integrate nothing else. None where no entry is known to vanish.
@@ -169,6 +148,7 @@ class Problem:
     project: Callable[[float, FloatArray], FloatArray] | None = None
     residual: Callable[[float, FloatArray], FloatArray] | None = None
     constraints: tuple[str, ...] = ()
+    settle: Callable[[float, FloatArray, Sequence[int]], FloatArray] | None = None
     singular: Callable[[float, FloatArray], tuple[str, ...]] | None = None
     n_algebraic: int = 0
     state_rhs: Callable[[float, FloatArray], FloatArray] | None = None
@@ -176,8 +156,8 @@ class Problem:
     complete: Callable[[float, FloatArray], FloatArray] | None = None
     sparse_jacobian: Callable[[float, FloatArray], csc_matrix] | None = None
     native: Native | None = None
-    not_native: str = ""
-    events: Events | None = None
+    not_native: str = "its equations are Python functions"
+    events: ModelEvents | None = None
     places: npt.NDArray[np.intp] | None = None
 
     @property

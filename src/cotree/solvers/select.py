@@ -13,13 +13,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cotree.solvers.algebraic import solve_reduced
+from cotree.errors import SolveError
+from cotree.solvers.bdf import solve_in_c
+from cotree.solvers.correctors import solve_with_corrector
 from cotree.solvers.decay import fastest_decay, fastest_growth
+from cotree.solvers.drive import IN_C, beyond_scipy, solve_with_scipy
 from cotree.solvers.engine import load_engine
-from cotree.solvers.methods import method_row, solver_for
-from cotree.solvers.native import NativeSolver, compiled_in, refusal
+from cotree.solvers.evaluate import FAILED
+from cotree.solvers.methods import method_row
+from cotree.solvers.native import compiled_in, refusal, solve_own
 from cotree.solvers.problem import check_problem
 from cotree.solvers.succession import Succession, stiff_method
+from cotree.solvers.sundials_library import check_installed, has_sundials
 
 if TYPE_CHECKING:
     from cotree.solvers.base import Trajectory
@@ -33,6 +38,17 @@ _STIFF_TIME_CONSTANTS = 2000.0
 # An explicit method may begin where modes decay at most so many times as fast as the fastest one
 # grows: steps that follow the growth are then not much longer than stability allows.
 _MILD = 10.0
+
+# The methods of SciPy that stand in where C cannot run one.
+_STAND_INS = {
+    "dopri5": "RK45",
+    "rkf45": "RK45",
+    "dop853": "DOP853",
+    "rodas4": "Radau",
+    "rodas5": "Radau",
+    "cvode": "BDF",
+    "ida": "BDF",
+}
 
 _PROBE_STEPS = 20
 _PROBE_RTOL = 1e-3
@@ -59,9 +75,9 @@ def integrate(problem: Problem, method: str = "auto") -> Trajectory:
     SolveError
         If the method is unknown or not installed, or the problem cannot be accepted.
     """
+    check_problem(problem)
     if method != "auto":
         return _solve(problem, method)
-    check_problem(problem)
     before = time.perf_counter()
     if not refusal("dop853", problem):
         load_engine("dop853")
@@ -77,15 +93,50 @@ def _solve_watched(problem: Problem, method: str) -> Trajectory:
     row = method_row(method)
     if row.family != "cotree" or row.implicit:
         return _solve(problem, method)
-    return NativeSolver(method, Succession(_solve)).solve(problem)
+    return _solve(problem, method, Succession(_solve))
 
 
-def _solve(problem: Problem, method: str) -> Trajectory:
-    """Integrate; SciPy's methods need algebraic unknowns eliminated."""
-    if method_row(method).family != "scipy":
-        return solver_for(method).solve(problem)
-    check_problem(problem)
-    return solve_reduced(problem, solver_for(method).solve)
+def _solve(problem: Problem, method: str, successor: Succession | None = None) -> Trajectory:
+    """Integrate a checked problem with a named method, or with the one that stands in for it."""
+    family = method_row(method).family
+    if family == "scipy":
+        return solve_with_scipy(problem, method)
+    if family == "correctors":
+        return solve_with_corrector(problem, method)
+    if family == "sundials":
+        check_installed(method)
+        found = solve_in_c(problem, method)
+    else:
+        found = solve_own(problem, method, successor)
+    if isinstance(found, str):
+        return _stand_in(problem, method, found)
+    if found.status != FAILED or problem.singular is None or beyond_scipy(problem):
+        return found
+    # Around SciPy's methods Python crosses singular positions with a looser tolerance.
+    taken = problem.steps_taken + found.statistics.n_steps
+    left = dataclasses.replace(problem, steps_taken=taken)
+    return _stand_in(left, method, found.message.rstrip("."))
+
+
+def _stand_in(problem: Problem, method: str, why: str) -> Trajectory:
+    """Integrate with another method where C cannot run the one that was asked for, and say so.
+
+    Raises
+    ------
+    SolveError
+        If the problem has what only methods in C take, and none of them can.
+    """
+    what, other = beyond_scipy(problem), _STAND_INS[method]
+    if what and (problem.native is None or other != "Radau"):
+        raise SolveError(
+            f"The method '{method}' cannot run: {why}. '{other}', which stands in for it, cannot "
+            f"take {what}: {IN_C}."
+        )
+    if what:  # Rosenbrock's stages are off constraints that depend on each other
+        other = "cvode" if has_sundials() else "dopri5"
+    trajectory = _solve(problem, other)
+    message = f"{trajectory.message} {other} stood in for {method}: {why}."
+    return dataclasses.replace(trajectory, message=message)
 
 
 def choose_method(problem: Problem) -> tuple[str, str]:

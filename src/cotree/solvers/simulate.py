@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.errors import ParameterError, SolveError, nearest
+from cotree.model.consistent import consistent_start
 from cotree.model.contents import content_sizes
 from cotree.model.signals import Signals, read_signals
 from cotree.scene.description import check_number
@@ -33,8 +34,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
     from cotree.model.model import CompiledModel
-    from cotree.solvers.base import Trajectory
-    from cotree.solvers.events import Occurrence
+    from cotree.solvers.base import Occurrence, Trajectory
     from cotree.solvers.problem import FloatArray
 
 
@@ -101,7 +101,7 @@ def simulate(
     corners = model.corners(p, t_span, settings.inputs, signals.breakpoints)
     z0 = _start(model, t_span[0], p, settings.initial, u)
     sizes = content_sizes(model, t_span[0], p, u(t_span[0]), z0[: len(model.states)])
-    events = ModelEvents(model, p, u, is_held) if model.layout.events else None
+    events = ModelEvents(model, p, u) if model.layout.events else None
     if events is not None:
         events.check_start(t_span[0], z0)
     problem = Problem(
@@ -129,6 +129,7 @@ def simulate(
         project=projection,
         residual=projection.residual if projection else None,
         constraints=projection.names if projection else (),
+        settle=_settle(model, p) if is_held else None,
         singular=projection.singular if projection and projection.has_rows else None,
         n_algebraic=model.layout.n_algebraic,
         state_rhs=_state_rhs(model, p, u),
@@ -323,6 +324,16 @@ def _state_rhs(
     """Give the rates of the states as a function."""
     kernel, nothing = model.bound("rhs", p), np.zeros(0)
     return lambda t, y: kernel(t, y, nothing, u(t))
+
+
+def _settle(
+    model: CompiledModel, p: FloatArray
+) -> Callable[[float, FloatArray, Sequence[int]], FloatArray]:
+    """Give what moves states that an event set onto the constraints."""
+    none = np.zeros((len(model.states), len(model.sensitivities)))
+    return lambda t, y, kept: (
+        consistent_start(model, t, p, y, none, kept, is_initial=False, is_probe=True).y
+    )
 
 
 def _sparse_jacobian(

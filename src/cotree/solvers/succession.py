@@ -6,7 +6,6 @@ trajectory of both methods, or None where the explicit one is to go on, with the
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -17,6 +16,7 @@ from cotree.solvers.base import Drift, Statistics, Trajectory
 from cotree.solvers.decay import largest_decaying
 from cotree.solvers.evaluate import FAILED
 from cotree.solvers.native import refusal
+from cotree.solvers.sundials_library import has_sundials
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,7 +48,7 @@ def stiff_method(problem: Problem) -> str:
     is_wide = problem.n_states > _MOST_STATES and not problem.n_algebraic
     if problem.singular is None and not is_wide and not refusal("rodas5", problem):
         return "rodas5"
-    return "cvode" if importlib.util.find_spec("sksundae") is not None else "BDF"
+    return "cvode" if has_sundials() else "BDF"
 
 
 @dataclass

@@ -15,12 +15,40 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cotree.codegen.sundials import SUNDIALS_VERSION, WITH_SENSITIVITIES
+from cotree.errors import SolveError
 
 #: Names the file of a library that has the functions of all that is asked of it.
 VARIABLE = "COTREE_SUNDIALS"
 
 # The least version of Python that sundials4py is made for.
 _LEAST_PYTHON = (3, 12)
+
+
+def check_installed(method: str) -> None:
+    """Refuse CVODE and IDA where the package is not there that brings them.
+
+    Parameters
+    ----------
+    method : str
+        "cvode" or "ida".
+
+    Raises
+    ------
+    SolveError
+        If scikit-sundae is not installed.
+    """
+    try:
+        importlib.import_module(f"sksundae.{method}")
+    except ImportError as error:
+        raise SolveError(
+            f"The method '{method}' needs SUNDIALS: run `pip install scikit-sundae`, or use "
+            "'rodas5'."
+        ) from error
+
+
+def has_sundials() -> bool:
+    """Tell whether the package is there that brings CVODE and IDA."""
+    return importlib.util.find_spec("sksundae") is not None
 
 
 class LibraryPath(NamedTuple):

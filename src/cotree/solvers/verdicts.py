@@ -1,4 +1,4 @@
-"""Reasons why events end a run: sentences without a capital and a full stop, for Python and C."""
+"""Reasons why events end a run: sentences without a capital and a full stop."""
 
 from __future__ import annotations
 
@@ -43,9 +43,6 @@ VERDICTS = {
 
 #: Names by the results of C.
 BY_STATUS = {row.number: row.verdict for row in EVENT_STATUSES}
-
-#: Those that another way to solve for what follows from constraints might avoid.
-UNCERTAIN = ("fails", "contradicts")
 
 
 def verdict(name: str, events: Sequence[str], t: float = 0.0, detail: float = 0.0) -> str:

@@ -33,14 +33,24 @@ _ENOUGH = 1e-10
 _TOO_FAR = 1e-6
 
 # Methods with their tolerances, best first: formulas of different families, of high order. Those of
-# BDF lose digits to rounding in their many steps at tolerances as tight as the first one's.
-_EXPLICIT_FIRST = (("DOP853", 1e-13), ("Radau", 1e-12), ("LSODA", 1e-12), ("cvode", 1e-12))
+# BDF lose digits to rounding in their many steps at tolerances as tight as the first one's. Events
+# are taken by cvode and the last two alone.
+_EXPLICIT_FIRST = (
+    ("DOP853", 1e-13),
+    ("Radau", 1e-12),
+    ("LSODA", 1e-12),
+    ("cvode", 1e-12),
+    ("dop853", 1e-13),
+    ("rodas5", 1e-12),
+)
 _IMPLICIT_FIRST = (
     ("Radau", 1e-12),
     ("cvode", 1e-12),
     ("BDF", 1e-12),
     ("LSODA", 1e-12),
     ("DOP853", 1e-13),
+    ("rodas5", 1e-12),
+    ("dop853", 1e-13),
 )
 
 

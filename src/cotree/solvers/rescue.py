@@ -1,0 +1,78 @@
+"""Points that iterations in C do not find: Python looks farther, and C goes on from there.
+
+In: a ``Problem``, and a point that C is stuck at. Out: the point with its algebraic unknowns, or
+on its constraints; or the sentence that says why there is none.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cotree.errors import Error
+from cotree.model.algebraic import Algebraic
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cotree.solvers.problem import FloatArray, Problem
+
+
+class Rescue:
+    """Looks farther for points of one integration.
+
+    Parameters
+    ----------
+    problem : Problem
+        A problem of a compiled model.
+
+    Attributes
+    ----------
+    complaint : str
+        The reason why the last point was not found, without a capital and a full stop; empty where
+        it was, or nothing was asked.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        self.complaint = ""
+
+    @property
+    def is_needed(self) -> bool:
+        """Tell whether there may be anything to look for."""
+        problem = self._problem
+        is_set = problem.events is not None and problem.settle is not None
+        return is_set or problem.n_algebraic > 0
+
+    def find_unknowns(self, t: float, y: FloatArray) -> bool:
+        """Solve for the algebraic unknowns of all states, in place, from any guess."""
+        problem = self._problem
+        assert problem.state_rhs is not None  # of a compiled model
+        assert problem.jacobian is not None
+        unknowns = Algebraic(
+            problem.state_rhs, problem.jacobian, problem.names, problem.n_algebraic
+        )
+        found = y.copy()
+        try:
+            unknowns.solve(t, found)
+        except Error as error:
+            self.complaint = str(error).rstrip(".")
+            return False
+        self.complaint = ""
+        y[:] = found
+        return True
+
+    def find_states(self, t: float, y: FloatArray, kept: Sequence[int]) -> bool:
+        """Move states onto the constraints, in place, but for those kept."""
+        settle = self._problem.settle
+        if settle is None:
+            return False
+        try:
+            found = settle(t, y.copy(), kept)
+        except Error as error:
+            self.complaint = str(error).rstrip(".")
+            return False
+        self.complaint = ""
+        y[:] = np.asarray(found)
+        return True
