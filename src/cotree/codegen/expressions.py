@@ -250,6 +250,8 @@ def read_from(expression: Expression, places: Mapping[Temporary, Expression]) ->
         The element of an array that holds each.
     """
     form, numbers = expression.form, expression.numbers
+    if not form.temporaries:
+        return expression
     found = [
         (at, places[key])
         for at, prefix in form.temporaries

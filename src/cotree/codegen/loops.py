@@ -105,11 +105,14 @@ def _row(statement: Statement) -> Row:
         form = (statement.is_strict, statement.value.form)
     else:
         return Row(None)
-    real: list[Any] = []
-    whole: list[Any] = []
+    slots = "".join([expression.form.slots for expression in statement.expressions])
+    numbers: tuple[Any, ...] = ()
     for expression in statement.expressions:
-        for number, slot in zip(expression.numbers, expression.form.slots, strict=True):
-            (real if slot == "r" else whole).append(number)
+        numbers += expression.numbers
+    if "r" not in slots:
+        return Row(form, numbers)
+    pairs = list(zip(numbers, slots, strict=True))
+    whole, real = ([n for n, slot in pairs if (slot == "r") == is_real] for is_real in (0, 1))
     return Row(form, tuple(whole), tuple(real))
 
 

@@ -111,13 +111,14 @@ def print_expression(expression: Expression, target: Target = DOUBLE) -> str:
 
 def print_body(cut: Blocks, target: Target = DOUBLE) -> Body:
     """Print the statements of a function, and the functions that it is cut into."""
-    blocks = []
+    printer, blocks = _Printer(target), []
     for function in cut.functions:
         heads = [target.declared(argument) for argument in function.arguments] or ["void"]
         head = function_head(target.function, target.name.format(function.name), heads)
-        blocks.append(Block(head, print_lines(function.body, target)))
+        blocks.append(Block(head, list(printer.lines(function.body))))
     counted = [*(function.body for function in cut.functions), cut.statements]
-    return Body(print_lines(cut.statements, target), blocks, [*map(n_operations, counted)])
+    lines = list(printer.lines(cut.statements))
+    return Body(lines, blocks, [*map(n_operations, counted)])
 
 
 class _Printer:
@@ -140,12 +141,9 @@ class _Printer:
 
     def expression(self, expression: Expression) -> str:
         """Print an expression."""
-        form, numbers = expression.form, expression.numbers
-        text = self._formats.get(form)
-        if text is None:
-            text = self._formats[form] = self._format(form)
+        text, numbers = self._format(expression.form), expression.numbers
         if self._is_in_loop:
-            return text % tuple(map(_number, numbers, form.slots))
+            return text % tuple(map(_number, numbers, expression.form.slots))
         return text % numbers
 
     def _assign(self, row: Assign) -> str:
@@ -204,7 +202,13 @@ class _Printer:
         return (f"{_INDENT}{line}" for line in self.lines(rows))
 
     def _format(self, form: Form) -> str:
-        """Spell a form, with a mark in the place of each number."""
+        """Spell a form, with a mark in the place of each number, once for all that return."""
+        text = self._formats.get(form)
+        if text is None:
+            text = self._formats[form] = self._spelt(form)
+        return text
+
+    def _spelt(self, form: Form) -> str:
         op, name = form.op, form.name
         if op in _LEAVES:
             return _LEAVES[op].format(name=name, suffix=self._target.suffix, zero=self._target.zero)

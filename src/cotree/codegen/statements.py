@@ -219,14 +219,14 @@ def declared_by(statement: Statement) -> Temporary | None:
 def uses(statement: Statement) -> set[str | Temporary]:
     """List all names and temporaries in a statement."""
     found: set[str | Temporary] = set()
+    is_loop = isinstance(statement, Loop)
     for row in simple((statement,)):
         for expression in row.expressions:
-            form = expression.form
+            form, numbers = expression.form, expression.numbers
             found |= form.names
-            for at, prefix in form.temporaries:
-                found.add((prefix, expression.numbers[at]))
-            if form.slots and any(number.__class__ is Entry for number in expression.numbers):
-                found |= {n.table for n in expression.numbers if isinstance(n, Entry)}
+            found.update([(prefix, numbers[at]) for at, prefix in form.temporaries])
+            if is_loop:
+                found.update(number.table for number in numbers if isinstance(number, Entry))
     return found
 
 
