@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from cotree.equations.derivative import Derivative, spread, substituted
 from cotree.equations.equations import (
     ConstraintSet,
-    Derivative,
     Equations,
     EventRow,
     Guard,
     Quantity,
     RedundantRow,
     State,
-    spread,
 )
 
 __all__ = [
@@ -24,4 +23,5 @@ __all__ = [
     "RedundantRow",
     "State",
     "spread",
+    "substituted",
 ]

@@ -17,9 +17,10 @@ from cotree.dag.traverse import symbols_in
 from cotree.errors import ParameterError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from cotree.dag.nodes import Dag, Node
+    from cotree.equations.derivative import Derivative
     from cotree.linear.tree import TreeLink
 
 #: Parameters that a message names.
@@ -62,49 +63,6 @@ class State:
     is_given: bool = True
     is_algebraic: bool = False
     follower: str = ""
-
-
-def spread(row: Mapping[int, Node], n: int, zero: Node) -> list[Node]:
-    """Write a row of ``n`` values out, zeros in the places that it leaves out."""
-    return [row.get(i, zero) for i in range(n)]
-
-
-@dataclass(frozen=True)
-class Derivative:
-    """Derivatives of the equations along one direction.
-
-    Of states and outputs there may be many thousands, each direction changing a few: their
-    derivatives are kept by place, those that vanish left out.
-
-    Attributes
-    ----------
-    name : str
-        The parameter or state that the direction belongs to.
-    seed : mapping of Node to Node
-        Tangents of the symbols.
-    forcing : tuple of Node
-        Right-hand side of ``A w_p = forcing``, unknowns held fixed.
-    rates : mapping of int to Node
-        Derivatives of the state rates, in terms of :attr:`Equations.unknown_tangents`.
-    outputs : mapping of int to Node
-        Derivatives of the outputs.
-    initial : mapping of int to Node
-        Derivatives of the initial values.
-    held, held_rates : tuple of Node
-        Derivatives of the constraints and of their rates.
-    start : tuple of Node
-        Derivatives of :attr:`ConstraintSet.start_values`.
-    """
-
-    name: str
-    seed: Mapping[Node, Node]
-    forcing: tuple[Node, ...]
-    rates: Mapping[int, Node]
-    outputs: Mapping[int, Node]
-    initial: Mapping[int, Node]
-    held: tuple[Node, ...]
-    held_rates: tuple[Node, ...]
-    start: tuple[Node, ...]
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from cotree.dag.corners import stops_along
 from cotree.dag.stops import find_stops, stops_within
 from cotree.dag.symbols import ENTRY, PACKED_SENSITIVITY, SENSITIVITY, STATE_RATE
 from cotree.dag.traverse import dependent, reachable, substitute
+from cotree.equations import substituted
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -62,7 +63,7 @@ def reached_states(
     bits |= {equations.dag.symbol(STATE_RATE, i): 1 << i for i in range(n)}
     bits |= {symbol: 1 << (n + i) for i, symbol in enumerate(equations.unknown_tangents)}
     motion = () if equations.motion is None else (equations.motion,)
-    parts = _Parts([node for row in (*rows, *motion) for node in _nodes_of(row)], bits)
+    parts = _Parts([node for row in (*rows, *motion) for node in row.nodes], bits)
     solving = _solving(solved)
     directions = [_Direction(row, parts, solving, n) for row in rows]
     choosers = _choosers(equations)
@@ -322,30 +323,11 @@ def without_vanishing(equations: Equations, reached: Sequence[Sequence[int]]) ->
     }
     if not gone:
         return equations
-    # One substitution for all: what they share is visited once.
-    known = iter(
-        substitute([node for row in equations.sensitivities for node in _nodes_of(row)], gone)
+    sensitivities = tuple(
+        replace(row, seed={key: node for key, node in row.seed.items() if node not in gone})
+        for row in substituted(equations.sensitivities, gone)
     )
-
-    def again(row: Mapping[int, Node]) -> dict[int, Node]:
-        made = {i: next(known) for i in row}
-        return {i: node for i, node in made.items() if not node.is_zero}
-
-    sensitivities = []
-    for row in equations.sensitivities:
-        sensitivities.append(
-            replace(
-                row,
-                seed={key: node for key, node in row.seed.items() if node not in gone},
-                forcing=tuple(next(known) for _ in row.forcing),
-                rates=again(row.rates),
-                outputs=again(row.outputs),
-                held=tuple(next(known) for _ in row.held),
-                held_rates=tuple(next(known) for _ in row.held_rates),
-                start=tuple(next(known) for _ in row.start),
-            )
-        )
-    return replace(equations, sensitivities=tuple(sensitivities))
+    return replace(equations, sensitivities=sensitivities)
 
 
 def pack_rates(
@@ -377,9 +359,3 @@ def pack_rates(
     for k, place in enumerate(left):
         known[dag.symbol(SENSITIVITY, place)] = dag.symbol(PACKED_SENSITIVITY, k)
     return substitute([rates[place] for place in left], known)
-
-
-def _nodes_of(row: Derivative) -> list[Node]:
-    """List all that a direction is made of, but for what it begins with."""
-    rates, outputs = row.rates.values(), row.outputs.values()
-    return [*row.forcing, *rates, *outputs, *row.held, *row.held_rates, *row.start]

@@ -15,7 +15,7 @@ from cotree.dag.derivative import tangents
 from cotree.dag.dual import tangent_of
 from cotree.dag.symbols import PARAMETER_CHANGE, SENSITIVITY, STATE_CHANGE, UNKNOWN_CHANGE
 from cotree.dag.traverse import substitute
-from cotree.equations import Derivative, Equations, Quantity
+from cotree.equations import Derivative, Equations, Quantity, substituted
 from cotree.errors import ParameterError, nearest
 from cotree.formulation.observed import observed_unit
 from cotree.formulation.outputs import output_tangents
@@ -160,7 +160,7 @@ def input_columns(first: FirstGraph) -> tuple[Derivative, ...]:
     support, one = Support(), first.system.dag.one
     directions = {name: {symbol: one} for name, symbol in first.system.inputs.items()}
     columns = differentiate(first, directions, support)
-    return tuple(_closed_row(column, first.measured) for column in columns)
+    return substituted(columns, first.measured)
 
 
 def form_derivatives(
@@ -316,25 +316,11 @@ def _closed(equations: Equations, measured: Mapping[Node, Node]) -> Equations:
         rates=closed(equations.rates),
         balances=closed(equations.balances),
         output_values=closed(equations.output_values),
-        sensitivities=tuple(_closed_row(row, known) for row in equations.sensitivities),
-        columns=tuple(_closed_row(row, known) for row in equations.columns),
-        motion=None if equations.motion is None else _closed_row(equations.motion, known),
-        direction=None if equations.direction is None else _closed_row(equations.direction, known),
+        sensitivities=substituted(equations.sensitivities, known),
+        columns=substituted(equations.columns, known),
+        motion=equations.motion and substituted([equations.motion], known)[0],
+        direction=equations.direction and substituted([equations.direction], known)[0],
     )
-
-
-def _closed_row(row: Derivative, measured: Mapping[Node, Node]) -> Derivative:
-    return replace(
-        row,
-        forcing=tuple(substitute(row.forcing, measured)),
-        rates=_closed_at(row.rates, measured),
-        outputs=_closed_at(row.outputs, measured),
-        start=tuple(substitute(row.start, measured)),
-    )
-
-
-def _closed_at(row: Mapping[int, Node], measured: Mapping[Node, Node]) -> dict[int, Node]:
-    return dict(zip(row, substitute(list(row.values()), measured), strict=True))
 
 
 def output_unit(first: FirstGraph, name: str) -> str:
