@@ -192,6 +192,7 @@ class Model(CompiledModel):
 
         Examples
         --------
+        >>> from cotree import load
         >>> result = load("slider-pendulum").compile(["L"]).simulate((0, 10), rtol=1e-10)
         >>> round(float(result["j1.s"][-1]), 6)
         0.526045
