@@ -158,26 +158,25 @@ def test_narrow_and_wide_bands(make, size, method):
 
 
 _BAND_TEST = """
-#include <math.h>
-#include <stddef.h>
+#include "cotree_lu.h"
+
 #include <stdlib.h>
-#include <string.h>
-%s
+
 /* Entries column by column; each array has exactly its size. Returns whether it is singular. */
 %s int solve(int n, int lower, int upper, const double *entries, double *b)
 {
-    const size_t size = band_doubles(n, lower, upper);
+    const size_t size = cotree_lu_doubles(n, lower, upper);
     double *const memory = (double *)calloc(size, sizeof(double));
     int *const pivots = (int *)calloc((size_t)n, sizeof(int));
-    const cotree_band a = band_of(n, lower, upper, memory, pivots);
+    const cotree_lu a = cotree_lu_of(n, lower, upper, memory, pivots);
     int i, j, status;
     for (j = 0; j < n; ++j) {
         for (i = 0; i < n; ++i) {
             if (i - j <= lower && j - i <= upper) a.first[i + j * a.stride] = entries[i + j * n];
         }
     }
-    status = band_factorise(&a);
-    if (status == 0) band_solve(&a, b);
+    status = cotree_lu_factorise(&a);
+    if (status == 0) cotree_lu_solve(&a, b);
     free(memory);
     free(pivots);
     return status;
@@ -190,12 +189,12 @@ def test_bands_against_another_factorisation():
     import cffi
 
     from cotree.build import BuildOptions, build_library, find_toolchain
-    from cotree.codegen.render import render
+    from cotree.codegen.integrators import run_files
 
     export = "__declspec(dllexport)" if sys.platform == "win32" else ""
-    text = _BAND_TEST % (render("c/engine/cotree_band.c.jinja"), export)
+    files = {name: text for name, text in run_files().items() if name.startswith("cotree_lu.")}
     built = build_library(
-        {"band.c": text},
+        {**files, "band.c": _BAND_TEST % export},
         abi_version=0,
         n_operations=1,
         options=BuildOptions("-O1"),

@@ -16,7 +16,7 @@ from cotree.codegen.sundials import (
     WITH_SENSITIVITIES,
 )
 from cotree.codegen.tableaus import TABLEAUS, Tableau
-from cotree.tolerances import FARTHEST_CORRECTION
+from cotree.tolerances import LIMITS
 from cotree.version import VERSION
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def engine_files(name: str) -> Mapping[str, str]:
     files = {**driver_files(name), **run_files()}
     files["cotree_abi.h"] = abi_header()
     # In one file, so that what is called often can be inlined.
-    parts = [files.pop(f"cotree_{name}_stepper.c")]
+    parts = [files.pop("cotree_lu.c"), files.pop(f"cotree_{name}_stepper.c")]
     if name in INTEGRATORS:
         files |= integrator_files(name)
         parts = [files.pop("cotree_history.c"), files.pop(f"cotree_{name}.c"), *parts]
@@ -146,7 +146,7 @@ def engine_declarations(files: Mapping[str, str], name: str) -> str:
 
 def run_files() -> Mapping[str, str]:
     """Write the interface of a model to integrators, the same for every model."""
-    names = ("cotree_run.h", "cotree_run.c")
+    names = ("cotree_run.h", "cotree_run.c", "cotree_lu.h", "cotree_lu.c")
     return {name: render(f"c/run/{name}.jinja", **_COMMON) for name in names}
 
 
@@ -177,7 +177,7 @@ def sweep_declarations(files: Mapping[str, str]) -> str:
 
 _COMMON = {
     "generator": VERSION,
-    "farthest": FARTHEST_CORRECTION,
+    "limits": LIMITS,
     "statuses": STATUSES,
     "event_statuses": EVENT_STATUSES,
     "turned": TURNED,

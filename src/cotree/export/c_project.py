@@ -207,7 +207,7 @@ def write_c_project(
         own = {**render_newton(newton_context(program)), **stiff_files()}
     sources = [
         f"{model.prefix}.c",
-        "cotree_run.c",
+        *(name for name in run_files() if name.endswith(".c")),
         *(name for name in own if name.endswith(".c")),
         f"cotree_{integrator}.c",
         "cotree_integrator.c",

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from cotree.tolerances import RANK
+from cotree.tolerances import LIMITS, RANK
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -30,7 +30,7 @@ ROUNDING = 4 * float(np.finfo(np.float64).eps)
 
 #: Steps below this share of an unknown that no longer halve can only be rounding, since Newton's
 #: method squares its errors; or, where unknowns are zero but for rounding, this share of scales.
-SMALL = 1e-8
+SMALL = LIMITS.small_correction
 _STALLED = 1e4 * float(np.finfo(np.float64).eps)
 
 _MET = 1e-3

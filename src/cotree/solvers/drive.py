@@ -37,6 +37,7 @@ from cotree.solvers.passage import LOOSENED, LOOSEST, Passage
 from cotree.solvers.problem import check_problem
 from cotree.solvers.progress import Progress
 from cotree.solvers.scipy_ivp import Idle, ScipyStepper, alone
+from cotree.tolerances import LIMITS
 
 if TYPE_CHECKING:
     from cotree.solvers.problem import FloatArray, Problem
@@ -51,7 +52,7 @@ IN_C = (
 
 # Steps of a few units in the last place get nowhere; LSODA takes them forever. A single
 # one is normal before an output or a breakpoint.
-_STALL_SPACINGS, _STALL_STEPS = 16, 5
+_STALL_SPACINGS, _STALL_STEPS = LIMITS.stall_spacings, LIMITS.stall_steps
 
 # A new start of a multistep method costs tens of short steps of low order. Looking this often, the
 # four take 7 to 70 per cent more steps along a pendulum of index 1, with a twentieth or less of the

@@ -24,6 +24,7 @@ from cotree.solvers.messages import undefined_ahead
 from cotree.solvers.problem import describe_entry
 from cotree.solvers.rescue import Rescue
 from cotree.solvers.verdicts import BY_STATUS, verdict
+from cotree.tolerances import LIMITS
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
@@ -33,12 +34,6 @@ if TYPE_CHECKING:
     from cotree.model.kernels import NativeModel
     from cotree.model.newton import Newton
     from cotree.solvers.problem import FloatArray, Problem
-
-# How often one event may make others happen at the same time, as in cotree_events.h.
-_ROUNDS = 50
-
-# A problem counts as stiff beyond this number of stiff steps, as in cotree_integrator.h.
-_MOST_STIFF_STEPS = 1000
 
 # What a status means.
 _SENTENCES = {row.number: row.sentence for row in STATUSES}
@@ -181,7 +176,7 @@ class Job:
         self._width = 2 + problem.n_sensitivities + 2 * problem.n_states
         self.records = np.zeros((0, self._width))
         if problem.events is not None:
-            self._at_once = len(problem.events.rows) + _ROUNDS
+            self._at_once = len(problem.events.rows) + LIMITS.event_rounds
             self._make_records(4 * self._at_once)
             job.most_events = problem.max_events or 0
 
@@ -212,7 +207,7 @@ class Job:
     @property
     def is_stiff(self) -> bool:
         """Tell whether stability made an explicit method take many steps."""
-        return bool(self.job.is_stiff) and int(self.job.n_stiff_steps) > _MOST_STIFF_STEPS
+        return bool(self.job.is_stiff) and int(self.job.n_stiff_steps) > LIMITS.most_stiff_steps
 
     def wait_where_stiff(self, first_step: int) -> None:
         """Make an explicit method wait where its problem is stiff, from ``first_step`` on."""

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from cotree.errors import SolveError
 from cotree.model.lengths import gradient_groups, scene_length, turned, turning_speeds
 from cotree.model.linear import ROUNDING, SMALL
-from cotree.tolerances import RANK
+from cotree.tolerances import LIMITS, RANK
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,12 +23,6 @@ if TYPE_CHECKING:
     from cotree.model.model import CompiledModel
     from cotree.solvers.problem import FloatArray
 
-_MOST_STEPS = 10
-
-# Residuals, in the constraints' own units, above this share of the largest state (or of 1) are not
-# met. Near a singular configuration, along what the constraints hardly see, those of trial steps
-# at a tolerance of 1e-8 still lie below it.
-_FLOOR = 1e-6
 
 # Gradients below this share of the largest, or of 1, are rounding.
 _ROUNDING_ROW = 1e-12
@@ -181,7 +175,7 @@ class Projection:
         distance that is left.
         """
         previous = np.inf
-        for _ in range(_MOST_STEPS):
+        for _ in range(LIMITS.most_projections):
             dx = self._step(t, x, s, u)
             size = float(np.max(np.abs(dx) / np.maximum(1.0, np.abs(x)), initial=0.0))
             x += dx
@@ -192,7 +186,7 @@ class Projection:
 
     def _check_residual(self, t: float, x: FloatArray, residual: FloatArray) -> None:
         """Refuse residuals above a share of the largest state."""
-        floor = _FLOOR * float(np.max(np.abs(x), initial=1.0))
+        floor = LIMITS.largest_residual * float(np.max(np.abs(x), initial=1.0))
         # Written so that nan stays, too; an infinite state would make everything acceptable.
         stays = np.flatnonzero(~((np.abs(residual) <= floor) & np.isfinite(floor)))
         if stays.size:

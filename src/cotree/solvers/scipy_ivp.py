@@ -18,6 +18,7 @@ from cotree.solvers.augmented import augmented_tolerances
 from cotree.solvers.first_step import first_step
 from cotree.solvers.messages import ROUNDING_LEVEL
 from cotree.solvers.methods import METHODS
+from cotree.tolerances import LIMITS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -35,10 +36,10 @@ _LANDING = frozenset({"RK45", "DOP853", "Radau"})
 _one_at_a_time = threading.RLock()
 
 # The cosine of corrections that go against what is left, and how much shorter a step is then.
-_TURNED, _SHORTER = 0.7, 0.2
+_TURNED, _SHORTER = LIMITS.turned, 0.2
 
 # Steps of so few units in the last place get nowhere.
-_STEPS_OF_ROUNDING = 16
+_STEPS_OF_ROUNDING = LIMITS.stall_spacings
 
 # A rounding of t below this share of the relative tolerance of a step is not felt.
 _FINE = 1e-2
