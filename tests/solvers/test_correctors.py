@@ -180,7 +180,7 @@ def test_agrees_with_a_tight_solution(slider, tested, method):
 @pytest.mark.usefixtures("there")
 @pytest.mark.parametrize("method", METHODS)
 def test_sensitivities_are_in_the_error_test_or_not(slider, method, monkeypatch):
-    """Where the error test leaves states out, that of the sensitivities controls the steps."""
+    """Without states in the error test, that of the sensitivities controls the steps."""
 
     def loose(self, problem):
         rtol, atol = augmented_tolerances(dataclasses.replace(problem))
