@@ -125,7 +125,17 @@ class Law:
         return varied(value, d)
 
     def partial_value(self, dag: Dag, arguments: Mapping[str, Node], name: str) -> Node | None:
-        """Evaluate one pre-formed partial derivative; None where it is or folds to zero."""
+        """Evaluate one pre-formed partial derivative; None where it is or folds to zero.
+
+        Parameters
+        ----------
+        dag : Dag
+            The arena.
+        arguments : mapping of str to Node
+            Values of the law's arguments.
+        name : str
+            The argument to differentiate by.
+        """
         if name not in self.partials:
             return None
         value = from_sympy(self.partials[name], dag, arguments)

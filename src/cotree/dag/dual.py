@@ -134,6 +134,13 @@ def formed(form: Callable[..., T], a: Any, b: Any) -> T:
     """Form a value of two others, or find it where it was formed of the same before.
 
     Sensitivity graphs need the same products of values for every direction.
+
+    Parameters
+    ----------
+    form : callable
+        Forms the value; a part of the key, so the same function each time.
+    a, b : object
+        What it is formed of, hashable; ``a`` belongs to the arena.
     """
     known: dict[Any, T] = _dag_of(a).formed
     key = (form, a, b)

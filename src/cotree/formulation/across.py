@@ -118,7 +118,19 @@ class Accelerations:
 
 
 def move(system: System, clusters: Clusters, frames: Frames, first: Motion | None = None) -> Motion:
-    """Form the geometry of the branches and the angular velocities of the clusters."""
+    """Form the geometry of the branches and the angular velocities of the clusters.
+
+    Parameters
+    ----------
+    system, clusters, frames : System, Clusters, Frames
+        What moves, and the axes it is resolved in.
+    first : Motion, optional
+        The first graph's motion, of which a sensitivity graph keeps what does not change.
+
+    References
+    ----------
+    [1] eq. 2.
+    """
     geometry = []
     omega = [vector.zeros(system.dag)]
     for branch in clusters.branches[1:]:
@@ -148,7 +160,17 @@ def _moving(frames: Frames, geometry: Geometry, directions: Sequence[Vector]) ->
 
 
 def weighted(zero: Vector, vectors: Sequence[Vector], factors: Sequence[Node]) -> Vector:
-    """Sum vectors with factors."""
+    """Sum vectors with factors.
+
+    Parameters
+    ----------
+    zero : Vector
+        The empty sum.
+    vectors : sequence of Vector
+        The vectors.
+    factors : sequence of Node
+        A factor for each.
+    """
     total = zero
     for item, factor in zip(vectors, factors, strict=True):
         total = vector.add(total, vector.scale(factor, item))

@@ -36,7 +36,19 @@ class Circuits:
     _sums: dict[tuple[int, int], Vector] = field(default_factory=dict)
 
     def between(self, ancestor: int, cluster: int, zero: Vector) -> Vector:
-        """Sum from an ancestor's origin to a cluster's, in the ancestor's basis."""
+        """Sum from an ancestor's origin to a cluster's, in the ancestor's basis.
+
+        Parameters
+        ----------
+        ancestor, cluster : int
+            Where the path begins and ends.
+        zero : Vector
+            The empty sum.
+
+        References
+        ----------
+        [1] eq. 2.
+        """
         if self.known is not None and self.frames.is_kept(cluster):
             return self.known.between(ancestor, cluster, zero)
         total = zero
@@ -52,7 +64,17 @@ class Circuits:
 
 
 def inwards(clusters: Clusters, frames: Frames, a: Vector, cluster: int, ancestor: int) -> Vector:
-    """Resolve a vector of a cluster's basis in an ancestor's."""
+    """Resolve a vector of a cluster's basis in an ancestor's.
+
+    Parameters
+    ----------
+    clusters, frames : Clusters, Frames
+        The clusters and their bases.
+    a : Vector
+        The vector.
+    cluster, ancestor : int
+        The bases before and after.
+    """
     while cluster != ancestor:
         a = frames.up(cluster, a)
         branch = clusters.branches[cluster]
@@ -62,7 +84,17 @@ def inwards(clusters: Clusters, frames: Frames, a: Vector, cluster: int, ancesto
 
 
 def outwards(clusters: Clusters, frames: Frames, a: Vector, ancestor: int, cluster: int) -> Vector:
-    """Resolve a vector of an ancestor's basis in a cluster's."""
+    """Resolve a vector of an ancestor's basis in a cluster's.
+
+    Parameters
+    ----------
+    clusters, frames : Clusters, Frames
+        The clusters and their bases.
+    a : Vector
+        The vector.
+    ancestor, cluster : int
+        The bases before and after.
+    """
     for branch in clusters.path(cluster, ancestor):
         a = frames.down(branch.child, a)
     return a

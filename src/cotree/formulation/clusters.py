@@ -196,7 +196,17 @@ class Clusters:
 
 
 def shifted(mass: Node, offset: Vector, tensor: Matrix | None) -> Inertia:
-    """Move an inertia given about its centre of mass, which stands at ``offset``."""
+    """Move an inertia from its centre of mass to a cluster's origin (Steiner).
+
+    Parameters
+    ----------
+    mass : Node
+        The mass, [kg].
+    offset : Vector
+        The centre of mass from the origin, [m].
+    tensor : Matrix or None
+        Inertia about the centre of mass, [kg m^2]; None of a particle.
+    """
     moment = vector.scale(mass, offset)
     steiner = _steiner(moment, offset)
     return Inertia(mass, moment, steiner if tensor is None else vector.matadd(tensor, steiner))

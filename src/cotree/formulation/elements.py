@@ -131,7 +131,19 @@ def act(motion: Motion, edge: BoundEdge) -> Action:
 
 
 def carried(motion: Motion, point: Point, local: Vector, ancestor: int) -> Vector:
-    """Resolve a vector given in a node's axes in the basis of an ancestor."""
+    """Resolve a vector given in a node's axes in the basis of an ancestor.
+
+    Parameters
+    ----------
+    motion : Motion
+        Positions and axes.
+    point : Point
+        The node.
+    local : Vector
+        The vector, in the node's axes.
+    ancestor : int
+        The cluster in whose basis it is wanted.
+    """
     own = motion.frames.resolved(point.cluster, point.resolved(local))
     return inwards(motion.clusters, motion.frames, own, point.cluster, ancestor)
 
@@ -193,7 +205,19 @@ def _is_inert(edge: BoundEdge) -> bool:
 
 
 def axis_spin(motion: Motion, first: Point, ancestor: int, direction: Vector) -> Vector:
-    """Form the derivative of an axis fixed at the first node."""
+    """Form the rate of an axis that is fixed in the first node, omega x axis.
+
+    Parameters
+    ----------
+    motion : Motion
+        Angular velocities.
+    first : Point
+        The node.
+    ancestor : int
+        The cluster in whose basis all vectors are.
+    direction : Vector
+        The axis.
+    """
     clusters, frames = motion.clusters, motion.frames
     omega = inwards(clusters, frames, motion.omega[first.cluster], first.cluster, ancestor)
     return vector.cross(omega, direction)
@@ -224,7 +248,21 @@ def wrenches(motion: Motion, action: Action) -> list[tuple[int, Wrench]]:
 def settled(
     motion: Motion, point: Point, ancestor: int, sign: int, force: Vector, torque: Vector
 ) -> Wrench:
-    """Resolve a wrench of an ancestor's basis in the basis of a point's cluster."""
+    """Resolve a wrench of an ancestor's basis in that of a point's cluster.
+
+    Parameters
+    ----------
+    motion : Motion
+        The clusters and their bases.
+    point : Point
+        The point.
+    ancestor : int
+        The cluster in whose basis force and torque are given.
+    sign : int
+        -1 for the reaction.
+    force, torque : Vector
+        The wrench, [N] and [N m].
+    """
     clusters, frames = motion.clusters, motion.frames
     return Wrench(
         outwards(clusters, frames, vector.signed(sign, force), ancestor, point.cluster),

@@ -67,7 +67,15 @@ class Ends:
 
     @classmethod
     def of(cls, clusters: Clusters, first: Point, second: Point) -> Ends:
-        """Pair two nodes with their common ancestor."""
+        """Pair two nodes with their common ancestor.
+
+        Parameters
+        ----------
+        clusters : Clusters
+            The rigid clusters.
+        first, second : Point
+            The nodes.
+        """
         return cls(first, second, clusters.common_ancestor(first.cluster, second.cluster))
 
     def _between(self, see: Any) -> Any:

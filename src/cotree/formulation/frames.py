@@ -90,7 +90,17 @@ class Frames:
 
 
 def choose_frames(system: System, clusters: Clusters, own_axes: Collection[int]) -> Frames:
-    """Resolve the clusters of ``own_axes`` in their own axes, the others in their parent's."""
+    """Resolve the clusters of ``own_axes`` in their own axes, the others in their parent's.
+
+    Parameters
+    ----------
+    system : System
+        The bound scene.
+    clusters : Clusters
+        Its rigid clusters.
+    own_axes : collection of int
+        The clusters that are resolved in their own axes; none where the trees differ.
+    """
     assert system.trees.is_one or not own_axes  # of two parents neither basis would do
     rotations = [no_rotation(system.dag)]
     steps: list[Matrix | None] = [None]
@@ -156,7 +166,17 @@ class Geometry:
 
 
 def resolve_branch(system: System, frames: Frames, branch: Branch) -> Geometry:
-    """Resolve a branch in the basis of its parent."""
+    """Resolve a branch in the basis of its parent.
+
+    Parameters
+    ----------
+    system : System
+        The bound scene.
+    frames : Frames
+        The bases of the clusters.
+    branch : Branch
+        The branch.
+    """
     zero = vector.zeros(system.dag)
     axes = tuple(frames.carried(branch, axis) for axis in branch.axes)
     slide = zero  # in the carrier's axes

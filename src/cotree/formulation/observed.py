@@ -65,6 +65,15 @@ def observed_unit(name: str) -> str:
 def observe_motion(motion: Motion, name: str, is_acting: bool = False) -> Node | None:
     """Give a position or a velocity by name; None where there is none such.
 
+    Parameters
+    ----------
+    motion : Motion
+        Positions and velocities.
+    name : str
+        ``node.variable``, or ``edge.coordinate`` of a chord joint.
+    is_acting : bool
+        Whether the value acts on the motion, in place of being looked at only.
+
     Raises
     ------
     FormulationError

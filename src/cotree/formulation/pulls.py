@@ -123,7 +123,21 @@ def _sizes(motion: Motion, pull: Pull, gradient: Sequence[Node]) -> tuple[Node, 
 
 
 def stabilised(measure: Measure, view: View, rate: float) -> Any:
-    """Form c'' + 2 b c' + b^2 c of a measure; the last only where it has a value."""
+    """Form c'' + 2 b c' + b^2 c of a measure; the last only where it has a value.
+
+    Parameters
+    ----------
+    measure : Measure
+        The constraint c.
+    view : View
+        The graph that it is seen in.
+    rate : float
+        Baumgarte's rate b, [1/s]; zero leaves c'' alone.
+
+    References
+    ----------
+    J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1.
+    """
     total = measure.acceleration(view)
     if rate:
         total = total + (2.0 * rate) * measure.rate(view)

@@ -44,6 +44,15 @@ def check_inertia(
 ) -> None:
     """Refuse coordinates that move nothing and that no constraint holds.
 
+    Parameters
+    ----------
+    system : System
+        The bound scene.
+    matrix : sequence of rows of Node, shape (n_speeds, n_speeds)
+        The mass matrix.
+    gradient : sequence of rows of Node, shape (n_constraints, n_speeds)
+        Derivatives of the constraints' rates by the speeds.
+
     Raises
     ------
     SingularSystemError

@@ -18,7 +18,17 @@ if TYPE_CHECKING:
 def resolver_of(
     known: Sequence[Mapping[str, Node]], allowed: str = "", refused: Collection[str] = ()
 ) -> Resolver:
-    """Make the function that gives the node of a name; ``allowed`` says what may be used."""
+    """Make the function that gives the node of a name; ``allowed`` says what may be used.
+
+    Parameters
+    ----------
+    known : sequence of mapping of str to Node
+        The nodes of names; later mappings come first.
+    allowed : str
+        What may be used, for messages; empty where anything may.
+    refused : collection of str
+        Names that have a node elsewhere but may not be used here.
+    """
     by_name = {name: node for mapping in known for name, node in mapping.items()}
 
     def resolve(name: str) -> Node:

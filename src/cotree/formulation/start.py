@@ -47,6 +47,22 @@ def body_starts(
     """Find where bodies in the tree start, by short names of coordinates and rates.
 
     Bodies that no joints reach are left out: they start where the scene says.
+
+    Parameters
+    ----------
+    scene : SceneDescription
+        The scene.
+    trees : Trees
+        Its trees, which hold bodies.
+    spaces : mapping of str to sequence of MotionStep
+        The motion space of each edge.
+    dag : Dag
+        The arena.
+
+    Returns
+    -------
+    dict of str to dict of str to Node
+        By body: values of parameters, by short names.
     """
     placed = [name for name in trees.branches if _is_body(scene, name)]
     if not placed:
@@ -130,6 +146,15 @@ class Condition:
 
 def start_conditions(scene: SceneDescription, motion: Motion, view: View) -> tuple[Condition, ...]:
     """List the initial values that the scene gives for joints and bodies that are chords.
+
+    Parameters
+    ----------
+    scene : SceneDescription
+        The scene.
+    motion : Motion
+        Positions and velocities.
+    view : View
+        Its across variables.
 
     Raises
     ------

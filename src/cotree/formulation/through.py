@@ -168,6 +168,17 @@ def inertial_wrench(
 
     Force ``m a + A h``; torque ``h x a + J alpha + omega x (J omega)``, with first moment h and
     second moment J about the origin, whose acceleration is a.
+
+    Parameters
+    ----------
+    motion, across : Motion, Accelerations
+        Velocities and accelerations of the clusters.
+    cluster, inertia : int, Inertia
+        The cluster, and its inertia in its basis.
+
+    References
+    ----------
+    [1] eq. 3.
     """
     origin, matrix = across.origin[cluster], across.matrix[cluster]
     force = vector.add(vector.scale(inertia.mass, origin), vector.times(matrix, inertia.moment))
@@ -181,7 +192,17 @@ def inertial_wrench(
 
 
 def balance(motion: Motion, loads: Loads, across: Accelerations) -> Balance:
-    """Form the f-cutset equations of the branches and project them on their motion spaces."""
+    """Form the f-cutset equations of the branches and project them on their motion spaces.
+
+    Parameters
+    ----------
+    motion, loads, across : Motion, Loads, Accelerations
+        Velocities, applied through variables and accelerations.
+
+    References
+    ----------
+    [1] eq. 1, 5.
+    """
     zero = vector.zeros(motion.system.dag)
     nothing = Wrench(zero, zero)
     sums = Sums(len(motion.omega))
@@ -196,7 +217,15 @@ def balance(motion: Motion, loads: Loads, across: Accelerations) -> Balance:
 
 
 def gather_chords(motion: Motion, loads: Loads, across: Accelerations, sums: Sums) -> None:
-    """Sum the chords at each cluster: its inertia less its loads."""
+    """Sum the chords at each cluster: its inertia less its loads.
+
+    Parameters
+    ----------
+    motion, loads, across : Motion, Loads, Accelerations
+        Velocities, applied through variables and accelerations.
+    sums : Sums
+        The sums at the clusters, added to in place.
+    """
     dag = motion.system.dag
     with dag.labelled("terminal equations of inertias"):
         for cluster, inertia in enumerate(loads.inertias):
@@ -218,7 +247,15 @@ def gather_chords(motion: Motion, loads: Loads, across: Accelerations, sums: Sum
 
 
 def project_cutsets(motion: Motion, loads: Loads, sums: Sums) -> tuple[Node, ...]:
-    """Sum inwards what the branches transmit, and project it on their motion spaces."""
+    """Sum inwards what the branches transmit, and project it on their motion spaces.
+
+    Parameters
+    ----------
+    motion, loads : Motion, Loads
+        The branches, and the efforts along their speeds.
+    sums : Sums
+        The chords at each cluster; what branches transmit is added in place.
+    """
     system, frames = motion.system, motion.frames
     residual: dict[str, Node] = {}
     for geometry in reversed(motion.geometry):
@@ -259,6 +296,13 @@ def hand_on(sums: Sums, geometry: Geometry, wrench: Wrench) -> None:
     """Add what a branch transmits to its parents: the force with its moment, and the torque.
 
     Where the trees differ the torque goes the way of the rotation graph.
+
+    Parameters
+    ----------
+    sums : Sums
+        The sums at the clusters, added to in place.
+    geometry, wrench : Geometry, Wrench
+        The branch, and what it transmits, at its child's origin.
     """
     branch = geometry.branch
     if branch.parent == branch.turn_parent:

@@ -69,7 +69,17 @@ class View:
         return self.motion.frames.seen(node)
 
     def fixed(self, cluster: int, local: Vector, ancestor: int) -> Vector:
-        """See a vector of a cluster's axes that is constant there, but for explicit time."""
+        """See a vector of a cluster's axes that is constant there, but for explicit time.
+
+        Parameters
+        ----------
+        cluster : int
+            The cluster that carries it.
+        local : Vector
+            Its components, in the cluster's axes.
+        ancestor : int
+            The cluster in whose basis it is seen.
+        """
         return self._inwards(self.motion.frames.resolved(cluster, local), cluster, ancestor)
 
     def position(self, point: Point, ancestor: int) -> Vector:
@@ -100,5 +110,13 @@ class View:
         return self.motion.frames.formula(node, arguments)
 
     def settled(self, a: Vector, ancestor: int, cluster: int) -> Vector:
-        """Resolve a vector of an ancestor's basis in a cluster's."""
+        """Resolve a vector of an ancestor's basis in a cluster's.
+
+        Parameters
+        ----------
+        a : Vector
+            The vector.
+        ancestor, cluster : int
+            The bases before and after.
+        """
         return outwards(self.motion.clusters, self.motion.frames, a, ancestor, cluster)

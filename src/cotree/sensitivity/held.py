@@ -66,7 +66,19 @@ def gather_constraints(first: FirstGraph) -> ConstraintSet:
 def start_tangents(
     first: FirstGraph, view: View, seed: Seed, of_networks: Mapping[Node, Node]
 ) -> tuple[Node, ...]:
-    """Differentiate :attr:`ConstraintSet.start_values`, variables of the networks being known."""
+    """Differentiate :attr:`ConstraintSet.start_values`, variables of the networks being known.
+
+    Parameters
+    ----------
+    first : FirstGraph
+        The first graph.
+    view : View
+        The sensitivity graph.
+    seed : Seed
+        Its direction.
+    of_networks : mapping of Node to Node
+        Derivatives of the variables of the networks.
+    """
     network = first.network
     redundant = network.redundant if network else ()
     values = [network.solved.values[row.variable] for row in redundant] if network else []
