@@ -173,15 +173,17 @@ class NaturalTest:
 
     share = 0.25  # as Deuflhard has it
 
-    def __init__(self, equation: Equation, point: Root, linear: Linear, step: Array) -> None:
+    def __init__(
+        self, equation: Equation, point: Root, linear: Linear, step: Array, weights: Array
+    ) -> None:
         self._linear = linear
-        self._weights = 1.0 / np.maximum(np.maximum(linear.scale, np.abs(step)), TINY)
-        self._before = max(float(np.max(np.abs(step) * self._weights)), TINY)
+        self._weights = weights
+        self._before = max(_longest(step * weights), TINY)
 
     def following(self, g: Array, damping: float) -> _Following | None:
         """Say what follows where the step is accepted; None where it is not."""
         step = -self._linear.solve(g)
-        after = float(np.max(np.abs(step) * self._weights))
+        after = _longest(step * self._weights)
         if not after <= (1.0 - self.share * damping) * self._before:
             return None
         ratio = after / self._before  # by which further steps with this matrix would shrink, too
@@ -198,9 +200,10 @@ class WholeSteps(NaturalTest):
 class ResidualTest:
     """Accepts a step where the residual, each row in units of its largest term, is shorter."""
 
-    def __init__(self, equation: Equation, point: Root, linear: Linear, step: Array) -> None:
-        columns = np.maximum(np.maximum(linear.scale, np.abs(step)), TINY)
-        largest = np.max(np.abs(equation.square(point.z) * columns), axis=1)
+    def __init__(
+        self, equation: Equation, point: Root, linear: Linear, step: Array, weights: Array
+    ) -> None:
+        largest = np.max(np.abs(equation.square(point.z) / weights), axis=1)
         self._weights = 1.0 / np.maximum(largest, TINY)
         self._before = float(np.linalg.norm(self._weights * point.g))
 
@@ -264,7 +267,7 @@ def iterate(equations: Residuals, z: Array, limits: Limits, linear: Linear | Non
     for _ in range(limits.most_steps):
         if not np.isfinite(point.g).all():  # no step leads away
             break
-        if np.max(np.abs(point.g), initial=0.0) <= limits.met:
+        if limits.met >= 0.0 and np.max(np.abs(point.g), initial=0.0) <= limits.met:
             return replace(point, is_found=True)
         is_old, before = kept.linear is not None, step
         try:
@@ -272,7 +275,11 @@ def iterate(equations: Residuals, z: Array, limits: Limits, linear: Linear | Non
             step = -linear.solve(point.g) if kept.step is None else kept.step
         except np.linalg.LinAlgError:
             break
-        size, ratio = linear.share(step), linear.ratio(step, before)
+        weights = linear.weights(step)
+        size = _longest(step * weights)
+        ratio = math.inf
+        if before is not None:
+            ratio = size / max(_longest(before * weights), TINY)
         # Newton's method squares its errors: a small step that no longer halves is rounding.
         is_slow = size < limits.slow and 0.5 < ratio < math.inf
         if limits.test is not None:  # the step after this one would shrink by as much
@@ -283,10 +290,11 @@ def iterate(equations: Residuals, z: Array, limits: Limits, linear: Linear | Non
             last = _at(equations, equations.moved(point.z, step))
             if linear.is_met(last.g):
                 return replace(last, is_found=True, linear=linear)
-        found = _damped(equations, point, limits, linear, step, is_old=is_old)
+        found = _damped(equations, point, limits, linear, step, weights, is_old=is_old)
         if found is not None:
             point, kept = found
-            best = point if point.size < best.size else best
+            if limits.test is not None or point.size < best.size:
+                best = point
         elif is_old:
             kept = _ANEW
         else:
@@ -296,18 +304,30 @@ def iterate(equations: Residuals, z: Array, limits: Limits, linear: Linear | Non
     return best
 
 
+def _longest(step: Array) -> float:
+    """Give the largest entry; nan where one is, as ``max`` does, which takes NumPy longer."""
+    return float(np.maximum.reduce(np.abs(step), initial=0.0))
+
+
 def _at(equations: Residuals, z: Array) -> Root:
     return Root(z, equations.value(z), False, n_carried=equations.n_carried)
 
 
 def _damped(
-    equations: Residuals, point: Root, limits: Limits, linear: Linear, step: Array, *, is_old: bool
+    equations: Residuals,
+    point: Root,
+    limits: Limits,
+    linear: Linear,
+    step: Array,
+    weights: Array,
+    *,
+    is_old: bool,
 ) -> tuple[Root, _Following] | None:
     """Take as much of a step as is accepted; None where nothing is."""
     if limits.test is None:
         return _at(equations, equations.moved(point.z, step)), _ANEW
     assert isinstance(equations, Equation)
-    test, damping = limits.test(equations, point, linear, step), 1.0
+    test, damping = limits.test(equations, point, linear, step, weights), 1.0
     while damping >= limits.least_damping:
         trial = _at(equations, equations.moved(point.z, damping * step))
         following = test.following(trial.g, damping)

@@ -76,18 +76,9 @@ class Linear:
     scale: Array
     sizes: Array | float = math.inf
 
-    def share(self, step: Array) -> float:
-        """Give the largest entry of a step as a share of the scales, 1 at the most."""
-        size = np.abs(step)
-        return float(np.max(size / np.maximum(np.maximum(self.scale, size), TINY), initial=0.0))
-
-    def ratio(self, step: Array, before: Array | None) -> float:
-        """Give the length of a step beside that of the last one; infinite for the first."""
-        if before is None:
-            return math.inf
-        weights = 1.0 / np.maximum(np.maximum(self.scale, np.abs(step)), TINY)
-        length = float(np.max(np.abs(before) * weights, initial=0.0))
-        return float(np.max(np.abs(step) * weights, initial=0.0)) / max(length, TINY)
+    def weights(self, step: Array) -> Array:
+        """Give what a step is measured by: each entry is then 1 at the most."""
+        return np.asarray(1.0 / np.maximum(np.maximum(self.scale, np.abs(step)), TINY))
 
     def is_stalled(self, z: Array, step: Array) -> bool:
         """Whether a step that does not become shorter may be taken for rounding."""
