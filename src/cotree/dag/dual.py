@@ -113,8 +113,10 @@ def tangent_of(a: T) -> T:
 def _is_zero(d: Any) -> bool:
     if d.__class__ is Node:
         return bool(d is d.dag.zero)
-    zero = _dag_of(d).zero
-    return all([part is zero if part.__class__ is Node else _is_zero(part) for part in d])
+    for part in d:  # without a generator: this is asked of every derivative that is formed
+        if part is not part.dag.zero if part.__class__ is Node else not _is_zero(part):
+            return False
+    return True
 
 
 def _dag_of(value: Any) -> Dag:
