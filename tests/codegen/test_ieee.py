@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import cotree
+from cotree.dag.multi_output import SEVERAL, Table, sines, table
 from cotree.dag.nodes import Dag
 from cotree.dag.operations import OPERATIONS
-from cotree.dag.several import SEVERAL, Table, sines, table
 from cotree.errors import SingularSystemError
 from cotree.model.kernels import PythonKernels
 from cotree.scene.expressions import FUNCTIONS, parse

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_up_scenes import solve_case
 
-from cotree.dag.several import SolveShape, solve, solve_pivoted
+from cotree.dag.multi_output import SolveShape, solve, solve_pivoted
 from cotree.errors import SingularSystemError
 from cotree.model.kernels import PythonKernels
 

@@ -8,7 +8,7 @@ import pytest
 from rod_chain import rod_chain
 
 from cotree.codegen.result_offsets import starts_of_maps
-from cotree.dag.several import results
+from cotree.dag.multi_output import results
 from cotree.pipeline import formulate, generate
 
 

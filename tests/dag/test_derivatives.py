@@ -8,9 +8,9 @@ import pytest
 
 from cotree.dag.derivative import PARTIALS, adjoints, tangent, tangents
 from cotree.dag.evaluate import evaluate
+from cotree.dag.multi_output import Function, SolveShape, Table, call, solve, table
 from cotree.dag.nodes import Dag
 from cotree.dag.operations import OPERATIONS
-from cotree.dag.several import Function, SolveShape, Table, call, solve, table
 
 #: Arguments of each operation, away from its kinks.
 POINTS = {

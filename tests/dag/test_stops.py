@@ -76,7 +76,7 @@ def test_times_that_differ_by_roundings_are_one():
 
 
 def test_tables_of_time_stop_at_their_points():
-    from cotree.dag.several import Table, table
+    from cotree.dag.multi_output import Table, table
 
     dag = Dag()
     t = dag.symbol("t", 0)

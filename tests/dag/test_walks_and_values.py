@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cotree.dag.evaluate import evaluate
-from cotree.dag.several import Function, Table, call, solve, solve_pivoted, table
+from cotree.dag.multi_output import Function, Table, call, solve, solve_pivoted, table
 from cotree.dag.traverse import dependent, reachable, substitute, symbols_in
 
 

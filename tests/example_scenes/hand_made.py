@@ -10,8 +10,8 @@ from cotree.build import BuildOptions
 from cotree.codegen.context import model_context
 from cotree.codegen.render import render_model
 from cotree.dag.derivative import tangents
+from cotree.dag.multi_output import Table, table
 from cotree.dag.nodes import Dag
-from cotree.dag.several import Table, table
 from cotree.dag.symbols import STATE_RATE
 from cotree.equations import ConstraintSet, Derivative, Equations, Quantity, State
 from cotree.model.linearize import Linearizer

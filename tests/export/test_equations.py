@@ -12,8 +12,8 @@ import sympy
 
 from cotree import Scene
 from cotree.dag.evaluate import evaluate
+from cotree.dag.multi_output import Function, Table, call, solve, table
 from cotree.dag.nodes import Dag
-from cotree.dag.several import Function, Table, call, solve, table
 from cotree.export.equations import SymbolicEquations, symbolic_equations
 from cotree.export.to_sympy import rational, to_sympy
 from cotree.export.variable_names import short_names

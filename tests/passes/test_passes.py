@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cotree.dag.evaluate import evaluate
+from cotree.dag.multi_output import solve
 from cotree.dag.nodes import Dag
-from cotree.dag.several import solve
 from cotree.dag.traverse import dependent, reachable, symbols_in
 from cotree.passes.recipe import RECIPE, run_passes
 from cotree.passes.reciprocals import share_reciprocals

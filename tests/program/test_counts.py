@@ -5,8 +5,8 @@ import re
 import pytest
 
 import cotree
+from cotree.dag.multi_output import solve
 from cotree.dag.nodes import Dag
-from cotree.dag.several import solve
 from cotree.dag.traverse import reachable
 from cotree.program import KERNELS, count_operations
 

@@ -19,7 +19,7 @@ from cotree import Scene, bench, load
 from cotree.build import find_toolchain
 from cotree.errors import SolveError
 from cotree.pipeline import formulate
-from cotree.solvers import bdf, integrate, sundials_library
+from cotree.solvers import integrate, sundials_c, sundials_library
 from cotree.solvers.augmented import augmented_tolerances
 from cotree.solvers.correctors import CORRECTORS, CorrectorJob, check_library, is_available
 from cotree.solvers.sundials_library import library_path, version_of
@@ -111,7 +111,7 @@ def test_bench_leaves_out_what_is_not_there(nowhere):
 @pytest.mark.parametrize("library", ["cvodes", "idas"])
 def test_the_structures_are_those_of_the_library(library):
     """SUNDIALS' own iteration has its functions, and its vectors others, where C looks for them."""
-    loaded = bdf.load_sundials(library)
+    loaded = sundials_c.load_sundials(library)
     ffi = loaded.engine.ffi.__class__()
     names = {0: "GetType", 3: "Solve", 5: "SetSysFn", 14: "SetMaxIters", 16: "GetCurIter"}
     functions = {place: f"SUNNonlinSol{name}_Newton" for place, name in names.items()}
@@ -149,13 +149,13 @@ def test_the_structures_are_those_of_the_library(library):
 @pytest.mark.usefixtures("there")
 @pytest.mark.parametrize("method", METHODS)
 def test_another_version_is_refused(method, monkeypatch):
-    monkeypatch.setattr(bdf, "SUNDIALS_VERSION", (6, 0))
-    bdf._load.cache_clear()
+    monkeypatch.setattr(sundials_c, "SUNDIALS_VERSION", (6, 0))
+    sundials_c._load.cache_clear()
     try:
         with pytest.raises(SolveError, match=r"SUNDIALS is of version 7\.9, not 6\.0"):
             check_library(method)
     finally:
-        bdf._load.cache_clear()
+        sundials_c._load.cache_clear()
 
 
 @pytest.mark.usefixtures("there")
@@ -385,11 +385,11 @@ def test_budgets(slider, method):
 @pytest.mark.parametrize("method", METHODS)
 def test_memory_is_freed_after_an_interruption(slider, method, monkeypatch):
     def interrupted(self, most_steps):
-        bdf.SundialsJob.run(self, 5)
+        sundials_c.SundialsJob.run(self, 5)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(CorrectorJob, "run", interrupted)
-    loaded = bdf.load_sundials(CORRECTORS[method].library)
+    loaded = sundials_c.load_sundials(CORRECTORS[method].library)
     with counted_contexts(loaded) as counts, pytest.raises(KeyboardInterrupt):
         slider.simulate((0.0, 10.0), [10.0], method)
     assert counts["SUNContext_Create"] == counts["SUNContext_Free"] == 1

@@ -18,7 +18,7 @@ from sundials_cases import counted_contexts, follows_a_long_ladder, follows_an_o
 from cotree import Scene, load
 from cotree.codegen.sundials import SUNDIALS_FUNCTIONS
 from cotree.pipeline import formulate
-from cotree.solvers import bdf
+from cotree.solvers import sundials_c
 
 pytest.importorskip("sksundae")
 pytestmark = pytest.mark.compiler
@@ -29,7 +29,7 @@ METHODS = ("cvode", "ida")
 @pytest.fixture(autouse=True)
 def _in_c():
     for method in METHODS:
-        loaded = bdf.load_sundials(method)
+        loaded = sundials_c.load_sundials(method)
         if isinstance(loaded, str):
             pytest.skip(loaded)
 
@@ -42,7 +42,7 @@ def slider():
 @pytest.mark.parametrize("method", METHODS)
 def test_the_structures_are_those_of_the_library(method):
     """SUNDIALS' own Newton iteration has its functions where C puts others."""
-    loaded = bdf.load_sundials(method)
+    loaded = sundials_c.load_sundials(method)
     ffi = loaded.engine.ffi.__class__()
     names = {0: "GetType", 3: "Solve", 5: "SetSysFn", 14: "SetMaxIters", 16: "GetCurIter"}
     functions = {place: f"SUNNonlinSol{name}_Newton" for place, name in names.items()}
@@ -225,7 +225,7 @@ def test_bands_against_another_factorisation():
 
 
 def test_too_wide_a_band_is_left_to_sparse_matrices(monkeypatch):
-    monkeypatch.setattr(bdf, "_MOST_MULTIPLICATIONS", 1e3)
+    monkeypatch.setattr(sundials_c, "_MOST_MULTIPLICATIONS", 1e3)
     model = rc_grid(15).compile()
     result = model.simulate((0.0, 1.0), [1.0], "cvode")
     assert "BDF stood in for cvode: the Jacobian's band is wide." in result.message
@@ -236,14 +236,14 @@ def test_too_wide_a_band_with_events_is_factorised_all_the_same(monkeypatch):
     scene.event("late", "t - 0.5", direction=1, stop=True)
     model = scene.compile()
     first = model.simulate((0.0, 1.0), [0.5], "cvode")
-    monkeypatch.setattr(bdf, "_MOST_MULTIPLICATIONS", 1e3)
+    monkeypatch.setattr(sundials_c, "_MOST_MULTIPLICATIONS", 1e3)
     result = model.simulate((0.0, 1.0), [0.5], "cvode")
     assert result.statistics.method == "cvode"
     np.testing.assert_array_equal(result.y, first.y)
 
 
 def test_many_states_beside_algebraic_unknowns_are_left_to_others(monkeypatch):
-    monkeypatch.setattr(bdf, "_MOST_REDUCED", 2)
+    monkeypatch.setattr(sundials_c, "_MOST_REDUCED", 2)
     model = load("bridge-rectifier").compile()
     result = model.simulate((0.0, 1e-3), [1e-3], "cvode", 1e-6, 1e-8)
     assert "more than 2 states have algebraic unknowns" in result.message
@@ -299,13 +299,16 @@ def test_the_longest_step_is_kept(slider, method):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_memory_is_freed_after_an_interruption(slider, method, monkeypatch):
-    class Interrupted(bdf.SundialsJob):
+    class Interrupted(sundials_c.SundialsJob):
         def run(self, most_steps: int) -> int:
             super().run(5)
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(bdf, "SundialsJob", Interrupted)
-    with counted_contexts(bdf.load_sundials(method)) as counts, pytest.raises(KeyboardInterrupt):
+    monkeypatch.setattr(sundials_c, "SundialsJob", Interrupted)
+    with (
+        counted_contexts(sundials_c.load_sundials(method)) as counts,
+        pytest.raises(KeyboardInterrupt),
+    ):
         slider.simulate((0.0, 10.0), [10.0], method)
     assert counts["SUNContext_Create"] == counts["SUNContext_Free"] == 1
     assert counts["N_VMake_Serial"] == counts["N_VDestroy"] > 0
@@ -318,14 +321,14 @@ def test_what_is_missing_is_said(slider, monkeypatch, missing, method):
         more = {**SUNDIALS_FUNCTIONS[method], "CVodeFlyAway": ("int", "void")}
         monkeypatch.setitem(SUNDIALS_FUNCTIONS, method, more)
     elif missing == "version":
-        monkeypatch.setattr(bdf, "SUNDIALS_VERSION", (6, 0))
+        monkeypatch.setattr(sundials_c, "SUNDIALS_VERSION", (6, 0))
     else:
-        monkeypatch.setattr(bdf, "build_engine", lambda *_: None)
-    bdf._load.cache_clear()
+        monkeypatch.setattr(sundials_c, "build_engine", lambda *_: None)
+    sundials_c._load.cache_clear()
     try:
         result = slider.simulate((0.0, 0.1), [0.1], method)
     finally:
-        bdf._load.cache_clear()
+        sundials_c._load.cache_clear()
     why = {
         "symbols": "SUNDIALS' functions cannot be found",
         "version": "SUNDIALS is of version 7.9, not 6.0",

@@ -15,8 +15,8 @@ from cotree.codegen.result_offsets import starts_of_maps
 from cotree.codegen.stack import n_bytes
 from cotree.codegen.statements import Argument, Array, Assign, Guard, Loop
 from cotree.codegen.targets import DOUBLE
+from cotree.dag.multi_output import Function, Table, sizes_of
 from cotree.dag.operations import OPERATIONS
-from cotree.dag.several import Function, Table, sizes_of
 from cotree.dag.symbols import ARGUMENT_OF
 from cotree.dag.traverse import reachable
 from cotree.naming import c_identifier

@@ -28,7 +28,7 @@ from cotree.codegen.statements import (
     Comment,
     Report,
 )
-from cotree.dag.several import SEVERAL, is_symmetric, sizes_of
+from cotree.dag.multi_output import SEVERAL, is_symmetric, sizes_of
 from cotree.dag.symbols import ARGUMENT_OF, TIME
 from cotree.dag.traverse import reachable
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from cotree.codegen.expressions import element
 from cotree.codegen.printing import Constants, wrapped
-from cotree.dag.several import results as results_of
+from cotree.dag.multi_output import results as results_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

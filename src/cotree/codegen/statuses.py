@@ -24,7 +24,7 @@ class Status:
     meaning : str
         What the header adds to that; may be empty.
     verdict : str
-        Of an event, the name of the longer sentence in :mod:`cotree.solvers.verdicts`.
+        Of an event, the name of the longer sentence in :mod:`cotree.solvers.event_messages`.
     """
 
     name: str

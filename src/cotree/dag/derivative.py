@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from cotree.dag.several import SEVERAL
+from cotree.dag.multi_output import SEVERAL
 from cotree.dag.traverse import reachable
 
 if TYPE_CHECKING:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Literal
 
+from cotree.dag.multi_output import SEVERAL
 from cotree.dag.operations import OPERATIONS
-from cotree.dag.several import SEVERAL
 from cotree.dag.traverse import reachable
 
 if TYPE_CHECKING:

@@ -377,7 +377,7 @@ class Dag:
         Parameters
         ----------
         op : str
-            A row of :data:`cotree.dag.several.SEVERAL`.
+            A row of :data:`cotree.dag.multi_output.SEVERAL`.
         args : sequence of Node
             The arguments.
         data : hashable

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 from cotree.dag import vector
 from cotree.formulation.clusters import combined, shifted
-from cotree.formulation.ends import Pull
-from cotree.formulation.pulls import along_speeds
+from cotree.formulation.constraints import along_speeds
+from cotree.formulation.endpoints import Pull
 from cotree.formulation.through import resolved
 
 if TYPE_CHECKING:

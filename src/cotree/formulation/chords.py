@@ -13,7 +13,7 @@ from cotree.components import Freedom, FreeRotation, Role
 from cotree.dag import vector
 from cotree.errors import ExpressionError, FormulationError, nearest
 from cotree.formulation.contact import Rolling, Slip
-from cotree.formulation.ends import Carried, Ends
+from cotree.formulation.endpoints import Carried, Ends
 from cotree.formulation.fields import plane_axes
 from cotree.formulation.measures import (
     Angle,

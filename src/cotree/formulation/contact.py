@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cotree.dag import vector
-from cotree.formulation.ends import Carried, Ends, Pull, pull_in_place
+from cotree.formulation.endpoints import Carried, Ends, Pull, pull_in_place
 
 if TYPE_CHECKING:
     from cotree.dag.nodes import Node

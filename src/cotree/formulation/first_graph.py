@@ -17,6 +17,7 @@ from cotree.equations import State
 from cotree.errors import ExpressionError
 from cotree.formulation.across import accelerate, move
 from cotree.formulation.augmented import augmented_mass_matrix
+from cotree.formulation.constraints import form_constraints, multiplier_loads
 from cotree.formulation.events import bind_events, started
 from cotree.formulation.frames import choose_frames
 from cotree.formulation.laws import applied_laws
@@ -25,7 +26,6 @@ from cotree.formulation.lumping import lump
 from cotree.formulation.networks.attached import attach_network
 from cotree.formulation.observed import Observer, observe_motion
 from cotree.formulation.outputs import form_outputs
-from cotree.formulation.pulls import form_constraints, multiplier_loads
 from cotree.formulation.safety import check_inertia, met_where_idle, safe_pivots
 from cotree.formulation.start import body_starts, start_conditions
 from cotree.formulation.system import bind
@@ -40,11 +40,11 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Node
     from cotree.equations import EventRow, Guard
     from cotree.formulation.across import Motion
+    from cotree.formulation.constraints import Constraints
     from cotree.formulation.laws import Applied
     from cotree.formulation.networks.couplings import Coupling
     from cotree.formulation.networks.network import Network
     from cotree.formulation.outputs import Outputs
-    from cotree.formulation.pulls import Constraints
     from cotree.formulation.start import Condition
     from cotree.formulation.system import System
     from cotree.formulation.through import Balance, Loads

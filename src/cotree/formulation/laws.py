@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Node
     from cotree.formulation.across import Motion
-    from cotree.formulation.ends import Pull
+    from cotree.formulation.endpoints import Pull
     from cotree.formulation.fields import BoundEdge
     from cotree.formulation.measures import Measure
     from cotree.formulation.views import View

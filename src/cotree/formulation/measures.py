@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from cotree.dag import vector
 from cotree.dag.derivative import tangents
 from cotree.dag.dual import function
-from cotree.formulation.ends import Carried, Ends, Pull, pair_pull, pull_in_place
+from cotree.formulation.endpoints import Carried, Ends, Pull, pair_pull, pull_in_place
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

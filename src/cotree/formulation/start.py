@@ -17,9 +17,9 @@ from cotree.dag.rotation import quaternion_of_nodes
 from cotree.errors import SceneError
 from cotree.formulation.across import move
 from cotree.formulation.chords import chord_measure, node_angle
+from cotree.formulation.constraints import along_speeds
 from cotree.formulation.frames import choose_frames
 from cotree.formulation.lumping import lump
-from cotree.formulation.pulls import along_speeds
 from cotree.formulation.system import bind
 from cotree.scene.expressions import Expression
 from cotree.scene.graphs import joint_branches

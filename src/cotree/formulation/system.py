@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from cotree.components import FreeRotation, Role
 from cotree.dag.evaluate import evaluate
-from cotree.dag.several import Table, table
+from cotree.dag.multi_output import Table, table
 from cotree.dag.symbols import INPUT, PARAMETER, STATE, TIME, UNKNOWN
 from cotree.equations import State
 from cotree.formulation.continuous import motion_guards

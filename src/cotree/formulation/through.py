@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from cotree.dag.vector import Matrix, Vector
     from cotree.formulation.across import Accelerations, Motion
     from cotree.formulation.elements import Action
-    from cotree.formulation.ends import Pull
+    from cotree.formulation.endpoints import Pull
     from cotree.formulation.frames import Frames, Geometry
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from cotree.dag.several import RANK_TOLERANCE, SolveShape, solve
+from cotree.dag.multi_output import RANK_TOLERANCE, SolveShape, solve
 from cotree.linear.elimination import eliminate
 from cotree.linear.pivots import FewestCouplings, FewestUpdates
 

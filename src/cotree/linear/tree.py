@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from cotree.dag import vector
-from cotree.dag.several import RANK_TOLERANCE
+from cotree.dag.multi_output import RANK_TOLERANCE
 from cotree.linear.factors import Core, factorise, kept_size
 from cotree.linear.spatial import nothing, released, resolved, rigid, shifted, total
 

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.dag.evaluate import evaluate
-from cotree.dag.several import results
+from cotree.dag.multi_output import results
 from cotree.dag.symbols import ARGUMENT_OF
 from cotree.dag.traverse import reachable, symbols_in
 from cotree.errors import BuildError, SingularSystemError, SolveError

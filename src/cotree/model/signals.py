@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.dag.evaluate import evaluate
+from cotree.dag.multi_output import Table, table
 from cotree.dag.nodes import Dag
-from cotree.dag.several import Table, table
 from cotree.dag.traverse import reachable
 from cotree.errors import ExpressionError, ParameterError, nearest
 from cotree.scene.tables import parse_signal

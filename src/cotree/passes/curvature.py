@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from cotree.dag.derivative import tangents
-from cotree.dag.several import SEVERAL
+from cotree.dag.multi_output import SEVERAL
 from cotree.dag.symbols import DIRECTION, STATE
 from cotree.dag.traverse import dependent, reachable
 from cotree.passes.reciprocals import share_reciprocals

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from cotree.dag.several import sines
+from cotree.dag.multi_output import sines
 from cotree.dag.traverse import dependent
 from cotree.passes.stage import varying_values
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from cotree.dag.several import SEVERAL
+from cotree.dag.multi_output import SEVERAL
 from cotree.dag.symbols import PARAMETER
 from cotree.dag.traverse import dependent, reachable
 

@@ -16,9 +16,9 @@ from cotree.readers.spice_couplings import find_couplings
 from cotree.readers.spice_devices import DEVICES
 from cotree.readers.spice_lines import Line, settings, shown, split_settings
 from cotree.readers.spice_netlist import Circuit, Netlist, parse_netlist
-from cotree.readers.spice_place import Instance
 from cotree.readers.spice_sources import Times
 from cotree.readers.spice_values import Scope, Value
+from cotree.readers.subcircuit_scope import Instance
 from cotree.readers.text_file import read_text
 from cotree.scene.description import SceneDescription
 from cotree.scene.origin import Origin

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from cotree.readers.spice_lines import Line
-    from cotree.readers.spice_place import Instance
+    from cotree.readers.subcircuit_scope import Instance
 
 _Key = TypeVar("_Key")
 

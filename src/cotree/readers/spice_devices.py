@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from cotree.readers.spice_couplings import Coupled
     from cotree.readers.spice_lines import Line
     from cotree.readers.spice_models import DeviceModel
-    from cotree.readers.spice_place import Instance
     from cotree.readers.spice_values import Value
+    from cotree.readers.subcircuit_scope import Instance
 
 #: Geometry that serves capacitances and leakage per area, of which models here have none.
 _UNUSED_OF_CHANNELS = {"ad", "as", "pd", "ps", "nrd", "nrs"}

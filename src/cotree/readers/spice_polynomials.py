@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from cotree.readers.spice_lines import Line
-    from cotree.readers.spice_place import Instance
     from cotree.readers.spice_values import Value
+    from cotree.readers.subcircuit_scope import Instance
 
 _MOST_ARGUMENTS, _MOST_COEFFICIENTS = 20, 80
 

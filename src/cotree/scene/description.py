@@ -20,7 +20,7 @@ from cotree.scene.tables import parse_signal
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from cotree.dag.several import Table
+    from cotree.dag.multi_output import Table
     from cotree.scene.origin import Origin
     from cotree.scene.ports import PortEnds
 

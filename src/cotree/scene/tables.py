@@ -7,7 +7,7 @@ import numbers
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
-from cotree.dag.several import Table, table
+from cotree.dag.multi_output import Table, table
 from cotree.errors import SceneError
 from cotree.scene.expressions import Expression, parse
 

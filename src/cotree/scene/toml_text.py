@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-from cotree.dag.several import Table
+from cotree.dag.multi_output import Table
 from cotree.errors import ModelError, SceneError
 from cotree.files import written_whole
 from cotree.scene.description import SceneDescription

@@ -17,10 +17,10 @@ from cotree.dag.symbols import PARAMETER_CHANGE, SENSITIVITY, STATE_CHANGE, UNKN
 from cotree.dag.traverse import substitute
 from cotree.equations import Derivative, Equations, Quantity, substituted
 from cotree.errors import ParameterError, nearest
+from cotree.formulation.constraints import stabilised
 from cotree.formulation.observed import observed_unit
 from cotree.formulation.outputs import output_tangents
-from cotree.formulation.pulls import stabilised
-from cotree.sensitivity.held import gather_constraints, start_tangents
+from cotree.sensitivity.constraint_data import gather_constraints, start_tangents
 from cotree.sensitivity.motion import motion_seed
 from cotree.sensitivity.networks import coupling_tangents, network_tangents
 from cotree.sensitivity.reach import Reach, rows_touched

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Node
     from cotree.formulation.across import Motion
     from cotree.formulation.elements import Action
-    from cotree.formulation.ends import Pull
+    from cotree.formulation.endpoints import Pull
     from cotree.formulation.laws import Applied
     from cotree.formulation.through import Balance, Loads
     from cotree.formulation.views import View

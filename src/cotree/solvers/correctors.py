@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.errors import SolveError
 from cotree.solvers.augmented import augmented_tolerances
-from cotree.solvers.bdf import SundialsJob, load_sundials, solve_in_c
+from cotree.solvers.sundials_c import SundialsJob, load_sundials, solve_in_c
 from cotree.solvers.sundials_library import library_path
 
 if TYPE_CHECKING:

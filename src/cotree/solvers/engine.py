@@ -20,10 +20,10 @@ from cotree.sharing import made_once
 from cotree.solvers.augmented import augmented_tolerances
 from cotree.solvers.base import Occurrence
 from cotree.solvers.corners import turn_tolerances, turning
+from cotree.solvers.event_messages import BY_STATUS, verdict
 from cotree.solvers.messages import undefined_ahead
 from cotree.solvers.problem import describe_entry
 from cotree.solvers.rescue import Rescue
-from cotree.solvers.verdicts import BY_STATUS, verdict
 from cotree.tolerances import LIMITS
 from cotree.version import ABI_VERSION
 

@@ -16,10 +16,10 @@ from cotree.solvers.base import Drift, Statistics, Trajectory
 from cotree.solvers.corners import segments
 from cotree.solvers.engine import Job, load_engine
 from cotree.solvers.evaluate import BUDGET_SPENT, FAILED
+from cotree.solvers.event_messages import verdict
 from cotree.solvers.messages import summary
 from cotree.solvers.methods import METHODS
 from cotree.solvers.progress import Progress
-from cotree.solvers.verdicts import verdict
 
 if TYPE_CHECKING:
     from cotree.solvers.problem import FloatArray, Problem

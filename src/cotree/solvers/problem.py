@@ -115,7 +115,8 @@ class Problem:
         ``kept``, as an event set them; it raises ModelError where it cannot.
     singular : callable or None
         ``singular(t, z)`` names the edges whose constraints are nearly dependent at a point. With
-        it the right-hand side is evaluated at projected points; see :mod:`cotree.solvers.passage`.
+        it the right-hand side is evaluated at projected points; see
+        :mod:`cotree.solvers.singularity_crossing`.
     events : ModelEvents or None
         The events of the problem, which only methods in C take; time must increase.
     places : ndarray of int or None

@@ -1,8 +1,9 @@
 """SciPy's methods, one step at a time.
 
 In: rates and Jacobians. Out: a stepper between two breakpoints, which
-:mod:`cotree.solvers.drive` advances. SciPy's solver classes are used in place of ``solve_ivp``,
-which interpolates at every output whatever the interpolant is worth, and has no budget.
+:mod:`cotree.solvers.integration_loop` advances. SciPy's solver classes are used in place of
+``solve_ivp``, which interpolates at every output whatever the interpolant is worth, and has no
+budget.
 """
 
 from __future__ import annotations

@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cotree.errors import SolveError
-from cotree.solvers.bdf import solve_in_c
 from cotree.solvers.correctors import solve_with_corrector
-from cotree.solvers.decay import fastest_decay, fastest_growth
-from cotree.solvers.drive import IN_C, beyond_scipy, solve_with_scipy
 from cotree.solvers.engine import load_engine
 from cotree.solvers.evaluate import FAILED
+from cotree.solvers.integration_loop import IN_C, beyond_scipy, solve_with_scipy
 from cotree.solvers.methods import method_row
 from cotree.solvers.native import compiled_in, refusal, solve_own
 from cotree.solvers.problem import check_problem
-from cotree.solvers.succession import Succession, stiff_method
+from cotree.solvers.stiffness_probe import fastest_decay, fastest_growth
+from cotree.solvers.stiffness_switching import Succession, stiff_method
+from cotree.solvers.sundials_c import solve_in_c
 from cotree.solvers.sundials_library import check_installed, has_sundials
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ def choose_method(problem: Problem) -> tuple[str, str]:
     Strongly damped modes whose time constant is a small part of the span force explicit methods
     to steps that accuracy does not ask for. Modes that oscillate faster than they decay do not
     count: accuracy needs short steps for them with any method. Stiffness that appears later than
-    the probed steps is seen by "dop853" itself; see :mod:`cotree.solvers.succession`.
+    the probed steps is seen by "dop853" itself; see :mod:`cotree.solvers.stiffness_switching`.
 
     Modes that grow at the start, from below the tolerance to where they decide, are damped by the
     long steps of methods for stiff problems, whose error estimates cannot see them: there an

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 from cotree.components import Role
 from cotree.dag.derivative import tangents
 from cotree.dag.traverse import symbols_in
+from cotree.formulation.constraints import along_speeds
 from cotree.formulation.networks.couplings import coupling_loads, form_couplings, through_name
 from cotree.formulation.networks.network import Surroundings, form_network
-from cotree.formulation.pulls import along_speeds
 from cotree.scene.events import event_expressions
 from cotree.scene.networks import scalar_ports
 

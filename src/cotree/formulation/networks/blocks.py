@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.dag.several import SolveShape, solve
+from cotree.dag.multi_output import SolveShape, solve
 from cotree.linear.factors import factorise_definite
 
 if TYPE_CHECKING:

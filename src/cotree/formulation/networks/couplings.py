@@ -13,7 +13,7 @@ from cotree.components import Freedom, Role
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError, nearest
 from cotree.formulation.chords import named_measure
-from cotree.formulation.ends import Ends
+from cotree.formulation.endpoints import Ends
 from cotree.formulation.laws import Applied
 from cotree.formulation.measures import Distance
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Node
     from cotree.formulation.across import Motion
-    from cotree.formulation.ends import Pull
+    from cotree.formulation.endpoints import Pull
     from cotree.formulation.measures import Measure
     from cotree.formulation.views import View
     from cotree.scene.networks import Port

@@ -33,10 +33,10 @@ from cotree.solvers.evaluate import (
     OffConstraintsError,
 )
 from cotree.solvers.messages import ROUNDING_LEVEL, told
-from cotree.solvers.passage import LOOSENED, LOOSEST, Passage
 from cotree.solvers.problem import check_problem
 from cotree.solvers.progress import Progress
 from cotree.solvers.scipy_ivp import Idle, ScipyStepper, alone
+from cotree.solvers.singularity_crossing import LOOSENED, LOOSEST, Passage
 from cotree.tolerances import LIMITS
 
 if TYPE_CHECKING:

@@ -13,9 +13,9 @@ import numpy as np
 
 from cotree.codegen.tableaus import TABLEAUS
 from cotree.solvers.base import Drift, Statistics, Trajectory
-from cotree.solvers.decay import largest_decaying
 from cotree.solvers.evaluate import FAILED
 from cotree.solvers.native import refusal
+from cotree.solvers.stiffness_probe import largest_decaying
 from cotree.solvers.sundials_library import has_sundials
 
 if TYPE_CHECKING:
