@@ -113,7 +113,7 @@ class Form:
 
     @property
     def needs(self) -> tuple[int, ...]:
-        """How tightly each argument must bind in order to stand without parentheses."""
+        """The precedence that each argument needs in order to stand without parentheses."""
         return _BINDING[self.op][1] if self.op in _BINDING else (0,) * len(self.args)
 
 

@@ -1,4 +1,4 @@
-"""How jobs of C end: one table for C's headers and main programs, and for messages in Python."""
+"""Endings of jobs in C: one table for C's headers and main programs, and for messages in Python."""
 
 from __future__ import annotations
 

@@ -153,7 +153,7 @@ class Root:
 
 @dataclass(frozen=True)
 class _Following:
-    """What follows an accepted step: a matrix to keep and the next step, or neither."""
+    """The matrix that an accepted step lets the iteration keep, and the next step, or neither."""
 
     linear: Linear | None = None
     step: Array | None = None
@@ -215,7 +215,7 @@ class ResidualTest:
 
 @dataclass(frozen=True)
 class Limits:
-    """How far an iteration goes.
+    """Limits of an iteration.
 
     Attributes
     ----------
