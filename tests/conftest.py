@@ -43,9 +43,28 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if config.getoption("--slow") or os.environ.get("CI") == "true":
         return
     skip = pytest.mark.skip(reason="slow: run with --slow")
+    for item in (*filter(_is_slow, items), *_beyond_samples(items)):
+        item.add_marker(skip)
+
+
+def _is_slow(item: pytest.Item) -> bool:
+    return item.get_closest_marker("slow") is not None
+
+
+def _beyond_samples(items: list[pytest.Item]) -> list[pytest.Item]:
+    """List the cases of sampled tests that a quick run leaves out; what is kept is spread evenly."""
+    cases: dict[str, list[pytest.Item]] = {}
     for item in items:
-        if item.get_closest_marker("slow"):
-            item.add_marker(skip)
+        if item.get_closest_marker("sampled") and not _is_slow(item):
+            cases.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    left_out = []
+    for found in cases.values():
+        found.sort(key=lambda item: item.nodeid)  # whatever order they are run in
+        marker = found[0].get_closest_marker("sampled")
+        assert marker is not None
+        every = -(-len(found) // marker.args[0])
+        left_out += [item for i, item in enumerate(found) if i % every]
+    return left_out
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

@@ -63,8 +63,8 @@ class Branch:
     turn_parent : int
         The cluster that the child's axes are turned from: the parent, unless the trees differ.
     carrier : int
-        The cluster in whose axes the motion space is constant: of a free rotation, that of the
-        edge's second node; else the turn parent, since a turn about an axis leaves that alone.
+        The cluster in whose axes the motion space is constant: that of the edge's first node, of
+        the second for angular velocities.
     anchor : Vector
         Position of the branch's inner node in the parent's axes.
     step : Step or None

@@ -185,7 +185,7 @@ def _branch(
     dag = place.local[0].dag
     zero, units = vector.zeros(dag), vector.identity(dag)
     inner, outer = turned.cluster, Point(child, zero, turned.turn)
-    carrier = inner
+    carrier = inner if sign > 0 else child
     mount: Matrix | None = None
     axes: tuple[Vector, ...] = ()
     slides: tuple[Node, ...] = ()

@@ -154,7 +154,8 @@ class _Search:
             aside = np.zeros(finder.n_speeds)
             aside[free] = _ASIDE * rng.standard_normal(len(free))
             other = self._iterate(finder.moved(y, aside, 0), 0)
-            if other[1] < residual:
+            # What is less by rounding is the same, perhaps a turn away.
+            if other[1] < (1.0 - SMALL) * residual:
                 found, residual = other
         if residual <= _MET * size:
             return found
