@@ -52,7 +52,7 @@ def _is_slow(item: pytest.Item) -> bool:
 
 
 def _beyond_samples(items: list[pytest.Item]) -> list[pytest.Item]:
-    """List the cases of sampled tests that a quick run leaves out; what is kept is spread evenly."""
+    """List the cases of sampled tests that a quick run leaves out, spread evenly."""
     cases: dict[str, list[pytest.Item]] = {}
     for item in items:
         if item.get_closest_marker("sampled") and not _is_slow(item):

@@ -6,6 +6,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 _SCRIPT = """
 import hashlib
 import cotree
@@ -21,6 +23,7 @@ for name in ("slider-pendulum", "spring-mass-damper"):
 """
 
 
+@pytest.mark.slow
 def test_same_bytes_under_several_hash_seeds():
     runs = [
         subprocess.Popen(

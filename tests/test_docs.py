@@ -45,6 +45,7 @@ def own_types():
         yield
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.usefixtures("own_types")
 @pytest.mark.parametrize(
     "block", blocks(README, "python"), ids=["first", "loops", "networks", "events"]
@@ -148,6 +149,7 @@ def test_every_name_that_outputs_may_use_is_documented(variable):
     assert re.search(rf"[`.]{last}`", INDEX)
 
 
+@pytest.mark.sampled(15)
 @pytest.mark.parametrize("component", BUILT_IN, ids=lambda c: c.name)
 def test_the_example_of_every_component_shows_its_closed_form(component):
     """An output ``y`` agrees with ``y_exact``, which the scene gives as a function of time."""

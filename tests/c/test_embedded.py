@@ -260,6 +260,7 @@ def test_extremes(driver: Path) -> None:
     assert float(end) == pytest.approx(1.0, abs=1e-5)  # y = 1/(1 - t), to the tolerance of 1e-6
 
 
+@pytest.mark.slow
 def test_a_short_pulse_of_an_input_table_is_not_stepped_over(compiler: str, tmp_path: Path) -> None:
     """1 kg at rest, 200 N for 5 ms in a triangle of 10 ms: 1 m/s from then on."""
     scene = SceneDescription("pulse")
@@ -276,6 +277,7 @@ def test_a_short_pulse_of_an_input_table_is_not_stepped_over(compiler: str, tmp_
     assert float(lines["j.s"]) == pytest.approx(10.0 - 5.005, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_short_pulse_of_every_period_is_not_stepped_over(compiler: str, tmp_path: Path) -> None:
     """1 kg at rest, a blow of 1 N s within a microsecond at 0.1, 0.35, 0.6 and 0.85 s."""
     scene = SceneDescription("blows")
@@ -293,6 +295,7 @@ def test_a_short_pulse_of_every_period_is_not_stepped_over(compiler: str, tmp_pa
     assert float(lines["j.s_dot"]) == pytest.approx(4.0, abs=1e-8)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("integrator", ["rkf45", "dop853", "rodas4", "rodas5"])
 def test_other_integrators_end_as_in_python(compiler: str, tmp_path: Path, integrator: str) -> None:
     model = load("slider-pendulum").compile(["L"])
@@ -304,6 +307,7 @@ def test_other_integrators_end_as_in_python(compiler: str, tmp_path: Path, integ
     assert values["d(j1.s)/d(L)"] == pytest.approx(result.sensitivity("j1.s", "L")[-1], abs=1e-6)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("rtol", [1e-5, 1e-8])
 @pytest.mark.parametrize("method", ["rodas4", "rodas5"])
 def test_points_between_steps_of_stiff_methods(

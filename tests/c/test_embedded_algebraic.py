@@ -57,6 +57,7 @@ def bridge() -> Made:
 
 # rodas5 has sensitivities of unknowns in its error test, here up to 1e5: with an absolute tolerance
 # below 1e-10 its steps shrink to nothing.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "sensitivities"),
     [
@@ -85,6 +86,7 @@ def test_ends_as_in_python(
             assert values[key] == pytest.approx(expected, rel=1e-6, abs=1e-8 * size), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [pytest.param("dopri5", marks=pytest.mark.slow), "rodas5"])
 @pytest.mark.parametrize("sensitivities", [(), ("a",)])
 def test_with_constraints(
@@ -103,6 +105,7 @@ def test_with_constraints(
             assert found == pytest.approx(expected, abs=1e-6), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sensitivities", [(), pytest.param(("Rs", "Is"), marks=pytest.mark.slow)])
 def test_shipped_rectifier_runs_to_its_end(
     compiler: str, tmp_path: Path, sensitivities: tuple[str, ...]

@@ -102,6 +102,7 @@ def residuals_of_sensitivities(model: Model, t: float, values: dict[str, float])
     return kernel(t, y, np.array(s), None).copy()
 
 
+@pytest.mark.sampled(2)
 @mostly_gcc
 @pytest.mark.parametrize(
     ("scene", "sensitivities"),
@@ -131,6 +132,7 @@ def test_a_constrained_motion_ends_as_in_python(
         assert np.max(np.abs(residuals_of_sensitivities(model, 2.0, values))) < 100 * PRINTED
 
 
+@pytest.mark.slow
 @mostly_gcc
 @pytest.mark.parametrize("scene", [four_bar, spherical_pendulum])
 def test_the_start_is_consistent_where_initial_is_not(
@@ -147,6 +149,7 @@ def test_the_start_is_consistent_where_initial_is_not(
     assert "static const double start[N_UNKNOWNS]" in (tmp_path / "main.c").read_text()
 
 
+@pytest.mark.slow
 @mostly_gcc
 def test_a_loose_tolerance_leaves_no_residual(compiler: str, tmp_path: Path) -> None:
     """Left to itself the motion drifts by about the tolerance."""
@@ -164,6 +167,7 @@ def test_a_loose_tolerance_leaves_no_residual(compiler: str, tmp_path: Path) -> 
     assert residuals[1] > 1e-7
 
 
+@pytest.mark.slow
 @mostly_gcc
 def test_a_loop_that_cannot_close_is_reported(compiler: str, tmp_path: Path) -> None:
     """The crank is driven away until coupler and rocker are one line, at infinite rates."""

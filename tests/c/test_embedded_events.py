@@ -111,6 +111,7 @@ def simulated(model: Model, t: float) -> dict[str, float]:
     return found
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("case", CASES)
 def test_ends_as_in_python(compiler: str, tmp_path: Path, case: str) -> None:
     scene, sensitivities, t_end = CASES[case]
@@ -128,6 +129,7 @@ def test_ends_as_in_python(compiler: str, tmp_path: Path, case: str) -> None:
     np.testing.assert_allclose(found[states], exact[states], rtol=1e-8, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", [pytest.param("rodas4", marks=pytest.mark.slow), "rodas5"])
 @pytest.mark.parametrize("case", [pytest.param("loop", marks=pytest.mark.slow), "relaxation"])
 def test_integrators_with_algebraic_unknowns_of_their_own(
@@ -170,6 +172,7 @@ def ball(**event: object) -> Scene:
     return scene
 
 
+@pytest.mark.slow
 def test_a_stop_ends_the_run(compiler: str, tmp_path: Path) -> None:
     model = ball(when="j.s - 0.5", direction=1, stop=True).compile()
     text = run([build(write(model, tmp_path), compiler)], tmp_path)

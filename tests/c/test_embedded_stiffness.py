@@ -20,6 +20,7 @@ pytestmark = [
 ]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("has_events", [False, True])
 @pytest.mark.parametrize("integrator", ["dopri5", "rkf45", "dop853"])
 def test_stiffness_is_reported(

@@ -17,6 +17,7 @@ pytestmark = [
 ]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("make", "names", "options"),
     [

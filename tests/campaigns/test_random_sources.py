@@ -199,6 +199,7 @@ def _seeds(n, first):
     return range(first, first + n)
 
 
+@pytest.mark.slow
 def test_sensitivities_to_the_timing_of_sources():
     failures, refusals, _ = campaign(_seeds(QUICK, 0))
     assert not failures, "\n".join(failures)

@@ -304,6 +304,7 @@ def test_check_passes_and_fails(
     assert "FAIL  k" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_check_takes_a_tree_a_method_and_a_tolerance(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["check", "slider-pendulum", "-s", "L", "--t-end", "0.2", "--rtol", "1e-9"]
     assert main([*arguments, "--tree", "m5,m6,r3,r4", "--method", "RK45"]) == 0
@@ -335,6 +336,7 @@ def test_interruption_is_exit_code_130(
     assert "Traceback" not in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_letters_that_a_pipe_lacks_are_replaced(tmp_path: Path) -> None:
     code = "import sys; from cotree.cli import main; sys.exit(main())"
     done = subprocess.run(

@@ -17,6 +17,7 @@ def robot(tmp_path):
     return str(path)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.compiler
 @pytest.mark.parametrize(
     ("command", "said"),
@@ -48,6 +49,7 @@ def test_equations_and_projects(robot, tmp_path, capsys):
     assert (tmp_path / "project" / "whole.c").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.compiler
 def test_options_before_the_command_say_how_it_is_read(robot, capsys):
     run = ["run", robot, "--t-end", "0.01"]

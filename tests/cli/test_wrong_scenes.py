@@ -116,6 +116,7 @@ def complaint(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     return error
 
 
+@pytest.mark.sampled(25)
 @pytest.mark.parametrize("name", WRONG)
 def test_wrong_scene(name: str, scene_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     old, new, culprits = WRONG[name]
@@ -186,6 +187,7 @@ ARGUMENTS: list[tuple[list[str], list[str]]] = [
 ]
 
 
+@pytest.mark.sampled(21)
 @pytest.mark.parametrize(
     ("arguments", "culprits"), ARGUMENTS, ids=[" ".join(a) for a, _ in ARGUMENTS]
 )

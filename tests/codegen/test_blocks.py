@@ -57,6 +57,7 @@ def _n_blocks(program):
     return sum(len(kernel.body.blocks) for kernel in model_context(program).kernels)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.compiler
 @pytest.mark.parametrize("name", SCENES)
 def test_shipped_scenes_compute_the_same(name, cut_at, load_kernels):
@@ -73,6 +74,7 @@ def test_shipped_scenes_compute_the_same(name, cut_at, load_kernels):
         assert np.array_equal(values, cut[kernel], equal_nan=True), kernel
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.compiler
 @pytest.mark.parametrize("name", SCENES)
 def test_shipped_scenes_compute_the_same_in_loops(name, monkeypatch, load_kernels):
@@ -85,6 +87,7 @@ def test_shipped_scenes_compute_the_same_in_loops(name, monkeypatch, load_kernel
         assert np.array_equal(values, rolled[kernel], equal_nan=True), kernel
 
 
+@pytest.mark.slow
 @pytest.mark.compiler
 @pytest.mark.parametrize("longest", [60, 300])
 def test_chains_with_loops_compute_the_same(longest, cut_at, load_kernels, monkeypatch):

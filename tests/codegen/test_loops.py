@@ -70,6 +70,7 @@ def test_the_array_may_have_another_name():
     assert _rolled(1, 30, array="z")[:2] == ["double z[88];", "z[0] = 0.5;"]
 
 
+@pytest.mark.slow
 @pytest.mark.compiler
 def test_a_guard_in_a_loop_names_its_parameter():
     """The number that prepare returns is of the guard that failed, not of a neighbour."""
@@ -82,6 +83,7 @@ def test_a_guard_in_a_loop_names_its_parameter():
             model.rhs(0.0, np.zeros(60), model.parameter_array({name: -1.0}))
 
 
+@pytest.mark.slow
 def test_the_rates_of_a_chain_are_as_long_for_any_number_of_rods():
     lines = []
     for n in (30, 40):

@@ -66,6 +66,7 @@ def test_shipped_scenes_are_clean(program_of, scene_name, sensitivities, run_com
     run_compiler(_files(program_of(scene_name, sensitivities)), "-c")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("flags", [(), ("-DCOTREE_NO_VECTORS",), ("-march=native",)])
 def test_maps_and_sines_in_vectors_are_clean(run_compiler, flags):
     """A short chain with sensitivities; and a long one, whose map holds loops of links."""
@@ -100,11 +101,13 @@ def test_solve_call_and_table_are_clean(made_up, run_compiler, is_staged):
         run_compiler(_files(program), "-c")
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("method", STEPPERS)
 def test_engines_are_clean(run_compiler, method):
     run_compiler(engine_files(method), "-c")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("scene", "integrator", "step"),
     [
@@ -282,6 +285,7 @@ def test_calls_run_clean_under_sanitizers(made_up, run_compiler):
     _check_against_python(program, found)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("sensitivities", [(), ("m", "L")])
 @pytest.mark.usefixtures("in_blocks")
 def test_a_scene_with_constraints_runs_clean_under_sanitizers(run_compiler, sensitivities):

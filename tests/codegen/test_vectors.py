@@ -38,6 +38,7 @@ def _ops(model, kernel):
     return [node.op for node in model._program.kernels[kernel].order]
 
 
+@pytest.mark.slow
 def test_maps_give_the_bits_of_any_width(monkeypatch):
     """The compiler's own command may name definitions."""
     compiler = find_toolchain().command[0]
@@ -54,6 +55,7 @@ def test_maps_give_the_bits_of_any_width(monkeypatch):
         np.testing.assert_allclose(wide, single, rtol=1e-11, atol=1e-11 * np.abs(single).max())
 
 
+@pytest.mark.slow
 def test_blocks_of_a_map_give_the_same_bits(monkeypatch):
     found, n_blocks = {}, {}
     for longest in (10_000, 50):
@@ -84,6 +86,7 @@ def test_loops_of_a_map_give_the_same_bits(monkeypatch):
         np.testing.assert_array_equal(rolled, other)
 
 
+@pytest.mark.slow
 def test_maps_agree_with_statements_written_out(monkeypatch):
     model = _model()
     assert "map" in _ops(model, "augmented_rhs")
@@ -98,6 +101,7 @@ def test_maps_agree_with_statements_written_out(monkeypatch):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "kernel"),
     [

@@ -178,6 +178,7 @@ def test_unknown_names_are_said_with_the_field():
 
 
 # Python's parser warns about texts such as '1if'.
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::SyntaxWarning", "ignore::DeprecationWarning")
 @given(st.text(max_size=60))
 def test_any_text_is_accepted_or_refused(text):

@@ -35,6 +35,7 @@ def test_pins_at_different_heights_are_refused():
         four_bar(0.1).compile()
 
 
+@pytest.mark.slow
 def test_a_height_that_is_a_parameter_is_guarded():
     model = four_bar("h").compile()
     model.simulate((0, 0.01), parameters={"h": 1e-12})  # less than rounding of a metre's scene
@@ -42,6 +43,7 @@ def test_a_height_that_is_a_parameter_is_guarded():
         model.simulate((0, 0.01), parameters={"h": 0.2})
 
 
+@pytest.mark.slow
 def test_the_exported_program_says_the_same(tmp_path):
     project = four_bar("h").compile().write(tmp_path)
     main = next(path for path in project.files if path.name == "main.c").read_text()

@@ -18,6 +18,7 @@ def _equations(n):
     return equations, alternatives
 
 
+@pytest.mark.slow
 def test_a_long_chain_is_eliminated_along_its_tree_only():
     equations, alternatives = _equations(60)
     assert all(row.is_along_tree for row in alternatives)
@@ -34,6 +35,7 @@ def test_many_short_branches_are_not_deep():
     assert {row.is_along_tree for row in formulate(scene, (), None)[2]} == {False, True}
 
 
+@pytest.mark.slow
 def test_both_eliminations_give_the_same_accelerations():
     n = 60
     equations, _ = _equations(n)

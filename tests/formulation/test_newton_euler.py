@@ -63,6 +63,7 @@ def loop_or_skip(seed, **kinds):
 # ---- models against the principle
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.compiler
 @pytest.mark.parametrize("seed", range(6))
 def test_random_trees_obey_the_principle(seed):
@@ -71,6 +72,7 @@ def test_random_trees_obey_the_principle(seed):
     check_model(scene, state=np.random.default_rng(seed).uniform(-1.0, 1.0, n_states))
 
 
+@pytest.mark.sampled(2)
 @every_joint
 @pytest.mark.compiler
 @pytest.mark.parametrize("seed", range(10))
@@ -99,6 +101,7 @@ def test_the_length_of_a_quaternion_is_of_no_account(seed):
     assert np.allclose(model.rhs(0.3, longer)[n:], ours, rtol=1e-11, atol=1e-11)
 
 
+@pytest.mark.sampled(2)
 @every_joint
 @pytest.mark.compiler
 @pytest.mark.parametrize("seed", range(9))
@@ -135,6 +138,7 @@ def test_loops_with_trees_of_least_weight_obey_the_principle(seed):
     check_model(restarted(scene, chosen, start), taken, start)
 
 
+@pytest.mark.slow
 @every_joint
 @pytest.mark.compiler
 @pytest.mark.parametrize("seed", cases([0, 2], [3, 4]))

@@ -162,6 +162,7 @@ def check_mass_matrix(scene, tree, start, seed):
 # ---- action and reaction
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("seed", seeds(4, 20))
 def test_what_edges_exert_moves_every_body_of_a_tree(seed):
     scene = random_mechanism(seed, n_bodies=3)
@@ -261,6 +262,7 @@ def with_scalars(scene):
     return scene
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("seed", seeds(3, 20))
 def test_a_tree_moves_the_same_in_every_frame(seed):
     check_frames(random_mechanism(seed, n_bodies=3), None, seed)
@@ -318,6 +320,7 @@ def tumbling(rotation):
     return scene
 
 
+@pytest.mark.slow
 def test_absolute_coordinates_move_the_same_in_every_frame():
     rotation = turn([0.3, -1.0, 0.7], 2.2)
     plain, turned = (evaluated(tumbling(r)) for r in (np.eye(3), rotation))

@@ -46,6 +46,7 @@ def wanted_of(scene):
     return ["a", "b", "g", f"j1.{scene.edges['j1'].component.motion_space[0].name}"]
 
 
+@pytest.mark.sampled(10)
 @pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize("own_axes", AXES)
 def test_mass_matrix_is_the_derivative_of_the_balances(seed, own_axes):
@@ -60,6 +61,7 @@ def test_mass_matrix_is_the_derivative_of_the_balances(seed, own_axes):
     assert np.allclose(residual, value(eqs.balances), rtol=RELATIVE, atol=RELATIVE)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("seed", seeds(4, 12))
 @pytest.mark.parametrize("own_axes", AXES)
 def test_sensitivity_graphs_agree_with_differentiated_equations(seed, own_axes):
@@ -76,6 +78,7 @@ def test_sensitivity_graphs_agree_with_differentiated_equations(seed, own_axes):
         assert np.abs(direct - outputs).max() <= RELATIVE * scale, row.name
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("seed", seeds(4, 8))
 def test_every_choice_of_axes_gives_the_same_equations(seed):
     found = []

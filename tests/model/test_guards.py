@@ -63,6 +63,7 @@ def _cases(component):
             yield field, edge.name, scene
 
 
+@pytest.mark.sampled(34)
 @pytest.mark.parametrize("component", SIGNED, ids=lambda c: c.name)
 def test_every_field_with_a_sign_is_guarded(component):
     cases = list(_cases(component))

@@ -41,6 +41,7 @@ def start_of(scene: Scene, tree: str, wanted=("L", "q")):
     return model, model.start()
 
 
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize(
     "given",
     [

@@ -109,6 +109,7 @@ def differences(model, name: str, given: dict[str, float]) -> np.ndarray:
 
 
 # Below this a change is no warning.
+@pytest.mark.sampled(4)
 @pytest.mark.filterwarnings("ignore:initial values were changed")
 @pytest.mark.parametrize("seed", seeds(2, 6))
 @pytest.mark.parametrize("name", MECHANISMS)

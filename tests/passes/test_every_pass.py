@@ -284,6 +284,7 @@ FALLS = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("counted", FALLS, ids=lambda f: f.__name__.strip("_"))
 def test_counts_fall(counted, monkeypatch):
     before, after = counted(monkeypatch)

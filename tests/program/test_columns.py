@@ -43,6 +43,7 @@ def test_many_parameters_take_the_jacobian_times_their_sensitivities(ur5):
     assert products.counts.total() == 2 * 6 * (54 * 12)
 
 
+@pytest.mark.slow
 def test_the_jacobian_times_sensitivities_is_what_statements_give(ur5, monkeypatch):
     kernels = ["augmented_rhs", "jacobian"]
     found = [node for name in kernels for node in lower(ur5).kernels[name].results]

@@ -97,6 +97,7 @@ ENDS = {"battery-cell": 120.0, "bridge-rectifier": 0.02, "bouncing-ball": 2.0}
 BY_CHANCE = {("motor-linkage", "T0")}
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.compiler
 @pytest.mark.parametrize("name", [*SHIPPED, *CASCADES])
 def test_pattern_is_that_of_numbers(name, monkeypatch):
@@ -127,6 +128,7 @@ def test_nothing_is_computed_that_vanishes(make, monkeypatch):
     assert counts[1] - counts[0] == less, counts
 
 
+@pytest.mark.slow
 def test_a_map_of_many_columns_leaves_them_out(monkeypatch):
     """Two chains of rods, whose sensitivities are computed several at a time."""
 

@@ -317,6 +317,7 @@ def test_the_operating_point_and_its_sensitivities():
         np.testing.assert_allclose(start.s[:, j], difference, rtol=3e-6, atol=1e-14)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", ["amplifier", "junction", "nand"])
 def test_sensitivities_agree_with_differences(name):
     scene = cotree.load(HERE / "netlists" / f"{name}.cir")
@@ -375,6 +376,7 @@ def cmos(rows):
     )
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("volts", [0.0, 1.0, 2.4, 5.0])
 @pytest.mark.parametrize("n", [1, 2, 5])
 def test_chains_of_inverters_without_capacitors_have_operating_points(volts, n):
@@ -434,6 +436,7 @@ WAVES = {
 }
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("row", WAVES)
 def test_waveforms_with_their_defaults(row):
     for end, value in zip(("97u", "911u"), WAVES[row], strict=True):

@@ -79,6 +79,7 @@ def check_range(seeds, n_formed):
     assert [row for row in messages if "\n" in row[1]] == []
 
 
+@pytest.mark.slow
 def test_damaged_netlists():
     check_range(range(2_000), 20)
 

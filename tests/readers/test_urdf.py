@@ -89,6 +89,7 @@ def test_damping_and_smooth_friction(read):
     assert torques[3] > 1.59
 
 
+@pytest.mark.slow
 def test_mimic_starts_at_its_offset_and_follows(read):
     result = read().compile().simulate((0.0, 0.5), rtol=1e-9)
     np.testing.assert_allclose(
@@ -104,6 +105,7 @@ def test_mimic_false_leaves_joints_free(read):
     assert "free to move, as mimic is False: joints 'follow'" in scene.origin.notes
 
 
+@pytest.mark.slow
 def test_free_base_falls(read):
     scene = read(base="free")
     assert scene.edges["base"].component.name == "free"
@@ -205,6 +207,7 @@ def test_snap_takes_nearly_quarter_turns_as_such():
     assert rotation_rows((0.0, 1.570796325, 0.0), 0.0)[0][0] == pytest.approx(1.8e-9, rel=0.01)
 
 
+@pytest.mark.slow
 def test_snap_saves_operations():
     path = ROBOTS / "ur5_robot.urdf"
     plain, snapped = (cotree.read_urdf(path, snap=snap).compile(tunable=[]) for snap in (0, 1e-9))

@@ -145,6 +145,7 @@ def check_equations(scenes):
     return len(scenes) - len(messages)
 
 
+@pytest.mark.slow
 def test_damaged_robots():
     scenes = check_range(range(800))
     small = [(seed, scene) for seed, scene in scenes if len(scene.edges) < 30]

@@ -41,6 +41,7 @@ def cases(name, model):
         yield case, array_of(model.states, case["state"]), array_of(model.inputs, case["inputs"])
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.compiler
 @pytest.mark.parametrize("name", STORED)
 def test_accelerations(name):
@@ -51,6 +52,7 @@ def test_accelerations(name):
         assert apart(found, list(case["rates"].values())) < CLOSE
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.compiler
 @pytest.mark.parametrize("name", [name for name, row in STORED.items() if row[1] == "fixed"])
 def test_jacobians(name):
@@ -64,6 +66,7 @@ def test_jacobians(name):
         assert apart(jacobian[np.ix_(speeds, speeds)], case["by_speed"]) < CLOSE_SLOPES
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.compiler
 @pytest.mark.parametrize("name", STORED)
 def test_sensitivities_to_all_of_a_links_inertia(name):
@@ -78,6 +81,7 @@ def test_sensitivities_to_all_of_a_links_inertia(name):
             )
 
 
+@pytest.mark.slow
 @pytest.mark.compiler
 def test_tunable_inertia_gives_what_a_changed_file_gives(tmp_path):
     """Parameters reach the kernels: halve a mass in the file, or at the call."""

@@ -155,6 +155,7 @@ def check_constraints(made):
     assert np.allclose(made.numbers(tangents(list(rows.rates), motion)) / size, 0.0, atol=1e-9)
 
 
+@pytest.mark.sampled(2)
 @axes
 @pytest.mark.parametrize("is_inward", [False, True], ids=["outward", "inward"])
 @pytest.mark.parametrize("kind", JOINTS)
@@ -175,6 +176,7 @@ TIES = cases(
 TIES_OF_BOTH = ["rolling_disc", "knife_edge", "cylindrical", "hardening"]
 
 
+@pytest.mark.sampled(2)
 @axes
 @pytest.mark.parametrize("tie", TIES)
 def test_every_constraint_and_law(tie, own_axes):
@@ -193,6 +195,7 @@ def test_absolute_coordinates_in_space(tie):
     check(Assembled(spatial_chain(tie), BODY_TREE))
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("tree", [None, FOUR_BAR_BODIES], ids=["joints", "bodies"])
 @pytest.mark.parametrize("tie", IN_PLANE)
 def test_planar_loops(tie, tree):
@@ -221,6 +224,7 @@ def test_separate_trees_of_a_loop(translation, rotation):
     check(Assembled(four_bar("revolute"), separate(translation, rotation, BAR_ARMS)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "tie", ["bushing", *(pytest.param(tie, marks=pytest.mark.slow) for tie in TIES_OF_BOTH)]
 )
@@ -229,6 +233,7 @@ def test_separate_trees_in_space(tie):
     check(Assembled(spatial_chain(tie), mixed))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("is_inward", [False, True], ids=["outward", "inward"])
 @pytest.mark.parametrize(
     "kind",

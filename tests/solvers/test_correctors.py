@@ -67,6 +67,7 @@ def test_no_library_names_what_to_do(method, nowhere, monkeypatch):
     assert "pip install sundials4py" in str(caught.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("content", [None, b"no library"])
 def test_a_wrong_file_is_named(content, tmp_path, monkeypatch):
     path = tmp_path / "libsundials.so"

@@ -72,6 +72,7 @@ def test_agrees_with_a_tight_solution_of_another_method(slider, method):
     assert np.array_equal(result.t, times)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("method", NATIVE)
 def test_points_between_steps_are_as_accurate_as_steps(slider, method):
     times = np.linspace(0.0, 3.0, 2001)
@@ -181,6 +182,7 @@ def _stiff():
     return scene.compile(["R"])
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("rtol", [1e-5, 1e-8])
 @pytest.mark.parametrize("method", ["rodas4", "rodas5"])
 def test_a_stiff_system_takes_few_steps(method, rtol):
@@ -253,6 +255,7 @@ def test_a_stiff_method_holds_constraints(method):
     assert result.drift.worst < 1e-11  # metres and radians, projected to rounding
 
 
+@pytest.mark.slow
 def test_a_stiff_method_leaves_dependent_constraints_to_another():
     # Three of Bennett's six conditions are redundant.
     result = bennett_loop().compile().simulate((0.0, 0.01), [0.01], "rodas5", 1e-6, 1e-8)

@@ -314,6 +314,7 @@ def test_memory_is_freed_after_an_interruption(slider, method, monkeypatch):
     assert counts["N_VMake_Serial"] == counts["N_VDestroy"] > 0
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("missing", ["symbols", "version", "compiler"])
 def test_what_is_missing_is_said(slider, monkeypatch, missing, method):

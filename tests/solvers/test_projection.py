@@ -149,6 +149,7 @@ def test_outputs_decide_nothing_about_a_method_with_a_memory(method):
     assert many.statistics.n_steps < 2000
 
 
+@pytest.mark.sampled(9)
 @pytest.mark.parametrize("is_tested", [True, False])
 @pytest.mark.parametrize("method", ALL)
 def test_sensitivities_obey_the_differentiated_constraint(method, is_tested):

@@ -87,6 +87,7 @@ def test_step_budget(method):
     assert result.t.size == 8
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("method", ALL)
 def test_longest_step(method):
     result = integrate(oscillator(max_step=0.01), method)

@@ -30,6 +30,7 @@ def _error(trajectory) -> float:
     return float(np.max(np.abs(trajectory.z - exact) / np.maximum(1, np.abs(exact))))
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("damped", [True, False])
 @pytest.mark.parametrize("method", cases(SHORT, ["Radau"]))
 def test_closed_form_at_tight_tolerance(method, damped, monkeypatch):
@@ -101,6 +102,7 @@ def test_edges_of_t_eval(method, times):
     assert _error(result) < 2e-6
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", ALL)
 def test_kernels_that_reuse_their_buffer(method):
     problem = oscillator(np.linspace(0, 5, 11))

@@ -52,6 +52,7 @@ def both():
     return get
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", CASCADES)
 def test_every_method_agrees_with_the_whole_integration(name, method, both):
@@ -74,6 +75,7 @@ def test_every_method_agrees_with_the_whole_integration(name, method, both):
     assert np.max(np.abs(runs[0].y - runs[1].y) / size) < agree
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", ["cvode", "ida", "rodas5", "Radau"])
 def test_where_matrices_are_sparse(method, monkeypatch):
     """States stand in another order within the band, and half a column is solved for."""
@@ -90,6 +92,7 @@ def test_where_matrices_are_sparse(method, monkeypatch):
     np.testing.assert_allclose(runs[0].s[:25, 0], runs[0].s[25:, 1], atol=agree)
 
 
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("method", [m for m in METHODS if not m.startswith(("cvodes", "idas"))])
 @pytest.mark.parametrize("is_tested", [True, False])
 def test_a_parameter_of_outputs_alone_costs_nothing(method, is_tested):

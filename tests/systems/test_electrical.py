@@ -53,6 +53,7 @@ def _peak_detector():
     return scene
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sensitivities", [(), pytest.param(("C",), marks=pytest.mark.slow)])
 def test_no_charge_of_a_peak_detector_is_stepped_over(sensitivities):
     model = _peak_detector().compile(list(sensitivities))

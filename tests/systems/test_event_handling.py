@@ -253,6 +253,7 @@ def five_points(run, value):
     return (8 * (shifted[1] - shifted[-1]) - (shifted[2] - shifted[-2])) / (12 * step)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("n", [2, 3, 9])
 def test_an_impulse_on_a_chain(n, loop):
     """The impulse acts along the gradient, through the mass matrix; of nine links, by the tree."""
@@ -281,6 +282,7 @@ def test_an_impulse_on_a_chain(n, loop):
     )
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("n", [2, 9])
 def test_sensitivities_across_an_impulse_on_a_chain(n, loop):
     wanted = ["e", "g", "L", "h1.theta"]

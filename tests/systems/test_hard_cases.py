@@ -77,6 +77,7 @@ def test_many_periods_of_a_light_oscillator():
     assert np.max(np.abs(result["s.s"] - exact)) < 3e-6
 
 
+@pytest.mark.slow
 def test_a_spatial_loop_with_redundant_conditions_moves_as_it_must():
     """Bennett's relation of two angles is none of the equations; energy is kept as by a tree."""
     times = np.linspace(0.0, 3.0, 31)

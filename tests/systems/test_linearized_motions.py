@@ -53,6 +53,7 @@ def coin(way, spin, radius=0.3, mass=1.5):
     return scene.compile(tree=["f" if way == "free" else "m"], optimize="-O0")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("way", ["free", "axes", "body"])
 def test_a_rolling_disc_is_stable_above_its_critical_speed(way):
     """lambda^2 = 4 g/(5 r) - 12 w^2/5 of a thin disc: stable if w > sqrt(g/(3 r))."""
@@ -78,6 +79,7 @@ def test_a_rolling_disc_is_stable_above_its_critical_speed(way):
         assert (found.real.max() > 1.0) == (square > 0)
 
 
+@pytest.mark.slow
 def test_a_leaning_disc_in_a_circle_is_steady_by_its_angles_only():
     """Ground axes turn against a motion in a circle; yaw, lean and spin know nothing of it."""
     case = disc_in_a_circle()

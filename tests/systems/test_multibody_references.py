@@ -109,6 +109,7 @@ def parameters_of(name: str) -> tuple[str, ...]:
     return tuple(read_reference(name)["sensitivities"]["values"])
 
 
+@pytest.mark.sampled(2)
 @each_coordinates
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_every_reference_value_to_eight_digits(name, coordinates):
@@ -186,6 +187,7 @@ def test_the_oscillator_with_its_body_in_the_tree(method):
     check_sensitivities(model, reference, 8, **settings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "cuts",
     [
@@ -210,6 +212,7 @@ def test_any_pins_of_andrews_mechanism_may_be_cut(cuts):
         assert error(result[key], expected[key]) < 1e-9, key
 
 
+@pytest.mark.sampled(3)
 @in_both_coordinates(
     "heavy_top", "iftomm_a01_pendulum", "ivp_andrews", "nonholonomic_skate", "torque_free_top"
 )

@@ -152,6 +152,7 @@ def four_bar(**starts):
     return scene
 
 
+@pytest.mark.sampled(3)
 @each_coordinates
 @pytest.mark.parametrize("t", [0.0, 0.4])
 def test_the_crank_of_a_four_bar_gives_what_the_bodies_take(coordinates, t):
@@ -176,6 +177,7 @@ def test_the_crank_of_a_four_bar_gives_what_the_bodies_take(coordinates, t):
 
 
 # Other seeds have springs about joints whose angle a chord does not know.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seed", [0, *(pytest.param(i, marks=pytest.mark.slow) for i in (1, 3, 4, 8, 9))]
 )

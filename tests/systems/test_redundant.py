@@ -30,6 +30,7 @@ def door(n_hinges: int, axis: list[float], rotation: list[float] | None = None) 
     return scene
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("axis", "rotation"),
     [
@@ -78,6 +79,7 @@ def linkage(axis: list[float], closing: str) -> Scene:
     return scene
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", cases([[1, 2, 3]], [[0, 0, 1]]), ids=str)
 def test_a_planar_loop_of_hinges_in_space(axis):
     ends = []

@@ -147,6 +147,7 @@ def test_moments_of_inertia_that_break_the_triangle_rule_are_named(inertia, para
     assert [warning.filename for warning in said] == [__file__]
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     "inertia",
     [

@@ -36,6 +36,7 @@ def test_no_sympy_call_sees_assembled_expressions(monkeypatch):
     to_c_text(5)
 
 
+@pytest.mark.slow
 def test_operations_grow_no_faster_than_back_substitution(monkeypatch):
     """n coordinates, 2n parameters, O(n^2) each: cubic, so 8 times from 5 to 10 and less than
     16; a differentiated assembled system grows faster."""

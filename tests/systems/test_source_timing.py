@@ -147,6 +147,7 @@ WAVEFORMS = [
 ]
 
 
+@pytest.mark.sampled(15)
 @pytest.mark.parametrize("waveform", WAVEFORMS, ids=str)
 @pytest.mark.parametrize("method", ["dopri5", "rodas5", "ida"])
 def test_waveforms_with_corners_and_jumps(waveform, method):
@@ -241,6 +242,7 @@ SYSTEMS = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_systems_with_a_delay(system):
     scene_of, what = SYSTEMS[system]

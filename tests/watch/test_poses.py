@@ -42,6 +42,7 @@ def test_slider_pendulum_is_where_its_coordinates_put_it():
     np.testing.assert_allclose(found["C"][1][:, 0, 1], -np.sin(theta), atol=1e-14)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tree", [jointed_scenes.CHAIN_TREE, jointed_scenes.BODY_TREE])
 def test_spatial_chain_is_where_its_outputs_say(tree):
     """Outputs are formed symbolically in ground axes and computed in C: another route."""

@@ -125,6 +125,7 @@ def test_circuits_are_told_to_have_nothing_to_watch(tmp_path, capsys):
     assert "no bodies or joints" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_example_of_the_page_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     text = (Path(__file__).parents[2] / "docs" / "watching.md").read_text(encoding="utf-8")
@@ -137,6 +138,7 @@ def test_the_example_of_the_page_runs(tmp_path, monkeypatch):
     }
 
 
+@pytest.mark.slow
 def test_command_writes_both_kinds(tmp_path, capsys):
     page = tmp_path / "a.html"
     assert main(["run", "slider-pendulum", "--t-end", "2", "--animate", str(page)]) == 0
