@@ -73,9 +73,9 @@ def test_no_step_goes_another_way(
     found = np.array([result[f"p3{axis}"] for axis in "xyz"])
     assert np.max(np.abs(found - places)) < metres
     assert np.ptp(result["energy"]) < joules
-    # And not 1.0. SciPy's multistep methods are corrected every hundred steps only: a run of theirs
-    # fails where values were moved by more than 0.01.
-    most = 0.01 if method in ("BDF", "LSODA") else 10 * rtol
+    # And not 1.0. BDF is corrected every hundred steps only: at tolerances from 0.988e-4 to
+    # 1e-4, which act like other rounding, its corrections scatter from 0.7e-3 to 1.6e-3.
+    most = (20 if method == "BDF" else 10) * rtol
     assert result.drift.correction < most
 
 
