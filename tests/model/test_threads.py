@@ -235,11 +235,11 @@ def test_an_engine_is_built_once(monkeypatch):
         return built[-1]
 
     monkeypatch.setattr(engine, "build_engine", build)
-    engine.load_engine.cache_clear()
+    engine._opened.cache_clear()
     try:
-        assert in_threads(lambda i: engine.load_engine("rkf45")) == built * N_THREADS
+        assert in_threads(lambda i: engine.load_engine("rkf45").library) == built * N_THREADS
     finally:
-        engine.load_engine.cache_clear()
+        engine._opened.cache_clear()
     assert len(built) == 1
 
 

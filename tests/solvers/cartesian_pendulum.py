@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import math
 from types import SimpleNamespace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import ellipj, ellipk
 
 from cotree.equations import Quantity
-from cotree.solvers.problem import FloatArray, Problem
+from cotree.solvers.problem import Problem
 from cotree.solvers.project import Projection
+
+if TYPE_CHECKING:
+    from cotree.solvers.base import FloatArray
 
 GRAVITY, LENGTH, AMPLITUDE = 9.81, 1.3, 1.0
 P = np.array([GRAVITY, LENGTH])

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from cotree.solvers.problem import FloatArray, Problem
+from cotree.solvers.problem import Problem
+
+if TYPE_CHECKING:
+    from cotree.solvers.base import FloatArray
 
 STIFFNESS, DAMPING = 40.0, 1.0
 X0, V0 = 0.3, -1.0

@@ -48,7 +48,7 @@ def counted_contexts(sundials):
             counts[name] += 1
             return own(*arguments)
 
-        return sundials.engine.ffi.callback(sundials.engine.ffi.typeof(own), call)
+        return sundials.library.ffi.callback(sundials.library.ffi.typeof(own), call)
 
     names = ("SUNContext_Create", "SUNContext_Free", "N_VMake_Serial", "N_VDestroy")
     names += ("SUNNonlinSolNewEmpty", "SUNNonlinSolFreeEmpty")

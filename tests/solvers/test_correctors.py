@@ -19,12 +19,14 @@ from cotree import Scene, bench, load
 from cotree.build import find_toolchain
 from cotree.errors import SolveError
 from cotree.pipeline import formulate
-from cotree.solvers import integrate, sundials_c, sundials_library
+from cotree.solvers import engine, integrate, job, sundials_library
 from cotree.solvers.augmented import augmented_tolerances
-from cotree.solvers.correctors import CORRECTORS, CorrectorJob, check_library, is_available
+from cotree.solvers.engine import load_engine
+from cotree.solvers.methods import METHODS as ROWS
+from cotree.solvers.native import check_available, is_available
 from cotree.solvers.sundials_library import library_path, version_of
 
-METHODS = tuple(CORRECTORS)
+METHODS = tuple(name for name, row in ROWS.items() if row.family == "correctors")
 
 pytestmark = pytest.mark.compiler
 
@@ -34,7 +36,7 @@ def there():
     """Skip where there is no library to run."""
     for method in METHODS:
         try:
-            check_library(method)
+            check_available(method)
         except SolveError as error:
             pytest.skip(str(error))
 
@@ -55,14 +57,14 @@ def slider():
 def test_no_library_names_what_to_do(method, nowhere, monkeypatch):
     monkeypatch.setattr(sys, "version_info", (3, 11, 9))
     with pytest.raises(SolveError) as caught:
-        check_library(method)
+        check_available(method)
     words = (f"'{method}'", "take Python 3.12 or later, here it is 3.11", "COTREE_SUNDIALS")
-    words += ("pip install sundials4py", "cotree[sundials]", f"use '{CORRECTORS[method].without}'")
+    words += ("pip install sundials4py", "cotree[sundials]", f"use '{ROWS[method].instead}'")
     for word in words:
         assert word in str(caught.value)
     monkeypatch.setattr(sys, "version_info", (3, 13, 0))
     with pytest.raises(SolveError) as caught:
-        check_library(method)
+        check_available(method)
     assert "take Python" not in str(caught.value)
     assert "pip install sundials4py" in str(caught.value)
 
@@ -79,7 +81,7 @@ def test_a_wrong_file_is_named(content, tmp_path, monkeypatch):
         words = "no compiler can build its engine"
     for method in METHODS:
         with pytest.raises(SolveError, match=words):
-            check_library(method)
+            check_available(method)
         assert not is_available(method)
 
 
@@ -112,8 +114,8 @@ def test_bench_leaves_out_what_is_not_there(nowhere):
 @pytest.mark.parametrize("library", ["cvodes", "idas"])
 def test_the_structures_are_those_of_the_library(library):
     """SUNDIALS' own iteration has its functions, and its vectors others, where C looks for them."""
-    loaded = sundials_c.load_sundials(library)
-    ffi = loaded.engine.ffi.__class__()
+    loaded = load_engine(library)
+    ffi = loaded.library.ffi.__class__()
     names = {0: "GetType", 3: "Solve", 5: "SetSysFn", 14: "SetMaxIters", 16: "GetCurIter"}
     functions = {place: f"SUNNonlinSol{name}_Newton" for place, name in names.items()}
     ffi.cdef(
@@ -150,13 +152,13 @@ def test_the_structures_are_those_of_the_library(library):
 @pytest.mark.usefixtures("there")
 @pytest.mark.parametrize("method", METHODS)
 def test_another_version_is_refused(method, monkeypatch):
-    monkeypatch.setattr(sundials_c, "SUNDIALS_VERSION", (6, 0))
-    sundials_c._load.cache_clear()
+    monkeypatch.setattr(sundials_library, "SUNDIALS_VERSION", (6, 0))
+    engine._opened.cache_clear()
     try:
         with pytest.raises(SolveError, match=r"SUNDIALS is of version 7\.9, not 6\.0"):
-            check_library(method)
+            check_available(method)
     finally:
-        sundials_c._load.cache_clear()
+        engine._opened.cache_clear()
 
 
 @pytest.mark.usefixtures("there")
@@ -183,12 +185,12 @@ def test_agrees_with_a_tight_solution(slider, tested, method):
 def test_sensitivities_are_in_the_error_test_or_not(slider, method, monkeypatch):
     """Without states in the error test, that of the sensitivities controls the steps."""
 
-    def loose(self, problem):
+    def loose(problem):
         rtol, atol = augmented_tolerances(dataclasses.replace(problem))
         atol[: problem.n_states] = 1e3
         return rtol, atol
 
-    monkeypatch.setattr(CorrectorJob, "_tolerances", loose)
+    monkeypatch.setattr(job, "augmented_tolerances", loose)
     settings = {"method": method, "rtol": 1e-9, "atol": 1e-9}
     with_test = slider.simulate((0.0, 10.0), [10.0], **settings)
     without = slider.simulate((0.0, 10.0), [10.0], error_test_sensitivities=False, **settings)
@@ -199,7 +201,7 @@ def test_sensitivities_are_in_the_error_test_or_not(slider, method, monkeypatch)
 @pytest.mark.usefixtures("there")
 @pytest.mark.parametrize("method", METHODS)
 def test_without_sensitivities_it_is_the_method_without_them(method):
-    model, other = load("slider-pendulum").compile(), CORRECTORS[method].without
+    model, other = load("slider-pendulum").compile(), ROWS[method].instead
     there = model.simulate((0.0, 10.0), None, method)
     here = model.simulate((0.0, 10.0), None, other)
     assert there.statistics.n_steps == here.statistics.n_steps
@@ -330,7 +332,7 @@ def test_constraints_and_algebraic_unknowns_live_together(method):
 @pytest.mark.usefixtures("there")
 @pytest.mark.parametrize("method", METHODS)
 def test_what_cannot_be_taken_names_the_method_that_can(method):
-    other = CORRECTORS[method].without
+    other = ROWS[method].instead
     with pytest.raises(SolveError, match=f"are Python functions. Use '{other}'"):
         integrate(oscillator(), method)
     fixed = Scene("fixed")
@@ -385,12 +387,14 @@ def test_budgets(slider, method):
 @pytest.mark.usefixtures("there")
 @pytest.mark.parametrize("method", METHODS)
 def test_memory_is_freed_after_an_interruption(slider, method, monkeypatch):
+    run = job.Job.run
+
     def interrupted(self, most_steps):
-        sundials_c.SundialsJob.run(self, 5)
+        run(self, 5)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(CorrectorJob, "run", interrupted)
-    loaded = sundials_c.load_sundials(CORRECTORS[method].library)
+    monkeypatch.setattr(job.Job, "run", interrupted)
+    loaded = load_engine(ROWS[method].stepper)
     with counted_contexts(loaded) as counts, pytest.raises(KeyboardInterrupt):
         slider.simulate((0.0, 10.0), [10.0], method)
     assert counts["SUNContext_Create"] == counts["SUNContext_Free"] == 1

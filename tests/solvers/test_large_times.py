@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import cotree
-from cotree.solvers.correctors import is_available
 from cotree.solvers.methods import METHODS
+from cotree.solvers.native import is_available
 
 INSTALLED = [name for name in METHODS if is_available(name)]
 

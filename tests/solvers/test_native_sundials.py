@@ -18,7 +18,9 @@ from sundials_cases import counted_contexts, follows_a_long_ladder, follows_an_o
 from cotree import Scene, load
 from cotree.codegen.sundials import SUNDIALS_FUNCTIONS
 from cotree.pipeline import formulate
-from cotree.solvers import sundials_c
+from cotree.solvers import engine, native, sundials_aid, sundials_library
+from cotree.solvers.engine import load_engine
+from cotree.solvers.job import Job
 
 pytest.importorskip("sksundae")
 pytestmark = pytest.mark.compiler
@@ -29,7 +31,7 @@ METHODS = ("cvode", "ida")
 @pytest.fixture(autouse=True)
 def _in_c():
     for method in METHODS:
-        loaded = sundials_c.load_sundials(method)
+        loaded = load_engine(method)
         if isinstance(loaded, str):
             pytest.skip(loaded)
 
@@ -42,8 +44,8 @@ def slider():
 @pytest.mark.parametrize("method", METHODS)
 def test_the_structures_are_those_of_the_library(method):
     """SUNDIALS' own Newton iteration has its functions where C puts others."""
-    loaded = sundials_c.load_sundials(method)
-    ffi = loaded.engine.ffi.__class__()
+    loaded = load_engine(method)
+    ffi = loaded.library.ffi.__class__()
     names = {0: "GetType", 3: "Solve", 5: "SetSysFn", 14: "SetMaxIters", 16: "GetCurIter"}
     functions = {place: f"SUNNonlinSol{name}_Newton" for place, name in names.items()}
     ffi.cdef(
@@ -225,7 +227,7 @@ def test_bands_against_another_factorisation():
 
 
 def test_too_wide_a_band_is_left_to_sparse_matrices(monkeypatch):
-    monkeypatch.setattr(sundials_c, "_MOST_MULTIPLICATIONS", 1e3)
+    monkeypatch.setattr(sundials_aid, "_MOST_MULTIPLICATIONS", 1e3)
     model = rc_grid(15).compile()
     result = model.simulate((0.0, 1.0), [1.0], "cvode")
     assert "BDF stood in for cvode: the Jacobian's band is wide." in result.message
@@ -236,14 +238,14 @@ def test_too_wide_a_band_with_events_is_factorised_all_the_same(monkeypatch):
     scene.event("late", "t - 0.5", direction=1, stop=True)
     model = scene.compile()
     first = model.simulate((0.0, 1.0), [0.5], "cvode")
-    monkeypatch.setattr(sundials_c, "_MOST_MULTIPLICATIONS", 1e3)
+    monkeypatch.setattr(sundials_aid, "_MOST_MULTIPLICATIONS", 1e3)
     result = model.simulate((0.0, 1.0), [0.5], "cvode")
     assert result.statistics.method == "cvode"
     np.testing.assert_array_equal(result.y, first.y)
 
 
 def test_many_states_beside_algebraic_unknowns_are_left_to_others(monkeypatch):
-    monkeypatch.setattr(sundials_c, "_MOST_REDUCED", 2)
+    monkeypatch.setattr(native, "_MOST_REDUCED", 2)
     model = load("bridge-rectifier").compile()
     result = model.simulate((0.0, 1e-3), [1e-3], "cvode", 1e-6, 1e-8)
     assert "more than 2 states have algebraic unknowns" in result.message
@@ -299,14 +301,15 @@ def test_the_longest_step_is_kept(slider, method):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_memory_is_freed_after_an_interruption(slider, method, monkeypatch):
-    class Interrupted(sundials_c.SundialsJob):
-        def run(self, most_steps: int) -> int:
-            super().run(5)
-            raise KeyboardInterrupt
+    run = Job.run
 
-    monkeypatch.setattr(sundials_c, "SundialsJob", Interrupted)
+    def interrupted(self, most_steps):
+        run(self, 5)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Job, "run", interrupted)
     with (
-        counted_contexts(sundials_c.load_sundials(method)) as counts,
+        counted_contexts(load_engine(method)) as counts,
         pytest.raises(KeyboardInterrupt),
     ):
         slider.simulate((0.0, 10.0), [10.0], method)
@@ -322,14 +325,14 @@ def test_what_is_missing_is_said(slider, monkeypatch, missing, method):
         more = {**SUNDIALS_FUNCTIONS[method], "CVodeFlyAway": ("int", "void")}
         monkeypatch.setitem(SUNDIALS_FUNCTIONS, method, more)
     elif missing == "version":
-        monkeypatch.setattr(sundials_c, "SUNDIALS_VERSION", (6, 0))
+        monkeypatch.setattr(sundials_library, "SUNDIALS_VERSION", (6, 0))
     else:
-        monkeypatch.setattr(sundials_c, "build_engine", lambda *_: None)
-    sundials_c._load.cache_clear()
+        monkeypatch.setattr(engine, "build_engine", lambda *_: None)
+    engine._opened.cache_clear()
     try:
         result = slider.simulate((0.0, 0.1), [0.1], method)
     finally:
-        sundials_c._load.cache_clear()
+        engine._opened.cache_clear()
     why = {
         "symbols": "SUNDIALS' functions cannot be found",
         "version": "SUNDIALS is of version 7.9, not 6.0",

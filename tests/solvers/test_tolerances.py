@@ -12,8 +12,8 @@ import pytest
 import cotree
 from cotree.cli import main
 from cotree.errors import ModelError, ParameterError, SceneError, SolveError
-from cotree.solvers.correctors import is_available
 from cotree.solvers.methods import METHODS
+from cotree.solvers.native import is_available
 
 
 @pytest.fixture(scope="module")

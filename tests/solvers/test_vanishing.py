@@ -16,8 +16,8 @@ from cascades import (
 )
 
 from cotree.program import lower as lowering
-from cotree.solvers.correctors import is_available
 from cotree.solvers.methods import METHODS
+from cotree.solvers.native import is_available
 
 pytestmark = pytest.mark.compiler
 

@@ -19,8 +19,8 @@ from cotree.model.algebraic import Algebraic, UnsolvedError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from cotree.solvers.base import Trajectory
-    from cotree.solvers.problem import FloatArray, Problem
+    from cotree.solvers.base import FloatArray, Trajectory
+    from cotree.solvers.problem import Problem
 
 #: How many solutions are remembered as guesses, and how many of them are tried.
 _REMEMBERED, _NEAREST = 200, 3

@@ -19,7 +19,8 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from cotree.solvers.problem import FloatArray, Problem
+    from cotree.solvers.base import FloatArray
+    from cotree.solvers.problem import Problem
 
 #: Augmented systems longer than this are factored block by block, not as one dense matrix.
 DENSE_LIMIT = 100

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
-if TYPE_CHECKING:
-    from cotree.solvers.problem import FloatArray
+FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -16,18 +16,23 @@ import numpy as np
 from cotree.solvers.problem import describe_entry
 
 if TYPE_CHECKING:
-    from cotree.solvers.problem import FloatArray, Problem
+    from cotree.solvers.base import FloatArray
+    from cotree.solvers.problem import Problem
 
 
-def segments(problem: Problem) -> list[tuple[float, float]]:
-    """Cut the span at the breakpoints inside it."""
+def corner_times(problem: Problem) -> list[float]:
+    """List start, breakpoints inside the span, and end, in the order of the run."""
     start, end = (float(t) for t in problem.t_span)
     low, high = min(start, end), max(start, end)
     inside = sorted({float(b) for b in problem.breakpoints if low < b < high})
     if problem.direction < 0:
         inside.reverse()
-    corners = [start, *inside, end]
-    return list(itertools.pairwise(corners))
+    return [start, *inside, end]
+
+
+def segments(problem: Problem) -> list[tuple[float, float]]:
+    """Cut the span at the breakpoints inside it."""
+    return list(itertools.pairwise(corner_times(problem)))
 
 
 def turn_tolerances(problem: Problem) -> FloatArray:

@@ -27,7 +27,8 @@ from cotree.solvers.problem import describe_entry
 from cotree.tolerances import FARTHEST_CORRECTION
 
 if TYPE_CHECKING:
-    from cotree.solvers.problem import FloatArray, Problem
+    from cotree.solvers.base import FloatArray
+    from cotree.solvers.problem import Problem
 
 
 class IntegrationStopError(Exception):

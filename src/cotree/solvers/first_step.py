@@ -13,7 +13,7 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from cotree.solvers.problem import FloatArray
+    from cotree.solvers.base import FloatArray
 
 _SHARE = 0.01
 

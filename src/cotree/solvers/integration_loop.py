@@ -40,7 +40,8 @@ from cotree.solvers.singularity_crossing import LOOSENED, LOOSEST, Passage
 from cotree.tolerances import LIMITS
 
 if TYPE_CHECKING:
-    from cotree.solvers.problem import FloatArray, Problem
+    from cotree.solvers.base import FloatArray
+    from cotree.solvers.problem import Problem
 
     _Stepper = ScipyStepper | Idle
 

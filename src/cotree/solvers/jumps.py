@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from cotree.equations import EventRow
     from cotree.model.model import CompiledModel
-    from cotree.solvers.problem import FloatArray
+    from cotree.solvers.base import FloatArray
 
 
 # Rates on both sides of a jump that differ by a smaller share are the same.

@@ -12,7 +12,8 @@ from cotree.solvers.augmented import RTOL_FLOOR, augmented_tolerances
 from cotree.solvers.rescue import Rescue
 
 if TYPE_CHECKING:
-    from cotree.solvers.problem import FloatArray, Problem
+    from cotree.solvers.base import FloatArray
+    from cotree.solvers.problem import Problem
 
 #: Reason given where a method stops because its steps no longer change t.
 ROUNDING_LEVEL = SENTENCES["STEP_TOO_SMALL"]

@@ -37,31 +37,47 @@ class Method:
         Whether it uses a Jacobian.
     multistep : bool
         Whether a step builds on those before.
+    instead : str
+        The method that stands in where C cannot run this one; of correctors, for which none does,
+        the method that the refusal names. Empty for SciPy's.
+    stepper : str
+        The unit of C that takes its steps, a name in ``codegen.integrators.STEPPERS``; empty for
+        SciPy's.
+    keeps_algebraic : bool
+        Whether C always integrates algebraic unknowns, and never solves for them at each
+        evaluation.
+    corrector : int
+        The number that SUNDIALS gives to the corrector of sensitivities with vectors of their own.
     """
 
     name: str
     family: str
     implicit: bool
     multistep: bool
+    instead: str = ""
+    stepper: str = ""
+    keeps_algebraic: bool = False
+    corrector: int = 0
 
 
 _ROWS = (
-    Method("dopri5", "cotree", False, False),
-    Method("rkf45", "cotree", False, False),
-    Method("dop853", "cotree", False, False),
-    Method("rodas4", "cotree", True, False),
-    Method("rodas5", "cotree", True, False),
+    Method("dopri5", "cotree", False, False, "RK45", "dopri5"),
+    Method("rkf45", "cotree", False, False, "RK45", "rkf45"),
+    Method("dop853", "cotree", False, False, "DOP853", "dop853"),
+    Method("rodas4", "cotree", True, False, "Radau", "rodas4", keeps_algebraic=True),
+    Method("rodas5", "cotree", True, False, "Radau", "rodas5", keeps_algebraic=True),
     Method("RK45", "scipy", False, False),
     Method("DOP853", "scipy", False, False),
     Method("RK23", "scipy", False, False),
     Method("Radau", "scipy", True, False),
     Method("BDF", "scipy", True, True),
     Method("LSODA", "scipy", True, True),
-    Method("cvode", "sundials", True, True),
-    Method("ida", "sundials", True, True),
-    Method("cvodes", "correctors", True, True),
-    Method("cvodes-simultaneous", "correctors", True, True),
-    Method("idas", "correctors", True, True),
+    Method("cvode", "sundials", True, True, "BDF", "cvode"),
+    # IDA's equations need not be solved for the rates.
+    Method("ida", "sundials", True, True, "BDF", "ida", keeps_algebraic=True),
+    Method("cvodes", "correctors", True, True, "cvode", "cvodes", corrector=2),
+    Method("cvodes-simultaneous", "correctors", True, True, "cvode", "cvodes", corrector=1),
+    Method("idas", "correctors", True, True, "ida", "idas", keeps_algebraic=True, corrector=2),
 )
 
 METHODS: Mapping[str, Method] = {row.name: row for row in _ROWS}

@@ -1,7 +1,8 @@
-"""cotree's own integrators in C: no Python runs between the steps.
+"""Methods that C runs: no Python between the steps, whichever stepper takes them.
 
-In: a ``Problem`` with its native form. Out: a ``Trajectory``. Python regains control only now and
-then, to check for interrupts and budgets.
+In: a ``Problem`` with its native form, and a row of the table of methods. Out: a ``Trajectory``, or
+the reason why C cannot. Python regains control only now and then, to check for interrupts and
+budgets.
 """
 
 from __future__ import annotations
@@ -12,17 +13,21 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
+from cotree.errors import SolveError
 from cotree.solvers.base import Drift, Statistics, Trajectory
-from cotree.solvers.corners import segments
-from cotree.solvers.engine import Job, load_engine
+from cotree.solvers.engine import load_engine
 from cotree.solvers.evaluate import BUDGET_SPENT, FAILED
 from cotree.solvers.event_messages import verdict
+from cotree.solvers.job import Job
 from cotree.solvers.messages import summary
 from cotree.solvers.methods import METHODS
 from cotree.solvers.progress import Progress
+from cotree.solvers.sundials_library import check_installed
 
 if TYPE_CHECKING:
-    from cotree.solvers.problem import FloatArray, Problem
+    from cotree.solvers.base import FloatArray
+    from cotree.solvers.methods import Method
+    from cotree.solvers.problem import Problem
 
 # Results of cotree_job_run.
 _MORE, _FAILED, _STOPPED, _STIFF = 1, 2, 3, 4
@@ -30,32 +35,96 @@ _MORE, _FAILED, _STOPPED, _STIFF = 1, 2, 3, 4
 # Time that C runs before Python regains control, [s], and the number of steps it begins with.
 _GLANCE, _FIRST_STEPS = 0.1, 1000
 
+# What is left after an elimination of algebraic unknowns is dense: more states are none of C's.
+_MOST_REDUCED = 2000
+
+
+def check_available(method: str) -> None:
+    """Refuse a method of SUNDIALS whose library cannot be used; others need none here.
+
+    Parameters
+    ----------
+    method : str
+        A name in ``METHODS``.
+
+    Raises
+    ------
+    SolveError
+        If there is no such library, or for sensitivities with vectors of their own, if it is of
+        another version; the message says what to do.
+    """
+    row = METHODS[method]
+    if row.family == "sundials":
+        check_installed(method)
+    if row.family != "correctors":
+        return
+    engine = load_engine(row.stepper)
+    if isinstance(engine, str):
+        raise SolveError(
+            f"The method '{method}' cannot be used: {engine}. Or use '{row.instead}', which "
+            "takes states and sensitivities as one vector."
+        )
+
+
+def is_available(method: str) -> bool:
+    """Tell whether a method's library can be used; true of those that need none here."""
+    try:
+        check_available(method)
+    except SolveError:
+        return False
+    return True
+
 
 def refusal(method: str, problem: Problem) -> str:
-    """Say why a method cannot take a problem; empty where it can."""
+    """Say why C cannot take a problem by a method, before anything is built; empty where it can.
+
+    Parameters
+    ----------
+    method : str
+        A name in ``METHODS`` with a stepper.
+    problem : Problem
+        It has passed ``check_problem``.
+
+    Returns
+    -------
+    str
+        A sentence without a capital and an end.
+    """
+    row = METHODS[method]
     if problem.native is None:
         return problem.not_native
-    if problem.size == 0:
-        return "there is nothing for C to do"
-    if not METHODS[method].implicit:
-        return ""
-    if problem.singular is not None:
-        # Stages of Rosenbrock methods are off the constraints, which then contradict each other.
-        edges = problem.singular(problem.t_span[0], problem.z0)
-        if edges:
-            names = ", ".join(f"'{edge}'" for edge in edges)
-            return f"constraints of {names} are dependent at the start"
+    if row.family == "correctors" and problem.events is not None:
+        return "there are events"
+    if row.family == "cotree":
+        if problem.size == 0:
+            return "there is nothing for C to do"
+        return _dependent(problem) if row.implicit else ""
+    if problem.n_states == problem.n_algebraic:
+        return "there are no states"
+    is_reduced = problem.n_algebraic > 0 and not row.keeps_algebraic
+    if is_reduced and problem.n_states > _MOST_REDUCED:
+        return f"more than {_MOST_REDUCED} states have algebraic unknowns beside them"
     return ""
 
 
-def can_extend(method: str, problem: Problem) -> bool:
+def _dependent(problem: Problem) -> str:
+    """Say which constraints depend on each other at the start; empty where none do.
+
+    Stages of Rosenbrock methods are off the constraints, which then contradict each other.
+    """
+    edges = () if problem.singular is None else problem.singular(problem.t_span[0], problem.z0)
+    names = ", ".join(f"'{edge}'" for edge in edges)
+    return f"constraints of {names} are dependent at the start" if edges else ""
+
+
+def _can_extend(row: Method, problem: Problem) -> bool:
     """Whether algebraic unknowns are integrated, too, and not solved for at each evaluation."""
     native = problem.native
     return (
         native is not None
         and native.model.can_extend
         and not (native.replaced or native.functions)  # their own rates are not known
-        and not METHODS[method].implicit
+        and not row.implicit
         and problem.project is None
         and problem.events is None
     )
@@ -71,17 +140,17 @@ class Successor(Protocol):
         ...
 
 
-def solve_own(
+def solve_in_c(
     problem: Problem, method: str, successor: Successor | None = None
 ) -> Trajectory | str:
-    """Integrate a checked problem with a method of our own, or say why C cannot.
+    """Integrate a checked problem in C, or say why C cannot.
 
     Parameters
     ----------
     problem : Problem
         It has passed ``check_problem``.
     method : str
-        "dopri5", "rkf45", "dop853", "rodas4" or "rodas5".
+        A name in ``METHODS`` with a stepper.
     successor : Successor or None
         The method that may take over where an explicit method finds that the problem is stiff.
 
@@ -93,50 +162,54 @@ def solve_own(
     why = refusal(method, problem)
     if why:
         return why
-    before = time.perf_counter()
-    engine = load_engine(method)
-    if engine is None:
-        return "no compiler can build its engine"
+    row, before = METHODS[method], time.perf_counter()
+    engine = load_engine(row.stepper)
+    if isinstance(engine, str):
+        return engine
     newton = None
-    if METHODS[method].implicit:
+    if row.family == "cotree" and row.implicit:
         assert problem.native is not None  # it was not refused
         newton = problem.native.model.newton()
         if newton is None:
             return "no compiler can build what it needs of the model"
-    begin = time.perf_counter()
-    corners = segments(problem)
-    times = [corners[0][0], *(end for _, end in corners)]
-    is_extended = can_extend(method, problem)
-    job = Job(engine, method, problem, times, is_extended, newton)
+    compiling = time.perf_counter() - before
+    is_extended = _can_extend(row, problem)
+    job = Job(engine, row, problem, newton, is_extended=is_extended)
+    # There SciPy's sparse factorisation is worth the loop in Python.
+    if problem.is_sparse and job.is_wide and problem.events is None:
+        return "the Jacobian's band is wide"
     ended = _run(job, problem, method, successor)
     if isinstance(ended, Ended) and ended.status == FAILED and is_extended:
-        problem = _less(problem, job)
-        job = Job(engine, method, problem, times)
+        # Where unknowns cannot be integrated, solving for them at each evaluation may still do.
+        problem = replace(problem, steps_taken=problem.steps_taken + int(job.job.n_steps))
+        job = Job(engine, row, problem)
         ended = _run(job, problem, method, successor, ended.seconds)
     if isinstance(ended, Trajectory):
-        return compiled_in(ended, ended.statistics.compile_seconds + begin - before)
+        return compiled_in(ended, ended.statistics.compile_seconds + compiling)
     trajectory = trajectory_of(job, problem, method, ended)
     note = successor.note if successor is not None else _note(job)
-    trajectory = replace(trajectory, message=" ".join([trajectory.message, note]).rstrip())
-    return compiled_in(trajectory, begin - before)
+    trajectory = replace(trajectory, message=f"{trajectory.message} {note}".rstrip())
+    return compiled_in(trajectory, compiling)
 
 
 def _run(
     job: Job, problem: Problem, method: str, successor: Successor | None, spent: float = 0.0
 ) -> Ended | Trajectory:
-    """Advance a job to its end, or let its successor go on."""
-    if successor is None:
-        return run_job(job, problem, method, spent)
-    job.wait_where_stiff(0)
-    ended = run_job(job, problem, method, spent)
-    while ended.is_stiff:
-        first = trajectory_of(job, problem, method, ended)
-        trajectory = successor.take_over(problem, first, job)
-        if trajectory is not None:
-            return trajectory
-        job.wait_where_stiff(2 * int(job.job.n_steps))
-        ended = run_job(job, problem, method, ended.seconds)
-    return ended
+    """Advance a job to its end, or let its successor go on; free what the stepper holds."""
+    try:
+        if successor is not None:
+            job.wait_where_stiff(0)
+        ended = run_job(job, problem, method, spent)
+        while successor is not None and ended.is_stiff:
+            first = trajectory_of(job, problem, method, ended)
+            trajectory = successor.take_over(problem, first, job)
+            if trajectory is not None:
+                return trajectory
+            job.wait_where_stiff(2 * int(job.job.n_steps))
+            ended = run_job(job, problem, method, ended.seconds)
+        return ended
+    finally:
+        job.end()
 
 
 def _note(job: Job) -> str:
@@ -154,11 +227,6 @@ def compiled_in(trajectory: Trajectory, seconds: float) -> Trajectory:
     """Record how long it took to compile or to find the C of the method."""
     statistics = replace(trajectory.statistics, compile_seconds=seconds)
     return replace(trajectory, statistics=statistics)
-
-
-def _less(problem: Problem, job: Job) -> Problem:
-    """Charge the steps of a job to the step budget of a problem."""
-    return replace(problem, steps_taken=problem.steps_taken + int(job.job.n_steps))
 
 
 class Ended(NamedTuple):

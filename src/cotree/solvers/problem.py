@@ -22,10 +22,31 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
     from cotree.dag.corners import Corner
-    from cotree.solvers.engine import Native
+    from cotree.model.kernels import NativeModel
+    from cotree.solvers.base import FloatArray
     from cotree.solvers.jumps import ModelEvents
 
-FloatArray = npt.NDArray[np.float64]
+
+@dataclass(frozen=True, eq=False)
+class Native:
+    """The native form of a problem, which C needs.
+
+    Attributes
+    ----------
+    model : NativeModel
+        The model with its parameters prepared.
+    n_inputs : int
+        Number of inputs.
+    replaced : mapping of int to (times, values)
+        Inputs that are piecewise linear functions in place of the scene's own.
+    functions : mapping of int to callable
+        Inputs that are functions of time in Python, ``f(t)`` with t in [s].
+    """
+
+    model: NativeModel
+    n_inputs: int
+    replaced: Mapping[int, tuple[FloatArray, FloatArray]]
+    functions: Mapping[int, Callable[[float], float]]
 
 
 @dataclass(frozen=True, eq=False)

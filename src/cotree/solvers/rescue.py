@@ -8,15 +8,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from cotree.errors import Error
 from cotree.model.algebraic import Algebraic
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
-    from cotree.solvers.problem import FloatArray, Problem
+    from cotree.solvers.base import FloatArray
+    from cotree.solvers.problem import Problem
 
 
 class Rescue:
@@ -53,26 +52,24 @@ class Rescue:
         unknowns = Algebraic(
             problem.state_rhs, problem.jacobian, problem.names, problem.n_algebraic
         )
-        found = y.copy()
-        try:
-            unknowns.solve(t, found)
-        except Error as error:
-            self.complaint = str(error).rstrip(".")
-            return False
-        self.complaint = ""
-        y[:] = found
-        return True
+
+        def find(point: FloatArray) -> FloatArray:
+            unknowns.solve(t, point)
+            return point
+
+        return self._find(find, y)
 
     def find_states(self, t: float, y: FloatArray, kept: Sequence[int]) -> bool:
         """Move states onto the constraints, in place, but for those kept."""
         settle = self._problem.settle
-        if settle is None:
-            return False
+        return settle is not None and self._find(lambda point: settle(t, point, kept), y)
+
+    def _find(self, find: Callable[[FloatArray], FloatArray], y: FloatArray) -> bool:
+        """Put what is found from y in its place; tell whether it was, and remember why not."""
         try:
-            found = settle(t, y.copy(), kept)
+            y[:] = find(y.copy())
         except Error as error:
             self.complaint = str(error).rstrip(".")
             return False
         self.complaint = ""
-        y[:] = np.asarray(found)
         return True

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Iterable, Mapping
 
-    from cotree.solvers.base import Drift, Statistics
-    from cotree.solvers.problem import FloatArray
+    from cotree.solvers.base import Drift, FloatArray, Statistics
 
 
 class UnknownNameError(ModelError, KeyError):

@@ -24,8 +24,8 @@ from cotree.tolerances import LIMITS
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from cotree.solvers.base import FloatArray
     from cotree.solvers.evaluate import Evaluator
-    from cotree.solvers.problem import FloatArray
 
 # These interpolants are weaker than the steps: order 4 against 5, 7 against 8, 3 against 5. On
 # x' = x cos t at rtol = 1e-9 the error between steps is 15, 30 and 160 times that of the steps.

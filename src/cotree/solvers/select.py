@@ -14,21 +14,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cotree.errors import SolveError
-from cotree.solvers.correctors import solve_with_corrector
 from cotree.solvers.engine import load_engine
 from cotree.solvers.evaluate import FAILED
 from cotree.solvers.integration_loop import IN_C, beyond_scipy, solve_with_scipy
 from cotree.solvers.methods import method_row
-from cotree.solvers.native import compiled_in, refusal, solve_own
+from cotree.solvers.native import check_available, compiled_in, refusal, solve_in_c
 from cotree.solvers.problem import check_problem
 from cotree.solvers.stiffness_probe import fastest_decay, fastest_growth
 from cotree.solvers.stiffness_switching import Succession, stiff_method
-from cotree.solvers.sundials_c import solve_in_c
-from cotree.solvers.sundials_library import check_installed, has_sundials
+from cotree.solvers.sundials_library import has_sundials
 
 if TYPE_CHECKING:
-    from cotree.solvers.base import Trajectory
-    from cotree.solvers.problem import FloatArray, Problem
+    from cotree.solvers.base import FloatArray, Trajectory
+    from cotree.solvers.methods import Method
+    from cotree.solvers.problem import Problem
 
 # DOP853 is stable up to about |lambda| h = 6 with 12 evaluations a step. At this number of time
 # constants in the span its evaluations, 4000, equal those of an implicit method at usual
@@ -38,17 +37,6 @@ _STIFF_TIME_CONSTANTS = 2000.0
 # An explicit method may begin where modes decay at most so many times as fast as the fastest one
 # grows: steps that follow the growth are then not much longer than stability allows.
 _MILD = 10.0
-
-# The methods of SciPy that stand in where C cannot run one.
-_STAND_INS = {
-    "dopri5": "RK45",
-    "rkf45": "RK45",
-    "dop853": "DOP853",
-    "rodas4": "Radau",
-    "rodas5": "Radau",
-    "cvode": "BDF",
-    "ida": "BDF",
-}
 
 _PROBE_STEPS = 20
 _PROBE_RTOL = 1e-3
@@ -98,35 +86,35 @@ def _solve_watched(problem: Problem, method: str) -> Trajectory:
 
 def _solve(problem: Problem, method: str, successor: Succession | None = None) -> Trajectory:
     """Integrate a checked problem with a named method, or with the one that stands in for it."""
-    family = method_row(method).family
-    if family == "scipy":
+    row = method_row(method)
+    if not row.stepper:
         return solve_with_scipy(problem, method)
-    if family == "correctors":
-        return solve_with_corrector(problem, method)
-    if family == "sundials":
-        check_installed(method)
-        found = solve_in_c(problem, method)
-    else:
-        found = solve_own(problem, method, successor)
+    check_available(method)
+    found = solve_in_c(problem, method, successor)
     if isinstance(found, str):
-        return _stand_in(problem, method, found)
+        return _stand_in(problem, row, found)
     if found.status != FAILED or problem.singular is None or beyond_scipy(problem):
         return found
     # Around SciPy's methods Python crosses singular positions with a looser tolerance.
     taken = problem.steps_taken + found.statistics.n_steps
     left = dataclasses.replace(problem, steps_taken=taken)
-    return _stand_in(left, method, found.message.rstrip("."))
+    return _stand_in(left, row, found.message.rstrip("."))
 
 
-def _stand_in(problem: Problem, method: str, why: str) -> Trajectory:
+def _stand_in(problem: Problem, row: Method, why: str) -> Trajectory:
     """Integrate with another method where C cannot run the one that was asked for, and say so.
 
     Raises
     ------
     SolveError
-        If the problem has what only methods in C take, and none of them can.
+        If nothing stands in, or the problem has what only methods in C take, and none of them can.
     """
-    what, other = beyond_scipy(problem), _STAND_INS[method]
+    what, other, method = beyond_scipy(problem), row.instead, row.name
+    if row.family == "correctors":
+        raise SolveError(
+            f"The method '{method}' cannot take this problem: {why}. "
+            f"Use '{other}', which takes states and sensitivities as one vector."
+        )
     if what and (problem.native is None or other != "Radau"):
         raise SolveError(
             f"The method '{method}' cannot run: {why}. '{other}', which stands in for it, cannot "

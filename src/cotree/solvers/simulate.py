@@ -17,9 +17,8 @@ from cotree.model.contents import content_sizes
 from cotree.model.signals import Signals, read_signals
 from cotree.scene.description import check_number
 from cotree.solvers.augmented import DENSE_LIMIT
-from cotree.solvers.engine import Native
 from cotree.solvers.jumps import ModelEvents
-from cotree.solvers.problem import Problem
+from cotree.solvers.problem import Native, Problem
 from cotree.solvers.project import Projection
 from cotree.solvers.result import EventTimes, RunRecord
 from cotree.solvers.select import integrate
@@ -34,8 +33,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
     from cotree.model.model import CompiledModel
-    from cotree.solvers.base import Occurrence, Trajectory
-    from cotree.solvers.problem import FloatArray
+    from cotree.solvers.base import FloatArray, Occurrence, Trajectory
 
 
 # Share of a Jacobian's entries beyond which sparse matrices cost more than dense ones.

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from cotree.solvers.problem import FloatArray, Problem
+    from cotree.solvers.base import FloatArray
+    from cotree.solvers.problem import Problem
 
 # Number of eigenvalues sought of a sparse Jacobian, and their tolerance: only their size counts.
 _FEW = 6

@@ -21,8 +21,9 @@ from cotree.solvers.sundials_library import has_sundials
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from cotree.solvers.engine import Job
-    from cotree.solvers.problem import FloatArray, Problem
+    from cotree.solvers.base import FloatArray
+    from cotree.solvers.job import Job
+    from cotree.solvers.problem import Problem
 
 # Beyond it, factors that are kept for many steps win over eight stages that are cheap.
 _MOST_STATES = 150

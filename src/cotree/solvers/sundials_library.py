@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from cotree.codegen.sundials import SUNDIALS_VERSION, WITH_SENSITIVITIES
+from cotree.codegen.sundials import SUNDIALS_FUNCTIONS, SUNDIALS_VERSION, WITH_SENSITIVITIES
 from cotree.errors import SolveError
 
 #: Names the file of a library that has the functions of all that is asked of it.
@@ -79,6 +79,39 @@ def library_path(library: str) -> LibraryPath:
     except ImportError:
         return LibraryPath("", f"scikit-sundae has no module '{name}'")
     return LibraryPath(str(module.__file__))
+
+
+def open_sundials(ffi: Any, library: str, path: str) -> tuple[Any, Any] | str:
+    """Open a library of SUNDIALS and find the functions that an engine calls.
+
+    Parameters
+    ----------
+    ffi : object
+        That of the engine, with the declarations of these functions.
+    library : str
+        A name in ``SUNDIALS_FUNCTIONS``.
+    path : str
+        The file.
+
+    Returns
+    -------
+    (object, object) or str
+        A ``cotree_sundials``, and what keeps the library loaded; or the reason why there is none,
+        without a capital and a full stop.
+    """
+    try:
+        # Lazily: of a module of Python nothing is called that needs Python.
+        opened = ffi.dlopen(path, ffi.RTLD_LAZY)
+        version = version_of(ffi, opened, path)
+        if version != SUNDIALS_VERSION:
+            here, known = (".".join(map(str, v)) or "unknown" for v in (version, SUNDIALS_VERSION))
+            return f"SUNDIALS is of version {here}, not {known}"
+        functions = ffi.new("cotree_sundials *")
+        for function in SUNDIALS_FUNCTIONS[library]:
+            setattr(functions, function, ffi.addressof(opened, function))
+    except (OSError, AttributeError) as error:
+        return f"SUNDIALS' functions cannot be found ({error})"
+    return functions, opened
 
 
 def version_of(ffi: Any, library: Any, path: str) -> tuple[int, ...]:

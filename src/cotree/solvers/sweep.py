@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from cotree.build import LoadedLibrary
     from cotree.model.kernels import NativeModel
     from cotree.model.model import CompiledModel
-    from cotree.solvers.problem import FloatArray
+    from cotree.solvers.base import FloatArray
 
     Inputs = Callable[[float], FloatArray | None]
 

@@ -16,8 +16,8 @@ from cotree.errors import Error
 from cotree.solvers.evaluate import FAILED
 
 if TYPE_CHECKING:
-    from cotree.solvers.base import Trajectory
-    from cotree.solvers.problem import FloatArray, Problem
+    from cotree.solvers.base import FloatArray, Trajectory
+    from cotree.solvers.problem import Problem
 
 # Spacings of t below this share of what a tolerance lets pass of a step are not looked at.
 _FINE = 0.1

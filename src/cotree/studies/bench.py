@@ -23,8 +23,8 @@ from cotree.build import find_toolchain
 from cotree.errors import Error, ParameterError, SolveError
 from cotree.quiet import without_warnings
 from cotree.scene.description import check_number
-from cotree.solvers.correctors import is_available
 from cotree.solvers.methods import METHODS, method_row
+from cotree.solvers.native import is_available
 from cotree.studies.accuracy import find_reference, starts_implicit
 from cotree.studies.bench_report import BenchReport, BenchRow
 from cotree.tolerances import loose_rtol, rtol_fault

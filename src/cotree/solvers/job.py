@@ -1,0 +1,330 @@
+"""One run of a method in C: a structure that C advances some steps at once, and what it says.
+
+In: the engine of a method, and a ``Problem`` with its native form. Out: values, events, and the
+reason of a failure.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cotree.codegen.statuses import NUMBERS, STATUSES, TURNED
+from cotree.dag.corners import Corner
+from cotree.model.kernels import SINGULAR
+from cotree.solvers.augmented import augmented_tolerances
+from cotree.solvers.base import Occurrence
+from cotree.solvers.corners import corner_times, turn_tolerances, turning
+from cotree.solvers.event_messages import BY_STATUS, verdict
+from cotree.solvers.messages import undefined_ahead
+from cotree.solvers.problem import describe_entry
+from cotree.solvers.rescue import Rescue
+from cotree.solvers.sundials_aid import SundialsAid
+from cotree.tolerances import LIMITS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from cotree.model.newton import Newton
+    from cotree.solvers.base import FloatArray
+    from cotree.solvers.engine import Engine
+    from cotree.solvers.methods import Method
+    from cotree.solvers.problem import Native, Problem
+
+# What a status means.
+_SENTENCES = {row.number: row.sentence for row in STATUSES}
+
+
+class Job:
+    """A job of an engine, with all that it points to; end it, whatever happens.
+
+    Parameters
+    ----------
+    engine : Engine
+        The engine of the method's stepper.
+    row : Method
+        The method.
+    problem : Problem
+        A problem with a native form.
+    newton : Newton, optional
+        The factors of its model, which own implicit methods need.
+    is_extended : bool
+        Whether algebraic unknowns are integrated, too, by an explicit method.
+
+    Attributes
+    ----------
+    job : cotree_job
+        The structure.
+    z : ndarray, shape (n_states * (1 + n_sensitivities),)
+        The last good point, which C moves.
+    times, values : ndarray
+        Rows that C writes values to; the first ``job.n_kept`` count.
+    rescue : Rescue
+        What looks farther than C does.
+    is_wide : bool
+        Whether a sparse factorisation would be much cheaper than the banded one of SUNDIALS' steps.
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        row: Method,
+        problem: Problem,
+        newton: Newton | None = None,
+        *,
+        is_extended: bool = False,
+    ) -> None:
+        assert problem.native is not None  # else the method refuses it
+        self._ffi, self._lib = engine.library.ffi, engine.library.lib
+        self._kept: list[Any] = [engine, problem.native, newton]
+        self._errors: list[BaseException] = []
+        self.rescue = Rescue(problem)
+        c = self.job = self._ffi.new("cotree_job *")
+        c.entry = c.row = c.column = -1
+        c.has_sensitivities = int(problem.n_sensitivities > 0)
+        c.is_held = int(problem.project is not None)
+        c.is_extended = int(is_extended)
+        if newton is None and problem.singular is not None:
+            c.is_strict = int(bool(problem.singular(problem.t_span[0], problem.z0)))
+        self._set_model(problem, problem.native)
+        self._set_values(row, problem, is_extended=is_extended)
+        self._set_times(problem)
+        c.stepper = getattr(self._lib, f"cotree_{engine.stepper}_stepper")()
+        self.is_wide = False
+        if newton is not None:
+            c.aid = self._ffi.cast("void *", newton.address)
+        elif engine.functions is not None:
+            aid = SundialsAid(engine, row, problem, c.model)
+            c.aid, self.is_wide = aid.address, aid.is_wide
+            self._kept.append(aid)
+        c.memory = self._doubles(np.zeros(-(-int(self._lib.cotree_job_memory(c)) // 8)))
+        self._make_all_room(problem)
+
+    def _set_model(self, problem: Problem, native: Native) -> None:
+        """Fill in the model, its inputs, and what Python is asked for."""
+        c = self.job
+        c.model = self._ffi.cast("cotree_model *", native.model.address)
+        c.p, c.k = self._doubles(native.model.p), self._doubles(native.model.k)
+        c.u = self._doubles(np.zeros(native.n_inputs))
+        c.n_replaced, c.replaced = len(native.replaced), self._tables(native)
+        if native.functions:
+            c.input_function = self._ask_for_inputs(native.functions)
+        if self.rescue.is_needed:
+            c.helper = self._helper(problem.n_states)
+
+    def _set_values(self, row: Method, problem: Problem, *, is_extended: bool) -> None:
+        """Fill in the start, the tolerances, and which entries of z C integrates."""
+        c, places = self.job, problem.integrated
+        cut = problem.n_states - (0 if row.keeps_algebraic else problem.n_algebraic)
+        # Sensitivities of algebraic unknowns are solved for even where these are integrated.
+        lead = problem.n_states if is_extended else cut
+        is_left = places % problem.n_states < np.where(places < problem.n_states, lead, cut)
+        tested = problem
+        if row.corrector:
+            # SUNDIALS leaves sensitivities out of the test itself, at the states' own tolerances.
+            tested = replace(problem, error_test_sensitivities=True)
+        rtol, atols = augmented_tolerances(tested)
+        self._places = places[is_left]  # positions in z
+        c.n, c.rtol, c.atols = len(self._places), rtol, self._doubles(atols[is_left])
+        c.atol = float(np.min(problem.atol))
+        self.z = np.array(problem.z0, dtype=np.float64)
+        c.z = self._doubles(self.z)
+
+    def _set_times(self, problem: Problem) -> None:
+        """Fill in the span, breakpoints and wanted times."""
+        c, corners = self.job, corner_times(problem)
+        c.t = corners[0]
+        c.n_corners, c.corners = len(corners), self._doubles(np.array(corners))
+        c.scale = problem.scale
+        c.is_start_sharp = int(corners[0] in problem.breakpoints)
+        c.is_end_sharp = int(corners[-1] in problem.breakpoints)
+        c.max_step = min(problem.max_step, float(np.finfo(np.float64).max))
+        self._let_turn(problem, corners)
+        if problem.t_eval is not None:
+            c.n_wanted = len(problem.t_eval)
+            c.wanted = self._doubles(np.array(problem.t_eval, dtype=float))
+
+    def _make_all_room(self, problem: Problem) -> None:
+        """Make room for values and events to begin with."""
+        self._n, self._room = problem.size, 0
+        self._looks_from: int | None = None
+        self.times, self.values = np.zeros(0), np.zeros((0, self._n))
+        self._keeps_steps = problem.t_eval is None
+        self._make_room(256 if problem.t_eval is None else len(problem.t_eval))
+        self._at_once = 0
+        self._width = 2 + problem.n_sensitivities + 2 * problem.n_states
+        self.records = np.zeros((0, self._width))
+        if problem.events is not None:
+            self._at_once = len(problem.events.rows) + LIMITS.event_rounds
+            self._make_records(4 * self._at_once)
+            self.job.most_events = problem.max_events or 0
+
+    def run(self, most_steps: int) -> int:
+        """Take some steps; see ``COTREE_JOB_DONE`` and its like.
+
+        An exception of an input that is a Python function ends the job, and is raised here.
+        """
+        if self._keeps_steps:
+            needed = int(self.job.n_kept) + most_steps + 1
+            if needed > self._room:
+                self._make_room(max(needed, 2 * self._room))
+        if self._at_once and self.job.n_records + self._at_once > self.job.most_records:
+            self._make_records(2 * self.job.most_records)
+        if self._looks_from is not None:
+            unwatched = self._looks_from - int(self.job.n_steps)
+            self.job.is_waiting = int(unwatched <= 0)
+            most_steps = min(most_steps, unwatched) if unwatched > 0 else most_steps
+        result = int(self._lib.cotree_job_run(self.job, most_steps))
+        if self._errors:
+            raise self._errors[0]
+        return result
+
+    @property
+    def is_stiff(self) -> bool:
+        """Tell whether stability made an explicit method take many steps."""
+        return bool(self.job.is_stiff) and int(self.job.n_stiff_steps) > LIMITS.most_stiff_steps
+
+    def wait_where_stiff(self, first_step: int) -> None:
+        """Make an explicit method wait where its problem is stiff, from ``first_step`` on."""
+        self._looks_from = first_step
+
+    def reason(self, problem: Problem) -> str:
+        """Say why the job failed."""
+        c, status = self.job, int(self.job.status)
+        if status in BY_STATUS:
+            return self._verdict(problem, BY_STATUS[status])
+        if status == TURNED:
+            return turning(problem, float(c.t), int(c.turned))
+        reasons = []
+        if c.flag:
+            known = status != NUMBERS["FLAGGED"]
+            reasons = [f"SUNDIALS says: {_SENTENCES[status] if known else f'flag {c.flag}'}"]
+        elif status != NUMBERS["RATE_NOT_FINITE"] or c.entry < 0:
+            reasons = [_SENTENCES.get(status, f"the integrator gives status {status}")]
+        if c.complaint == SINGULAR and not problem.n_algebraic:
+            reasons.append("a linear system of the model is singular ahead")
+        if c.row >= 0:
+            of, by = describe_entry(problem, c.row), describe_entry(problem, c.column)
+            reasons.append(f"the derivative of {of} differentiated by {by} is not finite ahead")
+        if c.entry >= 0:
+            name = describe_entry(problem, int(self._places[c.entry]))
+            reasons.append(f"the derivative of {name} is not finite ahead")
+        reason = "; ".join(reasons)
+        # What makes steps short may be that rates have no value beyond a point.
+        why = undefined_ahead(problem, float(c.t), self.z)
+        return f"{reason}: {why}" if why else reason
+
+    def end(self) -> None:
+        """Free what the stepper holds."""
+        self._lib.cotree_job_end(self.job)
+
+    @property
+    def has_spent_events(self) -> bool:
+        """Tell whether the budget of events is spent."""
+        return bool(0 < self.job.most_events <= self.job.n_records)
+
+    def happened(self, problem: Problem) -> tuple[Occurrence, ...]:
+        """List the events that happened."""
+        n, m = problem.n_states, problem.n_sensitivities
+        return tuple(
+            Occurrence(int(row[1]), float(row[0]), row[2 + m : 2 + m + n], row[-n:], row[2 : 2 + m])
+            for row in self.records[: self.job.n_records].copy()
+        )
+
+    def _let_turn(self, problem: Problem, corners: Sequence[float]) -> None:
+        """Say how the times of corners depend on the parameters, where any does."""
+        if not problem.n_sensitivities or problem.shifts.keys().isdisjoint(corners[:-1]):
+            return
+        still = Corner(0.0, *((0.0,) * problem.n_sensitivities,) * 2)
+        rows = [problem.shifts.get(t, still) for t in corners]
+        self.job.slopes = self._doubles(np.array([row.slopes for row in rows]))
+        self.job.spreads = self._doubles(np.array([row.spreads for row in rows]))
+        self.job.turn_tolerances = self._doubles(turn_tolerances(problem))
+
+    def _verdict(self, problem: Problem, name: str) -> str:
+        """Say why an event ended the job."""
+        assert problem.events is not None  # whose status it is
+        rows, c = problem.events.rows, self.job
+        events = [rows[c.event].name]
+        if name in ("endless", "slides"):
+            events = [row.name for i, row in enumerate(rows) if c.has_fired[i]]
+        said = verdict(name, events, float(c.event_time), float(c.event_detail))
+        return f"{said} ({self.rescue.complaint})" if self.rescue.complaint else said
+
+    def _make_room(self, rows: int) -> None:
+        """Make room for kept values; existing ones stay."""
+        kept = int(self.job.n_kept)
+        times, values = np.zeros(rows), np.zeros((rows, self._n))
+        times[:kept], values[:kept] = self.times[:kept], self.values[:kept]
+        self.times, self.values, self._room = times, values, rows
+        self.job.times = self._ffi.from_buffer("double[]", times)
+        self.job.values = self._ffi.from_buffer("double[]", values) if self._n else self._ffi.NULL
+
+    def _make_records(self, rows: int) -> None:
+        """Make room for the records that events write; existing ones stay."""
+        kept = int(self.job.n_records)
+        records = np.zeros((rows, self._width))
+        records[:kept] = self.records[:kept]
+        self.records = records
+        self.job.records = self._ffi.from_buffer("double[]", records)
+        self.job.most_records = rows
+
+    def _doubles(self, array: FloatArray) -> Any:
+        """Point to an array, which is kept."""
+        if not array.size:
+            return self._ffi.NULL
+        pointer = self._ffi.from_buffer("double[]", np.ascontiguousarray(array, dtype=np.float64))
+        self._kept.append(pointer)
+        return pointer
+
+    def _ask_for_inputs(self, functions: Mapping[int, Callable[[float], float]]) -> Any:
+        """Give C a function that asks Python for inputs."""
+        errors = self._errors
+
+        def ask(t: float, u: Any, context: Any) -> int:
+            if errors:  # C may try a shorter step before it gives up
+                return -1
+            for place, function in functions.items():
+                u[place] = function(t)
+            return 0
+
+        return self._callback("cotree_input_function", ask)
+
+    def _helper(self, n_states: int) -> Any:
+        """Give C what looks farther than it does."""
+        rescue, ffi = self.rescue, self._ffi
+
+        def find_unknowns(t: float, x: Any, context: Any) -> int:
+            point = np.frombuffer(ffi.buffer(x, 8 * n_states))
+            return int(not rescue.find_unknowns(t, point))
+
+        def find_states(t: float, x: Any, kept: Any, n_kept: int, context: Any) -> int:
+            point = np.frombuffer(ffi.buffer(x, 8 * n_states))
+            return int(not rescue.find_states(t, point, [kept[i] for i in range(n_kept)]))
+
+        helper = ffi.new("cotree_helper *")
+        helper.find_unknowns = self._callback("cotree_find_unknowns", find_unknowns)
+        helper.find_states = self._callback("cotree_find_states", find_states)
+        self._kept.append(helper)
+        return helper
+
+    def _callback(self, kind: str, function: Callable[..., int]) -> Any:
+        """Give C a function of Python; exceptions, Ctrl-C among them, wait until C is back."""
+        errors = self._errors
+
+        def remember(kind: Any, error: BaseException, traceback: Any) -> None:
+            errors.append(error)
+
+        callback = self._ffi.callback(kind, function, error=-1, onerror=remember)
+        self._kept.append(callback)
+        return callback
+
+    def _tables(self, native: Native) -> Any:
+        tables = self._ffi.new("cotree_table_input[]", max(1, len(native.replaced)))
+        for row, (place, (times, values)) in zip(tables, native.replaced.items(), strict=False):
+            row.input, row.length = place, len(times)
+            row.t, row.u = self._doubles(times), self._doubles(values)
+        self._kept.append(tables)
+        return tables
