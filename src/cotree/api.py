@@ -11,7 +11,8 @@ from cotree.build import BuildOptions
 from cotree.compiled import Model
 from cotree.errors import ParameterError
 from cotree.readers import load_source
-from cotree.scene.description import SceneDescription, check_number
+from cotree.scene.description import SceneDescription
+from cotree.scene.expressions import check_number
 from cotree.scene.tunable import keep_tunable, listed_names
 
 if TYPE_CHECKING:

@@ -14,7 +14,8 @@
     ├── BuildError (RuntimeError)          the C text cannot be compiled or loaded
     └── SolveError (RuntimeError)          the integration failed or cannot start
 
-Messages name the edge, node, parameter or file line at fault and say what to do about it.
+Messages name the edge, node, parameter or file line at fault and say what to do about it; the
+functions below shorten what they quote.
 """
 
 from __future__ import annotations
@@ -86,10 +87,53 @@ class SolveError(Error, RuntimeError):
     """The integration failed, or cannot start."""
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
+#: Names that a message lists, and names among which a similar one is looked for.
+_MOST_LISTED, _MOST_COMPARED = 200, 1000
+
+
+def nearest(name: object, known: Iterable[str]) -> str:
     """Say which known name was probably meant, for the end of a message."""
     choices = sorted(known)
-    close = difflib.get_close_matches(name, choices, n=1)
+    close = difflib.get_close_matches(str(name)[:80], choices[:_MOST_COMPARED], n=1)
     if close:
-        return f"; did you mean '{close[0]}'?"
+        return f"; did you mean '{brief(close[0])}'?"
+    # A file of another tool may name thousands of things.
+    if len(choices) > _MOST_LISTED:
+        return ""
     return f"; known: {', '.join(choices) if choices else 'none'}"
+
+
+def check_known(given: Iterable[object], known: Iterable[str], what: str) -> None:
+    """Refuse names that are not among the known ones.
+
+    Parameters
+    ----------
+    given : iterable of str
+        The names that were given.
+    known : iterable of str
+        The names that are accepted.
+    what : str
+        How the message begins, before the name: ``"edge 'k' has no field"``.
+
+    Raises
+    ------
+    SceneError
+        For the first name that is not known; the message suggests one that is.
+    """
+    names = frozenset(known)
+    for name in given:
+        if name not in names:
+            raise SceneError(f"{what} '{brief(name)}'{nearest(name, names)}")
+
+
+def brief(text: object, longest: int = 60) -> str:
+    """Put a text on one line of printable characters, cut short, for a message."""
+    line = "".join(c if c.isprintable() else "?" for c in " ".join(str(text).split()))
+    return line if len(line) <= longest else f"{line[: longest - 3]}..."
+
+
+def listed(names: Iterable[str], most: int = 8) -> str:
+    """List names in a sentence; of a long list the first ones, enough to find the mistake."""
+    names = list(names)
+    hidden = len(names) - most
+    return ", ".join(names[:most]) + (f" and {hidden} more" if hidden > 0 else "")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import keyword
 import re
 
-from cotree.errors import SceneError
+from cotree.errors import SceneError, brief
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}\Z")
 _SCENE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}\Z")
@@ -63,12 +63,6 @@ _C_KEYWORDS = frozenset(
 #: Files and functions of a C project that are not the model's are this, or begin with that, in any
 #: case of letters.
 _MAIN, _OWN = "main", "cotree_"
-
-
-def brief(text: object) -> str:
-    """Put a text on one line of at most 60 characters, for a message."""
-    line = " ".join(str(text).split())
-    return line if len(line) <= 60 else f"{line[:57]}..."
 
 
 def check_name(kind: str, name: object) -> str:

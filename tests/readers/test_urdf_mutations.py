@@ -11,8 +11,8 @@ from urdf_texts import ROBOTS, WHOLE
 
 import cotree
 from cotree.api import Scene
+from cotree.files import read_text
 from cotree.pipeline import formulate
-from cotree.readers.text_file import read_text
 from cotree.readers.urdf import UrdfOptions, read_urdf_text
 
 NASTY = (

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from cotree.errors import ParameterError, SceneError, TopologyError
-from cotree.naming import brief
+from cotree.errors import ParameterError, SceneError, TopologyError, brief
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

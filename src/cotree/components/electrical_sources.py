@@ -13,7 +13,7 @@ from cotree.components.component import Component, Field, Role, Shape
 from cotree.components.law import Law
 from cotree.components.ports import across_source, one_port, optional, through_source, value
 from cotree.components.terminal import Kind, Terminal
-from cotree.errors import SceneError, nearest
+from cotree.errors import SceneError, check_known
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -112,10 +112,7 @@ def _tabled(source: Component) -> Adapt:
             if name not in rest:
                 raise SceneError(f"edge '{edge}' needs the field '{name}': a list of numbers")
         over_time = {"of": "t", "x": rest.pop("times"), "y": rest.pop("values")}
-        for name in rest:
-            raise SceneError(
-                f"edge '{edge}' has no field '{name}'{nearest(name, ('times', 'values'))}"
-            )
+        check_known(rest, ("times", "values"), f"edge '{edge}' has no field")
         return source, nodes, {source.fields[0].name: over_time}
 
     return adapt

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 from cotree.components.component import Acts, Component, Field, Plane, Role, Shape
 from cotree.components.law import Law
 from cotree.dag.nodes import Dag
-from cotree.errors import SceneError
-from cotree.naming import brief, check_name
+from cotree.errors import SceneError, brief
+from cotree.naming import check_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -19,7 +19,8 @@ from cotree.scene.inertias import ROUNDING
 if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
     from cotree.dag.vector import Matrix, Vector
-    from cotree.scene.description import Edge, FieldValue
+    from cotree.scene.description import Edge
+    from cotree.scene.expressions import FieldValue
 
 Resolver = Callable[[str], "Node"]
 

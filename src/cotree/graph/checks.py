@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from cotree.errors import TopologyError
+from cotree.errors import TopologyError, listed
 from cotree.graph.traversal import walk_edges
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable
+    from collections.abc import Collection
 
     from cotree.graph.linear_graph import LinearGraph
-
-# Enough to find the mistake, few enough to read.
-_MOST_NAMES = 8
 
 
 def check_spanned(graph: LinearGraph, names: Collection[str], what: str, remedy: str) -> None:
@@ -61,11 +58,3 @@ def _floating_message(graph: LinearGraph, floating: list[str], what: str, remedy
         f"{verb} floating: {attached}{', but' if touching else ';'} no path of {what} leads there "
         f"from '{graph.reference}'; {remedy.format(them=them)}"
     )
-
-
-def listed(names: Iterable[str]) -> str:
-    """List names in a sentence, cutting a long list short."""
-    names = list(names)
-    shown = ", ".join(names[:_MOST_NAMES])
-    hidden = len(names) - _MOST_NAMES
-    return f"{shown} and {hidden} more" if hidden > 0 else shown

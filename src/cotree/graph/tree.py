@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from cotree.errors import TopologyError
-from cotree.graph.checks import check_spanned, listed
+from cotree.errors import TopologyError, listed
+from cotree.graph.checks import check_spanned
 from cotree.graph.traversal import walk_edges
 
 if TYPE_CHECKING:
@@ -143,7 +143,7 @@ def named_tree(graph: LinearGraph, names: Iterable[str]) -> Tree:
         if not parts.join(edge.tail, edge.head):
             # The edges named so far already join the two nodes; the path between them closes the
             # circuit.
-            circuit = [*_path(graph, branches, edge.tail, edge.head), name]
+            circuit = [*path_between(graph, branches, edge.tail, edge.head), name]
             raise TopologyError(
                 f"the tree of the {graph.domain} graph contains a circuit of the edges "
                 f"{listed(circuit)}; leave one of them out"
@@ -179,7 +179,7 @@ def _tree_of(graph: LinearGraph, branches: set[str]) -> Tree:
     return Tree(graph, tuple(name for name in graph.edge_names if name in branches))
 
 
-def _path(graph: LinearGraph, names: set[str], start: str, end: str) -> list[str]:
+def path_between(graph: LinearGraph, names: set[str], start: str, end: str) -> list[str]:
     """Name the edges from `start` to `end` along a forest that joins them."""
     step_to = {step.child: step for step in walk_edges(graph, names, start)}
     path: list[str] = []

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.errors import ParameterError, nearest
-from cotree.scene.description import check_number
+from cotree.scene.expressions import check_number
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -17,7 +17,7 @@ from cotree.model.packing import whole_kernel
 from cotree.model.start import find_start
 from cotree.model.structure import Structure
 from cotree.model.undefined import check_start, why_undefined
-from cotree.scene.description import check_number
+from cotree.scene.expressions import check_number
 from cotree.sharing import formed_once
 
 if TYPE_CHECKING:

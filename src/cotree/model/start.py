@@ -22,7 +22,7 @@ from cotree.model.consistent import Start, consistent_start
 from cotree.model.contents import check_followers, held_followers
 from cotree.model.redundant import check_redundant
 from cotree.model.unknowns import settle_jumps, solve_start
-from cotree.scene.description import check_number
+from cotree.scene.expressions import check_number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

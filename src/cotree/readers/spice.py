@@ -8,30 +8,26 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TypeVar
 
-from cotree.errors import ModelError, SceneError
+from cotree.errors import brief, check_known, listed
+from cotree.files import read_text
 from cotree.readers.names import Namer
 from cotree.readers.spice_couplings import find_couplings
 from cotree.readers.spice_devices import DEVICES
-from cotree.readers.spice_lines import Line, settings, shown, split_settings
+from cotree.readers.spice_lines import Line, settings, split_settings
 from cotree.readers.spice_netlist import Circuit, Netlist, parse_netlist
 from cotree.readers.spice_sources import Times
-from cotree.readers.spice_values import Scope, Value
-from cotree.readers.subcircuit_scope import Instance
-from cotree.readers.text_file import read_text
+from cotree.readers.spice_values import Scope
+from cotree.readers.subcircuit_scope import Instance, Sheet
 from cotree.scene.description import SceneDescription
 from cotree.scene.origin import Origin
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 _Scene = TypeVar("_Scene", bound=SceneDescription)
 
 _LARGEST_FILE = 20_000_000  # bytes
 _MOST_ELEMENTS, _DEEPEST = 100_000, 20
 _ROOM_TEMPERATURE = 27.0  # degrees Celsius
-_GMIN = 1e-12  # S
 
 
 def read_spice_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
@@ -73,22 +69,14 @@ def read_spice_text(text: str, where: str, scene_type: type[_Scene]) -> _Scene:
     return Writer(scene_type, parse_netlist(text, where), where).write()
 
 
-class Writer(Generic[_Scene]):
+class Writer(Sheet[_Scene]):
     """Adds a netlist's elements to a scene."""
 
-    def __init__(self, scene_type: type[_Scene], netlist: Netlist, where: str) -> None:
-        self.netlist, self.where = netlist, where
-        self.times, self.uses_initial, self.gmin = Times(), False, _GMIN
-        self.names, self.parameter_names = Namer(), Namer()
-        self.nodes: dict[tuple[str, str], str] = {}
+    def __init__(self, scene_type: type[_Scene], netlist: Netlist, file: str) -> None:
+        stem = Namer().own(Path(file).stem[:40]).lstrip("_") or "netlist"
+        super().__init__(scene_type(stem if stem[0].isalpha() else f"netlist_{stem}"), file)
+        self.netlist = netlist
         self.count = 0
-        stem = Namer().own(Path(where).stem[:40]).lstrip("_") or "netlist"
-        self.scene = scene_type(stem if stem[0].isalpha() else f"netlist_{stem}")
-        self.voltages: dict[str, Value] = {}
-
-    def error(self, line: int, message: str) -> SceneError:
-        """Make an error with file and line."""
-        return SceneError(f"{self.where}:{line}: {message}")
 
     def write(self) -> _Scene:
         """Write the whole netlist.
@@ -108,131 +96,85 @@ class Writer(Generic[_Scene]):
             self._held(line, top)
         self._circuit(whole, Instance(self, whole, top), 0)
         if not self.scene.edges:
-            raise self.error(1, "no elements: is the first line the title?")
+            raise whole.at.error("no elements: is the first line the title?")
         self._begin()
         changed = {**self.names.changed, **self.parameter_names.changed}
         notes = [*self._notes(changed), *top.remarks]
-        self.scene.origin = Origin(self.where, tuple(notes), changed)
+        self.scene.origin = Origin(self.file, tuple(notes), changed)
         return self.scene
 
-    def guarded(self, line: int, act: Callable[[], Any]) -> Any:
-        """Apply a change to the scene; refusals are reported with the line."""
-        try:
-            return act()
-        except ModelError as error:
-            if str(error).startswith(f"{self.where}:"):
-                raise
-            raise self.error(line, " ".join(str(error).split())) from None
-
-    def own_parameter(
-        self, name: str, value: Value, line: int, unit: str = "", doc: str = ""
-    ) -> Value:
-        """Make a parameter of a number, and give its name; expressions stay as they are.
-
-        Parameters
-        ----------
-        name : str
-            The name wished for.
-        value : float or str
-            A number, or an expression.
-        line : int
-            Line of the netlist, for messages.
-        unit, doc : str
-            Unit and meaning.
-        """
-        if isinstance(value, str):
-            return value
-        own = self.parameter_names.give("parameter", name)
-        self.guarded(line, lambda: self.scene.parameter(own, value, unit=unit, doc=doc))
-        return own
-
-    def node(self, path: str, name: str) -> str:
-        """Give the node of a name in an instance."""
-        key = (path, name.lower())
-        if name.lower() in ("0", "gnd"):
-            return "ground"
-        if key not in self.nodes:
-            self.nodes[key] = self.names.give("node", f"{path}{name}".replace(".", "_"))
-        return self.nodes[key]
-
     def _parameters(self, circuit: Circuit, scope: Scope, path: str) -> None:
-        for name, word, line in circuit.parameters:
+        for name, word, at in circuit.parameters:
             if name.lower() in scope.values and not path:
-                raise self.error(line, f"parameter '{shown(name)}' is given twice")
-            value = scope.value(word, f"{self.where}:{line}")
-            scope.values[name.lower()] = self.own_parameter(
-                f"{path}{name}".replace(".", "_"), value, line
-            )
+                raise at.error(f"parameter '{brief(name)}' is given twice")
+            label = f"{path}{name}".replace(".", "_")
+            scope.values[name.lower()] = self.own_parameter(label, scope.value(word, at), at)
 
     def _option(self, line: Line, scope: Scope) -> None:
-        where = f"{self.where}:{line.number}"
         if line.key == ".temp":
             given = {"temp": line.words[1]} if len(line.words) == 2 else {}
             if not given:
-                raise self.error(line.number, ".temp needs one temperature")
+                raise line.at.error(".temp needs one temperature")
         else:
             row = [i for i, word in enumerate(line.words) if word == "="]
             given = {}
             for i in row:
                 if i < 2 or i + 1 >= len(line.words):
-                    raise self.error(line.number, "= stands between a name and a value")
+                    raise line.at.error("= stands between a name and a value")
                 given[line.words[i - 1].lower()] = line.words[i + 1]
         for name, word in given.items():
             if name == "gmin":
-                self.gmin = scope.number(word, where)
+                self.gmin = scope.number(word, line.at)
                 if not self.gmin >= 0.0:
-                    raise self.error(line.number, "gmin must not be negative")
+                    raise line.at.error("gmin must not be negative")
             elif name in ("temp", "tnom"):
-                if scope.number(word, where) != _ROOM_TEMPERATURE:
-                    raise self.error(
-                        line.number,
+                if scope.number(word, line.at) != _ROOM_TEMPERATURE:
+                    raise line.at.error(
                         f"{name} must be 27: nothing is scaled with temperature here; give models "
-                        "as they are at the temperature wanted",
+                        "as they are at the temperature wanted"
                     )
             else:
-                self.netlist.passed_over.append(f".options {shown(name)}")
+                self.netlist.passed_over.append(f".options {brief(name)}")
 
     def _transient(self, line: Line, scope: Scope) -> None:
-        where = f"{self.where}:{line.number}"
         words = line.words[1:]
         if words and words[-1].lower() == "uic":
             self.uses_initial, words = True, words[:-1]
         if not 2 <= len(words) <= 4:
-            raise self.error(line.number, ".tran needs a step and an end time")
-        step, stop, *_ = (scope.number(word, where) for word in words)
+            raise line.at.error(".tran needs a step and an end time")
+        step, stop, *_ = (scope.number(word, line.at) for word in words)
         if not (step > 0.0 and stop > 0.0):
-            raise self.error(line.number, "step and end time of .tran must be positive")
+            raise line.at.error("step and end time of .tran must be positive")
         self.times = Times(step, stop)
         self.scene.simulation(t_end=stop)
 
     def _held(self, line: Line, scope: Scope) -> None:
-        where = f"{self.where}:{line.number}"
         words = line.words[1:]
         for i in range(0, len(words), 4):
             four = words[i : i + 4]
             if len(four) < 4 or four[0].lower() != "v" or four[2] != "=":
-                raise self.error(line.number, ".ic is written as .ic v(node)=value")
-            self.voltages[four[1].lower()] = scope.value(four[3], where)
+                raise line.at.error(".ic is written as .ic v(node)=value")
+            self.voltages[four[1].lower()] = scope.value(four[3], line.at)
 
     def _begin(self) -> None:
         """Set the start of the run."""
         known = {name: node for (path, name), node in self.nodes.items() if not path}
-        line = self.netlist.held[0].number if self.netlist.held else 1
+        at = self.netlist.held[0].at if self.netlist.held else self.netlist.circuit.at
         for name in self.voltages:
             if name not in known:
-                raise self.error(line, f".ic names '{shown(name)}', which is no node")
+                raise at.error(f".ic names '{brief(name)}', which is no node")
         if self.uses_initial:
             return
         held = {known[name]: value for name, value in self.voltages.items()}
         start = "operating point"
-        self.guarded(line, lambda: self.scene.simulation(start=start, held=held))
+        self.guarded(at, lambda: self.scene.simulation(start=start, held=held))
 
     def _circuit(self, circuit: Circuit, place: Instance, depth: int) -> None:
         """Add the elements of a circuit or of an instance."""
         for line in circuit.elements:
             self.count += 1
             if self.count > _MOST_ELEMENTS:
-                raise self.error(line.number, f"more than {_MOST_ELEMENTS} elements")
+                raise line.at.error(f"more than {_MOST_ELEMENTS} elements")
             if line.key[0] == "x":
                 self._instance(line, place, depth)
         order = {"k": 2, "f": 3, "h": 3}  # what others name comes before them
@@ -240,50 +182,44 @@ class Writer(Generic[_Scene]):
         find_couplings(place, rest)
         for line in sorted(rest, key=lambda line: order.get(line.key[0], 1)):
             place.check_name(line)
-            self.guarded(line.number, partial(DEVICES[line.key[0]], place, line))
+            self.guarded(line.at, partial(DEVICES[line.key[0]], place, line))
 
     def _instance(self, line: Line, outer: Instance, depth: int) -> None:
         words, given = split_settings(line.words[1:])
         words = tuple(word for word in words if word.lower() != "params:")
         outer.check_name(line)
         if depth >= _DEEPEST:
-            raise self.error(line.number, f"subcircuits within more than {_DEEPEST} others")
+            raise line.at.error(f"subcircuits within more than {_DEEPEST} others")
         if not words:
-            raise self.error(line.number, f"{shown(line.words[0])} needs nodes and a subcircuit")
-        circuit, home = outer.circuit_named(words[-1], line.number)
+            raise line.at.error(f"{brief(line.words[0])} needs nodes and a subcircuit")
+        circuit, home = outer.circuit_named(words[-1], line.at)
+        what = f"'{brief(circuit.name)}'"
         if len(words) - 1 != len(circuit.pins):
-            raise self.error(
-                line.number,
-                f"{shown(line.words[0])} has {len(words) - 1} nodes, and subcircuit "
-                f"'{shown(circuit.name)}' {len(circuit.pins)} pins",
+            raise line.at.error(
+                f"{brief(line.words[0])} has {len(words) - 1} nodes, and subcircuit {what} "
+                f"{len(circuit.pins)} pins"
             )
-        where = f"{self.where}:{line.number}"
-        values = settings(given, where)
+        values = settings(given, line.at)
         path = f"{outer.path}{line.words[0]}."
         for pin, node in zip(circuit.pins, words[:-1], strict=True):
             self.nodes[path, pin.lower()] = outer.node(node)
         inner = Scope({}, home.scope)
         place = Instance(self, circuit, inner, path, home)
-        for name in values:
-            if name not in circuit.defaults:
-                raise self.error(
-                    line.number,
-                    f"subcircuit '{shown(circuit.name)}' has no parameter '{shown(name)}'",
-                )
+        check_known(values, circuit.defaults, f"{line.at}: subcircuit {what} has no parameter")
         for name, word in circuit.defaults.items():
-            scope, at = (outer.scope, line.number) if name in values else (inner, circuit.line)
-            value = scope.value(values.get(name, word), f"{self.where}:{at}")
-            inner.values[name] = self.own_parameter(place.label(name), value, line.number)
+            scope, at = (outer.scope, line.at) if name in values else (inner, circuit.at)
+            value = scope.value(values.get(name, word), at)
+            inner.values[name] = self.own_parameter(place.label(name), value, line.at)
         self._parameters(circuit, inner, path)
         self._circuit(circuit, place, depth + 1)
 
     def _notes(self, changed: dict[tuple[str, str], str]) -> list[str]:
         notes = []
         if self.netlist.passed_over:
-            listed = ", ".join(dict.fromkeys(self.netlist.passed_over))
-            notes.append(f"not read: {shown(listed) if len(listed) > 200 else listed}")
+            notes.append(
+                f"not read: {brief(', '.join(dict.fromkeys(self.netlist.passed_over)), 200)}"
+            )
         if changed:
-            pairs = [f"{kind} {shown(old)} is {new}" for (kind, old), new in changed.items()]
-            more = f" and {len(pairs) - 8} more" if len(pairs) > 8 else ""
-            notes.append(f"names that had to change: {', '.join(pairs[:8])}{more}")
+            pairs = [f"{kind} {brief(old)} is {new}" for (kind, old), new in changed.items()]
+            notes.append(f"names that had to change: {listed(pairs)}")
         return notes

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from itertools import combinations
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from cotree.components.windings import WINDINGS, coupling_field
-from cotree.errors import nearest
-from cotree.readers.spice_lines import shown
+from cotree.errors import brief, nearest
+from cotree.readers.subcircuit_scope import Coupled
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -17,27 +16,6 @@ if TYPE_CHECKING:
     from cotree.readers.subcircuit_scope import Instance
 
 _Key = TypeVar("_Key")
-
-
-@dataclass
-class Coupled:
-    """Inductors that share flux.
-
-    Attributes
-    ----------
-    inductors : dict of str to Line
-        Their statements, by name in small letters, in the order of the netlist.
-    couplings : dict of frozenset to Line
-        The statement K of each pair, in the order of the netlist.
-    """
-
-    inductors: dict[str, Line] = field(default_factory=dict)
-    couplings: dict[frozenset[str], Line] = field(default_factory=dict)
-
-    @property
-    def first(self) -> str:
-        """Name of the first K, in small letters."""
-        return next(iter(self.couplings.values())).key
 
 
 def find_couplings(place: Instance, lines: list[Line]) -> None:
@@ -58,15 +36,12 @@ def _couple(place: Instance, line: Line, inductors: Mapping[str, Line]) -> None:
     """Couple the inductors of a K statement, each with each."""
     names = [word.lower() for word in line.words[1:-1]]
     if len(names) < 2 or "=" in line.words:
-        raise place.sheet.error(
-            line.number, f"'{shown(line.words[0])}' needs two inductors or more, and a number"
-        )
+        raise line.at.error(f"{line.name} needs two inductors or more, and a number")
     for name in names:
         if name not in inductors:
-            raise place.sheet.error(
-                line.number,
-                f"'{shown(line.words[0])}' couples '{shown(name)}', which is no inductor here"
-                f"{nearest(name, inductors)}",
+            raise line.at.error(
+                f"{line.name} couples '{brief(name)}', which is no inductor here"
+                f"{nearest(name, inductors)}"
             )
     # Merge the groups of both inductors: coupling is transitive through shared flux.
     whole = Coupled()
@@ -76,19 +51,17 @@ def _couple(place: Instance, line: Line, inductors: Mapping[str, Line]) -> None:
         whole.couplings |= old.couplings
     for pair in combinations(names, 2):
         if pair[0] == pair[1] or frozenset(pair) in whole.couplings:
-            raise place.sheet.error(
-                line.number, f"'{shown(pair[0])}' is coupled twice to '{shown(pair[1])}'"
-            )
+            raise line.at.error(f"'{brief(pair[0])}' is coupled twice to '{brief(pair[1])}'")
         whole.couplings[frozenset(pair)] = line
     whole.inductors = _in_order(whole.inductors)
     whole.couplings = _in_order(whole.couplings)
     if len(whole.inductors) > len(WINDINGS):
-        raise place.sheet.error(line.number, f"more than {len(WINDINGS)} inductors share flux")
+        raise line.at.error(f"more than {len(WINDINGS)} inductors share flux")
     place.coupled.update(dict.fromkeys(whole.inductors, whole))
 
 
 def _in_order(lines: dict[_Key, Line]) -> dict[_Key, Line]:
-    return dict(sorted(lines.items(), key=lambda item: item[1].number))
+    return dict(sorted(lines.items(), key=lambda item: item[1].at.line))
 
 
 def complete_signs(place: Instance, coupled: Coupled) -> dict[str, float] | None:
@@ -105,7 +78,7 @@ def complete_signs(place: Instance, coupled: Coupled) -> dict[str, float] | None
         If only some are, or their signs contradict each other.
     """
     values = {
-        pair: (place.scope.value(line.words[-1], place.at(line)), line)
+        pair: (place.scope.value(line.words[-1], line.at), line)
         for pair, line in coupled.couplings.items()
     }
     # Only numbers can be told to be complete; parameters may change.
@@ -118,11 +91,10 @@ def complete_signs(place: Instance, coupled: Coupled) -> dict[str, float] | None
         pair = frozenset((a, b))
         if complete.get(pair, 0.0) != signs[a] * signs[b] or not signs[a] * signs[b]:
             line = values[pair][1] if pair in values else next(iter(coupled.couplings.values()))
-            raise place.sheet.error(
-                line.number,
-                f"windings that are coupled completely have no flux but one, by which '{shown(a)}' "
-                f"and '{shown(b)}' are coupled, too: give all of their couplings as 1 or -1, or "
-                "all smaller",
+            raise line.at.error(
+                f"windings that are coupled completely have no flux but one, by which '{brief(a)}' "
+                f"and '{brief(b)}' are coupled, too: give all of their couplings as 1 or -1, or "
+                "all smaller"
             )
     return signs
 

@@ -6,75 +6,73 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.components.bipolar import BASE_CHARGE
 from cotree.components.windings import WINDINGS
+from cotree.errors import brief, nearest
 from cotree.readers.spice_couplings import complete_signs, coupled_fields
-from cotree.readers.spice_lines import settings, shown, split_settings
+from cotree.readers.spice_lines import settings, split_settings
 from cotree.readers.spice_models import bulk_fields, channel_fields, device_fields
 from cotree.readers.spice_polynomials import add_polynomial, current_of, has_polynomial
 from cotree.readers.spice_sources import Source, edge_of, read_source
-from cotree.readers.spice_values import checked_names, is_zero, scaled, text_of
+from cotree.readers.spice_values import is_zero, scaled, text_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from cotree.readers.spice_couplings import Coupled
     from cotree.readers.spice_lines import Line
     from cotree.readers.spice_models import DeviceModel
     from cotree.readers.spice_values import Value
-    from cotree.readers.subcircuit_scope import Instance
+    from cotree.readers.subcircuit_scope import Coupled, Instance
 
 #: Geometry that serves capacitances and leakage per area, of which models here have none.
 _UNUSED_OF_CHANNELS = {"ad", "as", "pd", "ps", "nrd", "nrs"}
 _DEFAULT_SIZE = 1e-4  # m, as ngspice has it
 
 
-def parts(
-    place: Instance, line: Line, known: set[str], counts: range
-) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Split a line into words and settings.
+def _parts(line: Line, known: set[str], counts: range) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Split the line of an element into words and settings.
 
-    Parameters
-    ----------
-    place : Instance
-        The circuit that the line stands in.
-    line : Line
-        The line of an element.
-    known : set of str
-        The settings that it may have.
-    counts : range
-        How many words may follow its name.
-
-    Returns
-    -------
-    words : tuple of str
-        The words after its name.
-    given : dict of str to str
-        Its settings.
-
-    Raises
-    ------
-    SceneError
-        If a setting is unknown, or the number of words is wrong.
+    ``known`` are the settings that it may have, ``counts`` the numbers of words after its name.
     """
     words, rest = split_settings(line.words[1:])
-    given = settings(rest, place.at(line))
-    checked_names(given, known, f"'{shown(line.words[0])}'", place.at(line))
+    given = settings(rest, line.at)
+    for name in given:
+        if name not in known:
+            hint = nearest(name, known)
+            raise line.at.error(f"{line.name} has no '{brief(name)}' that is modelled here{hint}")
     if len(words) not in counts:
         few = f"{counts.start}" + (f" to {counts.stop - 1}" if len(counts) > 1 else "")
-        raise place.sheet.error(
-            line.number, f"'{shown(line.words[0])}' has {len(words)} words after it, not {few}"
-        )
+        raise line.at.error(f"{line.name} has {len(words)} words after it, not {few}")
     return words, given
 
 
-def _one_port(place: Instance, line: Line, type: str, field: str, unit: str, key: str) -> None:
-    """Add a resistor, capacitor or inductor."""
-    known = {key, "m", "ic"} if key != "r" else {key, "m"}
-    words, given = parts(place, line, known, range(2, 4))
+#: Component, field and unit of the elements of one value, and their settings besides it.
+_ONE_PORTS = {
+    "r": ("resistor", "resistance", "ohm", {"m"}),
+    "c": ("capacitor", "capacitance", "F", {"m", "ic"}),
+    "l": ("inductor", "inductance", "H", {"m", "ic"}),
+}
+
+
+def _valued(
+    place: Instance, line: Line, known: set[str]
+) -> tuple[tuple[str, ...], dict[str, str], Value]:
+    """Read words, settings and value of an element: a word, or ``R=``, ``C=``, ``L=``."""
+    key = line.key[0]
+    words, given = _parts(line, {key, *known}, range(2, 4))
     if (len(words) == 3) == (key in given):
-        raise place.sheet.error(line.number, f"'{shown(line.words[0])}' needs one value")
-    value = place.principal(line, words[2] if len(words) == 3 else given[key], unit)
+        raise line.at.error(f"{line.name} needs one value")
+    word = words[2] if len(words) == 3 else given[key]
+    return words, given, place.principal(line, word, _ONE_PORTS[key][2])
+
+
+def _one_port(place: Instance, line: Line) -> None:
+    """Add a resistor, a capacitor, or an inductor that shares no flux with others."""
+    if line.key in place.coupled:
+        return
+    key = line.key[0]
+    type, field, _, known = _ONE_PORTS[key]
+    words, given, value = _valued(place, line, known)
     nodes = [place.node(word) for word in words[:2]]
-    initial = initial_value(place, line, words, given, key)
+    initial = _initial_value(place, line, words, given)
     # Parallel capacitances add; parallel resistances and inductances divide.
     whole = scaled(value, _count(place, line, given), "*" if key == "c" else "/")
     place.add(line.words[0], type, nodes, {field: whole}, initial)
@@ -82,40 +80,25 @@ def _one_port(place: Instance, line: Line, type: str, field: str, unit: str, key
 
 def _count(place: Instance, line: Line, given: dict[str, str]) -> Value:
     """Read the number of parallel elements."""
-    count = place.scope.value(given["m"], place.at(line)) if "m" in given else 1.0
+    count = place.scope.value(given["m"], line.at) if "m" in given else 1.0
     if isinstance(count, float) and not count > 0.0:
-        raise place.sheet.error(line.number, "m must be positive: it counts elements side by side")
+        raise line.at.error("m must be positive: it counts elements side by side")
     return count
 
 
-def initial_value(
-    place: Instance, line: Line, words: tuple[str, ...], given: dict[str, str], key: str
+def _initial_value(
+    place: Instance, line: Line, words: tuple[str, ...], given: dict[str, str]
 ) -> dict[str, Any]:
     """Give the initial value of a storage, where the netlist asks for ``uic``.
 
-    Parameters
-    ----------
-    place : Instance
-        The circuit that the element stands in.
-    line : Line
-        Its line.
-    words : tuple of str
-        The words after its name, nodes first.
-    given : dict of str to str
-        Its settings.
-    key : {'c', 'l', 'r'}
-        The kind of element.
-
-    Returns
-    -------
-    dict of str to value
-        Voltage ``v``, [V], or current ``i``, [A]; empty where there is none.
+    It is the voltage ``v``, [V], of a capacitor or the current ``i``, [A], of an inductor.
     """
+    key = line.key[0]
     if not place.sheet.uses_initial or key == "r":
         return {}
     symbol = "v" if key == "c" else "i"
     if "ic" in given:
-        return {symbol: place.scope.value(given["ic"], place.at(line))}
+        return {symbol: place.scope.value(given["ic"], line.at)}
     if key != "c":
         return {}
     voltage = _given_voltage(place, words[0], words[1])
@@ -137,19 +120,6 @@ def _given_voltage(place: Instance, plus: str, minus: str) -> Value:
     return f"{text_of(ends[0])} - {text_of(ends[1])}"
 
 
-def _resistor(place: Instance, line: Line) -> None:
-    _one_port(place, line, "resistor", "resistance", "ohm", "r")
-
-
-def _capacitor(place: Instance, line: Line) -> None:
-    _one_port(place, line, "capacitor", "capacitance", "F", "c")
-
-
-def _inductor(place: Instance, line: Line) -> None:
-    if line.key not in place.coupled:
-        _one_port(place, line, "inductor", "inductance", "H", "l")
-
-
 def _coupling(place: Instance, line: Line) -> None:
     """Add coupled inductors as one edge, named as the first of their couplings."""
     coupled = place.coupled[line.words[1].lower()]
@@ -158,14 +128,9 @@ def _coupling(place: Instance, line: Line) -> None:
     windings: dict[str, tuple[list[str], Value]] = {}
     initial: dict[str, dict[str, Any]] = {}
     for name, inductor in coupled.inductors.items():
-        words, given = parts(place, inductor, {"l", "ic"}, range(2, 4))
-        if (len(words) == 3) == ("l" in given):
-            raise place.sheet.error(
-                inductor.number, f"'{shown(inductor.words[0])}' needs one value"
-            )
-        value = place.principal(inductor, words[2] if len(words) == 3 else given["l"], "H")
+        words, given, value = _valued(place, inductor, {"ic"})
         windings[name] = [place.node(node) for node in words[:2]], value
-        start = initial_value(place, inductor, words, given, "l")
+        start = _initial_value(place, inductor, words, given)
         if start:
             initial[name] = start
     # Windings without leakage share one flux, which coupled inductances cannot describe.
@@ -209,15 +174,15 @@ def _one_flux(
 def _independent(place: Instance, line: Line) -> None:
     """Add a source of a voltage or a current."""
     if len(line.words) < 3 or "=" in line.words:
-        raise place.sheet.error(line.number, f"'{shown(line.words[0])}' needs two nodes, a value")
+        raise line.at.error(f"{line.name} needs two nodes, a value")
     is_voltage = line.key[0] == "v"
     nodes = [place.node(word) for word in line.words[1:3]]
-    source = read_source(line.words[3:], place.scope, place.sheet.times, place.at(line))
+    source = read_source(line.words[3:], place.scope, place.sheet.times, line.at)
     fields = dict(source.fields)
     # A waveform has several numbers, none of which deserves the name of the source.
     if source.is_constant:
         label, unit = place.label(line.words[0]), "V" if is_voltage else "A"
-        fields["value"] = place.sheet.own_parameter(label, fields["value"], line.number, unit)
+        fields["value"] = place.sheet.own_parameter(label, fields["value"], line.at, unit)
     kind, given = edge_of(Source(source.shape, fields), is_voltage)
     place.add(line.words[0], kind, nodes, given)
 
@@ -227,7 +192,7 @@ def _by_voltage(place: Instance, line: Line) -> None:
     if has_polynomial(line):
         add_polynomial(place, line)
         return
-    words, _ = parts(place, line, set(), range(5, 6))
+    words, _ = _parts(line, set(), range(5, 6))
     type, field, unit = (
         ("vcvs", "gain", "1") if line.key[0] == "e" else ("vccs", "transconductance", "S")
     )
@@ -242,7 +207,7 @@ def _by_current(place: Instance, line: Line) -> None:
     if has_polynomial(line):
         add_polynomial(place, line)
         return
-    words, _ = parts(place, line, set(), range(4, 5))
+    words, _ = _parts(line, set(), range(4, 5))
     current = current_of(place, line, words[2])
     nodes = [place.node(word) for word in words[:2]]
     is_voltage = line.key[0] == "h"
@@ -256,15 +221,15 @@ def _area(place: Instance, line: Line, words: tuple[str, ...], given: dict[str, 
     """Read the area factor of a device, and ignore ``off``."""
     rest = [word for word in words if word.lower() != "off"]
     if len(rest) > 1 or (rest and "area" in given):
-        raise place.sheet.error(line.number, f"'{shown(rest[-1])}' is one word too many")
+        raise line.at.error(f"'{brief(rest[-1])}' is one word too many")
     area: Value = 1.0
     if rest or "area" in given:
-        area = place.scope.value(rest[0] if rest else given["area"], place.at(line))
+        area = place.scope.value(rest[0] if rest else given["area"], line.at)
     return scaled(area, _count(place, line, given))
 
 
 def _diode(place: Instance, line: Line) -> None:
-    words, given = parts(place, line, {"area", "m", "ic"}, range(3, 6))
+    words, given = _parts(line, {"area", "m", "ic"}, range(3, 6))
     model = place.model(words[2], "d", line)
     fields = device_fields(model, _area(place, line, words[3:], given), place.sheet.gmin)
     _hold_charges(place, line, fields)
@@ -274,13 +239,13 @@ def _diode(place: Instance, line: Line) -> None:
     if place.sheet.uses_initial and is_state and "series_resistance" not in fields:
         voltage = _given_voltage(place, words[0], words[1])
         if "ic" in given:
-            voltage = place.scope.value(given["ic"], place.at(line))
+            voltage = place.scope.value(given["ic"], line.at)
         initial = {} if is_zero(voltage) else {"v": voltage}
     place.add(line.words[0], "diode", nodes, fields, initial)
 
 
 def _bipolar(place: Instance, line: Line) -> None:
-    words, given = parts(place, line, {"area", "m"}, range(4, 8))
+    words, given = _parts(line, {"area", "m"}, range(4, 8))
     # The fourth word is the model, or the substrate if no model has that name.
     at = 3 if place.has_model(words[3]) or len(words) == 4 else 4
     model = place.model(words[at], "q", line)
@@ -322,7 +287,7 @@ def _hold_charges(place: Instance, line: Line, fields: dict[str, Value]) -> None
     if missing:
         fields |= dict.fromkeys(missing, least)
         place.scope.remark(
-            f"{place.at(line)}: {shown(line.words[0])} has transit times and no capacitance of "
+            f"{line.at}: {brief(line.words[0])} has transit times and no capacitance of "
             f"{' and '.join(name.partition('_')[0] for name in missing)}: {least:.3g} F is put "
             "there"
         )
@@ -331,12 +296,12 @@ def _hold_charges(place: Instance, line: Line, fields: dict[str, Value]) -> None
 def _field_effect(place: Instance, line: Line) -> None:
     """Add a transistor with its overlaps, the diodes of its bulk and its resistances."""
     known = {"w", "l", "m"} | _UNUSED_OF_CHANNELS
-    words, given = parts(place, line, known, range(5, 7))
+    words, given = _parts(line, known, range(5, 7))
     model = place.model(words[4], "m", line)
     if len(words) == 6 and words[5].lower() != "off":
-        raise place.sheet.error(line.number, f"'{shown(words[5])}' is one word too many")
+        raise line.at.error(f"'{brief(words[5])}' is one word too many")
     width, length = (
-        place.scope.value(given[key], place.at(line)) if key in given else _DEFAULT_SIZE
+        place.scope.value(given[key], line.at) if key in given else _DEFAULT_SIZE
         for key in ("w", "l")
     )
     count = _count(place, line, given)
@@ -376,16 +341,11 @@ def _inner(
 
 #: The function that adds the elements of each letter.
 DEVICES: dict[str, Callable[[Instance, Line], None]] = {
-    "r": _resistor,
-    "c": _capacitor,
-    "l": _inductor,
+    **dict.fromkeys("rcl", _one_port),
     "k": _coupling,
-    "v": _independent,
-    "i": _independent,
-    "e": _by_voltage,
-    "g": _by_voltage,
-    "f": _by_current,
-    "h": _by_current,
+    **dict.fromkeys("vi", _independent),
+    **dict.fromkeys("eg", _by_voltage),
+    **dict.fromkeys("fh", _by_current),
     "d": _diode,
     "q": _bipolar,
     "m": _field_effect,

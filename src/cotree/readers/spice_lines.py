@@ -6,7 +6,8 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.errors import SceneError
+from cotree.errors import brief
+from cotree.readers.place import Place
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -25,13 +26,13 @@ class Line:
 
     Attributes
     ----------
-    number : int
-        Of its first line in the file.
+    at : Place
+        Its first line in the file.
     words : tuple of str
         Its words as they are written.
     """
 
-    number: int
+    at: Place
     words: tuple[str, ...]
 
     @property
@@ -39,14 +40,13 @@ class Line:
         """Its first word, in small letters."""
         return self.words[0].lower()
 
+    @property
+    def name(self) -> str:
+        """Its first word as it is written, in quotes, for messages."""
+        return f"'{brief(self.words[0])}'"
 
-def shown(text: object) -> str:
-    """Shorten a text of the file for a message, on one line."""
-    line = "".join(c if c.isprintable() else "?" for c in " ".join(str(text).split()))
-    return line if len(line) <= 60 else line[:57] + "..."
 
-
-def read_lines(text: str, where: str) -> Iterator[Line]:
+def read_lines(text: str, file: str) -> Iterator[Line]:
     """Give the statements of a netlist, from the second line up to ``.end``.
 
     Raises
@@ -54,23 +54,24 @@ def read_lines(text: str, where: str) -> Iterator[Line]:
     SceneError
         If a line cannot be split into words, or is too long.
     """
-    number, whole = 0, ""
+    at, whole = Place(file, 0), ""
     is_skipped = False
-    for at, raw in enumerate([*text.splitlines()[1:], ""], start=2):
+    for number, raw in enumerate([*text.splitlines()[1:], ""], start=2):
+        here = Place(file, number)
         match = _COMMENT.search(raw)
         line = (raw[: match.start()] if match else raw).strip()
         if not line or line.startswith("*"):
             continue
         if line.startswith("+"):
             if not whole:
-                raise SceneError(f"{where}:{at}: '+' continues a line, but there is none before it")
+                raise here.error("'+' continues a line, but there is none before it")
             whole += " " + line[1:]
             if len(whole) > _LONGEST_LINE:
-                raise SceneError(f"{where}:{at}: longer than {_LONGEST_LINE} characters: split it")
+                raise here.error(f"longer than {_LONGEST_LINE} characters: split it")
             continue
         if whole:
-            yield Line(number, _words(whole, f"{where}:{number}"))
-        number, whole = at, ""
+            yield Line(at, _words(whole, at))
+        at, whole = here, ""
         first = line.split(None, 1)[0].lower()
         if first in (".control", ".endc"):  # what a simulator is to do, no part of the circuit
             is_skipped = first == ".control"
@@ -79,28 +80,26 @@ def read_lines(text: str, where: str) -> Iterator[Line]:
         elif not is_skipped:
             whole = line
     if whole:
-        yield Line(number, _words(whole, f"{where}:{number}"))
+        yield Line(at, _words(whole, at))
 
 
-def _words(line: str, where: str) -> tuple[str, ...]:
-    found, at = [], 0
+def _words(line: str, at: Place) -> tuple[str, ...]:
+    found, i = [], 0
     while True:
-        at = _BETWEEN.match(line, at).end()  # type: ignore[union-attr]
-        if at == len(line):
+        i = _BETWEEN.match(line, i).end()  # type: ignore[union-attr]
+        if i == len(line):
             break
-        match = _WORD.match(line, at)
+        match = _WORD.match(line, i)
         if match is None:
-            raise SceneError(
-                f"{where}: {line[at]!r} opens or closes an expression on one side only"
-            )
+            raise at.error(f"{line[i]!r} opens or closes an expression on one side only")
         found.append(match.group())
-        at = match.end()
+        i = match.end()
     if not found:
-        raise SceneError(f"{where}: nothing but signs: '{shown(line)}'")
+        raise at.error(f"nothing but signs: '{brief(line)}'")
     return tuple(found)
 
 
-def settings(words: tuple[str, ...], where: str) -> dict[str, str]:
+def settings(words: tuple[str, ...], at: Place) -> dict[str, str]:
     """Read ``name = value`` from a row of words; names in small letters.
 
     Raises
@@ -112,10 +111,10 @@ def settings(words: tuple[str, ...], where: str) -> dict[str, str]:
     for i in range(0, len(words), 3):
         triple = words[i : i + 3]
         if len(triple) < 3 or triple[1] != "=" or "=" in (triple[0], triple[2]):
-            raise SceneError(f"{where}: '{shown(words[i])}' should be followed by = and a value")
+            raise at.error(f"'{brief(words[i])}' should be followed by = and a value")
         name = triple[0].lower()
         if name in found:
-            raise SceneError(f"{where}: '{shown(name)}' is given twice")
+            raise at.error(f"'{brief(name)}' is given twice")
         found[name] = triple[2]
     return found
 

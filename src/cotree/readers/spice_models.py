@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.errors import SceneError, nearest
-from cotree.readers.spice_lines import shown
+from cotree.errors import brief, nearest
 from cotree.readers.spice_values import is_zero, scaled, text_of
 
 if TYPE_CHECKING:
@@ -151,19 +150,15 @@ class DeviceModel:
     values: Mapping[str, Value]
 
 
-def read_model(
-    card: ModelCard, where: str, own: Callable[[str, str, str, str], Value]
-) -> DeviceModel:
+def read_model(card: ModelCard, own: Callable[[str, str, str], Value]) -> DeviceModel:
     """Read the parameters of a model.
 
     Parameters
     ----------
     card : ModelCard
         The statement.
-    where : str
-        File and line.
     own : callable
-        ``own(name, word, unit, where)`` gives the value of a parameter of the model.
+        ``own(name, word, unit)`` gives the value of a parameter of the model.
 
     Raises
     ------
@@ -171,10 +166,8 @@ def read_model(
         If its type or a parameter is not modelled.
     """
     if card.type not in TYPES:
-        raise SceneError(
-            f"{where}: models of type '{shown(card.type)}' are not known here"
-            f"{nearest(card.type, TYPES)}"
-        )
+        hint = nearest(card.type, TYPES)
+        raise card.at.error(f"models of type '{brief(card.type)}' are not known here{hint}")
     letter, component = TYPES[card.type]
     table, aliases = _TABLES[letter], _ALIASES[letter]
     values: dict[str, Value] = {name: row.default for name, row in table.items()}
@@ -182,25 +175,21 @@ def read_model(
     for written, word in card.given.items():
         name = aliases.get(written, written)
         if name in seen:
-            raise SceneError(f"{where}: '{shown(written)}' is given twice")
+            raise card.at.error(f"'{brief(written)}' is given twice")
         seen.add(name)
         if name in _NO_EFFECT:
-            _check_temperature(name, own("", word, "", where), where)
+            if own("", word, "") != 27.0 and name == "tnom":
+                raise card.at.error("tnom must be 27: nothing is scaled with temperature here")
         elif name not in table:
-            raise SceneError(
-                f"{where}: '{shown(written)}' of model '{shown(card.name)}' is not modelled here"
+            raise card.at.error(
+                f"'{brief(written)}' of model '{brief(card.name)}' is not modelled here"
                 f"{nearest(name, table)}"
             )
         else:
-            values[name] = own(name, word, table[name].unit, where)
+            values[name] = own(name, word, table[name].unit)
     if values.get("level", 1.0) != 1.0:
-        raise SceneError(f"{where}: field-effect transistors of level 1 only are modelled here")
+        raise card.at.error("field-effect transistors of level 1 only are modelled here")
     return DeviceModel(letter, component, values)
-
-
-def _check_temperature(name: str, value: Value, where: str) -> None:
-    if name == "tnom" and value != 27.0:
-        raise SceneError(f"{where}: tnom must be 27: nothing is scaled with temperature here")
 
 
 def device_fields(model: DeviceModel, area: Value, gmin: Value) -> dict[str, Value]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from cotree.errors import SceneError, nearest
-from cotree.readers.spice_lines import Line, read_lines, settings, shown, split_settings
+from cotree.errors import brief, nearest
+from cotree.readers.place import Place
+from cotree.readers.spice_lines import Line, read_lines, settings, split_settings
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,7 +29,7 @@ class ModelCard:
     name: str
     type: str
     given: dict[str, str]
-    line: int
+    at: Place
 
 
 @dataclass
@@ -47,20 +48,20 @@ class Circuit:
         Its elements.
     models, circuits : dict
         By name in small letters.
-    parameters : list of (str, str, int)
+    parameters : list of (str, str, Place)
         Names as written, values as written, lines.
-    line : int
+    at : Place
         Where it begins.
     """
 
     name: str
-    line: int
+    at: Place
     pins: tuple[str, ...] = ()
     defaults: dict[str, str] = field(default_factory=dict)
     elements: list[Line] = field(default_factory=list)
     models: dict[str, ModelCard] = field(default_factory=dict)
     circuits: dict[str, Circuit] = field(default_factory=dict)
-    parameters: list[tuple[str, str, int]] = field(default_factory=list)
+    parameters: list[tuple[str, str, Place]] = field(default_factory=list)
 
 
 @dataclass
@@ -102,7 +103,7 @@ def parse_netlist(text: str, where: str) -> Netlist:
 class _Parser:
     def __init__(self, where: str) -> None:
         self.where = where
-        self.netlist = Netlist(Circuit("", 1))
+        self.netlist = Netlist(Circuit("", Place(where, 1)))
         self.open = [self.netlist.circuit]
         self.commands: dict[str, Callable[[Line], None]] = {
             ".model": self._model,
@@ -120,81 +121,74 @@ class _Parser:
     def parse(self, text: str) -> Netlist:
         for count, line in enumerate(read_lines(text, self.where)):
             if count >= _LARGEST:
-                raise self.error(line.number, f"more than {_LARGEST} statements")
+                raise line.at.error(f"more than {_LARGEST} statements")
             self._take(line)
         if len(self.open) > 1:
             inner = self.open[-1]
-            raise self.error(inner.line, f".subckt {shown(inner.name)} has no .ends")
+            raise inner.at.error(f".subckt {brief(inner.name)} has no .ends")
         return self.netlist
-
-    def error(self, line: int, message: str) -> SceneError:
-        return SceneError(f"{self.where}:{line}: {message}")
 
     def _take(self, line: Line) -> None:
         key = line.key
         if key in self.commands:
             self.commands[key](line)
         elif key in (".include", ".inc", ".lib"):
-            raise self.error(
-                line.number,
-                f"{key} would read another file, which is not done: paste what it holds here",
+            raise line.at.error(
+                f"{key} would read another file, which is not done: paste what it holds here"
             )
         elif key in _PASSED_OVER:
             self.netlist.passed_over.append(key)
         elif key.startswith("."):
-            raise self.error(
-                line.number, f"unknown statement '{shown(key)}'{nearest(key, self.commands)}"
-            )
+            raise line.at.error(f"unknown statement '{brief(key)}'{nearest(key, self.commands)}")
         elif key[0] not in _ELEMENTS:
-            raise self.error(
-                line.number,
-                f"'{shown(line.words[0])}' is no element that is known here: names begin with R, "
-                "L, C, K, V, I, E, F, G, H, D, Q, M or X",
+            raise line.at.error(
+                f"{line.name} is no element that is known here: names begin with R, "
+                "L, C, K, V, I, E, F, G, H, D, Q, M or X"
             )
         else:
             self.open[-1].elements.append(line)
 
     def _model(self, line: Line) -> None:
         if len(line.words) < 3 or "=" in line.words[1:3]:
-            raise self.error(line.number, ".model needs a name and a type")
+            raise line.at.error(".model needs a name and a type")
         name = line.words[1]
         if name.lower() in self.open[-1].models:
-            raise self.error(line.number, f"there is a second .model '{shown(name)}'")
-        given = settings(line.words[3:], f"{self.where}:{line.number}")
-        card = ModelCard(name, line.words[2].lower(), given, line.number)
+            raise line.at.error(f"there is a second .model '{brief(name)}'")
+        given = settings(line.words[3:], line.at)
+        card = ModelCard(name, line.words[2].lower(), given, line.at)
         self.open[-1].models[name.lower()] = card
 
     def _parameters(self, line: Line) -> None:
-        given = settings(line.words[1:], f"{self.where}:{line.number}")
+        given = settings(line.words[1:], line.at)
         # SPICE ignores case; scenes show names as they are written.
         written = {word.lower(): word for word in line.words[1::3]}
-        rows = [(written[name], value, line.number) for name, value in given.items()]
+        rows = [(written[name], value, line.at) for name, value in given.items()]
         self.open[-1].parameters += rows
 
     def _begin(self, line: Line) -> None:
         if len(self.open) > _DEEPEST:
-            raise self.error(line.number, f".subckt within more than {_DEEPEST} others")
+            raise line.at.error(f".subckt within more than {_DEEPEST} others")
         words, given = split_settings(line.words[1:])
         # Some simulators mark the parameters of a subcircuit by this word.
         words = tuple(word for word in words if word.lower() != "params:")
         if not words:
-            raise self.error(line.number, ".subckt needs a name")
+            raise line.at.error(".subckt needs a name")
         name, pins = words[0], words[1:]
         if name.lower() in self.open[-1].circuits:
-            raise self.error(line.number, f"there is a second .subckt '{shown(name)}'")
+            raise line.at.error(f"there is a second .subckt '{brief(name)}'")
         if len({pin.lower() for pin in pins}) < len(pins):
-            raise self.error(line.number, f".subckt '{shown(name)}' has two pins of one name")
-        defaults = settings(given, f"{self.where}:{line.number}")
-        inner = Circuit(name, line.number, pins, defaults)
+            raise line.at.error(f".subckt '{brief(name)}' has two pins of one name")
+        defaults = settings(given, line.at)
+        inner = Circuit(name, line.at, pins, defaults)
         self.open[-1].circuits[name.lower()] = inner
         self.open.append(inner)
 
     def _finish(self, line: Line) -> None:
         if len(self.open) == 1:
-            raise self.error(line.number, ".ends without a .subckt")
+            raise line.at.error(".ends without a .subckt")
         self.open.pop()
 
     def _transient(self, line: Line) -> None:
         if self.netlist.transient is not None:
-            raise self.error(line.number, "there is a second .tran")
+            raise line.at.error("there is a second .tran")
         self.netlist.transient = line

@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import combinations_with_replacement, count
 from typing import TYPE_CHECKING
 
-from cotree.readers.spice_lines import shown
+from cotree.errors import brief
 from cotree.readers.spice_values import is_zero, text_of
 
 if TYPE_CHECKING:
@@ -36,16 +36,13 @@ def add_polynomial(place: Instance, line: Line) -> None:
     letter, rest = line.key[0], line.words[4:]
     n = int(rest[0]) if rest and rest[0].isascii() and rest[0].isdigit() else 0
     if not 1 <= n <= _MOST_ARGUMENTS:
-        raise place.sheet.error(
-            line.number, f"POLY needs how many it is of, in parentheses, 1 to {_MOST_ARGUMENTS}"
-        )
+        raise line.at.error(f"POLY needs how many it is of, in parentheses, 1 to {_MOST_ARGUMENTS}")
     each = 2 if letter in "eg" else 1
     names, words = rest[1 : 1 + each * n], rest[1 + each * n :]
     if not 1 <= len(words) <= _MOST_COEFFICIENTS:
-        raise place.sheet.error(
-            line.number,
-            f"'{shown(line.words[0])}' has {len(words)} coefficients behind its POLY, not 1 to "
-            f"{_MOST_COEFFICIENTS}",
+        raise line.at.error(
+            f"{line.name} has {len(words)} coefficients behind its POLY, not 1 to "
+            f"{_MOST_COEFFICIENTS}"
         )
     arguments = (
         [voltage_between(place, *names[i : i + 2]) for i in range(0, 2 * n, 2)]
@@ -53,17 +50,16 @@ def add_polynomial(place: Instance, line: Line) -> None:
         else [current_of(place, line, name) for name in names]
     )
     if n == len(words) == 1:
-        raise place.sheet.error(
-            line.number,
+        raise line.at.error(
             "one coefficient of POLY(1) is the factor in some simulators and the constant in "
-            "others: give both",
+            "others: give both"
         )
     coefficients: list[Value] = []
     for i, word in enumerate(words):
-        value = place.scope.value(word, place.at(line))
+        value = place.scope.value(word, line.at)
         if not is_zero(value):
             label = place.label(f"{line.words[0]}_p{i}")
-            value = place.sheet.own_parameter(label, value, line.number)
+            value = place.sheet.own_parameter(label, value, line.at)
         coefficients.append(value)
     nodes = [place.node(word) for word in line.words[1:3]]
     kind = "voltage" if letter in "eh" else "current"
@@ -123,9 +119,7 @@ def current_of(place: Instance, line: Line, name: str) -> str:
     """
     source = place.edges.get(name.lower())
     if source is None or name[0].lower() != "v":
-        raise place.sheet.error(
-            line.number,
-            f"'{shown(line.words[0])}' takes the current of '{shown(name)}', which is no "
-            "voltage source here",
+        raise line.at.error(
+            f"{line.name} takes the current of '{brief(name)}', which is no voltage source here"
         )
     return f"{source}.i"

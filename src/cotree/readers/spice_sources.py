@@ -8,11 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from cotree.errors import SceneError
-from cotree.readers.spice_lines import shown
+from cotree.errors import brief
 from cotree.readers.spice_values import is_zero, read_number, text_of
 
 if TYPE_CHECKING:
+    from cotree.readers.place import Place
     from cotree.readers.spice_values import Scope, Value
 
 _WAVEFORMS = {"sin": 6, "pulse": 7, "pwl": 20_000, "exp": 6, "sffm": 7, "am": 5}
@@ -46,7 +46,7 @@ class Source:
     is_constant: bool = False
 
 
-def read_source(words: tuple[str, ...], scope: Scope, times: Times, where: str) -> Source:
+def read_source(words: tuple[str, ...], scope: Scope, times: Times, at: Place) -> Source:
     """Read the waveform of a source from the words after its nodes.
 
     Parameters
@@ -57,8 +57,8 @@ def read_source(words: tuple[str, ...], scope: Scope, times: Times, where: str) 
         Parameters that they may use.
     times : Times
         Step and end of the run, which waveforms take defaults from.
-    where : str
-        Names the line in messages.
+    at : Place
+        The line, for messages.
 
     Raises
     ------
@@ -74,67 +74,71 @@ def read_source(words: tuple[str, ...], scope: Scope, times: Times, where: str) 
         key = word.lower()
         if key == "dc":
             if not rest:
-                raise SceneError(f"{where}: DC needs a value")
-            constant, is_given = scope.value(rest.pop(0), where), True
+                raise at.error("DC needs a value")
+            constant, is_given = scope.value(rest.pop(0), at), True
         elif key == "ac":  # what it does in an analysis of small signals
             while rest and read_number(rest[0]) is not None:
                 rest.pop(0)
         elif key in _WAVEFORMS:
             count = next((i for i, w in enumerate(rest) if w.lower() in ("ac", "dc")), len(rest))
-            waveform = _waveform(key, tuple(rest[:count]), scope, times, where)
+            waveform = _waveform(key, tuple(rest[:count]), scope, times, at)
             rest = rest[count:]
         elif is_given or (key.isalpha() and scope.find(key) is None):
-            raise SceneError(
-                f"{where}: '{shown(word)}' is no waveform that is known here: DC, SIN, PULSE, PWL, "
+            raise at.error(
+                f"'{brief(word)}' is no waveform that is known here: DC, SIN, PULSE, PWL, "
                 "EXP, SFFM and AM are"
             )
         else:
-            constant, is_given = scope.value(word, where), True
+            constant, is_given = scope.value(word, at), True
     # Beside a waveform, DC sets the operating point of other analyses only.
     if waveform is not None:
         return waveform
     return Source("", {"value": constant}, is_constant=True)
 
 
-def _waveform(key: str, words: tuple[str, ...], scope: Scope, times: Times, where: str) -> Source:
+@dataclass(frozen=True)
+class _Numbers:
+    """Numbers of a waveform as they are given; those that are not given are zero."""
+
+    values: list[Value]
+    times: Times
+    at: Place
+
+    def __getitem__(self, place: int) -> Value:
+        return self.values[place] if place < len(self.values) else 0.0
+
+    def or_else(self, place: int, default: float | None, what: str) -> Value:
+        """Give a number, or its default if it is absent or zero."""
+        if not is_zero(self[place]):
+            return self[place]
+        if default is None:
+            raise self.at.error(f"{what} is not given, and there is no .tran to take it from")
+        return default
+
+    @property
+    def once(self) -> float | None:
+        """The frequency of one period in a run."""
+        return None if not self.times.stop else 1.0 / self.times.stop
+
+
+def _waveform(key: str, words: tuple[str, ...], scope: Scope, times: Times, at: Place) -> Source:
     if len(words) > _WAVEFORMS[key]:
-        raise SceneError(f"{where}: {key.upper()} has more than {_WAVEFORMS[key]} numbers")
+        raise at.error(f"{key.upper()} has more than {_WAVEFORMS[key]} numbers")
     if key == "pwl":
-        return _piecewise([scope.number(word, where) for word in words], where)
-    values = [scope.value(word, where) for word in words]
+        return _piecewise([scope.number(word, at) for word in words], at)
+    values = [scope.value(word, at) for word in words]
     if len(values) < 2:
-        raise SceneError(f"{where}: {key.upper()} needs two numbers and more")
-    return _MADE[key](values, times, where)
+        raise at.error(f"{key.upper()} needs two numbers and more")
+    return _MADE[key](_Numbers(values, times, at))
 
 
-def _piecewise(numbers: list[float], where: str) -> Source:
+def _piecewise(numbers: list[float], at: Place) -> Source:
     if len(numbers) < 2 or len(numbers) % 2:
-        raise SceneError(f"{where}: PWL needs pairs of a time and a value")
+        raise at.error("PWL needs pairs of a time and a value")
     times, values = numbers[::2], numbers[1::2]
     if len(times) == 1:
         return Source("", {"value": values[0]}, is_constant=True)
     return Source("piecewise", {"times": times, "values": values})
-
-
-def _or_else(
-    values: list[Value], place: int, default: float | None, what: str, where: str
-) -> Value:
-    """Give a number of a waveform, or its default if it is absent or zero."""
-    if place < len(values) and not is_zero(values[place]):
-        return values[place]
-    if default is None:
-        raise SceneError(f"{where}: {what} is not given, and there is no .tran to take it from")
-    return default
-
-
-def _rest(values: list[Value], places: range) -> list[Value]:
-    """Return numbers, with zero for those that are not given."""
-    return [values[place] if place < len(values) else 0.0 for place in places]
-
-
-def _once(times: Times) -> float | None:
-    """Return the frequency of one period in a run."""
-    return None if not times.stop else 1.0 / times.stop
 
 
 def _turn(frequency: Value, time: str, phase: Value) -> str:
@@ -147,16 +151,16 @@ def _since(delay: Value) -> str:
     return "t" if is_zero(delay) else f"max(0, t - {text_of(delay)})"
 
 
-def _sine(values: list[Value], times: Times, where: str) -> Source:
-    frequency = _or_else(values, 2, _once(times), "the frequency of SIN", where)
-    delay, decay, phase = _rest(values, range(3, 6))
+def _sine(given: _Numbers) -> Source:
+    frequency = given.or_else(2, given.once, "the frequency of SIN")
+    delay, decay, phase = (given[i] for i in range(3, 6))
     # A decaying sine is no component of its own: an expression describes it.
     if not is_zero(decay):
         passed = _since(delay)
         turn = _turn(frequency, passed, phase)
-        wave = f"{text_of(values[1])}*exp(-{text_of(decay)}*{passed})*sin({turn})"
-        return Source("", {"value": f"{text_of(values[0])} + {wave}"})
-    fields: dict[str, Any] = {"offset": values[0], "amplitude": values[1], "frequency": frequency}
+        wave = f"{text_of(given[1])}*exp(-{text_of(decay)}*{passed})*sin({turn})"
+        return Source("", {"value": f"{text_of(given[0])} + {wave}"})
+    fields: dict[str, Any] = {"offset": given[0], "amplitude": given[1], "frequency": frequency}
     if not is_zero(delay):
         fields["delay"] = delay
     if not is_zero(phase):
@@ -164,29 +168,26 @@ def _sine(values: list[Value], times: Times, where: str) -> Source:
     return Source("sine", fields)
 
 
-def _pulse(values: list[Value], times: Times, where: str) -> Source:
-    fields: dict[str, Any] = {"low": values[0], "high": values[1]}
-    if len(values) > 2 and not is_zero(values[2]):
-        fields["delay"] = values[2]
+def _pulse(given: _Numbers) -> Source:
+    fields: dict[str, Any] = {"low": given[0], "high": given[1]}
+    # An edge of no length is as long as the simulator's output step.
     for place, name in ((3, "rise"), (4, "fall")):
-        # An edge of no length is as long as the simulator prints.
-        fields[name] = _or_else(values, place, times.step, f"the {name} of PULSE", where)
-    fields["width"] = _or_else(values, 5, times.stop, "the width of PULSE", where)
-    if len(values) > 6 and not is_zero(values[6]):
-        fields["period"] = values[6]
+        fields[name] = given.or_else(place, given.times.step, f"the {name} of PULSE")
+    fields["width"] = given.or_else(5, given.times.stop, "the width of PULSE")
+    fields |= {name: given[i] for i, name in ((2, "delay"), (6, "period")) if not is_zero(given[i])}
     return Source("pulse", fields)
 
 
-def _exponential(values: list[Value], times: Times, where: str) -> Source:
-    low, high = text_of(values[0]), text_of(values[1])
+def _exponential(given: _Numbers) -> Source:
+    low, high, step = text_of(given[0]), text_of(given[1]), given.times.step
     # Its manual says that the first delay is zero where it is left out; ngspice takes the step.
-    first = _or_else(values, 2, times.step, "the delay of EXP", where)
-    rise = _or_else(values, 3, times.step, "the time constant of EXP", where)
-    second = _or_else(values, 4, times.step, "the second delay of EXP", where)
-    if len(values) < 5 or is_zero(values[4]):
+    first = given.or_else(2, step, "the delay of EXP")
+    rise = given.or_else(3, step, "the time constant of EXP")
+    second = given.or_else(4, step, "the second delay of EXP")
+    if is_zero(given[4]):
         # The default of the second delay counts from the first.
         second = f"{text_of(first)} + {text_of(second)}"
-    fall = _or_else(values, 5, times.step, "the second time constant of EXP", where)
+    fall = given.or_else(5, step, "the second time constant of EXP")
 
     def since(begin: Value, constant: Value) -> str:
         return f"(1 - exp(-max(0, t - {text_of(begin)})/{text_of(constant)}))"
@@ -195,23 +196,22 @@ def _exponential(values: list[Value], times: Times, where: str) -> Source:
     return Source("", {"value": f"{low} + {up} + {down}"})
 
 
-def _frequency_modulated(values: list[Value], times: Times, where: str) -> Source:
-    carrier = _or_else(values, 2, _once(times), "the carrier of SFFM", where)
-    signal = _or_else(values, 4, _once(times), "the frequency of SFFM", where)
-    index, _, phase, inner = _rest(values, range(3, 7))
+def _frequency_modulated(given: _Numbers) -> Source:
+    carrier = given.or_else(2, given.once, "the carrier of SFFM")
+    signal = given.or_else(4, given.once, "the frequency of SFFM")
+    index, phase, inner = (given[i] for i in (3, 5, 6))
     swing = f"{text_of(index)}*sin({_turn(signal, 't', inner)})"
-    wave = f"{text_of(values[1])}*sin({_turn(carrier, 't', phase)} + {swing})"
-    return Source("", {"value": f"{text_of(values[0])} + {wave}"})
+    wave = f"{text_of(given[1])}*sin({_turn(carrier, 't', phase)} + {swing})"
+    return Source("", {"value": f"{text_of(given[0])} + {wave}"})
 
 
-def _amplitude_modulated(values: list[Value], times: Times, where: str) -> Source:
-    del times
-    if len(values) < 4:
-        raise SceneError(f"{where}: AM needs two numbers, a frequency and that of its carrier")
-    signal, carrier = values[2:4]
-    passed = _since(*_rest(values, range(4, 5)))
-    swing = f"({text_of(values[1])} + sin({_turn(signal, passed, 0.0)}))"
-    return Source("", {"value": f"{text_of(values[0])}*{swing}*sin({_turn(carrier, passed, 0.0)})"})
+def _amplitude_modulated(given: _Numbers) -> Source:
+    if len(given.values) < 4:
+        raise given.at.error("AM needs two numbers, a frequency and that of its carrier")
+    passed = _since(given[4])
+    swing = f"({text_of(given[1])} + sin({_turn(given[2], passed, 0.0)}))"
+    wave = f"sin({_turn(given[3], passed, 0.0)})"
+    return Source("", {"value": f"{text_of(given[0])}*{swing}*{wave}"})
 
 
 _MADE = {

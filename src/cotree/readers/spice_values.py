@@ -8,14 +8,12 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from cotree.dag.nodes import Dag
-from cotree.errors import ExpressionError, SceneError, nearest
-from cotree.readers.spice_lines import shown
+from cotree.errors import ExpressionError, brief, nearest
 from cotree.scene.expressions import FUNCTIONS, parse
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from cotree.dag.nodes import Node
+    from cotree.readers.place import Place
 
 #: A number, or the text of an expression in the scene's grammar.
 Value = float | str
@@ -99,15 +97,15 @@ class Scope:
             scope = scope.outer
         return None
 
-    def value(self, word: str, where: str) -> Value:
+    def value(self, word: str, at: Place) -> Value:
         """Read a number, a parameter's name, or an expression in braces or quotes.
 
         Raises
         ------
         SceneError
-            If it is none of these; the message begins with ``where``.
+            If it is none of these.
         """
-        self._check_unit(word, where)
+        self._check_unit(word, at)
         number = read_number(word)
         if number is not None:
             return number
@@ -115,9 +113,9 @@ class Scope:
         try:
             return self._expression(body)
         except ExpressionError as error:
-            raise SceneError(f"{where}: '{shown(word)}' {error}") from None
+            raise at.error(f"'{brief(word)}' {error}") from None
 
-    def number(self, word: str, where: str) -> float:
+    def number(self, word: str, at: Place) -> float:
         """Read what must be a number.
 
         Raises
@@ -125,29 +123,29 @@ class Scope:
         SceneError
             If it is none, or depends on parameters.
         """
-        value = self.value(word, where)
+        value = self.value(word, at)
         if isinstance(value, str):
-            raise SceneError(f"{where}: '{shown(word)}' must be a number without parameters")
+            raise at.error(f"'{brief(word)}' must be a number without parameters")
         return value
 
-    def _check_unit(self, word: str, where: str) -> None:
+    def _check_unit(self, word: str, at: Place) -> None:
         """Note that simulators disagree on the letter a, which may be a unit or a factor."""
         for match in _ATTO.finditer(word):
             is_ampere = _is_ampere(match[1])
             meaning = "in amperes" if is_ampere else "1e-18 of its unit"
             self.remark(
-                f"{where}: '{shown(match[0])}' is taken as {meaning}; some simulators take the "
+                f"{at}: '{brief(match[0])}' is taken as {meaning}; some simulators take the "
                 "letter a for 1e-18 everywhere, some nowhere: write the power of ten"
             )
 
     def _expression(self, body: str) -> Value:
-        made, at = [], 0
-        while body[at:].strip():
-            match = _TOKEN.match(body, at)
+        made, i = [], 0
+        while body[i:].strip():
+            match = _TOKEN.match(body, i)
             if match is None:
                 raise ExpressionError("is neither a number nor an expression of parameters")
-            at = match.end()
-            made.append(self._piece(match, body[at:].lstrip()[:1] == "("))
+            i = match.end()
+            made.append(self._piece(match, body[i:].lstrip()[:1] == "("))
             if sum(map(len, made)) > _LONGEST:
                 raise ExpressionError(f"is longer than {_LONGEST} characters with its parameters")
         text = " ".join(made)
@@ -167,13 +165,13 @@ class Scope:
             own = _OTHER_NAMES.get(name, name)
             if own not in FUNCTIONS:
                 hint = nearest(own, FUNCTIONS)
-                raise ExpressionError(f"calls '{shown(name)}', which is no function here{hint}")
+                raise ExpressionError(f"calls '{brief(name)}', which is no function here{hint}")
             return own
         found = self.find(name)
         if found is None and name == "pi":
             return repr(math.pi)
         if found is None:
-            raise ExpressionError(f"names '{shown(name)}', which is no parameter")
+            raise ExpressionError(f"names '{brief(name)}', which is no parameter")
         return text_of(found)
 
 
@@ -186,7 +184,7 @@ def _folded(text: str) -> float:
 
 
 def _unknown(name: str) -> Node:
-    raise ExpressionError(f"names '{shown(name)}'")
+    raise ExpressionError(f"names '{brief(name)}'")
 
 
 def text_of(value: Value) -> str:
@@ -219,26 +217,3 @@ def scaled(value: Value, factor: Value, sign: str = "*") -> Value:
 def is_zero(value: Value | None) -> bool:
     """Say whether a value is absent or the number zero."""
     return value is None or value == 0.0
-
-
-def checked_names(given: Mapping[str, str], known: set[str], what: str, where: str) -> None:
-    """Refuse unknown names.
-
-    Parameters
-    ----------
-    given : mapping of str to str
-        The settings that were given.
-    known : set of str
-        The names that are modelled.
-    what, where : str
-        What has them, and in which line, for the message.
-
-    Raises
-    ------
-    SceneError
-        For the first one.
-    """
-    for name in given:
-        if name not in known:
-            hint = nearest(name, known)
-            raise SceneError(f"{where}: {what} has no '{shown(name)}' that is modelled here{hint}")

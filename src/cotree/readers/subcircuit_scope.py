@@ -1,66 +1,111 @@
-"""Places of elements in a netlist: the circuit, or an instance of a subcircuit."""
+"""Circuits of a netlist as they are written out: the outermost, and instances of subcircuits."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from cotree.errors import SceneError, nearest
-from cotree.readers.spice_lines import shown
+from cotree.errors import ModelError, brief, nearest
+from cotree.readers.names import Namer
 from cotree.readers.spice_models import DeviceModel, read_model
+from cotree.readers.spice_sources import Times
+from cotree.scene.description import SceneDescription
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from cotree.readers.names import Namer
-    from cotree.readers.spice_couplings import Coupled
+    from cotree.readers.place import Place
     from cotree.readers.spice_lines import Line
     from cotree.readers.spice_netlist import Circuit
-    from cotree.readers.spice_sources import Times
     from cotree.readers.spice_values import Scope, Value
-    from cotree.scene.description import SceneDescription
+
+_Scene = TypeVar("_Scene", bound=SceneDescription)
+
+_GMIN = 1e-12  # S, as ngspice has it
 
 
-class Sheet(Protocol):
-    """Scene, with its names and settings, that elements are written to."""
+class Sheet(Generic[_Scene]):
+    """A scene with the names and settings of the netlist that is written to it.
 
-    where: str
-    names: Namer
-    gmin: float
-    times: Times
-    uses_initial: bool
-    voltages: dict[str, Value]
+    Attributes
+    ----------
+    file : str
+        Name of the netlist, for messages.
+    times : Times
+        Step and end of the run.
+    uses_initial : bool
+        Whether the run begins at initial values, as ``uic`` demands.
+    gmin : float
+        Conductance beside each junction, [S].
+    voltages : dict of str to Value
+        Voltages that ``.ic`` gives, by node.
+    """
 
-    @property
-    def scene(self) -> SceneDescription:
-        """The scene to which elements are added."""
-        ...
+    def __init__(self, scene: _Scene, file: str) -> None:
+        self.scene, self.file = scene, file
+        self.times, self.uses_initial, self.gmin = Times(), False, _GMIN
+        self.names, self.parameter_names = Namer(), Namer()
+        self.nodes: dict[tuple[str, str], str] = {}
+        self.voltages: dict[str, Value] = {}
 
-    def error(self, line: int, message: str) -> SceneError:
-        """Make an error with file and line."""
-        ...
+    def guarded(self, at: Place, act: Callable[[], Any]) -> Any:
+        """Apply a change to the scene; refusals are reported with the line."""
+        try:
+            return act()
+        except ModelError as error:
+            if str(error).startswith(f"{self.file}:"):
+                raise
+            raise at.error(" ".join(str(error).split())) from None
 
-    def own_parameter(
-        self, name: str, value: Value, line: int, unit: str = "", doc: str = ""
-    ) -> Value:
-        """Make a parameter of a number.
+    def own_parameter(self, name: str, value: Value, at: Place, unit: str = "") -> Value:
+        """Make a parameter of a number, and give its name; expressions stay as they are.
 
         Parameters
         ----------
         name : str
             The name wished for.
         value : float or str
-            A number, or an expression, which stays as it is.
-        line : int
+            A number, or an expression.
+        at : Place
             Line of the netlist, for messages.
-        unit, doc : str
-            Unit and meaning.
+        unit : str
+            Its unit.
         """
-        ...
+        if isinstance(value, str):
+            return value
+        own = self.parameter_names.give("parameter", name)
+        self.guarded(at, lambda: self.scene.parameter(own, value, unit=unit))
+        return own
 
     def node(self, path: str, name: str) -> str:
         """Give the node of a name in an instance."""
-        ...
+        key = (path, name.lower())
+        if name.lower() in ("0", "gnd"):
+            return "ground"
+        if key not in self.nodes:
+            self.nodes[key] = self.names.give("node", f"{path}{name}".replace(".", "_"))
+        return self.nodes[key]
+
+
+@dataclass
+class Coupled:
+    """Inductors that share flux.
+
+    Attributes
+    ----------
+    inductors : dict of str to Line
+        Their statements, by name in small letters, in the order of the netlist.
+    couplings : dict of frozenset to Line
+        The statement K of each pair, in the order of the netlist.
+    """
+
+    inductors: dict[str, Line] = field(default_factory=dict)
+    couplings: dict[frozenset[str], Line] = field(default_factory=dict)
+
+    @property
+    def first(self) -> str:
+        """Name of the first K, in small letters."""
+        return next(iter(self.couplings.values())).key
 
 
 @dataclass
@@ -85,7 +130,7 @@ class Instance:
         Of inductors that share flux, by name in small letters: all that do.
     """
 
-    sheet: Sheet
+    sheet: Sheet[Any]
     circuit: Circuit
     scope: Scope
     path: str = ""
@@ -94,10 +139,6 @@ class Instance:
     coupled: dict[str, Coupled] = field(default_factory=dict)
     taken: set[str] = field(default_factory=set)
     _models: dict[str, DeviceModel] = field(default_factory=dict)
-
-    def at(self, line: Line) -> str:
-        """Give file and line."""
-        return f"{self.sheet.where}:{line.number}"
 
     def label(self, name: str) -> str:
         """Name something of this place for the scene."""
@@ -112,10 +153,17 @@ class Instance:
             If there is one.
         """
         if line.key in self.taken:
-            raise self.sheet.error(line.number, f"there is a second '{shown(line.words[0])}'")
+            raise line.at.error(f"there is a second {line.name}")
         self.taken.add(line.key)
 
-    def circuit_named(self, name: str, line: int) -> tuple[Circuit, Instance]:
+    def _around(self) -> Iterator[Instance]:
+        """List this circuit and those in which it is defined, the innermost first."""
+        place: Instance | None = self
+        while place is not None:
+            yield place
+            place = place.defined_in
+
+    def circuit_named(self, name: str, at: Place) -> tuple[Circuit, Instance]:
         """Look up a subcircuit, and the place of its definition.
 
         Raises
@@ -123,23 +171,16 @@ class Instance:
         SceneError
             If there is none.
         """
-        place: Instance | None = self
-        while place is not None:
+        for place in self._around():
             found = place.circuit.circuits.get(name.lower())
             if found is not None:
                 return found, place
-            place = place.defined_in
         hint = nearest(name.lower(), self.circuit.circuits)
-        raise self.sheet.error(line, f"there is no subcircuit '{shown(name)}'{hint}")
+        raise at.error(f"there is no subcircuit '{brief(name)}'{hint}")
 
     def has_model(self, name: str) -> bool:
         """Say whether there is a model of a name."""
-        place: Instance | None = self
-        while place is not None:
-            if name.lower() in place.circuit.models:
-                return True
-            place = place.defined_in
-        return False
+        return any(name.lower() in place.circuit.models for place in self._around())
 
     def model(self, name: str, letter: str, line: Line) -> DeviceModel:
         """Look up the model of an element, here or in the circuits around.
@@ -158,30 +199,27 @@ class Instance:
         SceneError
             If there is none, or it is for other elements.
         """
-        place: Instance | None = self
-        while place is not None and name.lower() not in place.circuit.models:
-            place = place.defined_in
+        key = name.lower()
+        place = next((place for place in self._around() if key in place.circuit.models), None)
         if place is None:
-            raise SceneError(f"{self.at(line)}: there is no .model '{shown(name)}'")
-        found = place._read(name.lower())
+            raise line.at.error(f"there is no .model '{brief(name)}'")
+        found = place._read(key)
         if found.letter != letter:
-            raise SceneError(
-                f"{self.at(line)}: model '{shown(name)}' is not for elements {letter.upper()}"
-            )
+            raise line.at.error(f"model '{brief(name)}' is not for elements {letter.upper()}")
         return found
 
     def _read(self, name: str) -> DeviceModel:
         if name not in self._models:
             card = self.circuit.models[name]
 
-            def own(parameter: str, word: str, unit: str, where: str) -> Value:
-                value = self.scope.value(word, where)
+            def own(parameter: str, word: str, unit: str) -> Value:
+                value = self.scope.value(word, card.at)
                 if not parameter or parameter == "level" or value == 0.0:
                     return value
                 label = self.label(f"{card.name}_{parameter}")
-                return self.sheet.own_parameter(label, value, card.line, unit)
+                return self.sheet.own_parameter(label, value, card.at, unit)
 
-            self._models[name] = read_model(card, f"{self.sheet.where}:{card.line}", own)
+            self._models[name] = read_model(card, own)
         return self._models[name]
 
     def node(self, word: str) -> str:
@@ -230,5 +268,5 @@ class Instance:
         unit : str
             Its unit.
         """
-        value = self.scope.value(word, self.at(line))
-        return self.sheet.own_parameter(self.label(line.words[0]), value, line.number, unit)
+        value = self.scope.value(word, line.at)
+        return self.sheet.own_parameter(self.label(line.words[0]), value, line.at, unit)

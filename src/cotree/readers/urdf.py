@@ -10,18 +10,19 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from cotree.errors import ModelError, SceneError
+from cotree.errors import ModelError, SceneError, brief, listed
+from cotree.files import read_text
 from cotree.readers.names import Namer
 from cotree.readers.rotations import rotation_rows
-from cotree.readers.text_file import read_text
 from cotree.readers.urdf_robot import read_robot
 from cotree.readers.urdf_tree import check_mimics, has_one_coordinate, order_joints
 from cotree.readers.xml_tree import parse_xml
-from cotree.scene.description import SceneDescription, check_number
+from cotree.scene.description import SceneDescription
+from cotree.scene.expressions import check_number
 from cotree.scene.origin import Origin, Visual
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
     from pathlib import Path
 
     from cotree.readers.urdf_robot import Inertial, Joint, Robot, RobotLink
@@ -57,7 +58,7 @@ class UrdfOptions:
 
     def __post_init__(self) -> None:
         if self.base not in ("fixed", "free"):
-            raise SceneError(f"base is {str(self.base)[:60]!r}: give 'fixed' or 'free'")
+            raise SceneError(f"base is {brief(self.base)!r}: give 'fixed' or 'free'")
         if not isinstance(self.mimic, bool):
             raise SceneError("mimic must be True or False")
         if not 0.0 <= check_number(self.snap, "snap") <= 0.1:
@@ -103,10 +104,10 @@ def read_urdf_text(text: str, where: str, scene_type: type[_Scene], options: Urd
     SceneError
         If the text is no XML, or an element is not accepted; the message names it.
     """
-    robot = read_robot(parse_xml(text, where), where)
-    root, joints = order_joints(robot, where)
+    robot = read_robot(parse_xml(text, where))
+    root, joints = order_joints(robot)
     if options.mimic:
-        check_mimics(joints, where)
+        check_mimics(joints)
     try:
         return _SceneWriter(scene_type, robot, options).write(root, joints, where)
     except ModelError as error:
@@ -290,20 +291,18 @@ class _SceneWriter(Generic[_Scene]):
         """List the elements that were not read, and those that were renamed."""
         if self.robot.ignored:
             counts = sorted(self.robot.ignored.items())
-            yield "not read: " + _listed([f"{n} <{tag[:40]}>" for tag, n in counts])
+            yield "not read: " + _quoted(f"{n} <{brief(tag)}>" for tag, n in counts)
         if self.empty:
-            yield f"an inertia of zero, as if they had none, have links {_listed(self.empty)}"
+            yield f"an inertia of zero, as if they had none, have links {_quoted(self.empty)}"
         if self.fixed_mimics:
-            yield f"fixed, so that they follow nothing: joints {_listed(self.fixed_mimics)}"
+            yield f"fixed, so that they follow nothing: joints {_quoted(self.fixed_mimics)}"
         if self.free_mimics:
-            yield f"free to move, as mimic is False: joints {_listed(self.free_mimics)}"
+            yield f"free to move, as mimic is False: joints {_quoted(self.free_mimics)}"
         if self.namer.changed:
-            names = [f"{k} '{name}' as '{new}'" for (k, name), new in self.namer.changed.items()]
-            yield f"renamed: {_listed(names)}"
+            names = (f"{k} '{name}' as '{new}'" for (k, name), new in self.namer.changed.items())
+            yield f"renamed: {_quoted(names)}"
 
 
-def _listed(items: Sequence[str]) -> str:
-    """List the first few items, shortened, and count the rest."""
-    shown = [item if len(item) <= 140 else f"{item[:137]}..." for item in items[:8]]
-    more = len(items) - len(shown)
-    return ", ".join(shown) + (f" and {more} more" if more else "")
+def _quoted(items: Iterable[str]) -> str:
+    """List the first few items, each cut short where it is long."""
+    return listed(brief(item, 140) for item in items)

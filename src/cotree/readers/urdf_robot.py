@@ -11,13 +11,14 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.errors import SceneError, nearest
-from cotree.readers.urdf_values import Reader
+from cotree.errors import SceneError, brief, nearest
+from cotree.readers.urdf_values import child_of, name_of, number_of, pose_of, vector_of
 from cotree.scene.origin import Visual
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from cotree.readers.place import Place
     from cotree.readers.urdf_values import Pose, Vector
     from cotree.readers.xml_tree import Element
 
@@ -57,7 +58,7 @@ class RobotLink:
     """A link: its name, the line where it begins, its inertia if it has any, what it looks like."""
 
     name: str
-    line: int
+    at: Place
     inertial: Inertial | None
     visuals: tuple[Visual, ...]
 
@@ -79,7 +80,7 @@ class Joint:
     ----------
     name, type : str
         Its name, and one of :data:`JOINT_TYPES`.
-    line : int
+    at : Place
         Where it begins.
     parent, child : str
         Its links.
@@ -95,7 +96,7 @@ class Joint:
 
     name: str
     type: str
-    line: int
+    at: Place
     parent: str
     child: str
     pose: Pose
@@ -115,114 +116,106 @@ class Robot:
     ignored: dict[str, int]
 
 
-def read_robot(root: Element, where: str) -> Robot:
-    """Read the elements of a URDF file.
-
-    Parameters
-    ----------
-    root : Element
-        The outermost.
-    where : str
-        The file, for messages.
+def read_robot(root: Element) -> Robot:
+    """Read the elements of a URDF file, from the outermost one.
 
     Raises
     ------
     SceneError
         If an element is missing or wrong; the message begins with file and line.
     """
-    reader = Reader(where)
     if root.tag != "robot":
-        raise reader.error(root, f"the outermost element is <{root.tag[:40]}>, not <robot>")
+        raise root.at.error(f"the outermost element is <{brief(root.tag)}>, not <robot>")
     known = ("link", "joint")
     for child in root.children:
         if child.tag.startswith("xacro:"):
-            raise reader.error(child, f"<{child.tag[:40]}> is a macro: run xacro on the file first")
-    links = tuple(_link(reader, element) for element in root.all("link"))
-    joints = tuple(_joint(reader, element) for element in root.all("joint"))
+            raise child.at.error(f"<{brief(child.tag)}> is a macro: run xacro on the file first")
+    links = tuple(_link(element) for element in root.all("link"))
+    joints = tuple(_joint(element) for element in root.all("joint"))
     ignored = Counter(child.tag for child in root.children if child.tag not in known)
     if not links:
-        raise reader.error(root, "the robot has no links")
+        raise root.at.error("the robot has no links")
     return Robot(root.attributes.get("name", "robot"), links, joints, dict(ignored))
 
 
-def _link(reader: Reader, element: Element) -> RobotLink:
-    name = reader.name(element, "link")
+def _link(element: Element) -> RobotLink:
+    name = name_of(element, "link")
     inertial = element.first("inertial")
     return RobotLink(
         name,
-        element.line,
-        None if inertial is None else _inertial(reader, inertial, f"link '{name[:60]}'"),
-        tuple(_visuals(reader, element.all("visual"))),
+        element.at,
+        None if inertial is None else _inertial(inertial, f"link '{brief(name)}'"),
+        tuple(_visuals(element.all("visual"))),
     )
 
 
-def _inertial(reader: Reader, element: Element, what: str) -> Inertial:
-    mass_element = reader.child(element, "mass", what)
-    mass = reader.number(mass_element, "value", what)
+def _inertial(element: Element, what: str) -> Inertial:
+    mass_element = child_of(element, "mass", what)
+    mass = number_of(mass_element, "value", what)
     if mass < 0.0:
-        raise reader.error(mass_element, f"{what} has the negative mass {mass:g}")
-    tensor = reader.child(element, "inertia", what)
-    moments = {name: reader.number(tensor, name, what, 0.0) for name in _MOMENTS}
+        raise mass_element.at.error(f"{what} has the negative mass {mass:g}")
+    tensor = child_of(element, "inertia", what)
+    moments = {name: number_of(tensor, name, what, 0.0) for name in _MOMENTS}
     for name in ("ixx", "iyy", "izz"):
         if moments[name] < 0.0:
-            raise reader.error(tensor, f"{what} has the negative moment of inertia {name}")
-    return Inertial(reader.pose(element, what), mass, tuple(moments.values()))
+            raise tensor.at.error(f"{what} has the negative moment of inertia {name}")
+    return Inertial(pose_of(element, what), mass, tuple(moments.values()))
 
 
-def _joint(reader: Reader, element: Element) -> Joint:
-    name = reader.name(element, "joint")
-    what = f"joint '{name[:60]}'"
+def _joint(element: Element) -> Joint:
+    name = name_of(element, "joint")
+    what = f"joint '{brief(name)}'"
     kind = element.attributes.get("type")
     if kind is None:
-        raise reader.error(element, f'{what} has no type: give type="revolute", for example')
+        raise element.at.error(f'{what} has no type: give type="revolute", for example')
     if kind not in JOINT_TYPES:
-        hint = nearest(kind[:80], JOINT_TYPES)
-        raise reader.error(element, f"{what} has the unknown type '{kind[:80]}'{hint}")
+        hint = nearest(kind, JOINT_TYPES)
+        raise element.at.error(f"{what} has the unknown type '{brief(kind)}'{hint}")
     ends = [
-        reader.name(reader.child(element, end, what), f"{end} of {what}", "link")
+        name_of(child_of(element, end, what), f"{end} of {what}", "link")
         for end in ("parent", "child")
     ]
     axis_element, axis = element.first("axis"), (1.0, 0.0, 0.0)
     if JOINT_TYPES[kind] and axis_element is not None:
-        axis = reader.vector(axis_element, "xyz", what, axis)
+        axis = vector_of(axis_element, "xyz", what, axis)
         if max(map(abs, axis)) < 1e-6:
-            raise reader.error(axis_element, f"the axis of {what} has no length")
-    damping, friction = _dynamics(reader, element, what)
+            raise axis_element.at.error(f"the axis of {what} has no length")
+    damping, friction = _dynamics(element, what)
     return Joint(
         name,
         kind,
-        element.line,
+        element.at,
         ends[0],
         ends[1],
-        reader.pose(element, what),
+        pose_of(element, what),
         axis,
         damping,
         friction,
-        _mimic(reader, element, what),
+        _mimic(element, what),
     )
 
 
-def _dynamics(reader: Reader, joint: Element, what: str) -> tuple[float, float]:
+def _dynamics(joint: Element, what: str) -> tuple[float, float]:
     element = joint.first("dynamics")
     if element is None:
         return 0.0, 0.0
-    found = [reader.number(element, name, what, 0.0) for name in ("damping", "friction")]
+    found = [number_of(element, name, what, 0.0) for name in ("damping", "friction")]
     for name, value in zip(("damping", "friction"), found, strict=True):
         if value < 0.0:
-            raise reader.error(element, f"{what} has the negative {name} {value:g}")
+            raise element.at.error(f"{what} has the negative {name} {value:g}")
     return found[0], found[1]
 
 
-def _mimic(reader: Reader, joint: Element, what: str) -> Mimic | None:
+def _mimic(joint: Element, what: str) -> Mimic | None:
     element = joint.first("mimic")
     if element is None:
         return None
-    leader = reader.name(element, f"mimic of {what}", "joint")
-    multiplier = reader.number(element, "multiplier", what, 1.0)
-    return Mimic(leader, multiplier, reader.number(element, "offset", what, 0.0))
+    leader = name_of(element, f"mimic of {what}", "joint")
+    multiplier = number_of(element, "multiplier", what, 1.0)
+    return Mimic(leader, multiplier, number_of(element, "offset", what, 0.0))
 
 
-def _visuals(reader: Reader, elements: Sequence[Element]) -> list[Visual]:
+def _visuals(elements: Sequence[Element]) -> list[Visual]:
     """List what can be drawn. A shape that is wrong is no reason to refuse the mechanics."""
     found = []
     for element in elements:
@@ -231,16 +224,16 @@ def _visuals(reader: Reader, elements: Sequence[Element]) -> list[Visual]:
         if shape is None:
             continue
         try:
-            pose = reader.pose(element, "visual")
+            pose = pose_of(element, "visual")
             if shape.tag == "mesh":
-                size = reader.vector(shape, "scale", "mesh", (1.0, 1.0, 1.0))
+                size = vector_of(shape, "scale", "mesh", (1.0, 1.0, 1.0))
             elif shape.tag == "box":
-                size = reader.vector(shape, "size", "box", None)
+                size = vector_of(shape, "size", "box", None)
             elif shape.tag in ("cylinder", "capsule"):
-                radius = reader.number(shape, "radius", shape.tag)
-                size = (radius, radius, reader.number(shape, "length", shape.tag))
+                radius = number_of(shape, "radius", shape.tag)
+                size = (radius, radius, number_of(shape, "length", shape.tag))
             elif shape.tag == "sphere":
-                radius = reader.number(shape, "radius", "sphere")
+                radius = number_of(shape, "radius", "sphere")
                 size = (radius, radius, radius)
             else:
                 continue

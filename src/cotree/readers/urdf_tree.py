@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import difflib
 from typing import TYPE_CHECKING, TypeVar
 
-from cotree.errors import SceneError
+from cotree.errors import brief, nearest
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -15,15 +14,13 @@ if TYPE_CHECKING:
 _Named = TypeVar("_Named", "RobotLink", "Joint")
 
 
-def order_joints(robot: Robot, where: str) -> tuple[RobotLink, tuple[Joint, ...]]:
+def order_joints(robot: Robot) -> tuple[RobotLink, tuple[Joint, ...]]:
     """Order the joints from the root outwards.
 
     Parameters
     ----------
     robot : Robot
         As it stands in the file.
-    where : str
-        The file, for messages.
 
     Returns
     -------
@@ -37,33 +34,31 @@ def order_joints(robot: Robot, where: str) -> tuple[RobotLink, tuple[Joint, ...]
     SceneError
         If names occur twice, a joint names a link that is not there, or they make no tree.
     """
-    links = _by_name("link", robot.links, where)
-    _by_name("joint", robot.joints, where)
+    links = _by_name("link", robot.links)
+    _by_name("joint", robot.joints)
     onto: dict[str, Joint] = {}
     below: dict[str, list[Joint]] = {name: [] for name in links}
     for joint in robot.joints:
-        at = f"{where}:{joint.line}: joint '{_short(joint.name)}'"
+        what = f"joint '{brief(joint.name)}'"
         for end, name in (("parent", joint.parent), ("child", joint.child)):
             if name not in links:
-                raise SceneError(
-                    f"{at}: there is no link '{_short(name)}' for its {end}{_meant(name, links)}"
+                raise joint.at.error(
+                    f"{what}: there is no link '{brief(name)}' for its {end}{nearest(name, links)}"
                 )
         if joint.child in onto:
-            raise SceneError(
-                f"{at}: link '{_short(joint.child)}' hangs on joint "
-                f"'{_short(onto[joint.child].name)}' too; URDF has no closed loops: cut one and "
+            raise joint.at.error(
+                f"{what}: link '{brief(joint.child)}' hangs on joint "
+                f"'{brief(onto[joint.child].name)}' too; URDF has no closed loops: cut one and "
                 "close it in the scene"
             )
         onto[joint.child] = joint
         below[joint.parent].append(joint)
     roots = [link for link in robot.links if link.name not in onto]
     if not roots:
-        raise SceneError(f"{where}:{robot.links[0].line}: the joints go round in a circle")
+        raise robot.links[0].at.error("the joints go round in a circle")
     if len(roots) > 1:
-        raise SceneError(
-            f"{where}:{roots[1].line}: links '{_short(roots[0].name)}' and "
-            f"'{_short(roots[1].name)}' both hang on no joint: join them"
-        )
+        first, second = (brief(link.name) for link in roots[:2])
+        raise roots[1].at.error(f"links '{first}' and '{second}' both hang on no joint: join them")
     ordered: list[Joint] = []
     # Depth first, with siblings in the order of the file.
     waiting = below[roots[0].name][::-1]
@@ -74,13 +69,11 @@ def order_joints(robot: Robot, where: str) -> tuple[RobotLink, tuple[Joint, ...]
     if len(ordered) < len(robot.joints):
         reached = {joint.name for joint in ordered}
         lost = next(joint for joint in robot.joints if joint.name not in reached)
-        raise SceneError(
-            f"{where}:{lost.line}: joint '{_short(lost.name)}' is part of a circle of joints"
-        )
+        raise lost.at.error(f"joint '{brief(lost.name)}' is part of a circle of joints")
     return roots[0], tuple(ordered)
 
 
-def check_mimics(joints: Iterable[Joint], where: str) -> None:
+def check_mimics(joints: Iterable[Joint]) -> None:
     """Require that every mimic follows a joint with one coordinate, and none follows itself.
 
     Raises
@@ -92,18 +85,20 @@ def check_mimics(joints: Iterable[Joint], where: str) -> None:
     for joint in by_name.values():
         if joint.mimic is None or joint.type == "fixed":
             continue
-        at = f"{where}:{joint.line}: joint '{_short(joint.name)}'"
+        what = f"joint '{brief(joint.name)}'"
         if not has_one_coordinate(joint):
-            raise SceneError(f"{at} mimics, but has several coordinates: its type is {joint.type}")
+            raise joint.at.error(
+                f"{what} mimics, but has several coordinates: its type is {joint.type}"
+            )
         leader = by_name.get(joint.mimic.joint)
         if leader is None:
-            raise SceneError(
-                f"{at} mimics '{_short(joint.mimic.joint)}', which is no joint"
-                f"{_meant(joint.mimic.joint, by_name)}"
+            raise joint.at.error(
+                f"{what} mimics '{brief(joint.mimic.joint)}', which is no joint"
+                f"{nearest(joint.mimic.joint, by_name)}"
             )
         if not has_one_coordinate(leader):
-            raise SceneError(
-                f"{at} mimics '{_short(leader.name)}', which has not one coordinate: its type is "
+            raise joint.at.error(
+                f"{what} mimics '{brief(leader.name)}', which has not one coordinate: its type is "
                 f"{leader.type}"
             )
     # Follow each chain of mimics until it ends or meets one that is known to end.
@@ -113,9 +108,8 @@ def check_mimics(joints: Iterable[Joint], where: str) -> None:
         follower: Joint | None = joint
         while follower is not None and follower.name not in settled:
             if follower.name in trail:
-                raise SceneError(
-                    f"{where}:{joint.line}: joint '{_short(joint.name)}' mimics itself, through "
-                    "others or directly"
+                raise joint.at.error(
+                    f"joint '{brief(joint.name)}' mimics itself, through others or directly"
                 )
             trail.add(follower.name)
             mimic = follower.mimic if follower.type != "fixed" else None
@@ -128,23 +122,13 @@ def has_one_coordinate(joint: Joint) -> bool:
     return joint.type in ("revolute", "continuous", "prismatic")
 
 
-def _by_name(kind: str, things: Iterable[_Named], where: str) -> dict[str, _Named]:
+def _by_name(kind: str, things: Iterable[_Named]) -> dict[str, _Named]:
     found: dict[str, _Named] = {}
     for thing in things:
         if thing.name in found:
-            raise SceneError(
-                f"{where}:{thing.line}: {kind} '{_short(thing.name)}' is there twice, first on "
-                f"line {found[thing.name].line}"
+            raise thing.at.error(
+                f"{kind} '{brief(thing.name)}' is there twice, first on line "
+                f"{found[thing.name].at.line}"
             )
         found[thing.name] = thing
     return found
-
-
-def _meant(name: str, known: Iterable[str]) -> str:
-    """Suggest the name that was probably meant; a robot has too many to list."""
-    close = difflib.get_close_matches(name[:80], list(known)[:1000], n=1)
-    return f"; did you mean '{_short(close[0])}'?" if close else ""
-
-
-def _short(name: str) -> str:
-    return name if len(name) <= 60 else f"{name[:57]}..."

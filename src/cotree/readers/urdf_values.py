@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.errors import SceneError
+from cotree.errors import brief
 
 if TYPE_CHECKING:
     from cotree.readers.xml_tree import Element
@@ -28,142 +28,129 @@ class Pose:
     rpy: Vector = _ZERO
 
 
-@dataclass(frozen=True)
-class Reader:
-    """Reads attributes; every complaint begins with the file and the line."""
+def child_of(element: Element, tag: str, what: str) -> Element:
+    """Give a child element that must exist.
 
-    where: str
+    Parameters
+    ----------
+    element : Element
+        The parent.
+    tag : str
+        Tag of the child.
+    what : str
+        The robot's part that it describes, for messages.
 
-    def error(self, element: Element, text: str) -> SceneError:
-        """Make the error that a text is about an element."""
-        return SceneError(f"{self.where}:{element.line}: {text}")
+    Raises
+    ------
+    SceneError
+        If there is none.
+    """
+    found = element.first(tag)
+    if found is None:
+        raise element.at.error(f"<{element.tag}> of {what} has no <{tag}>")
+    return found
 
-    def child(self, element: Element, tag: str, what: str) -> Element:
-        """Give a child element that must exist.
 
-        Parameters
-        ----------
-        element : Element
-            The parent.
-        tag : str
-            Tag of the child.
-        what : str
-            The robot's part that it describes, for messages.
+def name_of(element: Element, what: str, attribute: str = "name") -> str:
+    """Give a name that must exist.
 
-        Raises
-        ------
-        SceneError
-            If there is none.
-        """
-        found = element.first(tag)
-        if found is None:
-            raise self.error(element, f"<{element.tag}> of {what} has no <{tag}>")
-        return found
+    Parameters
+    ----------
+    element : Element
+        The element.
+    what : str
+        What it names, for messages.
+    attribute : str
+        The attribute that holds it.
 
-    def name(self, element: Element, what: str, attribute: str = "name") -> str:
-        """Give a name that must exist.
+    Raises
+    ------
+    SceneError
+        If it is missing, empty or too long.
+    """
+    found = element.attributes.get(attribute, "").strip()
+    if not found:
+        raise element.at.error(f'the {what} has no name: write {attribute}="..."')
+    if len(found) > _LONGEST_NAME:
+        raise element.at.error(f"the name of the {what} has more than {_LONGEST_NAME} characters")
+    return found
 
-        Parameters
-        ----------
-        element : Element
-            The element.
-        what : str
-            What it names, for messages.
-        attribute : str
-            The attribute that holds it.
 
-        Raises
-        ------
-        SceneError
-            If it is missing, empty or too long.
-        """
-        found = element.attributes.get(attribute, "").strip()
-        if not found:
-            raise self.error(element, f'the {what} has no name: write {attribute}="..."')
-        if len(found) > _LONGEST_NAME:
-            raise self.error(
-                element, f"the name of the {what} has more than {_LONGEST_NAME} characters"
-            )
-        return found
+def number_of(element: Element, name: str, what: str, default: float | None = None) -> float:
+    """Give a number, which must exist where there is no default.
 
-    def number(self, element: Element, name: str, what: str, default: float | None = None) -> float:
-        """Give a number, which must exist where there is no default.
+    Parameters
+    ----------
+    element : Element
+        The element.
+    name : str
+        Its attribute.
+    what : str
+        The robot's part that it describes, for messages.
+    default : float, optional
+        Value where the attribute is missing.
 
-        Parameters
-        ----------
-        element : Element
-            The element.
-        name : str
-            Its attribute.
-        what : str
-            The robot's part that it describes, for messages.
-        default : float, optional
-            Value where the attribute is missing.
+    Raises
+    ------
+    SceneError
+        If it is missing, or no finite number.
+    """
+    if name not in element.attributes and default is not None:
+        return default
+    return _number(element, name, _text(element, name, what).strip(), what)
 
-        Raises
-        ------
-        SceneError
-            If it is missing, or no finite number.
-        """
-        text = element.attributes.get(name)
-        if text is None:
-            if default is None:
-                raise self.error(element, f'<{element.tag}> of {what} has no {name}="..."')
-            return default
-        return self._number(element, name, text.strip(), what)
 
-    def vector(
-        self, element: Element, name: str, what: str, default: Vector | None = _ZERO
-    ) -> Vector:
-        """Give three numbers.
+def vector_of(element: Element, name: str, what: str, default: Vector | None = _ZERO) -> Vector:
+    """Give three numbers.
 
-        Parameters
-        ----------
-        element : Element
-            The element.
-        name : str
-            Its attribute.
-        what : str
-            The robot's part that it describes, for messages.
-        default : tuple of three float or None
-            Value where the attribute is missing; None where it must exist.
+    Parameters
+    ----------
+    element : Element
+        The element.
+    name : str
+        Its attribute.
+    what : str
+        The robot's part that it describes, for messages.
+    default : tuple of three float or None
+        Value where the attribute is missing; None where it must exist.
 
-        Raises
-        ------
-        SceneError
-            If there are not three finite numbers.
-        """
-        text = element.attributes.get(name)
-        if text is None:
-            if default is None:
-                raise self.error(element, f'<{element.tag}> of {what} has no {name}="..."')
-            return default
-        parts = text.split()
-        if len(parts) != 3:
-            raise self.error(
-                element,
-                f"{name} of <{element.tag}> of {what} has {len(parts)} parts: give three numbers",
-            )
-        x, y, z = (self._number(element, name, part, what) for part in parts)
-        return (x, y, z)
+    Raises
+    ------
+    SceneError
+        If there are not three finite numbers.
+    """
+    if name not in element.attributes and default is not None:
+        return default
+    parts = _text(element, name, what).split()
+    if len(parts) != 3:
+        raise element.at.error(
+            f"{name} of <{element.tag}> of {what} has {len(parts)} parts: give three numbers"
+        )
+    x, y, z = (_number(element, name, part, what) for part in parts)
+    return (x, y, z)
 
-    def pose(self, element: Element, what: str) -> Pose:
-        """Give the pose in an element's <origin>; none is zero."""
-        origin = element.first("origin")
-        if origin is None:
-            return Pose()
-        return Pose(self.vector(origin, "xyz", what), self.vector(origin, "rpy", what))
 
-    def _number(self, element: Element, name: str, text: str, what: str) -> float:
-        if not _NUMBER.match(text):
-            hint = ": run xacro on the file first" if "${" in text else ""
-            raise self.error(
-                element,
-                f"{name} of <{element.tag}> of {what} is '{text[:60]}', not a number{hint}",
-            )
-        value = float(text)
-        if not math.isfinite(value) or abs(value) > _LARGEST:
-            raise self.error(
-                element, f"{name} of <{element.tag}> of {what} is {text[:60]}: too large"
-            )
-        return value
+def pose_of(element: Element, what: str) -> Pose:
+    """Give the pose in an element's <origin>; none is zero."""
+    origin = element.first("origin")
+    if origin is None:
+        return Pose()
+    return Pose(vector_of(origin, "xyz", what), vector_of(origin, "rpy", what))
+
+
+def _text(element: Element, name: str, what: str) -> str:
+    text = element.attributes.get(name)
+    if text is None:
+        raise element.at.error(f'<{element.tag}> of {what} has no {name}="..."')
+    return text
+
+
+def _number(element: Element, name: str, text: str, what: str) -> float:
+    where = f"{name} of <{element.tag}> of {what} is"
+    if not _NUMBER.match(text):
+        hint = ": run xacro on the file first" if "${" in text else ""
+        raise element.at.error(f"{where} '{brief(text)}', not a number{hint}")
+    value = float(text)
+    if not math.isfinite(value) or abs(value) > _LARGEST:
+        raise element.at.error(f"{where} {brief(text)}: too large")
+    return value

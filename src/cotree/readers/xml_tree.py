@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from xml.parsers import expat
 
-from cotree.errors import SceneError
+from cotree.readers.place import Place
 
 _MOST_ELEMENTS = 200_000
 _DEEPEST = 60
@@ -26,15 +26,15 @@ class Element:
         Its name, with its prefix as written.
     attributes : dict of str to str
         Its attributes.
-    line : int
-        Where it begins, from 1.
+    at : Place
+        Where it begins.
     children : list of Element
         The elements in it. Text between them is not kept.
     """
 
     tag: str
     attributes: dict[str, str]
-    line: int
+    at: Place
     children: list[Element] = field(default_factory=list)
 
     def all(self, tag: str) -> list[Element]:
@@ -53,23 +53,24 @@ class _Builder:
         self.parser.StartElementHandler = self.start
         self.parser.EndElementHandler = self.end
         self.parser.StartDoctypeDeclHandler = self.refuse_doctype
-        self.where = where
+        self.file = where
         self.root: Element | None = None
         self.open: list[Element] = []
         self.n_elements = 0
 
-    def complain(self, text: str) -> SceneError:
-        return SceneError(f"{self.where}:{self.parser.CurrentLineNumber}: {text}")
+    @property
+    def at(self) -> Place:
+        return Place(self.file, self.parser.CurrentLineNumber)
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
         self.n_elements += 1
         if self.n_elements > _MOST_ELEMENTS:
-            raise self.complain(f"more than {_MOST_ELEMENTS} elements")
+            raise self.at.error(f"more than {_MOST_ELEMENTS} elements")
         if len(self.open) >= _DEEPEST:
-            raise self.complain(f"elements are nested more than {_DEEPEST} deep")
+            raise self.at.error(f"elements are nested more than {_DEEPEST} deep")
         if any(len(value) > _LONGEST_VALUE for value in attributes.values()):
-            raise self.complain(f"an attribute has more than {_LONGEST_VALUE} characters")
-        element = Element(tag, attributes, self.parser.CurrentLineNumber)
+            raise self.at.error(f"an attribute has more than {_LONGEST_VALUE} characters")
+        element = Element(tag, attributes, self.at)
         if self.open:
             self.open[-1].children.append(element)
         else:
@@ -80,7 +81,7 @@ class _Builder:
         self.open.pop()
 
     def refuse_doctype(self, *_: object) -> None:
-        raise self.complain(
+        raise self.at.error(
             "a document type declaration, which may reach outside the file, is not read: delete it"
         )
 
@@ -111,6 +112,6 @@ def parse_xml(text: str, where: str) -> Element:
         builder.parser.Parse(text.encode("utf-8", "surrogatepass"), True)
     except expat.ExpatError as error:
         reason = expat.ErrorString(error.code)
-        raise SceneError(f"{where}:{error.lineno}: not valid XML: {reason}") from None
+        raise Place(where, error.lineno).error(f"not valid XML: {reason}") from None
     assert builder.root is not None  # expat refuses a text without an element
     return builder.root

@@ -20,7 +20,7 @@ from cotree.dag.nodes import Dag, Node
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError
 from cotree.scene.corners import has_only_corner, jumps_in
-from cotree.scene.expressions import FUNCTIONS, Expression, names_in
+from cotree.scene.expressions import FUNCTIONS, Expression, number_tree
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -99,7 +99,7 @@ def check_contents(scene: SceneDescription, edge: Edge) -> None:
         # Time is one symbol, whichever expressions name it.
         seen["t"] = time
         trees = {name: own[name] for name in port.content.arguments if name not in edge.fields}
-        given = {name: Expression("", "", tree, names_in(tree)) for name, tree in trees.items()}
+        given = {name: Expression.of_tree(tree) for name, tree in trees.items()}
         known = {**edge.fields, **given}
         value = port.content.value(
             dag,
@@ -239,10 +239,7 @@ def to_tree(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
     if expression.is_Symbol:
         return names.get(expression.name)
     if getattr(expression, "is_number", False):
-        value = float(expression)
-        return (
-            ast.Constant(value) if value >= 0.0 else ast.UnaryOp(ast.USub(), ast.Constant(-value))
-        )
+        return number_tree(float(expression))
     if isinstance(expression, sympy.Piecewise):
         return _conditional(expression, names)
     args = [to_tree(arg, names) for arg in expression.args]

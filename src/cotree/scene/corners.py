@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.dag.nodes import Dag
 from cotree.dag.traverse import reachable, substitute
-from cotree.scene.expressions import Expression, names_in
+from cotree.scene.expressions import Expression, names_in, number_tree
 
 if TYPE_CHECKING:
     from cotree.dag.nodes import Node
@@ -38,7 +38,7 @@ def has_only_corner(whole: ast.expr, part: ast.expr) -> bool:
     symbols = {name: dag.symbol("x", i) for i, name in enumerate(sorted(names_in(whole)))}
 
     def lowered(tree: ast.expr) -> Node:
-        return Expression("", "", tree, names_in(tree)).lower(dag, symbols.__getitem__)
+        return Expression.of_tree(tree).lower(dag, symbols.__getitem__)
 
     sides: list[ast.expr]
     if isinstance(part, ast.Compare):
@@ -49,7 +49,7 @@ def has_only_corner(whole: ast.expr, part: ast.expr) -> bool:
     else:
         assert isinstance(part, ast.Call)
         looked_at = part.args[0]
-        sides = [ast.Constant(1.0), ast.UnaryOp(ast.USub(), ast.Constant(1.0))]
+        sides = [number_tree(1.0), number_tree(-1.0)]
     try:
         above, below = (lowered(_Replaced(part, side).visit(whole)) for side in sides)
         difference = above - below

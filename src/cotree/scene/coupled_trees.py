@@ -15,9 +15,8 @@ from itertools import count
 from typing import TYPE_CHECKING
 
 from cotree.components import Kind
-from cotree.errors import TopologyError
+from cotree.errors import TopologyError, listed
 from cotree.graph import Contracted, common_forest
-from cotree.graph.checks import listed
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence

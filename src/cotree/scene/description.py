@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from cotree.components import COMPONENTS, Component, Role
-from cotree.errors import ParameterError, SceneError, nearest
+from cotree.errors import SceneError, brief, nearest
 from cotree.naming import check_name, check_scene_name, check_text
 from cotree.scene.events import Event, Mode, make_event
-from cotree.scene.expressions import Expression, parse
+from cotree.scene.expressions import Expression, check_number, parse
 from cotree.scene.fields import check_fields, check_initial, check_vector
 from cotree.scene.ports import check_heat, check_ports
 from cotree.scene.simulation import Simulation, with_settings
@@ -21,11 +20,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cotree.dag.multi_output import Table
+    from cotree.scene.expressions import FieldValue
     from cotree.scene.origin import Origin
     from cotree.scene.ports import PortEnds
-
-#: Value of a field: one expression, or a tuple of three, or three such rows.
-FieldValue = Expression | tuple[Expression, ...] | tuple[tuple[Expression, ...], ...]
 
 _LARGEST_SCENE = 250_000  # edges; a bound on what untrusted input may ask for
 
@@ -178,7 +175,6 @@ class SceneDescription:
         SceneError, ParameterError
             If the name is not allowed or taken, or the value is not a finite number.
         """
-        check_name("parameter", name)
         self._check_new("parameter", name, {**self.parameters, **self.inputs, **self.modes})
         number = check_number(value, f"parameter '{name}'")
         if not isinstance(tunable, bool):
@@ -216,7 +212,6 @@ class SceneDescription:
         SceneError, ExpressionError
             If the name is not allowed or taken, or the value is none of these.
         """
-        check_name("input", name)
         self._check_new("input", name, self._signals)
         signal = parse_signal(value, f"input '{name}'")
         self.inputs[name] = Input(
@@ -259,14 +254,13 @@ class SceneDescription:
         SceneError, ExpressionError
             If a name, field or value is not accepted.
         """
-        check_name("edge", name)
         self._check_new("edge", name, self.edges)
         if len(self.edges) >= _LARGEST_SCENE:
             raise SceneError(f"the scene has more than {_LARGEST_SCENE} edges")
         component = COMPONENTS.get(type) if isinstance(type, str) else None
         if component is None:
-            hint = nearest(str(type)[:80], COMPONENTS)
-            raise SceneError(f"edge '{name}' has the unknown type '{str(type)[:80]}'{hint}")
+            hint = nearest(type, COMPONENTS)
+            raise SceneError(f"edge '{name}' has the unknown type '{brief(type)}'{hint}")
         listed: Sequence[object] = nodes
         # Lists are copied, so that later changes to them do not affect the scene.
         given: Mapping[str, Any] = plain(fields)
@@ -294,7 +288,6 @@ class SceneDescription:
         SceneError, ExpressionError
             If the name is not allowed or taken, or the expression is not accepted.
         """
-        check_name("output", name)
         self._check_new("output", name, {**self.outputs, **self.inputs, **self.modes})
         self.outputs[name] = parse(value, f"output '{name}'")
 
@@ -313,7 +306,6 @@ class SceneDescription:
         SceneError, ExpressionError
             If the name is not allowed or taken, or the value is not accepted.
         """
-        check_name("mode", name)
         self._check_new("mode", name, self._signals)
         text = check_text(doc, f"doc of mode '{name}'")
         self.modes[name] = Mode(name, parse(initial, f"mode '{name}'"), text)
@@ -361,31 +353,12 @@ class SceneDescription:
         SceneError, ExpressionError
             If a setting is unknown or has no sensible value.
         """
-        self.defaults = with_settings(self.defaults, settings, check_number)
+        self.defaults = with_settings(self.defaults, settings)
 
     @property
     def _signals(self) -> dict[str, object]:
         return {**self.parameters, **self.inputs, **self.outputs, **self.modes}
 
     def _check_new(self, kind: str, name: str, taken: Mapping[str, object]) -> None:
-        if name in taken:
+        if check_name(kind, name) in taken:
             raise SceneError(f"the name of {kind} '{name}' is taken: every {kind} needs its own")
-
-
-def check_number(value: object, what: str) -> float:
-    """Accept a finite number.
-
-    Raises
-    ------
-    ParameterError
-        If it is not one.
-    """
-    if isinstance(value, bool) or not hasattr(type(value), "__float__"):
-        raise ParameterError(f"{what} is {str(value)[:60]!r}: give a number")
-    try:
-        number = float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError, OverflowError):
-        raise ParameterError(f"{what} is {str(value)[:60]!r}: give a number") from None
-    if not math.isfinite(number):
-        raise ParameterError(f"{what} is {number}: give a finite number")
-    return number

@@ -10,17 +10,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from cotree.errors import SceneError, nearest
-from cotree.naming import brief, check_name
+from cotree.errors import SceneError, brief, check_known
+from cotree.naming import check_name
 from cotree.scene.expressions import Expression, parse
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-_IMPACT = ("restitution",)
-
 #: Fields of an event in a scene file.
-EVENT_FIELDS = ("when", "direction", "set", "stop", "impact")
+_FIELDS = ("when", "direction", "set", "stop", "impact")
 
 
 @dataclass(frozen=True)
@@ -124,9 +122,7 @@ def _restitution(impact: object, whose: str) -> Expression | None:
         return None
     if not isinstance(impact, Mapping):
         raise SceneError(f"impact of {whose} must be a table with the field 'restitution'")
-    for key in impact:
-        if key not in _IMPACT:
-            raise SceneError(f"impact of {whose} has no field '{key}'{nearest(str(key), _IMPACT)}")
+    check_known(impact, ("restitution",), f"impact of {whose} has no field")
     if "restitution" not in impact:
         raise SceneError(f"impact of {whose} needs the field 'restitution'")
     return parse(impact["restitution"], f"restitution of {whose}")
@@ -151,9 +147,7 @@ def check_event_table(name: str, table: Any) -> Mapping[str, Any]:
     """
     if not isinstance(table, dict):
         raise SceneError(f"event '{name}' must be a table")
-    for key in table:
-        if key not in EVENT_FIELDS:
-            raise SceneError(f"event '{name}' has no field '{key}'{nearest(key, EVENT_FIELDS)}")
+    check_known(table, _FIELDS, f"event '{name}' has no field")
     if "when" not in table:
         raise SceneError(f"event '{name}' needs the field 'when'")
     return table

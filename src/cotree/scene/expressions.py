@@ -16,8 +16,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from cotree.dag.nodes import Dag
-from cotree.errors import ExpressionError, nearest
-from cotree.naming import brief
+from cotree.errors import ExpressionError, ParameterError, brief, nearest
 from cotree.quiet import without_warnings
 
 if TYPE_CHECKING:
@@ -76,6 +75,11 @@ class Expression:
     tree: ast.expr = field(compare=False)  # the text says the same
     names: frozenset[str]
 
+    @classmethod
+    def of_tree(cls, tree: ast.expr, where: str = "") -> Expression:
+        """Make the expression of a tree that needs no check."""
+        return cls(ast.unparse(tree), where, tree, names_in(tree))
+
     @property
     def told(self) -> str | float:
         """Key that equal expressions share: a number if it was given as one, otherwise the text."""
@@ -121,6 +125,10 @@ class Expression:
             if isinstance(error, ExpressionError):
                 raise ExpressionError(f"{self.where}: {error}") from None
             raise ExpressionError(f"{self.where}: '{self.text}' has no value: {error}") from None
+
+
+#: Value of a field: one expression, or a tuple of three, or three such rows.
+FieldValue = Expression | tuple[Expression, ...] | tuple[tuple[Expression, ...], ...]
 
 
 @lru_cache(maxsize=1024)
@@ -199,6 +207,25 @@ def _number(value: object) -> float | None:
     except OverflowError:
         return None
     return number if math.isfinite(number) else None
+
+
+def check_number(value: object, what: str) -> float:
+    """Accept a finite number.
+
+    Raises
+    ------
+    ParameterError
+        If it is not one.
+    """
+    if isinstance(value, bool) or not hasattr(type(value), "__float__"):
+        raise ParameterError(f"{what} is {brief(value)!r}: give a number")
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        raise ParameterError(f"{what} is {brief(value)!r}: give a number") from None
+    if not math.isfinite(number):
+        raise ParameterError(f"{what} is {number}: give a finite number")
+    return number
 
 
 def _check(tree: ast.expr, names: set[str], depth: int) -> None:
@@ -281,6 +308,11 @@ def names_in(tree: ast.expr) -> frozenset[str]:
         else:
             waiting += ast.iter_child_nodes(node)
     return frozenset(found)
+
+
+def number_tree(value: float) -> ast.expr:
+    """Make the tree of a number; the grammar has no negative constants."""
+    return ast.Constant(value) if value >= 0.0 else ast.UnaryOp(ast.USub(), ast.Constant(-value))
 
 
 def _dotted(tree: ast.expr) -> str:

@@ -13,16 +13,16 @@ from cotree.components import FreeRotation, Role, Shape, content_of, integral_of
 from cotree.components.spaces import body_space
 from cotree.dag.rotation import quaternion_of_matrix
 from cotree.domains import DOMAINS
-from cotree.errors import SceneError, nearest
+from cotree.errors import SceneError, check_known
 from cotree.scene.expressions import parse
+from cotree.scene.statements import is_list
 from cotree.scene.tables import parse_lookup
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from cotree.components import Component, Field
-    from cotree.scene.description import FieldValue
-    from cotree.scene.expressions import Expression
+    from cotree.scene.expressions import Expression, FieldValue
 
 
 def check_fields(
@@ -45,12 +45,7 @@ def check_fields(
         If a field is unknown, missing, or has no value of its shape.
     """
     known = {row.name for row in component.fields}
-    for name in given:
-        if name not in known:
-            raise SceneError(
-                f"edge '{edge}' of type '{component.name}' has no field '{name}'"
-                f"{nearest(name, known)}"
-            )
+    check_known(given, known, f"edge '{edge}' of type '{component.name}' has no field")
     fields: dict[str, FieldValue] = {}
     for row in component.fields:
         where = f"{row.name} of edge '{edge}'"
@@ -89,8 +84,7 @@ def check_initial(
     known = initial_names(component)
     initial: dict[str, FieldValue] = {}
     for name, value in _by_port(component, given):
-        if name not in known:
-            raise SceneError(f"edge '{edge}' has no coordinate '{name}'{nearest(str(name), known)}")
+        check_known((name,), known, f"edge '{edge}' has no coordinate")
         where = f"initial {name} of edge '{edge}'"
         initial[name] = _rotation(value, where) if name == "rotation" else parse(value, where)
     return initial
@@ -148,7 +142,7 @@ def check_vector(value: object, where: str) -> tuple[Expression, ...]:
     SceneError, ExpressionError
         If it is none.
     """
-    if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != 3:
+    if not is_list(value) or len(value) != 3:
         raise SceneError(f"{where} must be a list of three numbers or expressions")
     return tuple(parse(item, f"component {'xyz'[i]} of {where}") for i, item in enumerate(value))
 
@@ -166,41 +160,42 @@ def _check_field(row: Field, value: Any, where: str) -> FieldValue:
 
 
 def _inertia(value: object, where: str) -> FieldValue:
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        if len(value) == 3 and all(
-            isinstance(row, Sequence) and not isinstance(row, str) for row in value
-        ):
-            rows = tuple(
-                check_vector(row, f"row {i + 1} of {where}") for i, row in enumerate(value)
-            )
-            # Symmetry is compared by text: expressions of parameters have no value here.
-            if any(rows[i][j].text != rows[j][i].text for i in range(3) for j in range(i)):
-                raise SceneError(f"{where} must be symmetric: write both halves alike")
-            return rows
+    if not is_list(value):
+        scalar = parse(value, where)
+        return (scalar, scalar, scalar)
+    rows = _rows(value, where)
+    if rows is None:
         return check_vector(value, where)
-    scalar = parse(value, where)
-    return (scalar, scalar, scalar)
+    # Symmetry is compared by text: expressions of parameters have no value here.
+    if any(rows[i][j].text != rows[j][i].text for i in range(3) for j in range(i)):
+        raise SceneError(f"{where} must be symmetric: write both halves alike")
+    return rows
 
 
 def _rotation(value: object, where: str) -> FieldValue:
     """Accept roll, pitch and yaw, or three rows; numbers must be a rotation."""
-    if isinstance(value, Sequence) and not isinstance(value, str) and len(value) == 3:
-        if all(isinstance(row, Sequence) and not isinstance(row, str) for row in value):
-            rows = tuple(
-                check_vector(row, f"row {i + 1} of {where}") for i, row in enumerate(value)
-            )
-            numbers = [[entry.number for entry in row] for row in rows]
-            # Orthogonality could not be kept while parameters change the entries.
-            if any(entry is None for row in numbers for entry in row):
-                raise SceneError(
-                    f"{where} is a matrix: give it as numbers, or as roll, pitch and yaw, which "
-                    "may depend on parameters"
-                )
-            if quaternion_of_matrix(numbers) is None:  # type: ignore[arg-type]
-                raise SceneError(
-                    f"{where} is no rotation: its rows must be perpendicular unit vectors with "
-                    "determinant +1"
-                )
-            return rows
+    if not is_list(value) or len(value) != 3:
+        raise SceneError(f"{where} must be three angles (roll, pitch, yaw) or three rows of three")
+    rows = _rows(value, where)
+    if rows is None:
         return check_vector(value, where)
-    raise SceneError(f"{where} must be three angles (roll, pitch, yaw) or three rows of three")
+    numbers = [[entry.number for entry in row] for row in rows]
+    # Orthogonality could not be kept while parameters change the entries.
+    if any(entry is None for row in numbers for entry in row):
+        raise SceneError(
+            f"{where} is a matrix: give it as numbers, or as roll, pitch and yaw, which may depend "
+            "on parameters"
+        )
+    if quaternion_of_matrix(numbers) is None:  # type: ignore[arg-type]
+        raise SceneError(
+            f"{where} is no rotation: its rows must be perpendicular unit vectors with "
+            "determinant +1"
+        )
+    return rows
+
+
+def _rows(value: Sequence[Any], where: str) -> tuple[tuple[Expression, ...], ...] | None:
+    """Accept three rows of a matrix; None where the list has no rows."""
+    if len(value) != 3 or not all(map(is_list, value)):
+        return None
+    return tuple(check_vector(row, f"row {i} of {where}") for i, row in enumerate(value, 1))

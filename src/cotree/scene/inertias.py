@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from cotree.scene.description import FieldValue, SceneDescription
+    from cotree.scene.description import SceneDescription
+    from cotree.scene.expressions import FieldValue
 
 # Thin rods and plates are at the limit, and their three values may be written with six digits.
 _WRITTEN = 2e-5

@@ -23,7 +23,7 @@ from cotree.dag.stops import is_cut
 from cotree.scene.branches import check_contents, check_located, may_branch, with_branches
 from cotree.scene.corners import has_only_corner, jumps_in
 from cotree.scene.events import Event, Mode
-from cotree.scene.expressions import COMPARISONS, Expression, names_in
+from cotree.scene.expressions import COMPARISONS, Expression, names_in, number_tree
 
 if TYPE_CHECKING:
     from cotree.scene.description import Edge, SceneDescription
@@ -76,8 +76,13 @@ def _acting(scene: SceneDescription) -> list[Expression]:
     """List the expressions that act, or may act, on the motion."""
     found = [*scene.outputs.values(), *(event.when for event in scene.events.values())]
     for edge in scene.edges.values():
-        found += [item for value in edge.fields.values() for item in _expressions(value)]
+        found += _of_edge(edge)
     return found
+
+
+def _of_edge(edge: Edge) -> list[Expression]:
+    """List the expressions in the fields of an edge."""
+    return [item for value in edge.fields.values() for item in _expressions(value)]
 
 
 def _expressions(value: Any) -> list[Expression]:
@@ -187,7 +192,7 @@ class _Rewriting:
     def _lowered(self, tree: ast.expr) -> Any:
         """Form the node of an expression of time and parameters."""
         symbols = self._symbols
-        return Expression("", "", tree, names_in(tree)).lower(symbols["t"].dag, symbols.__getitem__)
+        return Expression.of_tree(tree).lower(symbols["t"].dag, symbols.__getitem__)
 
     @cached_property
     def _symbols(self) -> dict[str, Any]:
@@ -219,11 +224,11 @@ class _Rewriting:
         if text not in self._known:
             name = self._new_name(text)
             self._known[text] = name
-            self._modes[name] = Mode(name, _made(call, where), where, is_jump=True)
+            self._modes[name] = Mode(name, Expression.of_tree(call, where), where, is_jump=True)
             for direction, looked_at, value in rows:
                 event = f"{name} {'up' if direction > 0 else 'down'}"
                 when, new = (
-                    _made(_Renamed(name).visit(copy.deepcopy(tree)), where)
+                    Expression.of_tree(_Renamed(name).visit(copy.deepcopy(tree)), where)
                     for tree in (looked_at, value)
                 )
                 self._events[event] = Event(
@@ -244,14 +249,6 @@ class _Rewriting:
             n += 1
             name = f"{short} ({n})"
         return name
-
-
-def _of_edge(edge: Edge) -> list[Expression]:
-    return [item for value in edge.fields.values() for item in _expressions(value)]
-
-
-def _made(tree: ast.expr, where: str) -> Expression:
-    return Expression(ast.unparse(tree), where, tree, names_in(tree))
 
 
 class _Renamed(ast.NodeTransformer):
@@ -281,10 +278,6 @@ def _floor(a: ast.expr) -> ast.expr:
     return ast.Call(ast.Name("floor"), [a], [])
 
 
-def _constant(value: float) -> ast.expr:
-    return ast.Constant(value) if value >= 0 else ast.UnaryOp(ast.USub(), ast.Constant(-value))
-
-
 class _Tree(ast.NodeTransformer):
     """Rewrites the jumps of one expression, from the inside out."""
 
@@ -310,7 +303,7 @@ class _Tree(ast.NodeTransformer):
             return node
         if node.func.id == "sign" and self._scene.is_located(node.args[0]):
             looked_at = node.args[0]
-            rows = [(side, looked_at, _constant(float(side))) for side in (1, -1)]
+            rows = [(side, looked_at, number_tree(float(side))) for side in (1, -1)]
             return self._scene.mode(ast.unparse(node), node, self._where, tuple(rows))
         return node
 

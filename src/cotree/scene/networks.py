@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from cotree.components import Terminal
-    from cotree.scene.description import Edge, FieldValue, SceneDescription
+    from cotree.scene.description import Edge, SceneDescription
+    from cotree.scene.expressions import FieldValue
     from cotree.scene.ports import PortEnds
 
 

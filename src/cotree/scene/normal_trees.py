@@ -20,13 +20,14 @@ from typing import TYPE_CHECKING
 
 from cotree.components import Kind, content_of
 from cotree.domains import DOMAINS
-from cotree.errors import TopologyError
+from cotree.errors import TopologyError, listed
 from cotree.graph import Tree, select_tree
-from cotree.graph.checks import listed
+from cotree.graph.traversal import walk_edges
+from cotree.graph.tree import Parts, path_between
 from cotree.scene.coupled_trees import CoupledTrees
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Mapping, Sequence
+    from collections.abc import Collection, Mapping
 
     from cotree.graph import LinearGraph
     from cotree.scene.networks import Port
@@ -172,46 +173,19 @@ def _check_short(port: Port) -> None:
 
 def _check_across_sources(graph: LinearGraph, ports: Mapping[str, Port], kind: Kind) -> None:
     """Refuse loops of across sources, and of what an ideal amplifier has of this kind."""
-    above: dict[str, str] = {node: node for node in graph.nodes}
-    through: dict[str, list[tuple[str, str]]] = {node: [] for node in graph.nodes}
-
-    def top(node: str) -> str:
-        while above[node] != node:
-            node = above[node]
-        return node
-
+    parts, sources = Parts(graph.nodes), set[str]()
     for edge in graph.edges:
         if ports[edge.name].kind not in (Kind.ACROSS_SOURCE, kind):
             continue
-        a, b = top(edge.tail), top(edge.head)
-        if a == b:
-            loop = [*_route(through, edge.tail, edge.head), edge.name]
-            what = DOMAINS[graph.domain].across[0]
+        if not parts.join(edge.tail, edge.head):
+            loop = [*path_between(graph, sources, edge.tail, edge.head), edge.name]
+            row = DOMAINS[graph.domain]
             raise TopologyError(
-                f"{listed(loop)} form a loop of {what} sources in the {graph.domain} graph: their "
-                f"{what}s contradict each other or leave the {DOMAINS[graph.domain].through} "
+                f"{listed(loop)} form a loop of {row.across[0]} sources in the {graph.domain} "
+                f"graph: their {row.across[0]}s contradict each other or leave the {row.through} "
                 "undetermined; put a resistance into the loop or take one out"
             )
-        above[b] = a
-        through[edge.tail].append((edge.head, edge.name))
-        through[edge.head].append((edge.tail, edge.name))
-
-
-def _route(neighbours: Mapping[str, Sequence[tuple[str, str]]], start: str, end: str) -> list[str]:
-    """Name the edges from a node to another."""
-    came: dict[str, tuple[str, str]] = {start: ("", "")}
-    waiting = [start]
-    while end not in came:
-        node = waiting.pop()
-        for other, edge in neighbours[node]:
-            if other not in came:
-                came[other] = (node, edge)
-                waiting.append(other)
-    found = []
-    while end != start:
-        end, edge = came[end]
-        found.append(edge)
-    return found[::-1]
+        sources.add(edge.name)
 
 
 def _check_reached(
@@ -237,16 +211,6 @@ def _check_reached(
         )
 
 
-def _reached(graph: LinearGraph, names: Iterable[str]) -> set[str]:
-    neighbours: dict[str, list[str]] = {node: [] for node in graph.nodes}
-    for name in names:
-        edge = graph.edge(name)
-        neighbours[edge.tail].append(edge.head)
-        neighbours[edge.head].append(edge.tail)
-    reached, waiting = {graph.reference}, [graph.reference]
-    while waiting:
-        for node in neighbours[waiting.pop()]:
-            if node not in reached:
-                reached.add(node)
-                waiting.append(node)
-    return reached
+def _reached(graph: LinearGraph, names: Collection[str]) -> set[str]:
+    steps = walk_edges(graph, names, graph.reference)
+    return {graph.reference, *(step.child for step in steps)}

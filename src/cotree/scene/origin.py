@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from cotree.errors import SceneError, nearest
+from cotree.errors import SceneError, brief, check_known, nearest
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
 #: What shapes a visual may have.
-SHAPES = ("box", "cylinder", "capsule", "sphere", "mesh")
+_SHAPES = ("box", "cylinder", "capsule", "sphere", "mesh")
 
 _VECTORS = ("size", "xyz", "rpy")
 _LARGEST = 1e300  # of numbers, which drawings multiply
@@ -118,11 +118,8 @@ def _visual(table: object, number: int, nodes: Collection[str]) -> Visual:
     rows = _entries(table, Visual, where)
     node, shape, file = (_text(rows, key, where) for key in ("node", "shape", "file"))
     if node not in nodes:
-        raise SceneError(
-            f"{where} is at node '{node[:80]}', which is none{nearest(node[:80], nodes)}"
-        )
-    if shape not in SHAPES:
-        raise SceneError(f"{where} has the shape '{shape[:80]}'{nearest(shape[:80], SHAPES)}")
+        raise SceneError(f"{where} is at node '{brief(node)}', which is none{nearest(node, nodes)}")
+    check_known((shape,), _SHAPES, f"{where} has the unknown shape")
     size, xyz, rpy = (_three(rows.get(key, _ZERO), f"{key} of {where}") for key in _VECTORS)
     return Visual(node, shape, size, file, xyz, rpy)
 
@@ -131,9 +128,7 @@ def _entries(table: object, row: type, where: str) -> dict[str, Any]:
     if not isinstance(table, dict):
         raise SceneError(f"{where} must be a table")
     known = row.__dataclass_fields__  # type: ignore[attr-defined]
-    for key in table:
-        if key not in known:
-            raise SceneError(f"{where} has no entry '{key[:80]}'{nearest(key[:80], known)}")
+    check_known(table, known, f"{where} has no entry")
     return table
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,8 +10,11 @@ from cotree.components.heat import HEAT, loss_of, with_heat
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError
 from cotree.naming import check_name
+from cotree.scene.statements import is_list
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from cotree.components import Component, Terminal
 
 #: Domains whose ports may act on a multibody system.
@@ -86,7 +88,7 @@ def check_ports(
         pair = _pair(edge, nodes, f"edge '{edge}'", may_be_one=True)
         return pair, (_ends(component.ports[0], pair, f"edge '{edge}'"),), rest
     if nodes:
-        if not _is_list(nodes) or len(nodes) != len(component.ports):
+        if not is_list(nodes) or len(nodes) != len(component.ports):
             names = ", ".join(port.port for port in component.ports)
             raise SceneError(
                 f"edge '{edge}' of type '{component.name}' has the ports {names}: name the two "
@@ -166,7 +168,7 @@ def _by_terminal(
     edge: str, component: Component, nodes: Sequence[object], rest: dict[str, Any]
 ) -> tuple[tuple[str, ...], tuple[PortEnds, ...], dict[str, Any]]:
     """Give the nodes of a component such as a transistor, whose ports share them."""
-    if not _is_list(nodes) or len(nodes) != len(component.terminals):
+    if not is_list(nodes) or len(nodes) != len(component.terminals):
         wanted = ", ".join(component.terminals)
         raise SceneError(
             f"edge '{edge}' of type '{component.name}' needs {len(component.terminals)} nodes: "
@@ -204,13 +206,9 @@ def _ends(port: Terminal, pair: tuple[str, str], where: str) -> PortEnds:
 
 def _pair(edge: str, nodes: object, what: str, may_be_one: bool = False) -> tuple[str, str]:
     """Check two nodes; those of an edge in a scalar graph may be one, where across is zero."""
-    if not _is_list(nodes) or len(nodes) != 2:  # type: ignore[arg-type]
+    if not is_list(nodes) or len(nodes) != 2:
         raise SceneError(f"{what} needs two nodes, as a list of their names")
-    first, second = (check_name("node", node) for node in nodes)  # type: ignore[attr-defined]
+    first, second = (check_name("node", node) for node in nodes)
     if first == second and not may_be_one:
         raise SceneError(f"{what} begins and ends at node '{first}': name two nodes")
     return first, second
-
-
-def _is_list(value: object) -> bool:
-    return isinstance(value, Sequence) and not isinstance(value, str)

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from cotree.errors import SceneError, nearest
+from cotree.errors import SceneError, check_known
 from cotree.naming import check_name, check_text
-from cotree.scene.expressions import Expression, parse
+from cotree.scene.expressions import Expression, check_number, parse
 from cotree.tolerances import rtol_fault
 
 #: Starts of a run: the initial values of its states, or the point at which nothing moves.
@@ -40,7 +40,7 @@ class Simulation:
     held: tuple[tuple[str, Expression], ...] = ()
 
 
-def with_settings(old: Simulation, settings: Mapping[str, Any], check_number: Any) -> Simulation:
+def with_settings(old: Simulation, settings: Mapping[str, Any]) -> Simulation:
     """Change some settings.
 
     Parameters
@@ -49,8 +49,6 @@ def with_settings(old: Simulation, settings: Mapping[str, Any], check_number: An
         The settings so far.
     settings : mapping of str to object
         Those to change, by name.
-    check_number : callable
-        Turns a value into a number, from the value and its description for messages.
 
     Raises
     ------
@@ -59,9 +57,8 @@ def with_settings(old: Simulation, settings: Mapping[str, Any], check_number: An
     """
     known = Simulation.__dataclass_fields__
     changed = dict(vars(old))
+    check_known(settings, known, "simulation has no setting")
     for key, value in settings.items():
-        if key not in known:
-            raise SceneError(f"simulation has no setting '{key}'{nearest(key, known)}")
         what = f"{key} of the simulation"
         if key in _POSITIVE:
             value = check_number(value, what)

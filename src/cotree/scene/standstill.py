@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cotree.components import Terminal
-    from cotree.scene.description import Edge, FieldValue, SceneDescription
+    from cotree.scene.description import Edge, SceneDescription
+    from cotree.scene.expressions import FieldValue
 
 _DOMAIN = "electrical"
 

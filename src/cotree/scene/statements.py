@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numbers
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeGuard
 
 # Larger integers are not all exact as doubles.
 _LARGEST_INTEGER = 2**53
@@ -62,3 +62,8 @@ def edge_statement(
         for key, value in rows.items()
         if value is not None and not (key in ("nodes", "initial") and not value)
     }
+
+
+def is_list(value: object) -> TypeGuard[Sequence[Any]]:
+    """Whether a value is a list, as of nodes or of numbers; a text is none."""
+    return isinstance(value, Sequence) and not isinstance(value, str)

@@ -8,7 +8,8 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from cotree.errors import ModelError, SceneError, nearest
+from cotree.errors import ModelError, SceneError, check_known, nearest
+from cotree.files import read_text
 from cotree.scene.description import SceneDescription
 from cotree.scene.events import check_event_table
 from cotree.scene.origin import read_origin
@@ -55,21 +56,11 @@ def load_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
     if isinstance(source, str) and source in shipped:
         file = resources.files("cotree") / "scenes" / f"{source}.toml"
         return read_scene(file.read_text(encoding="utf-8"), f"{source}.toml", scene_type)
-    path = Path(source)
-    if not os.path.isfile(path):  # unlike Path.is_file, it takes names that are too long
+    if not os.path.isfile(source):  # unlike Path.is_file, it takes names that are too long
         raise SceneError(
-            f"'{source}' is neither a file nor a shipped scene{nearest(str(source), shipped)}"
+            f"'{source}' is neither a file nor a shipped scene{nearest(source, shipped)}"
         )
-    try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise SceneError(f"{path} is larger than {LARGEST_FILE} bytes")
-        # Some editors begin a file with a byte order mark.
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise SceneError(f"{path} cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise SceneError(f"{path} is not a text in UTF-8") from None
-    return read_scene(text, str(path), scene_type)
+    return read_scene(read_text(source, LARGEST_FILE), str(source), scene_type)
 
 
 def read_scene(text: str, where: str, scene_type: type[_Scene]) -> _Scene:
@@ -102,9 +93,7 @@ def read_scene(text: str, where: str, scene_type: type[_Scene]) -> _Scene:
 
 
 def _fill(data: Mapping[str, Any], stem: str, scene_type: type[_Scene]) -> _Scene:
-    for key in data:
-        if key not in _SECTIONS:
-            raise SceneError(f"unknown section '{key}'{nearest(key, _SECTIONS)}")
+    check_known(data, _SECTIONS, "unknown section")
     scene = scene_type(data.get("name", stem), gravity=data.get("gravity", (0.0, 0.0, 0.0)))
     for name, value in _table(data, "parameters").items():
         scene.parameter(name, **_named_value("parameter", name, value, ("unit", "doc", "tunable")))
@@ -135,10 +124,7 @@ def _table(data: Mapping[str, Any], key: str) -> dict[str, Any]:
 def _named_value(kind: str, name: str, value: Any, extras: tuple[str, ...]) -> dict[str, Any]:
     if not isinstance(value, dict):
         return {"value": value}
-    for key in value:
-        if key != "value" and key not in extras:
-            known = ("value", *extras)
-            raise SceneError(f"{kind} '{name}' has no field '{key}'{nearest(key, known)}")
+    check_known(value, ("value", *extras), f"{kind} '{name}' has no field")
     if "value" not in value:
         raise SceneError(f"{kind} '{name}' needs a value")
     return value

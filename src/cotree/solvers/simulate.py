@@ -15,7 +15,7 @@ from cotree.errors import ParameterError, SolveError, nearest
 from cotree.model.consistent import consistent_start
 from cotree.model.contents import content_sizes
 from cotree.model.signals import Signals, read_signals
-from cotree.scene.description import check_number
+from cotree.scene.expressions import check_number
 from cotree.solvers.augmented import DENSE_LIMIT
 from cotree.solvers.jumps import ModelEvents
 from cotree.solvers.problem import Native, Problem

@@ -22,7 +22,7 @@ from cotree.api import Model, Scene, load
 from cotree.build import find_toolchain
 from cotree.errors import Error, ParameterError, SolveError
 from cotree.quiet import without_warnings
-from cotree.scene.description import check_number
+from cotree.scene.expressions import check_number
 from cotree.solvers.methods import METHODS, method_row
 from cotree.solvers.native import is_available
 from cotree.studies.accuracy import find_reference, starts_implicit

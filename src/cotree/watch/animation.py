@@ -12,7 +12,7 @@ import numpy as np
 
 from cotree.errors import SceneError
 from cotree.files import written_whole
-from cotree.scene.description import check_number
+from cotree.scene.expressions import check_number
 from cotree.sharing import forming
 from cotree.watch.catalogue import draft_scene
 from cotree.watch.frames import choose_frames, coordinates_at

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from cotree.components import FreeRotation
 from cotree.dag.rotation import quaternion_rates
 from cotree.errors import Error, SceneError
-from cotree.scene.description import check_number
+from cotree.scene.expressions import check_number
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
