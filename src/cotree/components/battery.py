@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from cotree.components.component import Component, Field, Role
+from cotree.components.component import Field, value
+from cotree.components.electrochemical import STATE_OF_CHARGE
 from cotree.components.law import Law
-from cotree.components.ports import resistive, value
-from cotree.components.terminal import Integral, Kind, PortMeasure, Terminal
+from cotree.components.ports import resistive, scalar
+from cotree.components.terminal import Kind, PortMeasure, Terminal
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
+
+    from cotree.components.component import Adapted, Given, Nodes
 
 _DOMAIN = "electrical"
-_MOST_PAIRS = 3
+_EVERY = range(1, 4)  # numbers of the RC pairs that a cell may have
 
 
 def _ports(pairs: Sequence[int]) -> tuple[Terminal, ...]:
@@ -23,7 +26,7 @@ def _ports(pairs: Sequence[int]) -> tuple[Terminal, ...]:
     places = ["plus", *(f"n{i}" for i in range(len(pairs) + 1)), "minus"]
     ports = [resistive(_DOMAIN, "resistance", "series", (places[0], places[1]))]
     for i, between in zip(pairs, pairwise(places[1:]), strict=False):
-        storage = Law.taking((f"capacitance{i}",), lambda given: given)
+        storage = Law.field(f"capacitance{i}")
         ports += [
             resistive(_DOMAIN, f"resistance{i}", f"resistor{i}", between),
             Terminal(_DOMAIN, Kind.ACROSS_STORAGE, f"pair{i}", storage=storage, between=between),
@@ -32,9 +35,9 @@ def _ports(pairs: Sequence[int]) -> tuple[Terminal, ...]:
         _DOMAIN,
         Kind.ACROSS_SOURCE,
         "",
-        across=Law(lambda open_circuit_voltage: open_circuit_voltage),
+        across=Law.field("open_circuit_voltage"),
         between=(places[-2], "minus"),
-        integral=Integral("soc", "1", Law(lambda through, capacity: through / capacity)),
+        integral=STATE_OF_CHARGE,
     )
     return (*ports, store)
 
@@ -60,27 +63,22 @@ def _fields(pairs: Sequence[int]) -> tuple[Field, ...]:
     return tuple(own)
 
 
-def _as_given(
-    edge: str, nodes: Sequence[object], fields: Mapping[str, Any]
-) -> tuple[Component, Sequence[object], Mapping[str, Any]]:
+def _as_given(edge: str, nodes: Nodes, fields: Given) -> Adapted:
     """Leave out the RC pairs that a scene does not give."""
     del edge
-    every = range(1, _MOST_PAIRS + 1)
-    pairs = [i for i in every if {f"resistance{i}", f"capacitance{i}"} & fields.keys()]
+    pairs = [i for i in _EVERY if {f"resistance{i}", f"capacitance{i}"} & fields.keys()]
     given = tuple(replace(row, required=True) for row in _fields(pairs))
     own = replace(BATTERY_CELL, fields=given, ports=_ports(pairs), measures=_measures(pairs))
     return own, nodes, fields
 
 
-BATTERY_CELL = Component(
+BATTERY_CELL = scalar(
     "battery_cell",
-    Role.NETWORK,
     "open-circuit voltage by the state of charge, a resistance and up to three RC pairs",
-    fields=_fields(range(1, _MOST_PAIRS + 1)),
-    domains=(_DOMAIN,),
-    ports=_ports(range(1, _MOST_PAIRS + 1)),
+    _fields(_EVERY),
+    *_ports(_EVERY),
     terminals=("plus", "minus"),
-    measures=_measures(range(1, _MOST_PAIRS + 1)),
+    measures=_measures(_EVERY),
     adapt=_as_given,
 )
 

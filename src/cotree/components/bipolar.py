@@ -15,25 +15,24 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from cotree.components.component import Component, Role
+from cotree.components.component import optional, value
 from cotree.components.junctions import (
     FORWARD_SHARE,
     depletion_capacity,
     depletion_fields,
-    extras,
     junction_current,
+    split_extras,
     symbol,
-    without_absent,
 )
 from cotree.components.law import Law
-from cotree.components.ports import optional, resistive, value
+from cotree.components.ports import resistive, scalar
 from cotree.components.terminal import Kind, PortMeasure, Terminal
 from cotree.errors import SceneError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
-    from cotree.components.component import Adapt
+    from cotree.components.component import Adapt, Adapted, Component, Given, Nodes
 
 _DOMAIN = "electrical"
 
@@ -86,6 +85,8 @@ BASE_CHARGE = {
     "forward_knee_current",
     "reverse_knee_current",
 }
+#: Names of the nodes, a substrate apart.
+TERMINALS: tuple[str, ...] = ("collector", "base", "emitter")
 _RESISTANCES = ("base_resistance", "collector_resistance", "emitter_resistance")
 
 
@@ -106,24 +107,24 @@ def _transistor(
         laws.port("bc", "be", (base, collector)),
         *(resistive(_DOMAIN, f"{end}_resistance", end, (end, at)) for end, at in inner.items()),
     ]
-    terminals: tuple[str, ...] = ("collector", "base", "emitter")
+    terminals = TERMINALS
     if has_substrate:
         terminals = (*terminals, "substrate")
         ports.append(laws.substrate(("substrate", collector if sign > 0 else base)))
-    return Component(
-        name,
-        Role.NETWORK,
-        doc,
-        fields=FIELDS,
-        domains=(_DOMAIN,),
-        ports=tuple(ports),
-        terminals=terminals,
-        measures=_measures(inner, sign if has_substrate else 0),
-    )
+    found = measures(inner, sign if has_substrate else 0)
+    return scalar(name, doc, FIELDS, *ports, terminals=terminals, measures=found)
 
 
-def _measures(inner: Mapping[str, str], substrate: int) -> tuple[PortMeasure, ...]:
-    """Give currents into the terminals, and voltages between them."""
+def measures(inner: Mapping[str, str], substrate: int = 0) -> tuple[PortMeasure, ...]:
+    """Give currents into the terminals, and voltages between them.
+
+    Parameters
+    ----------
+    inner : mapping of str to str
+        The inner node behind each terminal that has a resistance.
+    substrate : {-1, 0, 1}
+        Sign of the transistor where it has a port to the substrate, else zero.
+    """
 
     def drop(sign: int, end: str) -> tuple[tuple[int, str, str], ...]:
         return ((sign, "across", end),) if end in inner else ()
@@ -263,13 +264,10 @@ def bipolar(name: str, doc: str, sign: int, plain: Component) -> Adapt:
         The transistor with none of these terms.
     """
 
-    def adapt(
-        edge: str, nodes: Sequence[object], given: Mapping[str, Any]
-    ) -> tuple[Component, Sequence[object], Mapping[str, Any]]:
-        has = extras(_EXTRAS, given)
-        rest = without_absent(_EXTRAS, given)
+    def adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
+        has, rest = split_extras(_EXTRAS, given)
         # A fourth node names the substrate.
-        has_substrate = len(nodes) == len(plain.terminals) + 1
+        has_substrate = len(nodes) == len(TERMINALS) + 1
         if "substrate_capacitance" in has and not has_substrate:
             raise SceneError(
                 f"edge '{edge}' has a substrate_capacitance: name its substrate as the fourth node"

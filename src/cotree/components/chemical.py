@@ -13,24 +13,20 @@ from dataclasses import replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
-from cotree.components.component import Component, Field, Role, Shape
+from cotree.components.component import Component, Field, Role, Shape, optional, value
 from cotree.components.law import Law
-from cotree.components.ports import (
-    across_source,
-    across_storage,
-    optional,
-    through_source,
-    value,
-)
+from cotree.components.ports import across_source, storage, through_source
 from cotree.components.terminal import Kind, Terminal
 from cotree.errors import SceneError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable
+
+    from cotree.components.component import Adapted, Given, Nodes
 
 _DOMAIN = "chemical"
 
-SPECIES = across_storage(
+SPECIES = storage(
     _DOMAIN,
     "species",
     "amount of a species in a well stirred volume",
@@ -107,9 +103,7 @@ def _names(edge: str, field: str, fields: dict[str, Any]) -> Counter[str]:
     return Counter(listed)
 
 
-def _react(
-    edge: str, nodes: Sequence[object], fields: Mapping[str, Any]
-) -> tuple[Component, Sequence[object], Mapping[str, Any]]:
+def _react(edge: str, nodes: Nodes, fields: Given) -> Adapted:
     """Give a reaction a port for each of its species."""
     rest = dict(fields)
     reactants, products = _names(edge, "reactants", rest), _names(edge, "products", rest)

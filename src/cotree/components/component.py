@@ -157,13 +157,6 @@ class Demand:
     breach: str
 
 
-#: See :attr:`Component.adapt`.
-Adapt = Callable[
-    [str, Sequence[object], Mapping[str, Any]],
-    "tuple[Component, Sequence[object], Mapping[str, Any]]",
-]
-
-
 @dataclass(frozen=True)
 class Component:
     """A component type.
@@ -238,3 +231,38 @@ class Component:
     def field(self, name: str) -> Field | None:
         """Give the field called ``name``, if there is one."""
         return next((field for field in self.fields if field.name == name), None)
+
+
+#: Nodes and fields of an edge as a scene gives them; what :attr:`Component.adapt` makes of them.
+Nodes = Sequence[object]
+Given = Mapping[str, Any]
+Adapted = tuple[Component, Nodes, Given]
+Adapt = Callable[[str, Nodes, Given], Adapted]
+
+
+def value(name: str, unit: str, doc: str, sign: str = "positive") -> Field:
+    """Declare a required field of a law, which may depend on anything.
+
+    Parameters
+    ----------
+    name, unit, doc : str
+        Its name in scenes, SI unit and meaning.
+    sign : {'', 'nonnegative', 'positive'}
+        Sign that it must have where it is constant.
+    """
+    return Field(name, unit, doc, required=True, constant=False, sign=sign)
+
+
+def optional(name: str, unit: str, doc: str, default: float | None, sign: str = "") -> Field:
+    """Declare a field of a law that may be left out.
+
+    Parameters
+    ----------
+    name, unit, doc : str
+        Its name in scenes, SI unit and meaning.
+    default : float or None
+        Value where a scene gives none; None leaves the field out.
+    sign : {'', 'nonnegative', 'positive'}
+        Sign that it must have where it is constant.
+    """
+    return Field(name, unit, doc, default=default, constant=False, sign=sign)

@@ -8,31 +8,33 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from cotree.components.component import Component, Role
+from cotree.components.component import optional, value
 from cotree.components.junctions import (
     FORWARD_SHARE,
     depletion_capacity,
     depletion_fields,
-    extras,
     junction_current,
+    split_extras,
     symbol,
-    without_absent,
 )
 from cotree.components.law import Law
-from cotree.components.ports import optional, resistive, value
+from cotree.components.ports import resistive, scalar
 from cotree.components.terminal import Kind, PortMeasure, Terminal
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from cotree.components.component import Adapted, Component, Given, Nodes
 
 _DOMAIN = "electrical"
+
+_DOC = "Shockley diode: I (exp(v / V) - 1)"
+_CAPACITANCE, *_SHAPE = depletion_fields("junction", 1.0, 0.5)
 
 #: What adds a term to the laws, or a port.
 _EXTRAS = (
     optional("leakage", "S", "beside the junction", 0.0, "nonnegative"),
     optional("series_resistance", "ohm", "of the material and its contacts", 0.0, "nonnegative"),
     optional("breakdown_voltage", "V", "backwards; none where left out", None, "positive"),
-    *depletion_fields("junction", 1.0, 0.5)[:1],
+    _CAPACITANCE,
     optional("transit_time", "s", "charge stored per current", 0.0, "nonnegative"),
 )
 
@@ -41,7 +43,7 @@ _FIELDS = (
     optional("thermal_voltage", "V", "k T / e, times an ideality factor", 0.02585, "positive"),
     *_EXTRAS,
     optional("breakdown_current", "A", "what flows at that voltage", 1e-3, "positive"),
-    *depletion_fields("junction", 1.0, 0.5)[1:],
+    *_SHAPE,
     FORWARD_SHARE,
 )
 
@@ -49,23 +51,15 @@ _FIELDS = (
 @lru_cache(maxsize=64)
 def _diode(has: frozenset[str]) -> Component:
     """Make a diode with the terms of some fields."""
+    if "series_resistance" not in has:
+        return scalar("diode", _DOC, _FIELDS, _junction(has, "", ("", "")))
     # A series resistance needs an inner node between two ports.
-    is_split = "series_resistance" in has
-    between = ("inner", "cathode") if is_split else ("", "")
-    junction = _junction(has, "junction" if is_split else "", between)
-    doc = "Shockley diode: I (exp(v / V) - 1)"
-    if not is_split:
-        return Component(
-            "diode", Role.NETWORK, doc, fields=_FIELDS, domains=(_DOMAIN,), ports=(junction,)
-        )
-    series = resistive(_DOMAIN, "series_resistance", "series", ("anode", "inner"))
-    return Component(
+    return scalar(
         "diode",
-        Role.NETWORK,
-        doc,
-        fields=_FIELDS,
-        domains=(_DOMAIN,),
-        ports=(junction, series),
+        _DOC,
+        _FIELDS,
+        _junction(has, "junction", ("inner", "cathode")),
+        resistive(_DOMAIN, "series_resistance", "series", ("anode", "inner")),
         terminals=("anode", "cathode"),
         measures=(
             PortMeasure("v", "V", ((1, "across", "series"), (1, "across", "junction"))),
@@ -110,29 +104,21 @@ def _capacity(has: frozenset[str]) -> Any:
     return capacity
 
 
-def _adapted(
-    edge: str, nodes: Sequence[object], given: Mapping[str, Any]
-) -> tuple[Component, Sequence[object], Mapping[str, Any]]:
+def _adapted(edge: str, nodes: Nodes, given: Given) -> Adapted:
     """Keep the terms whose fields the scene gives."""
-    has = extras(_EXTRAS, given)
-    rest = without_absent(_EXTRAS, given)
+    has, rest = split_extras(_EXTRAS, given)
     return (_diode(has) if has else DIODE), nodes, rest
 
 
-DIODE = Component(
+# Its law is not formed before something asks for it: SymPy takes long to import.
+DIODE = scalar(
     "diode",
-    Role.NETWORK,
-    "Shockley diode: I (exp(v / V) - 1)",
-    fields=_FIELDS,
-    domains=(_DOMAIN,),
-    ports=(
-        Terminal(
-            _DOMAIN,
-            Kind.DISSIPATOR,
-            through=Law.taking(
-                ("across", "saturation_current", "thermal_voltage"), junction_current
-            ),
-        ),
+    _DOC,
+    _FIELDS,
+    Terminal(
+        _DOMAIN,
+        Kind.DISSIPATOR,
+        through=Law.taking(("across", "saturation_current", "thermal_voltage"), junction_current),
     ),
     adapt=_adapted,
 )

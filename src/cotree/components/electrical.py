@@ -7,16 +7,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from cotree.components.component import Component, Role
+from cotree.components.component import optional, value
 from cotree.components.law import Law
-from cotree.components.ports import (
-    across_storage,
-    content_storage,
-    one_port,
-    optional,
-    resistance,
-    value,
-)
+from cotree.components.ports import content_storage, resistance, scalar, storage
 from cotree.components.terminal import Kind, Terminal
 
 _DOMAIN = "electrical"
@@ -25,18 +18,19 @@ RESISTOR = resistance(
     _DOMAIN, "resistor", "linear resistance", value("resistance", "ohm", "voltage per current")
 )
 
-CAPACITOR = across_storage(
+CAPACITOR = storage(
     _DOMAIN,
     "capacitor",
     "linear capacitance, or one that depends on states",
     value("capacitance", "F", "current per rate of voltage"),
 )
 
-INDUCTOR = one_port(
+INDUCTOR = storage(
+    _DOMAIN,
     "inductor",
     "linear inductance, or one that depends on states",
-    (value("inductance", "H", "voltage per rate of current"),),
-    Terminal(_DOMAIN, Kind.THROUGH_STORAGE, storage=Law(lambda inductance: inductance)),
+    value("inductance", "H", "voltage per rate of current"),
+    Kind.THROUGH_STORAGE,
 )
 
 NONLINEAR_CAPACITOR = content_storage(
@@ -56,27 +50,21 @@ NONLINEAR_INDUCTOR = content_storage(
 
 
 def _charge(port: str) -> Terminal:
-    content = Law.taking((f"charge_{port}",), lambda given: given)
+    content, ends = Law.field(f"charge_{port}"), (port, "common")
     return Terminal(
-        _DOMAIN,
-        Kind.ACROSS_STORAGE,
-        port,
-        content=content,
-        is_passive=False,
-        between=(port, "common"),
+        _DOMAIN, Kind.ACROSS_STORAGE, port, content=content, is_passive=False, between=ends
     )
 
 
-THREE_TERMINAL_CAPACITOR = Component(
+THREE_TERMINAL_CAPACITOR = scalar(
     "three_terminal_capacitor",
-    Role.NETWORK,
     "two charges against a common terminal, each by both voltages",
-    fields=(
+    (
         value("charge_a", "C", "an expression of NAME.a.v and NAME.b.v", ""),
         value("charge_b", "C", "another one", ""),
     ),
-    domains=(_DOMAIN,),
-    ports=(_charge("a"), _charge("b")),
+    _charge("a"),
+    _charge("b"),
     terminals=("a", "b", "common"),
 )
 
@@ -97,7 +85,7 @@ def _switch_current(across: Any, closed: Any, on_resistance: Any, off_resistance
     return across / _contact(closed, on_resistance, off_resistance)
 
 
-SWITCH = one_port(
+SWITCH = scalar(
     "switch",
     "resistance between open and closed",
     (

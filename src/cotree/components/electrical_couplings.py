@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
 
-from cotree.components.component import Component, Role
+from cotree.components.component import Component, value
 from cotree.components.law import Law
-from cotree.components.ports import ideal_coupling, ideal_gyration, value
+from cotree.components.ports import ideal_coupling, ideal_gyration, scalar
 from cotree.components.terminal import Kind, Terminal
 
 _DOMAIN = "electrical"
@@ -46,14 +46,8 @@ def _controlled(
     else:
         output = Terminal(_DOMAIN, Kind.THROUGH_SOURCE, "output", through=law, is_passive=False)
     given, by = ("voltage", "current")[not gives_voltage], ("voltage", "current")[not by_voltage]
-    return Component(
-        name,
-        Role.NETWORK,
-        f"{given} in proportion to a {by} elsewhere",
-        fields=(value(*field, ""),),
-        domains=(_DOMAIN,),
-        ports=(_VOLTMETER if by_voltage else _AMMETER, output),
-    )
+    doc = f"{given} in proportion to a {by} elsewhere"
+    return scalar(name, doc, (value(*field, ""),), _VOLTMETER if by_voltage else _AMMETER, output)
 
 
 VCVS = _controlled("vcvs", True, True, ("gain", "1", "voltage per voltage"))
@@ -62,37 +56,28 @@ CCVS = _controlled("ccvs", False, True, ("transresistance", "ohm", "voltage per 
 CCCS = _controlled("cccs", False, False, ("gain", "1", "current per current"))
 
 
-def _nullor(name: str, doc: str, **places: Any) -> Component:
-    input_, output = places.get("between", (("", ""), ("", "")))
-    return Component(
-        name,
-        Role.NETWORK,
-        doc,
-        domains=(_DOMAIN,),
-        ports=(
-            Terminal(
-                _DOMAIN,
-                Kind.NULLATOR,
-                "input",
-                across=Law(lambda: 0),
-                through=Law(lambda: 0),
-                is_passive=False,
-                between=input_,
-            ),
-            Terminal(_DOMAIN, Kind.NORATOR, "output", is_passive=False, between=output),
-        ),
-        terminals=places.get("terminals", ()),
-    )
+# Infinite gain holds voltage and current of the input at zero; those of the output follow from the
+# rest of the network.
+_INPUT = Terminal(
+    _DOMAIN,
+    Kind.NULLATOR,
+    "input",
+    across=Law(lambda: 0),
+    through=Law(lambda: 0),
+    is_passive=False,
+)
+_OUTPUT = Terminal(_DOMAIN, Kind.NORATOR, "output", is_passive=False)
 
-
-IDEAL_OP_AMP = _nullor(
+IDEAL_OP_AMP = scalar(
     "ideal_op_amp",
     "operational amplifier of infinite gain, with feedback",
+    (),
+    replace(_INPUT, between=("plus", "minus")),
+    replace(_OUTPUT, between=("output", "ground")),
     terminals=("plus", "minus", "output"),
-    between=(("plus", "minus"), ("output", "ground")),
 )
 
-NULLOR = _nullor("nullor", "ideal amplifier whose output may float")
+NULLOR = scalar("nullor", "ideal amplifier whose output may float", (), _INPUT, _OUTPUT)
 
 COMPONENTS = (
     TRANSFORMER,

@@ -9,16 +9,16 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from cotree.components.component import Component, Field, Role, Shape
+from cotree.components.component import Component, Field, Shape, optional, value
 from cotree.components.law import Law
-from cotree.components.ports import across_source, one_port, optional, through_source, value
+from cotree.components.ports import across_source, scalar, through_source
 from cotree.components.terminal import Kind, Terminal
 from cotree.errors import SceneError, check_known
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable
 
-    from cotree.components.component import Adapt
+    from cotree.components.component import Adapt, Adapted, Given, Nodes
 
 _DOMAIN = "electrical"
 
@@ -90,23 +90,22 @@ def _pulse_fields(unit: str) -> tuple[Field, ...]:
     )
 
 
-def _waveform(
-    name: str, doc: str, is_voltage: bool, fields: tuple[Field, ...], law: Callable[..., Any]
-) -> Component:
-    """Make a source of a waveform."""
-    if is_voltage:
-        terminal = Terminal(_DOMAIN, Kind.ACROSS_SOURCE, across=Law(law))
-    else:
-        terminal = Terminal(_DOMAIN, Kind.THROUGH_SOURCE, through=Law(law))
-    return one_port(name, doc, fields, terminal)
+def _waveforms(
+    name: str, doc: str, fields: Callable[[str], tuple[Field, ...]], law: Callable[..., Any]
+) -> tuple[Component, Component]:
+    """Make the sources of a voltage and of a current that follow a waveform."""
+    voltage = Terminal(_DOMAIN, Kind.ACROSS_SOURCE, across=Law(law))
+    current = Terminal(_DOMAIN, Kind.THROUGH_SOURCE, through=Law(law))
+    return (
+        scalar(f"{name}_voltage", doc, fields("V"), voltage),
+        scalar(f"{name}_current", doc, fields("A"), current),
+    )
 
 
 def _tabled(source: Component) -> Adapt:
     """Turn ``times`` and ``values`` into a table over time in the field of a source."""
 
-    def adapt(
-        edge: str, nodes: Sequence[object], fields: Mapping[str, Any]
-    ) -> tuple[Component, Sequence[object], Mapping[str, Any]]:
+    def adapt(edge: str, nodes: Nodes, fields: Given) -> Adapted:
         rest = dict(fields)
         for name in ("times", "values"):
             if name not in rest:
@@ -118,47 +117,29 @@ def _tabled(source: Component) -> Adapt:
     return adapt
 
 
-def _piecewise(name: str, doc: str, source: Component, unit: str) -> Component:
+def _piecewise(source: Component) -> Component:
+    """Make the source of a table over time."""
+    given = source.fields[0]
+    name, doc = f"piecewise_{given.name}", "linear between given points"
     fields = (
         Field("times", "s", "that increase", Shape.NUMBERS, required=True),
         Field(
-            "values", unit, "at these times; constant outside them", Shape.NUMBERS, required=True
+            "values",
+            given.unit,
+            "at these times; constant outside them",
+            Shape.NUMBERS,
+            required=True,
         ),
     )
     own = replace(source, name=name, doc=doc)
-    return Component(
-        name,
-        Role.NETWORK,
-        doc,
-        fields=fields,
-        domains=(_DOMAIN,),
-        ports=source.ports,
-        adapt=_tabled(own),
-    )
+    return replace(own, fields=fields, adapt=_tabled(own))
 
-
-SINE_VOLTAGE = _waveform("sine_voltage", "sine from a delay on", True, _sine_fields("V"), _sine)
-SINE_CURRENT = _waveform("sine_current", "sine from a delay on", False, _sine_fields("A"), _sine)
-PULSE_VOLTAGE = _waveform(
-    "pulse_voltage", "one pulse with straight edges, or many", True, _pulse_fields("V"), _pulse
-)
-PULSE_CURRENT = _waveform(
-    "pulse_current", "one pulse with straight edges, or many", False, _pulse_fields("A"), _pulse
-)
-PIECEWISE_VOLTAGE = _piecewise(
-    "piecewise_voltage", "linear between given points", VOLTAGE_SOURCE, "V"
-)
-PIECEWISE_CURRENT = _piecewise(
-    "piecewise_current", "linear between given points", CURRENT_SOURCE, "A"
-)
 
 COMPONENTS = (
     VOLTAGE_SOURCE,
     CURRENT_SOURCE,
-    SINE_VOLTAGE,
-    SINE_CURRENT,
-    PULSE_VOLTAGE,
-    PULSE_CURRENT,
-    PIECEWISE_VOLTAGE,
-    PIECEWISE_CURRENT,
+    *_waveforms("sine", "sine from a delay on", _sine_fields, _sine),
+    *_waveforms("pulse", "one pulse with straight edges, or many", _pulse_fields, _pulse),
+    _piecewise(VOLTAGE_SOURCE),
+    _piecewise(CURRENT_SOURCE),
 )

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from cotree.components.component import optional, value
 from cotree.components.law import Law
-from cotree.components.ports import one_port, optional, value
+from cotree.components.ports import scalar
 from cotree.components.terminal import Integral, Kind, Terminal
 
 _DOMAIN = "electrical"
@@ -16,7 +17,10 @@ FARADAY, GAS = 96485.33212331, 8.31446261815324
 _TEMPERATURE = optional("temperature", "K", "of the cell", 298.15, "positive")
 _ELECTRONS = optional("electrons", "1", "that a turn of the reaction exchanges", 1.0, "positive")
 
-OPEN_CIRCUIT_VOLTAGE = one_port(
+#: State of charge, one when full: a positive current charges the cell.
+STATE_OF_CHARGE = Integral("soc", "1", Law(lambda through, capacity: through / capacity))
+
+OPEN_CIRCUIT_VOLTAGE = scalar(
     "open_circuit_voltage",
     "voltage of a cell without current, with its state of charge",
     (
@@ -26,8 +30,8 @@ OPEN_CIRCUIT_VOLTAGE = one_port(
     Terminal(
         _DOMAIN,
         Kind.ACROSS_SOURCE,
-        across=Law(lambda voltage: voltage),
-        integral=Integral("soc", "1", Law(lambda through, capacity: through / capacity)),
+        across=Law.field("voltage"),
+        integral=STATE_OF_CHARGE,
     ),
 )
 
@@ -47,7 +51,7 @@ def _butler_volmer(
     return exchange_current * (sympy.exp(symmetry * eta) - sympy.exp(-(1 - symmetry) * eta))
 
 
-BUTLER_VOLMER = one_port(
+BUTLER_VOLMER = scalar(
     "butler_volmer",
     "current of an electrode by its overpotential",
     (
@@ -61,7 +65,7 @@ BUTLER_VOLMER = one_port(
     Terminal(_DOMAIN, Kind.DISSIPATOR, through=Law(_butler_volmer)),
 )
 
-DOUBLE_LAYER = one_port(
+DOUBLE_LAYER = scalar(
     "double_layer",
     "capacitance of an electrode's surface",
     (
@@ -86,7 +90,7 @@ def _nernst(
     )
 
 
-NERNST = one_port(
+NERNST = scalar(
     "nernst",
     "equilibrium potential of an electrode by concentrations",
     (

@@ -5,19 +5,20 @@ Through variables act on the second node; the first gets the reaction.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
-from cotree.components.component import Component, Field, Plane, Role, Shape
+from cotree.components.component import Component, Field, Plane, Role, Shape, optional, value
 from cotree.components.law import Law
 
-_AXIS = Field(
+
+def _three(name: str, unit: str, doc: str) -> Field:
+    return Field(name, unit, doc, Shape.VECTOR, constant=False)
+
+
+AXIS = Field(
     "axis", "1", "acts along it, fixed in the first node's axes; else along the line", Shape.VECTOR
 )
-
-
-def _signal(name: str, unit: str, doc: str, required: bool = True) -> Field:
-    default = None if required else 0.0
-    return Field(name, unit, doc, default=default, required=required, constant=False)
 
 
 def _spring(length: Any, rate: Any, stiffness: Any, free_length: Any, damping: Any) -> Any:
@@ -33,10 +34,10 @@ SPRING = Component(
     Role.LINE,
     "linear spring, with a damper beside it where damping is given",
     fields=(
-        _AXIS,
-        _signal("stiffness", "N/m", "force per length"),
-        _signal("free_length", "m", "length at rest", required=False),
-        _signal("damping", "N s/m", "force per rate of length", required=False),
+        AXIS,
+        value("stiffness", "N/m", "force per length", ""),
+        optional("free_length", "m", "length at rest", 0.0),
+        optional("damping", "N s/m", "force per rate of length", 0.0),
     ),
     domains=("translation",),
     law=Law(_spring),
@@ -47,7 +48,7 @@ DAMPER = Component(
     "damper",
     Role.LINE,
     "linear damper",
-    fields=(_AXIS, _signal("damping", "N s/m", "force per rate of length")),
+    fields=(AXIS, value("damping", "N s/m", "force per rate of length", "")),
     domains=("translation",),
     law=Law(_damper),
     keeps_plane=Plane(within=("axis",)),
@@ -57,16 +58,7 @@ FORCE = Component(
     "force",
     Role.FORCE,
     "given force on the second node",
-    fields=(
-        Field(
-            "force",
-            "N",
-            "components in the first node's axes",
-            Shape.VECTOR,
-            required=True,
-            constant=False,
-        ),
-    ),
+    fields=(replace(_three("force", "N", "components in the first node's axes"), required=True),),
     domains=("translation",),
     keeps_plane=Plane(within=("force",)),
 )
@@ -76,14 +68,7 @@ TORQUE = Component(
     Role.TORQUE,
     "given torque on the second node",
     fields=(
-        Field(
-            "torque",
-            "N m",
-            "components in the first node's axes",
-            Shape.VECTOR,
-            required=True,
-            constant=False,
-        ),
+        replace(_three("torque", "N m", "components in the first node's axes"), required=True),
     ),
     domains=("rotation",),
     keeps_plane=Plane(along=("torque",)),
@@ -94,7 +79,7 @@ LINE_FORCE = Component(
     Role.LAW,
     "force along the line of its nodes, or an axis, by an expression of length and rate",
     fields=(
-        _AXIS,
+        AXIS,
         Field(
             "force",
             "N",
@@ -106,10 +91,6 @@ LINE_FORCE = Component(
     domains=("translation",),
     keeps_plane=Plane(within=("axis",)),
 )
-
-
-def _three(name: str, unit: str, doc: str) -> Field:
-    return Field(name, unit, doc, Shape.VECTOR, constant=False)
 
 
 BUSHING = Component(

@@ -5,21 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from cotree.components.component import Component, Role
+from cotree.components.component import optional, value
 from cotree.components.law import Law
-from cotree.components.ports import (
-    across_source,
-    across_storage,
-    one_port,
-    optional,
-    resistance,
-    through_source,
-    value,
-)
+from cotree.components.ports import across_source, resistance, scalar, storage, through_source
 from cotree.components.terminal import Kind, Terminal
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from cotree.components.component import Adapted, Given, Nodes
 
 _DOMAIN = "hydraulic"
 
@@ -62,14 +54,14 @@ def _valve(
 _COEFFICIENT = optional("coefficient", "1", "of discharge", 0.62, "positive")
 _TRANSITION = optional("transition", "Pa", "below it the law is smoothed", 1.0, "positive")
 
-ORIFICE = one_port(
+ORIFICE = scalar(
     "orifice",
     "turbulent flow through an opening",
     (value("area", "m^2", "of the opening"), _COEFFICIENT, _DENSITY, _TRANSITION),
     Terminal(_DOMAIN, Kind.DISSIPATOR, through=Law(_orifice)),
 )
 
-VALVE = one_port(
+VALVE = scalar(
     "valve",
     "an orifice that opens and closes",
     (
@@ -82,7 +74,7 @@ VALVE = one_port(
     Terminal(_DOMAIN, Kind.DISSIPATOR, through=Law(_valve), is_passive=False),
 )
 
-TANK = one_port(
+TANK = scalar(
     "tank",
     "open tank of upright walls: pressure at its bottom",
     (
@@ -97,36 +89,32 @@ TANK = one_port(
     ),
 )
 
-ACCUMULATOR = across_storage(
+ACCUMULATOR = storage(
     _DOMAIN,
     "accumulator",
     "elastic volume",
     value("capacity", "m^3/Pa", "volume taken up per pressure"),
 )
 
-_INERTANCE = Law(lambda inertance: inertance)
-
-INERTANCE = one_port(
+INERTANCE = storage(
+    _DOMAIN,
     "inertance",
     "inertia of a liquid column",
-    (value("inertance", "Pa s^2/m^3", "pressure per rate of flow: density times length by area"),),
-    Terminal(_DOMAIN, Kind.THROUGH_STORAGE, storage=_INERTANCE),
+    value("inertance", "Pa s^2/m^3", "pressure per rate of flow: density times length by area"),
+    Kind.THROUGH_STORAGE,
 )
 
 _PIPE = Terminal(
     _DOMAIN,
     Kind.THROUGH_STORAGE,
     across=Law(lambda through, resistance: resistance * through),
-    storage=_INERTANCE,
+    storage=Law.field("inertance"),
+    between=("plus", "minus"),
 )
-_HALF = Terminal(
-    _DOMAIN, Kind.ACROSS_STORAGE, storage=Law(lambda capacity: capacity / 2), is_passive=True
-)
+_HALF = Terminal(_DOMAIN, Kind.ACROSS_STORAGE, storage=Law(lambda capacity: capacity / 2))
 
 
-def _fit_pipe(
-    edge: str, nodes: Sequence[object], fields: Mapping[str, Any]
-) -> tuple[Component, Sequence[object], Mapping[str, Any]]:
+def _fit_pipe(edge: str, nodes: Nodes, fields: Given) -> Adapted:
     """Give an elastic pipe half of its capacity at each end that is not the ground."""
     if "capacity" not in fields:
         return PIPE, nodes, fields
@@ -135,17 +123,15 @@ def _fit_pipe(
     return replace(PIPE, ports=(*PIPE.ports, *halves)), nodes, fields
 
 
-PIPE = Component(
+PIPE = scalar(
     "pipe",
-    Role.NETWORK,
     "liquid column with friction, elastic where a capacity is given",
-    fields=(
+    (
         optional("resistance", "Pa s/m^3", "pressure per flow", 0.0, "nonnegative"),
         value("inertance", "Pa s^2/m^3", "pressure per rate of flow"),
         optional("capacity", "m^3/Pa", "volume per pressure, half at each end", None, "positive"),
     ),
-    domains=(_DOMAIN,),
-    ports=(replace(_PIPE, between=("plus", "minus")),),
+    _PIPE,
     terminals=("plus", "minus"),
     adapt=_fit_pipe,
 )
@@ -166,7 +152,7 @@ def _pump_rise(through: Any, pressure: Any, resistance: Any, quadratic: Any) -> 
     return pressure + resistance * through + quadratic * through * sympy.Abs(through)
 
 
-PUMP = one_port(
+PUMP = scalar(
     "pump",
     "a pump by its curve, which raises the pressure from minus to plus",
     (

@@ -12,8 +12,10 @@ from cotree.components.component import (
     Plane,
     Role,
     Shape,
+    optional,
 )
 from cotree.components.law import Law
+from cotree.components.spaces import body_space
 
 if TYPE_CHECKING:
     Symbol = Any
@@ -42,7 +44,7 @@ def _prismatic(
 
 
 def _effort(name: str, unit: str, doc: str) -> Field:
-    return Field(name, unit, doc, default=0.0, constant=False)
+    return optional(name, unit, doc, 0.0)
 
 
 def _direction(name: str, doc: str) -> Field:
@@ -134,10 +136,7 @@ FREE = Component(
     "free",
     Role.JOINT,
     "every motion of the second node: no reaction",
-    motion_space=(
-        *(Freedom(name, "m", rotates=False, axis=name, rate=f"v{name}") for name in "xyz"),
-        FreeRotation(),
-    ),
+    motion_space=body_space("", is_particle=False),
 )
 
 SCREW = Component(

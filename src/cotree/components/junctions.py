@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from cotree.components.ports import optional
+from cotree.components.component import optional
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -89,15 +89,32 @@ FORWARD_SHARE = optional(
 )
 
 
-def extras(fields: tuple[Field, ...], given: Mapping[str, Any]) -> frozenset[str]:
-    """List the fields that a scene gives and that are not the number zero."""
-    return frozenset(row.name for row in fields if not is_absent(given.get(row.name)))
+def split_extras(
+    fields: tuple[Field, ...], given: Mapping[str, Any]
+) -> tuple[frozenset[str], dict[str, Any]]:
+    """Find which of some fields add a term to a law.
 
+    Parameters
+    ----------
+    fields : tuple of Field
+        Fields whose term is left out where they are zero or not given.
+    given : mapping of str to object
+        What a scene gives.
 
-def without_absent(fields: tuple[Field, ...], given: Mapping[str, Any]) -> dict[str, Any]:
-    """Remove fields that are absent or contribute nothing."""
-    absent = {row.name for row in fields} - extras(fields, given)
-    return {key: item for key, item in given.items() if key not in absent and item is not None}
+    Returns
+    -------
+    has : frozenset of str
+        Names of the fields that add a term.
+    rest : dict
+        What was given, without fields that add nothing.
+    """
+    names = {row.name for row in fields}
+    has = frozenset(name for name in names if not is_absent(given.get(name)))
+    return has, {
+        key: item
+        for key, item in given.items()
+        if item is not None and (key in has or key not in names)
+    }
 
 
 def is_absent(value: Any) -> bool:

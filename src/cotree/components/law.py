@@ -62,6 +62,11 @@ class Law:
         return made
 
     @classmethod
+    def field(cls, name: str) -> Law:
+        """Make the law that gives one of its arguments, a field for example, as it is."""
+        return cls.taking((name,), lambda given: given)
+
+    @classmethod
     def of(cls, expression: Any) -> Law:
         """Make the law of a SymPy expression whose symbols are real."""
         names = tuple(sorted(symbol.name for symbol in expression.free_symbols))

@@ -9,24 +9,21 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from cotree.components.component import optional, value
 from cotree.components.law import Law
 from cotree.components.ports import (
     across_source,
-    across_storage,
     conductance,
     ideal_coupling,
-    one_port,
-    optional,
+    scalar,
+    storage,
     through_source,
-    value,
 )
 from cotree.components.terminal import Kind, Terminal
 from cotree.errors import SceneError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from cotree.components.component import Adapt, Component, Field
+    from cotree.components.component import Adapt, Adapted, Component, Field, Given, Nodes
 
 
 @dataclass(frozen=True)
@@ -79,19 +76,17 @@ def _linear(m: _Motion) -> Terminal:
         through=Law.taking(
             ("stretch", "stiffness", f"free_{m.length}"), lambda s, k, free: k * (s - free)
         ),
-        storage=Law(lambda stiffness: stiffness),
+        storage=Law.field("stiffness"),
     )
 
 
 def _by_expression(spring: Component, m: _Motion) -> Adapt:
     """Let a spring follow an expression in place of its stiffness."""
-    law = Law.taking((m.force,), lambda given: given)
+    law = Law.field(m.force)
     bent = Terminal(m.domain, Kind.SPRING, through=law, is_passive=False)
     stiffness = replace(_stiffness(m), required=True)
 
-    def adapt(
-        edge: str, nodes: Sequence[object], fields: Mapping[str, Any]
-    ) -> tuple[Component, Sequence[object], Mapping[str, Any]]:
+    def adapt(edge: str, nodes: Nodes, fields: Given) -> Adapted:
         if m.force not in fields:
             rest = (field for field in spring.fields if field.name not in ("stiffness", m.force))
             return replace(spring, fields=(stiffness, *rest)), nodes, fields
@@ -104,7 +99,7 @@ def _by_expression(spring: Component, m: _Motion) -> Adapt:
 
 
 def _spring(m: _Motion) -> Component:
-    made = one_port(
+    made = scalar(
         m.name("spring"),
         "linear spring, or a spring by an expression",
         (
@@ -136,7 +131,7 @@ def _stop_law(
 
 
 def _stop(m: _Motion) -> Component:
-    return one_port(
+    return scalar(
         m.name("stop"),
         "elastic stops at either side of a gap",
         (
@@ -163,7 +158,7 @@ def _friction(m: _Motion) -> Component:
         return force * sympy.tanh(across / transition) + damping * across
 
     arguments = ("across", m.force, "damping", "transition")
-    return one_port(
+    return scalar(
         m.name("friction"),
         "dry friction, smooth about rest, with viscous friction",
         (
@@ -186,7 +181,7 @@ def _speed_source(m: _Motion, name: str) -> Component:
     return across_source(m.domain, f"{name}_source", f"given {name}", field)
 
 
-MASS = across_storage(
+MASS = storage(
     "translational",
     "translational_mass",
     "mass that moves along a line",
@@ -194,7 +189,7 @@ MASS = across_storage(
     is_absolute=True,
 )
 
-INERTIA = across_storage(
+INERTIA = storage(
     "rotational",
     "rotational_inertia",
     "inertia that turns about an axis",
@@ -203,7 +198,7 @@ INERTIA = across_storage(
 )
 
 # Without a damper beside it a shaft would be a spring: then its speed follows from that of others.
-SHAFT = one_port(
+SHAFT = scalar(
     "shaft",
     "elastic shaft with damping",
     (

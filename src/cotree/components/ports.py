@@ -12,36 +12,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
 
-def value(name: str, unit: str, doc: str, sign: str = "positive") -> Field:
-    """Declare a required field of a law, which may depend on anything.
-
-    Parameters
-    ----------
-    name, unit, doc : str
-        Its name in scenes, SI unit and meaning.
-    sign : {'', 'nonnegative', 'positive'}
-        Sign that it must have where it is constant.
-    """
-    return Field(name, unit, doc, required=True, constant=False, sign=sign)
-
-
-def optional(name: str, unit: str, doc: str, default: float | None, sign: str = "") -> Field:
-    """Declare a field of a law that may be left out.
-
-    Parameters
-    ----------
-    name, unit, doc : str
-        Its name in scenes, SI unit and meaning.
-    default : float or None
-        Value where a scene gives none; None leaves the field out.
-    sign : {'', 'nonnegative', 'positive'}
-        Sign that it must have where it is constant.
-    """
-    return Field(name, unit, doc, default=default, constant=False, sign=sign)
-
-
-def one_port(name: str, doc: str, fields: tuple[Field, ...], terminal: Terminal) -> Component:
-    """Make a component with a single port.
+def scalar(
+    name: str, doc: str, fields: tuple[Field, ...], *ports: Terminal, **options: Any
+) -> Component:
+    """Make a scalar component, in the graphs of its ports.
 
     Parameters
     ----------
@@ -49,12 +23,13 @@ def one_port(name: str, doc: str, fields: tuple[Field, ...], terminal: Terminal)
         Name of the component type, and one line on what it is.
     fields : tuple of Field
         Its fields.
-    terminal : Terminal
-        The terminal equation of its port.
+    *ports : Terminal
+        The terminal equation of each port.
+    **options
+        Further attributes of :class:`Component`: ``terminals``, ``measures``, ``loss``, ...
     """
-    return Component(
-        name, Role.NETWORK, doc, fields=fields, domains=(terminal.domain,), ports=(terminal,)
-    )
+    domains = tuple(dict.fromkeys(port.domain for port in ports))
+    return Component(name, Role.NETWORK, doc, fields, domains, ports=ports, **options)
 
 
 def across_source(domain: str, name: str, doc: str, field: Field) -> Component:
@@ -67,8 +42,8 @@ def across_source(domain: str, name: str, doc: str, field: Field) -> Component:
     field : Field
         The across variable.
     """
-    law = Law.taking((field.name,), lambda given: given)
-    return one_port(name, doc, (field,), Terminal(domain, Kind.ACROSS_SOURCE, across=law))
+    law = Law.field(field.name)
+    return scalar(name, doc, (field,), Terminal(domain, Kind.ACROSS_SOURCE, across=law))
 
 
 def through_source(
@@ -87,26 +62,33 @@ def through_source(
     """
     sign = -1 if acts_on_head else 1
     law = Law.taking((field.name,), lambda given: sign * given)
-    return one_port(name, doc, (field,), Terminal(domain, Kind.THROUGH_SOURCE, through=law))
+    return scalar(name, doc, (field,), Terminal(domain, Kind.THROUGH_SOURCE, through=law))
 
 
-def across_storage(
-    domain: str, name: str, doc: str, field: Field, is_absolute: bool = False
+def storage(
+    domain: str,
+    name: str,
+    doc: str,
+    field: Field,
+    kind: Kind = Kind.ACROSS_STORAGE,
+    is_absolute: bool = False,
 ) -> Component:
-    """Make a linear storage, whose state is its across variable.
+    """Make a linear storage, whose state is its across or its through variable.
 
     Parameters
     ----------
     domain, name, doc : str
         Its domain, the name of the type, and one line on what it is.
     field : Field
-        The capacity: through = capacity * rate of across.
+        The capacity, through = capacity * rate of across, or the inertance, across = inertance *
+        rate of through.
+    kind : Kind
+        A storage of across or of through variables.
     is_absolute : bool
         Whether it must begin at the ground, as inertias do.
     """
-    law = Law.taking((field.name,), lambda given: given)
-    terminal = Terminal(domain, Kind.ACROSS_STORAGE, storage=law, is_absolute=is_absolute)
-    return one_port(name, doc, (field,), terminal)
+    terminal = Terminal(domain, kind, storage=Law.field(field.name), is_absolute=is_absolute)
+    return scalar(name, doc, (field,), terminal)
 
 
 def content_storage(
@@ -123,8 +105,8 @@ def content_storage(
     kind : Kind
         A storage of across or of through variables.
     """
-    content = Law.taking((field.name,), lambda given: given)
-    return one_port(name, doc, (field,), Terminal(domain, kind, content=content, is_passive=False))
+    content = Law.field(field.name)
+    return scalar(name, doc, (field,), Terminal(domain, kind, content=content, is_passive=False))
 
 
 def resistance(domain: str, name: str, doc: str, field: Field) -> Component:
@@ -137,7 +119,7 @@ def resistance(domain: str, name: str, doc: str, field: Field) -> Component:
     field : Field
         The resistance.
     """
-    return one_port(name, doc, (field,), resistive(domain, field.name))
+    return scalar(name, doc, (field,), resistive(domain, field.name))
 
 
 def resistive(
@@ -182,7 +164,7 @@ def conductance(domain: str, name: str, doc: str, field: Field) -> Component:
         across=Law.taking(("through", field.name), lambda through, given: through / given),
         through=Law.taking(("across", field.name), lambda across, given: given * across),
     )
-    return one_port(name, doc, (field,), terminal)
+    return scalar(name, doc, (field,), terminal)
 
 
 def ideal_coupling(
@@ -190,9 +172,8 @@ def ideal_coupling(
 ) -> Component:
     """Make a lossless transformer: across of the first port is ``field`` times that of the second.
 
-    Power is conserved, so the through variables have the inverse ratio, with opposite sign.
-
-    Ports are given as their domain and name.
+    Power is conserved, so the through variables have the inverse ratio, with opposite sign. Ports
+    are given as their domain and name.
 
     Parameters
     ----------
@@ -216,8 +197,6 @@ def ideal_gyration(
     name: str, doc: str, field: Field, first: tuple[str, str], second: tuple[str, str]
 ) -> Component:
     """Make a lossless gyrator: through of each port is ``field`` times across of the other.
-
-    What flows into the first drives the second.
 
     What flows into the first drives the second. Ports are given as their domain and name.
 
@@ -250,21 +229,15 @@ def _coupled(
 ) -> Component:
     """Couple two ports: across and through of the first, then of the second, by the other's."""
     made = [Law.taking((argument, field.name), law) for argument, law in laws]
-    return Component(
-        name,
-        Role.NETWORK,
-        doc,
-        fields=(field,),
-        domains=tuple(dict.fromkeys(domain for domain, _ in ports)),
-        ports=tuple(
-            Terminal(
-                domain,
-                Kind.COUPLED,
-                port,
-                across=made[2 * i],
-                through=made[2 * i + 1],
-                is_passive=is_passive,
-            )
-            for i, (domain, port) in enumerate(ports)
-        ),
+    terminals = (
+        Terminal(
+            domain,
+            Kind.COUPLED,
+            port,
+            across=made[2 * i],
+            through=made[2 * i + 1],
+            is_passive=is_passive,
+        )
+        for i, (domain, port) in enumerate(ports)
     )
+    return scalar(name, doc, (field,), *terminals)

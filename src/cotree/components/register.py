@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from cotree.components.component import Acts, Component, Field, Plane, Role, Shape
+from cotree.components.component import Acts, Component, Field, Plane, Role, value
+from cotree.components.forces import AXIS
 from cotree.components.law import Law
 from cotree.dag.nodes import Dag
 from cotree.errors import SceneError, brief
 from cotree.naming import check_name
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
 #: What a law may be a function of besides the fields, by what it acts along.
 _GIVEN = {Acts.LINE: ("length", "rate", "t"), Acts.VELOCITY: ("speed", "t")}
@@ -57,26 +58,33 @@ def make_component(
             f"component '{name}' acts along {along!r}: give 'line' or 'velocity'"
         ) from None
     made = checked_law(law, f"the law of component '{name}'")
-    fields = [argument for argument in made.arguments if argument not in _GIVEN[acts]]
-    for argument in fields:
-        check_name("field", argument)
-    rows = [
-        Field(argument, (units or {}).get(argument, ""), "", required=True, constant=False)
-        for argument in fields
-    ]
+    rows = law_fields((name for name in made.arguments if name not in _GIVEN[acts]), units or {})
     if acts is Acts.LINE:
-        text = "acts along it, fixed in the first node's axes; else along the line"
         # Without an axis, the force acts along the line of the nodes.
-        rows.insert(0, Field("axis", "1", text, Shape.VECTOR))
+        rows = (AXIS, *rows)
     return Component(
         name,
         Role.LAW,
         doc or "a user's law",
-        fields=tuple(rows),
+        fields=rows,
         domains=("translation",),
         law=made,
         keeps_plane=Plane(within=("axis",)),
         acts=acts,
+    )
+
+
+def law_fields(names: Iterable[str], units: Mapping[str, str]) -> tuple[Field, ...]:
+    """Make the fields of a user's law from the names of its arguments and their units.
+
+    Raises
+    ------
+    SceneError
+        If a name is not allowed.
+    """
+    return tuple(
+        value(check_name("field", name), units.get(name, ""), "", sign="")
+        for name in dict.fromkeys(names)
     )
 
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from cotree.components.component import Component, Field, Role
 from cotree.components.law import Law
-from cotree.components.register import checked_law
+from cotree.components.ports import scalar
+from cotree.components.register import checked_law, law_fields
 from cotree.components.terminal import Kind, Terminal
 from cotree.domains import DOMAINS
 from cotree.domains import domain as domain_of
@@ -21,6 +21,8 @@ from cotree.naming import check_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+
+    from cotree.components.component import Component
 
 #: What laws may be functions of besides variables of ports and fields.
 _GIVEN = frozenset({"t", "stretch", "potential_head", "potential_tail"})
@@ -91,32 +93,20 @@ def make_network_component(
     what = f"a law of component '{name}'"
     made = {port: checked_law(law, what) for port, law in named.items()}
     given = _given(name, named, gives)
-    ports = tuple(
+    ports = (
         _content(name, domain, port, law, named, places.get(port, ("", "")))
         if given.get(port) == "content"
         else _terminal(name, domain, port, law, given.get(port, ""), places.get(port, ("", "")))
         for port, law in made.items()
     )
-    fields = dict.fromkeys(
+    fields = (
         argument
         for law in made.values()
         for argument in law.arguments
         if argument not in _GIVEN and not _is_variable(argument, named)
     )
-    for field in fields:
-        check_name("field", field)
-    return Component(
-        name,
-        Role.NETWORK,
-        doc or "a user's law",
-        fields=tuple(
-            Field(field, (units or {}).get(field, ""), "", required=True, constant=False)
-            for field in fields
-        ),
-        domains=(domain,),
-        ports=ports,
-        terminals=tuple(terminals),
-    )
+    rows = law_fields(fields, units or {})
+    return scalar(name, doc or "a user's law", rows, *ports, terminals=tuple(terminals))
 
 
 def _places(

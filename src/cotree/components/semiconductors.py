@@ -6,19 +6,19 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from cotree.components.bipolar import FIELDS, bipolar
-from cotree.components.component import Component, Role
+from cotree.components.bipolar import FIELDS, TERMINALS, bipolar, measures
+from cotree.components.component import Component, optional, value
 from cotree.components.diodes import DIODE
 from cotree.components.junctions import is_absent, junction_current, symbol
 from cotree.components.law import Law
-from cotree.components.ports import optional, value
+from cotree.components.ports import scalar
 from cotree.components.terminal import Kind, PortMeasure, Terminal
 from cotree.errors import SceneError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable
 
-    from cotree.components.component import Adapt
+    from cotree.components.component import Adapt, Adapted, Given, Nodes
 
 _DOMAIN = "electrical"
 
@@ -46,31 +46,24 @@ def _bipolar(name: str, doc: str, sign: int) -> Component:
             between=between,
         )
 
-    plain = Component(
+    plain = scalar(
         name,
-        Role.NETWORK,
         doc,
-        fields=FIELDS,
-        domains=(_DOMAIN,),
-        ports=(
-            port("be", "bc", "forward_gain", ("base", "emitter")),
-            port("bc", "be", "reverse_gain", ("base", "collector")),
-        ),
-        terminals=("collector", "base", "emitter"),
-        measures=(
-            PortMeasure("ib", "A", ((1, "through", "be"), (1, "through", "bc"))),
-            PortMeasure("ic", "A", ((-1, "through", "bc"),)),
-            PortMeasure("ie", "A", ((-1, "through", "be"),)),
-            PortMeasure("vbe", "V", ((1, "across", "be"),)),
-            PortMeasure("vbc", "V", ((1, "across", "bc"),)),
-            PortMeasure("vce", "V", ((1, "across", "be"), (-1, "across", "bc"))),
-        ),
+        FIELDS,
+        port("be", "bc", "forward_gain", ("base", "emitter")),
+        port("bc", "be", "reverse_gain", ("base", "collector")),
+        terminals=TERMINALS,
+        measures=measures({}),
     )
     return replace(plain, adapt=bipolar(name, doc, sign, plain))
 
 
 BJT_NPN = _bipolar("bjt_npn", "bipolar transistor after Ebers and Moll, npn", 1)
 BJT_PNP = _bipolar("bjt_pnp", "bipolar transistor after Ebers and Moll, pnp", -1)
+
+
+#: Arguments of the law of a channel.
+_CHANNEL = ("across", "across_gs", "factor", "threshold", "modulation", "leakage")
 
 
 def _mosfet(name: str, doc: str, sign: int) -> Component:
@@ -86,7 +79,6 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
         import sympy
 
         vds, vgs = sign * across, sign * gate
-
         at_source = vgs - sign * threshold
         a, b = (sympy.Max(0, above) for above in (at_source, at_source - vds))
         # Where both ends conduct a - b is vds, which their difference has no digits of if it is
@@ -96,12 +88,10 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
         channel = factor / 2 * (a + b) * across_channel * (1 + modulation * sympy.Abs(vds))
         return sign * channel + leakage * across
 
-    names = ("across", "across_gs", "factor", "threshold", "modulation", "leakage")
-    plain = Component(
+    plain = scalar(
         name,
-        Role.NETWORK,
         doc,
-        fields=(
+        (
             value("factor", "A/V^2", "of the square law: mobility, oxide, width by length"),
             value("threshold", "V", "of the gate against the source", ""),
             optional("modulation", "1/V", "of the channel's length", 0.0, "nonnegative"),
@@ -109,24 +99,21 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
             optional("body_effect", "V^0.5", "of the bulk's voltage", 0.0, "nonnegative"),
             optional("surface_potential", "V", "of the channel at threshold", 0.6, "positive"),
         ),
-        domains=(_DOMAIN,),
-        ports=(
-            Terminal(
-                _DOMAIN,
-                Kind.DISSIPATOR,
-                "ds",
-                through=Law.taking(names, law),
-                is_passive=False,
-                between=("drain", "source"),
-            ),
-            Terminal(
-                _DOMAIN,
-                Kind.THROUGH_SOURCE,
-                "gs",
-                through=Law(lambda: 0),
-                is_passive=False,
-                between=("gate", "source"),
-            ),
+        Terminal(
+            _DOMAIN,
+            Kind.DISSIPATOR,
+            "ds",
+            through=Law.taking(_CHANNEL, law),
+            is_passive=False,
+            between=("drain", "source"),
+        ),
+        Terminal(
+            _DOMAIN,
+            Kind.THROUGH_SOURCE,
+            "gs",
+            through=Law(lambda: 0),
+            is_passive=False,
+            between=("gate", "source"),
         ),
         terminals=("drain", "gate", "source"),
         measures=(
@@ -155,8 +142,7 @@ def _with_bulk(plain: Component, law: Callable[..., Any], sign: int) -> Adapt:
         straight = sympy.Max(v, 0) / (2 * sympy.sqrt(potential))
         root = sympy.Max(0, sympy.sqrt(potential - sympy.Min(v, 0)) - straight)
         raised = sign * effect * (root - sympy.sqrt(potential))
-        names = ("across", "across_gs", "factor", "threshold", "modulation", "leakage")
-        arguments = {name: symbol(name) for name in names}
+        arguments = {name: symbol(name) for name in _CHANNEL}
         arguments["threshold"] += raised
         return law(*arguments.values())
 
@@ -171,9 +157,7 @@ def _with_bulk(plain: Component, law: Callable[..., Any], sign: int) -> Adapt:
             measures=(*plain.measures, PortMeasure("vbs", "V", ((1, "across", "bs"),))),
         )
 
-    def adapt(
-        edge: str, nodes: Sequence[object], given: Mapping[str, Any]
-    ) -> tuple[Component, Sequence[object], Mapping[str, Any]]:
+    def adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
         if len(nodes) == len(plain.terminals) + 1:
             return made(), nodes, given
         if not is_absent(given.get("body_effect")):

@@ -122,7 +122,7 @@ class Terminal:
     is_absolute: bool = False
 
 
-_ACROSS = Law(lambda across: across)
+_ACROSS = Law.field("across")
 
 
 def integral_of(terminal: Terminal) -> Integral | None:

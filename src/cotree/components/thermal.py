@@ -4,16 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from cotree.components.component import optional, value
 from cotree.components.law import Law
-from cotree.components.ports import (
-    across_source,
-    across_storage,
-    one_port,
-    optional,
-    resistance,
-    through_source,
-    value,
-)
+from cotree.components.ports import across_source, resistance, scalar, storage, through_source
 from cotree.components.terminal import Kind, Terminal
 
 _DOMAIN = "thermal"
@@ -21,7 +14,7 @@ _DOMAIN = "thermal"
 #: Stefan-Boltzmann constant, W/(m^2 K^4), exact since the SI of 2019.
 STEFAN_BOLTZMANN = 5.670374419e-8
 
-HEAT_CAPACITOR = across_storage(
+HEAT_CAPACITOR = storage(
     _DOMAIN,
     "heat_capacitor",
     "heat capacity of one temperature",
@@ -35,7 +28,7 @@ RESISTOR = resistance(
     value("resistance", "K/W", "temperature per heat flow"),
 )
 
-CONVECTION = one_port(
+CONVECTION = scalar(
     "convection",
     "heat transfer between a surface and a fluid",
     (
@@ -58,7 +51,7 @@ def _radiation(potential_head: Any, potential_tail: Any, area: Any, emissivity: 
     return sympy.Float(STEFAN_BOLTZMANN) * area * emissivity * fall
 
 
-RADIATION = one_port(
+RADIATION = scalar(
     "radiation",
     "radiation between grey surfaces",
     (

@@ -9,13 +9,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from cotree.components.component import Component, Role
+from cotree.components.component import optional, value
 from cotree.components.law import Law
-from cotree.components.ports import ideal_gyration, optional, value
+from cotree.components.ports import ideal_gyration, scalar
 from cotree.components.terminal import Kind, Terminal
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from cotree.components.component import Adapted, Given, Nodes
 
 
 def _voltage(through: Any, resistance: Any, constant: Any, across_shaft: Any) -> Any:
@@ -32,7 +32,7 @@ _WINDING = Terminal(
     Kind.THROUGH_STORAGE,
     "electrical",
     across=Law(_voltage),
-    storage=Law(lambda inductance: inductance),
+    storage=Law.field("inductance"),
     is_passive=False,
 )
 _RESISTIVE_WINDING = Terminal(
@@ -52,24 +52,24 @@ _SHAFT = Terminal(
     is_passive=False,
 )
 
-_DC_MOTOR = Component(
+# Copper loss: the electromechanical conversion itself has none.
+_LOSS = Law(lambda through_electrical, resistance: resistance * through_electrical**2)
+
+_DC_MOTOR = scalar(
     "dc_motor",
-    Role.NETWORK,
     "direct current motor or generator with a constant field",
-    fields=(
+    (
         value("resistance", "ohm", "of the winding"),
         optional("inductance", "H", "of the winding; none where absent", None, "positive"),
         value("constant", "N m/A", "torque per current, and voltage per speed", ""),
     ),
-    domains=("electrical", "rotational"),
-    ports=(_WINDING, _SHAFT),
-    loss=Law(lambda through_electrical, resistance: resistance * through_electrical**2),
+    _WINDING,
+    _SHAFT,
+    loss=_LOSS,
 )
 
 
-def _without_inductance(
-    edge: str, nodes: Sequence[object], given: Mapping[str, Any]
-) -> tuple[Component, Sequence[object], Mapping[str, Any]]:
+def _without_inductance(edge: str, nodes: Nodes, given: Given) -> Adapted:
     """Take the winding's inductance away where none is given."""
     if "inductance" in given:
         return DC_MOTOR, nodes, given
@@ -115,39 +115,36 @@ def _solenoid_voltage(
     return resistance * through + induced * through
 
 
-SOLENOID = Component(
+SOLENOID = scalar(
     "solenoid",
-    Role.NETWORK,
     "coil that pulls a plunger in: inductance L(s) = leakage + inductance / (1 + s/gap)",
-    fields=(
+    (
         value("resistance", "ohm", "of the coil"),
         value("inductance", "H", "of the air gap where it is closed, s = 0"),
         value("gap", "m", "opening at which that inductance is halved"),
         optional("leakage", "H", "inductance that no motion changes", 0.0, "nonnegative"),
     ),
-    domains=("electrical", "translational"),
-    ports=(
-        Terminal(
-            "electrical",
-            Kind.THROUGH_STORAGE,
-            "electrical",
-            across=Law(_solenoid_voltage),
-            storage=Law.taking(("stretch_plunger", "inductance", "gap", "leakage"), _inductance),
-            is_passive=False,
-        ),
-        Terminal(
-            "translational",
-            Kind.THROUGH_SOURCE,
-            "plunger",
-            through=Law(
-                lambda stretch, through_electrical, inductance, gap: (
-                    -0.5 * through_electrical**2 * _slope(stretch, inductance, gap)
-                )
-            ),
-            is_passive=False,
-        ),
+    Terminal(
+        "electrical",
+        Kind.THROUGH_STORAGE,
+        "electrical",
+        across=Law(_solenoid_voltage),
+        storage=Law.taking(("stretch_plunger", "inductance", "gap", "leakage"), _inductance),
+        is_passive=False,
     ),
-    loss=Law(lambda through_electrical, resistance: resistance * through_electrical**2),
+    # The force is that of the coenergy, L(s) i^2 / 2, along s; through is its negative.
+    Terminal(
+        "translational",
+        Kind.THROUGH_SOURCE,
+        "plunger",
+        through=Law(
+            lambda stretch, through_electrical, inductance, gap: (
+                -0.5 * through_electrical**2 * _slope(stretch, inductance, gap)
+            )
+        ),
+        is_passive=False,
+    ),
+    loss=_LOSS,
 )
 
 COMPONENTS = (DC_MOTOR, HYDRAULIC_CYLINDER, HYDRAULIC_MACHINE, SOLENOID)

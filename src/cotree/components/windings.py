@@ -7,13 +7,13 @@ from functools import lru_cache, partial
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
-from cotree.components.component import Component, Demand, Field, Role
+from cotree.components.component import Component, Demand, Field, optional, value
 from cotree.components.law import Law
-from cotree.components.ports import optional, value
+from cotree.components.ports import scalar
 from cotree.components.terminal import Kind, Terminal
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from cotree.components.component import Adapted, Given, Nodes
 
 _DOMAIN = "electrical"
 
@@ -53,7 +53,7 @@ def _winding(i: int, n: int) -> Terminal:
         _DOMAIN,
         Kind.THROUGH_STORAGE,
         WINDINGS[i - 1],
-        storage=Law.taking((own,), lambda inductance: inductance),
+        storage=Law.field(own),
         across=Law.taking(tuple(names), _induced),
     )
 
@@ -82,23 +82,19 @@ def _windings(n: int) -> Component:
     if n > 2:
         pairs = combinations(every, 2)
         couplings = [optional(coupling_field(*pair), "1", doc, 0.0) for pair in pairs]
-    return Component(
+    return scalar(
         "coupled_inductors",
-        Role.NETWORK,
         "windings that share a part of their flux",
-        fields=(
+        (
             *(value(f"inductance{i}", "H", f"of {WINDINGS[i - 1]} alone") for i in every),
             *couplings,
         ),
-        domains=(_DOMAIN,),
-        ports=tuple(_winding(i, n) for i in every),
+        *(_winding(i, n) for i in every),
         demands=tuple(_demand(k) for k in range(2, n + 1)),
     )
 
 
-def _as_given(
-    edge: str, nodes: Sequence[object], fields: Mapping[str, Any]
-) -> tuple[Component, Sequence[object], Mapping[str, Any]]:
+def _as_given(edge: str, nodes: Nodes, fields: Given) -> Adapted:
     """Make as many windings as have an inductance."""
     del edge
     # Windings are counted by the inductances that a scene gives in order.
