@@ -222,14 +222,14 @@ class _Writer:
         ]
         functions, calls = [], []
         for number, items in enumerate(blocks, 1):
-            body = self._body(items, crossing)
+            body = self._body(items, crossing.written(number - 1))
             function, called = function_of(self._names.format(number), body, arguments)
             functions.append(function)
             calls.append(Call(called))
-        leaving = crossing.written(item.row for item in exits)
+        leaving = crossing.written(len(blocks))
         return Blocks(functions, [*frames, *shared, *calls, *leaving])
 
-    def _body(self, items: Sequence[_Item], crossing: Crossing) -> list[Statement]:
+    def _body(self, items: Sequence[_Item], rows: Sequence[Statement]) -> list[Statement]:
         """Write the statements of one block, after the arrays and tables that are its own."""
         names = {name for item in items for name in item.names}
         filled = {item.row.name for item in items if isinstance(item.row, Array)}
@@ -240,7 +240,7 @@ class _Writer:
         ]
         body += [table for key, table in self._tables.items() if key in names]
         comment = ""
-        for item, row in zip(items, crossing.written(item.row for item in items), strict=True):
+        for item, row in zip(items, rows, strict=True):
             if item.comment != comment:
                 comment = item.comment
                 body.append(Comment(comment))

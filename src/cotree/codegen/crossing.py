@@ -18,12 +18,11 @@ from cotree.codegen.statements import (
     changed,
     declared_by,
     kind_of,
-    reads_of,
     uses,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
     from cotree.codegen.expressions import Expression, Temporary
     from cotree.codegen.statements import Statement
@@ -51,7 +50,16 @@ class Crossing:
     def __init__(self, groups: Sequence[Sequence[Statement]]) -> None:
         self.places: dict[Temporary, Expression] = {}
         self.lengths = dict.fromkeys(FRAMES, 0)
-        last = {key: i for i, group in enumerate(groups) for row in group for key in uses(row)}
+        self._groups = groups
+        self._reads: list[set[str | Temporary]] = []  # of each group, but what a row declares
+        last: dict[str | Temporary, int] = {}
+        for i, group in enumerate(groups):
+            reads: set[str | Temporary] = set()
+            for row in group:
+                used = uses(row)
+                last.update(dict.fromkeys(used, i))
+                reads |= used - {declared_by(row)}
+            self._reads.append(reads)
         free: dict[str, list[int]] = {kind: [] for kind in FRAMES}
         leaving: dict[int, list[tuple[str, int]]] = {}
         for i, group in enumerate(groups):
@@ -72,11 +80,10 @@ class Crossing:
             for kind, slot in leaving.pop(i, ()):
                 heappush(free[kind], slot)
 
-    def written(self, group: Iterable[Statement]) -> list[Statement]:
+    def written(self, number: int) -> list[Statement]:
         """Write a group: what it makes and others read is kept, what others made is read there."""
-        rows = list(group)
+        rows, reads = self._groups[number], self._reads[number]
         makes = set(map(declared_by, rows))
-        reads = {key for row in rows for key in reads_of(row)}
         places = {key: self.places[key] for key in reads - makes if key in self.places}
 
         def placed(expression: Expression) -> Expression:

@@ -163,7 +163,7 @@ def kernel_context(
         unused, operations = [], whole_kernel.operations.total
     else:
         roots = [*kernel.results, *(guard.value for guard in guards)]
-        order = None if guards else kernel.order
+        order = None if guards else [kernel.order]
         places, has_groups = starts_of_maps(kernel), not kernel.is_by_need
         printed = print_nodes(roots, kernel.prepared, names, order, places, has_groups=has_groups)
         unused, operations = _unused(kernel, roots), kernel.operations.total

@@ -177,7 +177,7 @@ def _in_blocks(own: OwnRows, name: str) -> _Cut:
     """Write statements that are run for all columns, repeated ones as loops."""
     linear = own.linear
     order = by_need(linear.order)
-    printed = print_nodes(linear.results, {}, {}, order, has_groups=False, symbols=_symbols(own))
+    printed = print_nodes(linear.results, {}, {}, [order], has_groups=False, symbols=_symbols(own))
     statements = printed.statements + [
         Assign((element("result", i),), zero() if root.is_zero else value)
         for i, (root, value) in enumerate(zip(linear.results, printed.values, strict=True))

@@ -7,6 +7,7 @@ evaluation. Comments name the group that a statement belongs to.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import chain
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -88,9 +89,10 @@ def print_nodes(
     roots: Sequence[Node],
     prepared: Mapping[Node, int],
     names: Mapping[Any, str],
-    order: Sequence[Node] | None = None,
+    parts: Sequence[Sequence[Node]] | None = None,
     places: Mapping[Node, Starts] = MappingProxyType({}),
     *,
+    kept: Collection[Node] = (),
     has_groups: bool = True,
     symbols: Callable[[str, int], Expression] = symbol,
 ) -> Printed:
@@ -105,48 +107,21 @@ def print_nodes(
     names : mapping of Table, OwnRows or tuple of int to str
         C name of each table, of each map by what its columns do not share, and of each table of
         places where columns of results begin.
-    order : sequence of Node, optional
-        What the values depend on, in order of evaluation, where it is known already.
+    parts : sequence of sequence of Node, optional
+        What the values depend on, in order of evaluation, cut into the parts that are wanted; one
+        part where absent.
     places : mapping of Node to Starts
         Where the results of a map are to be written, if not to an array of its own.
+    kept : collection of Node
+        What gets a statement even if it is used once.
     has_groups : bool
         Whether values of a group stand together, so that comments name it.
     symbols : callable
         Expression for a symbol, from its kind and its position.
     """
-    order = reachable(roots, stop=prepared) if order is None else order
+    parts = [reachable(roots, stop=prepared)] if parts is None else parts
     printer = _Printer(prepared, names, places, has_groups, symbols)
-    printer.count_uses(roots, order)
-    for node in order:
-        printer.visit(node)
-    return printer.printed(roots, [printer.statements])
-
-
-def print_parts(
-    roots: Sequence[Node],
-    parts: Sequence[Sequence[Node]],
-    kept: Collection[Node],
-    symbols: Callable[[str, int], Expression] = symbol,
-) -> Printed:
-    """Form statements in parts, in an order of evaluation that is given.
-
-    Parameters
-    ----------
-    roots : sequence of Node
-        The values wanted.
-    parts : sequence of sequence of Node
-        All that they depend on, but symbols and constants.
-    kept : collection of Node
-        What gets a statement even if it is used once.
-    symbols : callable
-        As for :func:`print_nodes`.
-    """
-    printer = _Printer({}, {}, {}, False, symbols)
-    order = [node for part in parts for node in part]
-    printer.count_uses([*roots, *kept], order)
-    for node in reachable(roots):
-        if not node.args:
-            printer.visit(node)
+    printer.count_uses([*roots, *kept], chain.from_iterable(parts))
     found, done = [], 0
     for part in parts:
         for node in part:
@@ -184,7 +159,7 @@ class _Printer:
         self._factors: dict[Any, int] = {}  # number of each factorised matrix
         self._section = ""
 
-    def count_uses(self, roots: Sequence[Node], order: Sequence[Node]) -> None:
+    def count_uses(self, roots: Iterable[Node], order: Iterable[Node]) -> None:
         """Count how often each value is read."""
         uses = self._uses
         for node in order:

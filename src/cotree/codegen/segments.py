@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from cotree.codegen.blocks import LONGEST_BLOCK
 from cotree.codegen.crossing import Crossing
 from cotree.codegen.expressions import apply, call, element, named, whole, zero
-from cotree.codegen.node_statements import print_parts
+from cotree.codegen.node_statements import print_nodes
 from cotree.codegen.statements import REAL, Assign, When
 from cotree.dag.linear_map import BLOCK
 
@@ -76,10 +76,17 @@ def cut_into_segments(
     segments = _shorter(_segments(linear), longest)
     number = {node: i for i, segment in enumerate(segments) for node in segment.nodes}
     crossing = {arg for node, i in number.items() for arg in node.args if number.get(arg, i) != i}
-    printed = print_parts(
-        linear.results, [segment.nodes for segment in segments], crossing, symbols
+    leaves = [node for node in linear.order if not node.args]
+    printed = print_nodes(
+        linear.results,
+        {},
+        {},
+        [leaves, *(segment.nodes for segment in segments)],
+        kept=crossing,
+        has_groups=False,
+        symbols=symbols,
     )
-    groups = printed.parts
+    groups = printed.parts[1:]  # leaves take no statement
     for i, (root, value) in enumerate(zip(linear.results, printed.values, strict=True)):
         if root in number:
             # A sum with zero: what is minus zero in some widths of vectors is skipped in others.
@@ -104,12 +111,12 @@ def _joined(
     guarded: list[int] = []
     parts: list[list[Statement]] = []
     length = longest
-    for segment, group in zip(segments, groups, strict=True):
+    for number, segment in enumerate(segments):
         if length + len(segment.nodes) > longest:
             parts.append([])
             length = 0
         length += len(segment.nodes)
-        rows = crossing.written(group)
+        rows = crossing.written(number)
         if segment.blocks == everywhere:
             parts[-1] += rows
             continue

@@ -230,15 +230,6 @@ def uses(statement: Statement) -> set[str | Temporary]:
     return found
 
 
-def reads_of(statement: Statement) -> set[str | Temporary]:
-    """List the names and temporaries in a statement but for one that it declares."""
-    found = uses(statement)
-    declared = declared_by(statement)
-    if declared:
-        found.discard(declared)
-    return found
-
-
 def changed(statement: Statement, change: Callable[[Expression], Expression]) -> Statement:
     """Say the same of other expressions, those inside of loops and conditions included."""
     if isinstance(statement, Simple):

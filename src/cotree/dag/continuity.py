@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import random
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from cotree.dag.evaluate import evaluate
 from cotree.dag.ieee import floor
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from cotree.dag.nodes import Dag, Node
+
+#: What is compared: nodes of parameters, or numbers.
+_Value = TypeVar("_Value", "Node", float)
 
 # What may jump where it looks at zero or a whole number.
 _JUMPING = frozenset({"select", "sign", "floor"})
@@ -59,19 +62,15 @@ def margins(dag: Dag, value: Node, time: Node) -> list[Node]:
             way = _NEAR * dag.function("abs", at) + _NEAR_ZERO
             # Two values on each side: their difference is the slope that a jump must exceed.
             sides = [at - 3.0 * way, at - way, at + way, at + 3.0 * way]
-            a, b, c, d = (substitute([value], {time: side})[0] for side in sides)
-            found[_margin(dag, (a, b, c, d))] = None
+            values = [substitute([value], {time: side})[0] for side in sides]
+            found[_margin(values, lambda node: dag.function("abs", node))] = None
     return list(found)
 
 
-def _margin(dag: Dag, values: Sequence[Node]) -> Node:
+def _margin(values: Sequence[_Value], size: Callable[[_Value], _Value]) -> _Value:
     """Compare the middle change of four values with those beside it, and with rounding."""
-
-    def size(node: Node) -> Node:
-        return dag.function("abs", node)
-
     a, b, c, d = values
-    allowed = _STEEP * (size(b - a) + size(d - c)) + _ROUNDING * (size(b) + size(c))
+    allowed = (size(b - a) + size(d - c)) * _STEEP + (size(b) + size(c)) * _ROUNDING
     return allowed - size(c - b)
 
 
@@ -200,9 +199,8 @@ def _crossings(
 def _jumps(value: Node, motion: Callable[[float], Mapping[Node, float]], t: float) -> bool:
     """Compare the values on both sides of a time; see :func:`margins`."""
     way = _NEAR * abs(t) + _NEAR_ZERO
-    a, b, c, d = (_value(value, motion, t + k * way) for k in (-3.0, -1.0, 1.0, 3.0))
-    allowed = _STEEP * (abs(b - a) + abs(d - c)) + _ROUNDING * (abs(b) + abs(c))
-    return not abs(c - b) <= allowed
+    values = [_value(value, motion, t + k * way) for k in (-3.0, -1.0, 1.0, 3.0)]
+    return not _margin(values, abs) >= 0.0
 
 
 def corner_symbols(node: Node, moving: Iterable[Node]) -> frozenset[Node]:

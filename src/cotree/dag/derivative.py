@@ -10,13 +10,18 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from cotree.dag.multi_output import SEVERAL
-from cotree.dag.traverse import reachable
+from cotree.dag.multi_output import SEVERAL, call, results, sizes_of, solve
+from cotree.dag.symbols import CHANGE
+from cotree.dag.traverse import reachable, substitute
 
 if TYPE_CHECKING:
+    from cotree.dag.linear_map import LinearMap
+    from cotree.dag.multi_output import Function
     from cotree.dag.nodes import Node
 
 Partial = Callable[["Node"], "Node"]
+#: Of each result, the partial derivatives by the arguments, by place, those that vanish left out.
+Jacobian = list[dict[int, "Node"]]
 
 
 def _d_abs(node: Node) -> Node:
@@ -84,6 +89,109 @@ PARTIALS: dict[str, tuple[Partial | None, ...]] = {
 }
 
 
+def _of_table(node: Node) -> Jacobian:
+    return [{0: results(node, 2)[1]}, {}]  # a slope is constant, piece by piece
+
+
+def _of_sines(node: Node) -> Jacobian:
+    n = len(node.args)
+    values = results(node, 2 * n)
+    return [*({i: values[n + i]} for i in range(n)), *({i: -values[i]} for i in range(n))]
+
+
+def _of_call(node: Node) -> Jacobian:
+    function: Function = node.data
+    if function.partials is None:
+        raise ArithmeticError(f"the function '{function.name}' has no partial derivatives")
+    flat, width = call(node.dag, function.partials, node.args), len(node.args)
+    rows = (flat[width * i : width * (i + 1)] for i in range(function.n_results))
+    return [dict(enumerate(row)) for row in rows]
+
+
+#: Partial derivatives of operations with several results. Those of linear systems and of maps are
+#: never formed: these are solved and applied again.
+_JACOBIANS: dict[str, Callable[[Node], Jacobian]] = {
+    "table": _of_table,
+    "sines": _of_sines,
+    "call": _of_call,
+}
+
+
+def _tangents_of_several(node: Node, along: Sequence[Node]) -> list[Node]:
+    """Differentiate all results of a node forward, from the tangents of its arguments."""
+    if node.op == "solve":
+        return _tangents_of_solution(node, along)
+    if node.op == "map":
+        return _tangents_of_map(node, along)
+    zero = node.dag.zero
+    return [
+        sum((partial * along[i] for i, partial in row.items()), zero)
+        for row in _JACOBIANS[node.op](node)
+    ]
+
+
+def _adjoints_of_several(node: Node, weights: Sequence[Node]) -> list[Node]:
+    """Differentiate all results of a node in reverse: by its arguments, from their weights."""
+    if node.op == "solve":
+        return _adjoints_of_solution(node, weights)
+    if node.op == "map":
+        return _adjoints_of_map(node, weights)
+    bar = [node.dag.zero] * len(node.args)
+    for row, weight in zip(_JACOBIANS[node.op](node), weights, strict=True):
+        for i, partial in row.items():
+            bar[i] = bar[i] + partial * weight
+    return bar
+
+
+def _tangents_of_solution(node: Node, along: Sequence[Node]) -> list[Node]:
+    """Solve A dx = db - dA x, with the matrix of the node itself."""
+    dag, n = node.dag, node.data.size
+    matrix = [node.args[n * i : n * (i + 1)] for i in range(n)]
+    x = results(node, n)
+    right = list(along[n * n : n * n + n])
+    for i in range(n):
+        for j in range(n):
+            right[i] = right[i] - along[n * i + j] * x[j]
+    solved = solve(dag, matrix, right, node.args[-1], node.data, sizes_of(node))
+    return [*solved[:n], dag.zero, dag.zero]  # neither rank nor acceptance change
+
+
+def _adjoints_of_solution(node: Node, weights: Sequence[Node]) -> list[Node]:
+    """Solve the transposed system: b_bar = A^-T x_bar, A_bar = -b_bar x^T."""
+    dag, n = node.dag, node.data.size
+    transposed = [[node.args[n * j + i] for j in range(n)] for i in range(n)]
+    b_bar = solve(dag, transposed, weights[:n], node.args[-1], node.data, sizes_of(node))[:n]
+    x = results(node, n)
+    a_bar = [-(b_bar[i] * x[j]) for i in range(n) for j in range(n)]
+    return [*a_bar, *b_bar, *(dag.zero for _ in sizes_of(node)), dag.zero]
+
+
+def _tangents_of_map(node: Node, along: Sequence[Node]) -> list[Node]:
+    """Differentiate the statements of one column, and put those of each in."""
+    linear: LinearMap = node.data
+    changes = [node.dag.symbol(CHANGE, i) for i in range(len(linear.inputs))]
+    once = tangents(linear.results, dict(zip(linear.inputs, changes, strict=True)))
+    symbols, found = [*linear.inputs, *changes], []
+    for own, d in zip(linear.given_to(node.args), linear.given_to(along), strict=True):
+        found += substitute(once, dict(zip(symbols, [*own, *d], strict=True)))
+    return found
+
+
+def _adjoints_of_map(node: Node, weights: Sequence[Node]) -> list[Node]:
+    """Differentiate the statements of one column in reverse, and put those of each in."""
+    linear: LinearMap = node.data
+    n, n_shared = len(linear.results), linear.n_shared
+    changes = [node.dag.symbol(CHANGE, i) for i in range(n)]
+    once = adjoints(linear.results, changes, linear.inputs)
+    symbols, shared, rest = [*linear.inputs, *changes], [node.dag.zero] * n_shared, []
+    for j, own in enumerate(linear.given_to(node.args)):
+        given = [*own, *weights[n * j : n * (j + 1)]]
+        back = substitute(once, dict(zip(symbols, given, strict=True)))
+        shared = [a + b for a, b in zip(shared, back[:n_shared], strict=True)]
+        rest += back[n_shared:]
+    return [*shared, *rest]
+
+
 def tangents(roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[Node]:
     """Differentiate forward: the derivative of each root in the direction of the seed.
 
@@ -141,7 +249,7 @@ def tangents_along(
             if not d.is_zero:
                 seeded[node][i] = d
     known = {node: row for node, row in seeded.items() if row}
-    several: dict[Node, dict[int, tuple[Node, ...]]] = {}
+    several: dict[Node, dict[int, list[Node]]] = {}
     for node in reachable(roots, stop=seeded):
         if node in seeded or not node.args:
             continue
@@ -156,8 +264,7 @@ def tangents_along(
             zero = node.dag.zero
             changes = {i: [row.get(i, zero) for row in rows] for i in along}
             if node.op in SEVERAL:
-                tangent_of = SEVERAL[node.op].tangent
-                several[node] = {i: tangent_of(node, d) for i, d in changes.items()}
+                several[node] = {i: _tangents_of_several(node, d) for i, d in changes.items()}
                 continue
             row = {i: _tangent(node, d) for i, d in changes.items()}
         row = {i: d for i, d in row.items() if not d.is_zero}
@@ -214,9 +321,8 @@ def adjoints(roots: Sequence[Node], weights: Sequence[Node], wanted: Sequence[No
     for node in reversed(order):
         if node.op in SEVERAL:
             if node in several:
-                for arg, d in zip(
-                    node.args, SEVERAL[node.op].reverse(node, several[node]), strict=True
-                ):
+                back = _adjoints_of_several(node, several[node])
+                for arg, d in zip(node.args, back, strict=True):
                     bar[arg] = bar.get(arg, zero) + d
             continue
         own = bar.get(node, zero)

@@ -19,7 +19,7 @@ from cotree.dag.symbols import COLUMN, PACKED_SENSITIVITY, SENSITIVITY, SHARED
 from cotree.dag.traverse import dependent, reachable, substitute
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Mapping, Sequence
+    from collections.abc import Container, Sequence
 
     from cotree.dag.nodes import Dag, Node
 
@@ -109,6 +109,17 @@ class LinearMap:
         n, first = self.n_inputs, self.n_shared
         return [args[first + n * j : first + n * (j + 1)] for j in range(self.n_columns)]
 
+    @cached_property
+    def inputs(self) -> list[Node]:
+        """The symbols that the results are made of: shared values, then those of one column."""
+        dag = self.results[0].dag
+        shared = [dag.symbol(SHARED, i) for i in range(self.n_shared)]
+        return shared + [dag.symbol(COLUMN, i) for i in range(self.n_inputs)]
+
+    def given_to(self, args: Sequence[Any]) -> list[list[Any]]:
+        """List what stands for :attr:`inputs` in each column, from the arguments of a node."""
+        return [[*args[: self.n_shared], *column] for column in self.columns(args)]
+
     def n_sensitive(self, args: Sequence[Node]) -> int:
         """Count the inputs that come first and are, column after column, the argument ``s``."""
         columns, n = self.columns(args), 0
@@ -121,86 +132,21 @@ class LinearMap:
     def evaluate(self, values: Sequence[Any]) -> list[Any]:
         """Apply the map to numbers, or to arrays of them."""
         found: list[Any] = []
-        for column in self.columns(values):
-            kinds = {SHARED: values, COLUMN: column}
-            known: dict[Node, Any] = {}
+        for given in self.given_to(values):
+            known: dict[Node, Any] = dict(zip(self.inputs, given, strict=True))
             for node in self.order:
-                if node.op == "symbol":
-                    known[node] = kinds[node.data[0]][node.data[1]]
-                elif node.op == "constant":
+                if node.op == "constant":
                     known[node] = node.value
-                else:
+                elif node.args:
                     known[node] = OPERATIONS[node.op].array(*(known[arg] for arg in node.args))
             found += [known[root] for root in self.results]
         return found
-
-    def tangents(self, args: Sequence[Node], along: Sequence[Node]) -> list[Node]:
-        """Differentiate the results, from the tangents of the arguments."""
-        dag, found = args[0].dag, []
-        shared = range(self.n_shared)
-        pairs = zip(self.columns(args), self.columns(along), strict=True)
-        for column, d_column in pairs:
-            known = {dag.symbol(SHARED, i): (args[i], along[i]) for i in shared}
-            for i, both in enumerate(zip(column, d_column, strict=True)):
-                known[dag.symbol(COLUMN, i)] = both
-            found += self._tangents_of_one(dag, known)
-        return found
-
-    def _tangents_of_one(self, dag: Dag, known: dict[Node, tuple[Node, Node]]) -> list[Node]:
-        for node in self.order:
-            if node in known:
-                continue
-            if node.op == "constant":
-                known[node] = (node, dag.zero)
-                continue
-            pairs = [known[arg] for arg in node.args]
-            value = dag.rebuild(node, tuple(pair[0] for pair in pairs))
-            slopes = tuple(pair[1] for pair in pairs)
-            if node.op == "mul":
-                (a, da), (b, db) = pairs
-                known[node] = (value, da * b + a * db)
-            else:  # sums, differences and negations
-                known[node] = (value, dag.rebuild(node, slopes))
-        return [known[root][1] for root in self.results]
-
-    def adjoints(self, args: Sequence[Node], weights: Sequence[Node]) -> list[Node]:
-        """Differentiate in reverse: adjoints of the arguments from those of the results."""
-        dag, n = args[0].dag, len(self.results)
-        shared, rest = [dag.zero] * self.n_shared, []
-        for j, column in enumerate(self.columns(args)):
-            given = {dag.symbol(SHARED, i): args[i] for i in range(self.n_shared)}
-            given |= {dag.symbol(COLUMN, i): value for i, value in enumerate(column)}
-            values = dict(zip(self.order, substitute(self.order, given), strict=True))
-            bar = dict.fromkeys(self.order, dag.zero)
-            for root, weight in zip(self.results, weights[n * j : n * (j + 1)], strict=True):
-                bar[root] = bar[root] + weight
-            for node in reversed(self.order):
-                _pull_back(node, values, bar)
-            for i in range(self.n_shared):
-                shared[i] = shared[i] + bar.get(dag.symbol(SHARED, i), dag.zero)
-            rest += [bar.get(dag.symbol(COLUMN, i), dag.zero) for i in range(self.n_inputs)]
-        return [*shared, *rest]
 
 
 def _sensitivity(node: Node) -> int:
     """Give the place of a sensitivity in the argument of kernels; -1 for anything else."""
     is_given = node.op == "symbol" and node.data[0] in (SENSITIVITY, PACKED_SENSITIVITY)
     return node.data[1] if is_given else -1
-
-
-def _pull_back(node: Node, values: Mapping[Node, Node], bar: dict[Node, Node]) -> None:
-    """Propagate the adjoint of one value to its arguments."""
-    own = bar[node]
-    if node.op == "mul":
-        a, b = node.args
-        bar[a] = bar[a] + own * values[b]
-        bar[b] = bar[b] + own * values[a]
-    elif node.op == "neg":
-        bar[node.args[0]] = bar[node.args[0]] - own
-    elif node.args:
-        a, b = node.args
-        bar[a] = bar[a] + own
-        bar[b] = bar[b] + own if node.op == "add" else bar[b] - own
 
 
 def form_map(

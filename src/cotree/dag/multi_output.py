@@ -1,7 +1,8 @@
 """Nodes with several results: ``solve``, ``table``, ``call``, ``map``, ``sines``.
 
-Each has a row in :data:`SEVERAL` with its rules for evaluation, tangent and reverse; the rule for
-C stands in :mod:`cotree.codegen.node_statements`. The results are read with ``result`` nodes.
+Each has a row in :data:`SEVERAL` with its evaluation; its derivatives stand in
+:mod:`cotree.dag.derivative`, its statements in :mod:`cotree.codegen.node_statements`. The results
+are read with ``result`` nodes.
 """
 
 from __future__ import annotations
@@ -186,10 +187,6 @@ def _evaluate_sines(_: int, angles: Sequence[Any]) -> Sequence[Any]:
     return [*map(np.sin, angles), *map(np.cos, angles)]
 
 
-def _evaluate_call(function: Function, values: Sequence[Any]) -> Sequence[Any]:
-    return function.evaluate(values)
-
-
 def solve(
     dag: Dag,
     matrix: Sequence[Sequence[Node]],
@@ -271,80 +268,9 @@ def call(dag: Dag, function: Function, args: Sequence[Node]) -> tuple[Node, ...]
     return dag.several("call", args, function, function.n_results)
 
 
-def _tangent_solve(node: Node, tangents: Sequence[Node]) -> tuple[Node, ...]:
-    """Solve A dx = db - dA x, with the matrix of the node itself."""
-    dag, n = node.dag, node.data.size
-    matrix = [node.args[n * i : n * (i + 1)] for i in range(n)]
-    x = results(node, n)
-    right = list(tangents[n * n : n * n + n])
-    for i in range(n):
-        for j in range(n):
-            # Differentiating A x = b gives A dx = db - dA x.
-            right[i] = right[i] - tangents[n * i + j] * x[j]
-    solved = solve(dag, matrix, right, node.args[-1], node.data, sizes_of(node))
-    return (*solved[:n], dag.zero, dag.zero)
-
-
-def _reverse_solve(node: Node, adjoints: Sequence[Node]) -> tuple[Node, ...]:
-    """Transposed solve: b_bar = A^-T x_bar, A_bar = -b_bar x^T."""
-    dag, n = node.dag, node.data.size
-    transposed = [[node.args[n * j + i] for j in range(n)] for i in range(n)]
-    b_bar = solve(dag, transposed, adjoints[:n], node.args[-1], node.data, sizes_of(node))[:n]
-    x = results(node, n)
-    a_bar = [-(b_bar[i] * x[j]) for i in range(n) for j in range(n)]
-    return (*a_bar, *b_bar, *(dag.zero for _ in sizes_of(node)), dag.zero)
-
-
-def _tangent_table(node: Node, tangents: Sequence[Node]) -> tuple[Node, ...]:
-    return results(node, 2)[1] * tangents[0], node.dag.zero
-
-
-def _reverse_table(node: Node, adjoints: Sequence[Node]) -> tuple[Node, ...]:
-    return (results(node, 2)[1] * adjoints[0],)
-
-
-def _partials(node: Node) -> tuple[tuple[Node, ...], ...]:
-    function: Function = node.data
-    if function.partials is None:
-        raise ArithmeticError(f"the function '{function.name}' has no partial derivatives")
-    flat = call(node.dag, function.partials, node.args)
-    width = len(node.args)
-    return tuple(flat[width * i : width * (i + 1)] for i in range(function.n_results))
-
-
-def _tangent_call(node: Node, tangents: Sequence[Node]) -> tuple[Node, ...]:
-    zero = node.dag.zero
-    return tuple(
-        sum((partial * dx for partial, dx in zip(row, tangents, strict=True)), zero)
-        for row in _partials(node)
-    )
-
-
-def _reverse_call(node: Node, adjoints: Sequence[Node]) -> tuple[Node, ...]:
-    zero = node.dag.zero
-    rows = _partials(node)
-    return tuple(
-        sum((row[j] * y_bar for row, y_bar in zip(rows, adjoints, strict=True)), zero)
-        for j in range(len(node.args))
-    )
-
-
 def sines(dag: Dag, angles: Sequence[Node]) -> tuple[Node, ...]:
     """Form the sines, then the cosines, of several angles."""
     return dag.several("sines", angles, len(angles), 2 * len(angles))
-
-
-def _tangent_sines(node: Node, tangents: Sequence[Node]) -> tuple[Node, ...]:
-    n = len(tangents)
-    values = results(node, 2 * n)
-    along = [values[n + i] * tangents[i] for i in range(n)]
-    return (*along, *(-(values[i] * tangents[i]) for i in range(n)))
-
-
-def _reverse_sines(node: Node, adjoints: Sequence[Node]) -> tuple[Node, ...]:
-    n = len(node.args)
-    values = results(node, 2 * n)
-    return tuple(values[n + i] * adjoints[i] - values[i] * adjoints[n + i] for i in range(n))
 
 
 def results(node: Node, n_results: int) -> tuple[Node, ...]:
@@ -354,37 +280,24 @@ def results(node: Node, n_results: int) -> tuple[Node, ...]:
 
 @dataclass(frozen=True)
 class Several:
-    """The rules of an operation with several results.
+    """An operation with several results.
 
     Attributes
     ----------
     evaluate : callable
         (data, argument values) to result values.
-    tangent : callable
-        (node, argument tangents) to result tangents.
-    reverse : callable
-        (node, result adjoints) to argument adjoints.
     n_results : callable
         data to number of results.
     """
 
     evaluate: Callable[[Any, Sequence[Any]], Sequence[Any]]
-    tangent: Callable[[Node, Sequence[Node]], tuple[Node, ...]]
-    reverse: Callable[[Node, Sequence[Node]], tuple[Node, ...]]
     n_results: Callable[[Any], int]
 
 
 SEVERAL: dict[str, Several] = {
-    "solve": Several(
-        _evaluate_solve, _tangent_solve, _reverse_solve, lambda shape: int(shape.size) + 2
-    ),
-    "table": Several(_evaluate_table, _tangent_table, _reverse_table, lambda _: 2),
-    "call": Several(_evaluate_call, _tangent_call, _reverse_call, lambda f: int(f.n_results)),
-    "sines": Several(_evaluate_sines, _tangent_sines, _reverse_sines, lambda n: 2 * int(n)),
-    "map": Several(
-        LinearMap.evaluate,
-        lambda node, along: tuple(node.data.tangents(node.args, along)),
-        lambda node, adjoints: tuple(node.data.adjoints(node.args, adjoints)),
-        lambda linear: int(linear.n_results),
-    ),
+    "solve": Several(_evaluate_solve, lambda shape: int(shape.size) + 2),
+    "table": Several(_evaluate_table, lambda _: 2),
+    "call": Several(lambda function, values: function.evaluate(values), lambda f: int(f.n_results)),
+    "sines": Several(_evaluate_sines, lambda n: 2 * int(n)),
+    "map": Several(LinearMap.evaluate, lambda linear: int(linear.n_results)),
 }

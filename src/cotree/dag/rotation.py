@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 from cotree.dag import vector
+from cotree.dag.nodes import Dag
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from cotree.dag.nodes import Dag, Node
+    from cotree.dag.nodes import Node
     from cotree.dag.vector import Matrix, Vector
 
 
@@ -184,31 +186,38 @@ def quaternion_of_angles(angles: Vector) -> tuple[Node, ...]:
 def quaternion_of_matrix(rows: Sequence[Sequence[float]]) -> list[float] | None:
     """Find the quaternion of a rotation matrix of numbers; None if it is no rotation.
 
-    By the largest of the four squares (S. W. Shepperd, J. Guidance and Control 1 (1978) 223).
+    A matrix is one where that quaternion's own matrix is the same; see
+    :func:`quaternion_of_nodes`.
     """
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rows
-    trace = xx + yy + zz
-    squares = [trace, xx, yy, zz]
-    largest = squares.index(max(squares))
-    # Each row is four times one entry of q times all four; the largest loses no digits.
-    products = [
-        [1.0 + trace, zy - yz, xz - zx, yx - xy],
-        [zy - yz, 1.0 + 2.0 * xx - trace, xy + yx, xz + zx],
-        [xz - zx, xy + yx, 1.0 + 2.0 * yy - trace, yz + zy],
-        [yx - xy, xz + zx, yz + zy, 1.0 + 2.0 * zz - trace],
-    ][largest]
-    length = math.hypot(*products)
-    if not length > 0.0:
+    dag = Dag()
+    try:
+        x, y, z = ((dag.constant(a), dag.constant(b), dag.constant(c)) for a, b, c in rows)
+        q = quaternion_of_nodes((x, y, z), lambda node: node.value or 0.0)
+        back = of_quaternion(q)
+    except ArithmeticError:  # not finite, or so large that products are not
         return None
-    q = [entry / length for entry in products]
-    back = _matrix_of(q)
     # 1e-6: a matrix printed with seven digits is meant to be a rotation.
-    is_close = all(abs(back[i][j] - rows[i][j]) <= 1e-6 for i in range(3) for j in range(3))
-    return q if is_close else None
+    pairs = zip(chain(*back), chain(*rows), strict=True)
+    if not all(abs((node.value or 0.0) - entry) <= 1e-6 for node, entry in pairs):
+        return None
+    length = math.hypot(*(node.value or 0.0 for node in q))
+    return [(node.value or 0.0) / length for node in q]
 
 
 def quaternion_of_nodes(m: Matrix, value: Callable[[Node], float]) -> tuple[Node, ...]:
-    """Form the quaternion of a rotation matrix, by the largest square at the present values."""
+    """Form the quaternion of a rotation matrix, by the largest square at the present values.
+
+    Parameters
+    ----------
+    m : Matrix
+        The matrix.
+    value : callable
+        Gives the present value of a node.
+
+    References
+    ----------
+    S. W. Shepperd, J. Guidance and Control 1 (1978) 223.
+    """
     dag = m[0][0].dag
     trace = m[0][0] + m[1][1] + m[2][2]
     squares = [value(node) for node in (trace, m[0][0], m[1][1], m[2][2])]
@@ -229,12 +238,3 @@ def quaternion_of_nodes(m: Matrix, value: Callable[[Node], float]) -> tuple[Node
     q[1 + j] = scale * (m[j][i] + m[i][j])
     q[1 + k] = scale * (m[k][i] + m[i][k])
     return tuple(q)
-
-
-def _matrix_of(q: Sequence[float]) -> list[list[float]]:
-    a, b, c, d = q
-    return [
-        [1 - 2 * (c * c + d * d), 2 * (b * c - a * d), 2 * (b * d + a * c)],
-        [2 * (b * c + a * d), 1 - 2 * (b * b + d * d), 2 * (c * d - a * b)],
-        [2 * (b * d - a * c), 2 * (c * d + a * b), 1 - 2 * (b * b + c * c)],
-    ]

@@ -57,6 +57,8 @@ MEASURED = "measured"
 #: Values of a map that all columns share, and those of one column.
 SHARED = "shared"
 COLUMN = "column"
+#: Change of what one column of a map is given, or weight of what it gives.
+CHANGE = "change"
 
 
 def kinds_in(roots: Iterable[Node]) -> set[str]:

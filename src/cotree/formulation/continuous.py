@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from cotree.components.component import Role
 from cotree.dag.continuity import are_seen, margins, may_jump
 from cotree.dag.derivative import tangents
-from cotree.dag.traverse import symbols_in
+from cotree.dag.symbols import PARAMETER, TIME, kinds_in
 from cotree.equations import Guard
 from cotree.errors import FormulationError
 
@@ -39,17 +39,21 @@ def guards_of(
     FormulationError
         If the value jumps.
     """
-    dag = time.dag
-    of_time = all(symbol.data[0] in ("p", "t") for symbol in symbols_in([value]))
-    if not (of_time and are_seen(dag, value, [time])):
+    if not is_timed(value, time):
         if may_jump(value, moving, time):
             raise FormulationError(f"{what} {breach}")
         return
-    for margin in margins(dag, value, time):
+    for margin in margins(time.dag, value, time):
         if margin.value is None:
             yield Guard(margin, what, False, breach)
         elif not margin.value >= 0.0:
             raise FormulationError(f"{what} {breach}")
+
+
+def is_timed(value: Node, time: Node) -> bool:
+    """Tell whether parameters and time alone decide where a value may jump, and when is known."""
+    of_time = kinds_in([value]) <= {PARAMETER, TIME}
+    return of_time and are_seen(time.dag, value, [time])
 
 
 _BREACH = (

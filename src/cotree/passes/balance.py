@@ -10,15 +10,16 @@ another one, what rounding left of them has stopped rodas5 at tolerances of 1e-1
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from heapq import heapify, heappop, heappush
 from typing import TYPE_CHECKING
 
+from cotree.passes.rewriting import for_each_kernel, rebuilt, rewrite
 from cotree.passes.stage import varying_values
 from cotree.program.cost_model import bounds, waits
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
+    from collections.abc import Collection, Mapping, Sequence
 
     from cotree.dag.nodes import Node
     from cotree.program import Kernel, Program
@@ -36,14 +37,12 @@ def balance_sums(program: Program) -> Program:
     """Balance the sums of each kernel, where there are no algebraic unknowns."""
     if any(program.layout.algebraic):
         return program
-    kernels = {
-        name: _rewrite(kernel) if name in _BALANCED else kernel
-        for name, kernel in program.kernels.items()
-    }
-    return replace(program, kernels=kernels)
+    return for_each_kernel(program, _balanced)
 
 
-def _rewrite(kernel: Kernel) -> Kernel:
+def _balanced(kernel: Kernel) -> Kernel:
+    if kernel.spec.name not in _BALANCED:
+        return kernel
     order = kernel.order
     varying = varying_values(order)
     started, longest = bounds(order, set(order) - varying)
@@ -51,17 +50,15 @@ def _rewrite(kernel: Kernel) -> Kernel:
     if not inner or started > _MOST * longest:
         return kernel
     clock = _Clock(varying)
-    new: dict[Node, Node] = {}
-    for node in order:
-        args = tuple(new.get(arg, arg) for arg in node.args)
-        with node.dag.labelled(node.section):
-            made = node if args == node.args else node.dag.rebuild(node, args)
-            if node.op in _SUMS and node not in inner:
-                made = min(made, _sum(_terms(node, inner, new), clock), key=clock)
-        clock(made)
-        if made is not node:
-            new[node] = made
-    return replace(kernel, results=tuple(new.get(node, node) for node in kernel.results))
+
+    def form(node: Node, new: Mapping[Node, Node]) -> Node:
+        made = rebuilt(node, new)
+        if node.op in _SUMS and node not in inner:
+            made = min(made, _sum(_terms(node, inner, new), clock), key=clock)
+        clock(made)  # of each value in turn: those that it depends on are known
+        return made
+
+    return rewrite(kernel, set(order), form)
 
 
 @dataclass
@@ -102,7 +99,9 @@ def _inner_sums(
     }
 
 
-def _terms(node: Node, inner: Collection[Node], new: dict[Node, Node]) -> list[tuple[Node, bool]]:
+def _terms(
+    node: Node, inner: Collection[Node], new: Mapping[Node, Node]
+) -> list[tuple[Node, bool]]:
     """List the terms of a sum in their order, and whether each is added."""
     terms: list[tuple[Node, bool]] = []
     left = [(node, True)]

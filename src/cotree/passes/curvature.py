@@ -15,7 +15,7 @@ from cotree.dag.derivative import tangents
 from cotree.dag.multi_output import SEVERAL
 from cotree.dag.symbols import DIRECTION, STATE
 from cotree.dag.traverse import dependent, reachable
-from cotree.passes.reciprocals import share_reciprocals
+from cotree.passes.reciprocals import with_reciprocals
 from cotree.program.kernels import KERNELS, KernelSpec
 from cotree.program.program import Kernel
 
@@ -74,8 +74,7 @@ def form_curvature(program: Program) -> Curvature | None:
     places = tuple(i for i, node in enumerate(found) if not node.is_zero)
     if not places:
         return None
-    whole = Kernel(_ALONG, tuple(found[i] for i in places), {})
-    whole = share_reciprocals(replace(program, kernels={_ALONG.name: whole})).kernels[_ALONG.name]
+    whole = with_reciprocals(Kernel(_ALONG, tuple(found[i] for i in places), {}))
     order = reachable(whole.results)
     moving = dependent(order, direction)
     read = {arg for node in order if node in moving for arg in node.args}

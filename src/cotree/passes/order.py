@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from cotree.passes.rewriting import for_each_kernel
 from cotree.program.cost_model import bounds
 
 if TYPE_CHECKING:
@@ -28,8 +29,7 @@ _MOST = 3.0
 
 def order_by_need(program: Program) -> Program:
     """Order the values of each kernel by need, where that helps."""
-    kernels = {name: _ordered(kernel) for name, kernel in program.kernels.items()}
-    return replace(program, kernels=kernels)
+    return for_each_kernel(program, _ordered)
 
 
 def _ordered(kernel: Kernel) -> Kernel:

@@ -10,7 +10,7 @@ from cotree.dag.derivative import tangents
 from cotree.dag.traverse import symbols_in
 from cotree.formulation.constraints import along_speeds
 from cotree.formulation.networks.couplings import coupling_loads, form_couplings, through_name
-from cotree.formulation.networks.network import Surroundings, form_network
+from cotree.formulation.networks.network import form_network
 from cotree.scene.events import event_expressions
 from cotree.scene.networks import scalar_ports
 
@@ -92,16 +92,8 @@ def attach_network(scene: SceneDescription, view: View) -> Attached:
     }
     observing = (*scene.outputs.values(), *event_expressions(scene.events.values()))
     names = {name for expression in observing for name in expression.names}
-    around = Surroundings(
-        system.dag,
-        system.time,
-        len(system.coordinates) + len(system.speeds) + len(system.modes),
-        system.of_parameters,
-        system.signals.node,
-        couplings,
-        frozenset(mode.symbol for mode in system.modes if mode.symbol.op == "symbol"),
-    )
-    network, observed = form_network(scene, around, sorted(names.union(system.signals.measured)))
+    wanted = sorted(names.union(system.signals.measured))
+    network, observed = form_network(scene, system, couplings, wanted)
     slopes = {}
     for name, coupling in couplings.items():
         own = _slopes(observed[through_name(coupling.port)], system)

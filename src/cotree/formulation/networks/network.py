@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.components import Kind
+from cotree.dag.symbols import STATE
 from cotree.equations import Guard
 from cotree.formulation.fields import is_varying
 from cotree.formulation.networks.names import Names
@@ -26,48 +27,17 @@ from cotree.scene.normal_trees import normal_trees
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from cotree.dag.nodes import Dag, Node
+    from cotree.dag.nodes import Node
     from cotree.equations import State
-    from cotree.formulation.fields import Resolver
     from cotree.formulation.networks.couplings import Coupling
     from cotree.formulation.networks.rules import Variable
     from cotree.formulation.networks.solved import Solved
     from cotree.formulation.networks.states import Redundant
+    from cotree.formulation.system import System
     from cotree.graph import LinearGraph
     from cotree.scene.description import SceneDescription
     from cotree.scene.networks import Port
     from cotree.scene.normal_trees import NormalTree
-
-
-@dataclass(frozen=True)
-class Surroundings:
-    """The part of the rest of the model that the networks use.
-
-    Attributes
-    ----------
-    dag : Dag
-        The arena.
-    time : Node
-        The symbol of time.
-    n_states : int
-        Number of states that come before those of the networks.
-    of_parameters : callable
-        Gives the node of a parameter's name.
-    of_everything : callable
-        Gives the node of any other name that a field may use.
-    couplings : mapping of str to Coupling
-        The ports that act on the multibody system.
-    modes : frozenset of Node
-        Symbols of the modes, which change at events only.
-    """
-
-    dag: Dag
-    time: Node
-    n_states: int
-    of_parameters: Resolver
-    of_everything: Resolver
-    couplings: Mapping[str, Coupling]
-    modes: frozenset[Node]
 
 
 @dataclass(frozen=True)
@@ -133,7 +103,10 @@ def draw_networks(
 
 
 def form_network(
-    scene: SceneDescription, around: Surroundings, wanted: Sequence[str]
+    scene: SceneDescription,
+    system: System,
+    couplings: Mapping[str, Coupling],
+    wanted: Sequence[str],
 ) -> tuple[Network, dict[str, Node]]:
     """Form the equations of the scalar networks of a scene.
 
@@ -141,8 +114,10 @@ def form_network(
     ----------
     scene : SceneDescription
         The scene.
-    around : Surroundings
-        What the networks see of the rest.
+    system : System
+        Its multibody system, whose states come before those of the networks.
+    couplings : mapping of str to Coupling
+        The ports that act on that.
     wanted : sequence of str
         Names that outputs and other fields use: those of the networks are formed.
 
@@ -171,10 +146,10 @@ def form_network(
     stores = find_stores(ports, topologies, cutsets, contents)
     names = Names(ports, topologies, stores)
     held = held_variables(ports, topologies, stores, {*wanted, *_used_by_fields(ports)})
-    symbols = {
-        item.variable: around.dag.symbol("x", around.n_states + i) for i, item in enumerate(held)
-    }
-    fields, measured, guards = _bind_fields(ports, symbols, names, around)
+    dag = system.dag
+    n_before = len(system.coordinates) + len(system.speeds) + len(system.modes)
+    symbols = {item.variable: dag.symbol(STATE, n_before + i) for i, item in enumerate(held)}
+    fields, measured, guards = _bind_fields(ports, symbols, names, system)
     terminals = Terminals(
         ports,
         topologies,
@@ -182,26 +157,26 @@ def form_network(
         symbols,
         fields,
         measured,
-        around.time,
-        around.couplings,
+        system.time,
+        couplings,
         stores,
         contents,
-        around.modes,
+        frozenset(mode.symbol for mode in system.modes if mode.symbol.op == "symbol"),
     )
     rates = tuple(item.rate for item in held)
     observed = {name: found for name in wanted if (found := names.variable(name)) is not None}
-    at = around.dag, around.of_parameters
+    at = dag, system.of_parameters
     redundant = redundant_values(ports, held, *at)
     roots = [*rates, *observed.values(), *(row.variable for row in redundant)]
     # What follows from a total of contents is an unknown even where nothing asks for it.
     roots += [store.unknown for store in stores.values()]
     plan = make_plan(terminals, roots)
     # Algebraic unknowns are numbered after all states that have a rate.
-    first = around.n_states + len(held)
+    first = n_before + len(held)
     solved = solve_plan(
         terminals,
         plan,
-        lambda i: around.dag.symbol("x", first + i),
+        lambda i: dag.symbol(STATE, first + i),
         lambda block: all(_is_passive(ports, trees, v) for v in (*block.unknowns, *block.inner)),
         is_static=first == 0,
     )
@@ -254,7 +229,7 @@ def _bind_fields(
     ports: Mapping[str, Port],
     symbols: Mapping[Variable, Node],
     names: Names,
-    around: Surroundings,
+    system: System,
 ) -> tuple[dict[tuple[str, str], Node], dict[Node, Variable], list[Guard]]:
     """Turn the fields of all components into nodes."""
     fields: dict[tuple[str, str], Node] = {}
@@ -264,11 +239,11 @@ def _bind_fields(
     def resolve(name: str) -> Node:
         variable = names.variable(name)
         if variable is None:
-            return around.of_everything(name)
+            return system.signals.node(name)
         if variable in symbols:
             return symbols[variable]
         if variable not in standing:
-            standing[variable] = around.dag.symbol("network", len(standing))
+            standing[variable] = system.dag.symbol("network", len(standing))
         return standing[variable]
 
     def ask(guard: Guard) -> None:
@@ -282,16 +257,15 @@ def _bind_fields(
         for field, value in edge.fields.items():
             row = edge.component.field(field)
             assert row is not None  # the scene accepted only fields of its component
-            resolver = around.of_parameters if row.constant else resolve
-            node = value.lower(around.dag, resolver)  # type: ignore[union-attr]
+            resolver = system.of_parameters if row.constant else resolve
+            node = value.lower(system.dag, resolver)  # type: ignore[union-attr]
             fields[edge.name, field] = node
-            around.dag.note_origin(node, f"{field} of edge '{edge.name}'")
+            system.dag.note_origin(node, f"{field} of edge '{edge.name}'")
             if row.sign and not is_varying(node):
                 ask(Guard(node, f"{field} of edge '{edge.name}'", row.sign == "positive"))
         for demand in edge.component.demands:
-            node = demand.law.value(
-                around.dag, {name: fields[edge.name, name] for name in demand.law.arguments}
-            )
+            arguments = {name: fields[edge.name, name] for name in demand.law.arguments}
+            node = demand.law.value(system.dag, arguments)
             if not is_varying(node):
                 ask(Guard(node, f"edge '{edge.name}'", True, demand.breach))
     # Fields that use a variable of the networks make it an argument, by its symbol.

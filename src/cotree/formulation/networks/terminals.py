@@ -7,12 +7,12 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from cotree.components import Kind, integral_of
-from cotree.dag.continuity import are_seen, corner_symbols, margins, may_jump
+from cotree.dag.continuity import corner_symbols
 from cotree.dag.derivative import tangents
 from cotree.dag.traverse import symbols_in
 from cotree.domains import DOMAINS
-from cotree.equations import Guard
 from cotree.errors import FormulationError
+from cotree.formulation.continuous import guards_of, is_timed
 from cotree.formulation.networks.derived import (
     across_residual,
     explicit_residual,
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
     from cotree.components import Law
     from cotree.dag.nodes import Node
+    from cotree.equations import Guard
     from cotree.formulation.networks.couplings import Coupling
     from cotree.formulation.networks.rules import Rule, Variable
     from cotree.formulation.networks.stores import Store
@@ -325,12 +326,10 @@ class Terminals:
                 is_known = False
         what = f"{field} of edge '{edge}'"
         if not is_known:
-            raise self._is_no_rate(edge, what, "depends on an input or on multibody states")
+            reason = "depends on an input or on multibody states"
+            raise FormulationError(f"{what} {self._refused(edge, reason)}")
         self._ask_to_be_continuous(edge, what, node)
         return tangents([node], moving)[0], rates
-
-    def _is_no_rate(self, edge: str, what: str, reason: str) -> FormulationError:
-        return FormulationError(f"{what} {self._refused(edge, reason)}")
 
     def _refused(self, edge: str, reason: str) -> str:
         return (
@@ -347,22 +346,12 @@ class Terminals:
         FormulationError
             If it jumps.
         """
-        dag, changing = self.time.dag, [self.time, *self._changing]
-        symbols = symbols_in([node])
-        of_time = all(symbol.data[0] in ("p", "t") for symbol in symbols)
-        if not (of_time and are_seen(dag, node, [self.time])):
-            if may_jump(node, changing, self.time):
-                raise self._is_no_rate(edge, what, "jumps")
-            looked_at = corner_symbols(node, changing)
-            if looked_at:
-                self.corners[what] = looked_at
-            return
-        breach = self._refused(edge, "jumps")
-        for margin in margins(dag, node, self.time):
-            if margin.value is None:
-                self.guards[margin] = Guard(margin, what, False, breach)
-            elif not margin.value >= 0.0:
-                raise self._is_no_rate(edge, what, "jumps")
+        changing, breach = [self.time, *self._changing], self._refused(edge, "jumps")
+        for guard in guards_of(node, changing, self.time, what, breach):
+            self.guards[guard.value] = guard
+        looked_at = corner_symbols(node, changing)
+        if looked_at and not is_timed(node, self.time):
+            self.corners[what] = looked_at
 
     def _rate_of_law(self, port: Port, law: Law) -> Law:
         """Differentiate a law; a waveform must not jump."""
