@@ -14,7 +14,7 @@ from cotree.dag.derivative import tangents
 from cotree.dag.traverse import substitute
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Mapping
+    from collections.abc import Collection, Hashable, Iterable, Mapping
 
     from cotree.components import Law
     from cotree.dag.nodes import Dag, Node
@@ -26,22 +26,40 @@ Variable = tuple[str, str]
 Tangent = dict["Hashable", "Node"]
 
 
-class Rule(Protocol):
+class Given(Protocol):
+    """Function that differentiates nodes of states, parameters, inputs and fields."""
+
+    def __call__(self, node: Node) -> Tangent:
+        """Differentiate a node along all directions."""
+        ...
+
+
+class Rule:
     """Equation by which a variable follows from others."""
 
     @property
     def needs(self) -> tuple[Variable, ...]:
         """The variables that it follows from."""
-        ...
+        raise NotImplementedError
 
     def value(self, dag: Dag, values: Mapping[Variable, Node]) -> Node:
         """Form the variable."""
-        ...
+        raise NotImplementedError
+
+    def partials(
+        self, values: Mapping[Variable, Node], changing: Collection[Variable]
+    ) -> Iterable[tuple[Variable, Node]]:
+        """Form the partial derivatives by some of the variables that it follows from."""
+        raise NotImplementedError
+
+    def explicit(self, values: Mapping[Variable, Node], given: Given) -> Tangent:
+        """Form the derivatives where all variables that it follows from stand still."""
+        return {}
 
     def tangent(
         self, values: Mapping[Variable, Node], d: Mapping[Variable, Tangent], given: Given
     ) -> Tangent:
-        """Form its derivatives along all directions.
+        """Form the derivatives of the variable along all directions.
 
         Parameters
         ----------
@@ -56,29 +74,17 @@ class Rule(Protocol):
         ----------
         [1] eq. 4.
         """
-        ...
+        total = self.explicit(values, given)
+        # What does not change along any direction needs no partial derivative.
+        changing = [variable for variable in self.needs if d[variable]]
+        for variable, partial in self.partials(values, changing) if changing else ():
+            for key, term in d[variable].items():
+                _add(total, key, partial * term)
+        return total
 
 
-class Given(Protocol):
-    """Function that differentiates nodes of states, parameters, inputs and fields."""
-
-    def __call__(self, node: Node) -> Tangent:
-        """Differentiate a node along all directions."""
-        ...
-
-
-def added(total: Tangent, key: Hashable, term: Node) -> None:
-    """Add a term to the derivative along one direction.
-
-    Parameters
-    ----------
-    total : Tangent
-        The derivatives so far, changed in place; one that vanishes is taken out.
-    key : hashable
-        The direction.
-    term : Node
-        What to add.
-    """
+def _add(total: Tangent, key: Hashable, term: Node) -> None:
+    """Add a term to the derivative along one direction, in place."""
     if term.is_zero:
         return
     known = total.get(key)
@@ -91,7 +97,7 @@ def added(total: Tangent, key: Hashable, term: Node) -> None:
 
 
 @dataclass(frozen=True)
-class Sum:
+class Sum(Rule):
     """A sum of variables with signs: an f-circuit or an f-cutset equation."""
 
     terms: tuple[tuple[int, Variable], ...]
@@ -108,19 +114,16 @@ class Sum:
             total = total + values[variable] if sign > 0 else total - values[variable]
         return total
 
-    def tangent(
-        self, values: Mapping[Variable, Node], d: Mapping[Variable, Tangent], given: Given
-    ) -> Tangent:
-        """Sum the derivatives."""
-        total: Tangent = {}
-        for sign, variable in self.terms:
-            for key, term in d[variable].items():
-                added(total, key, term if sign > 0 else -term)
-        return total
+    def partials(
+        self, values: Mapping[Variable, Node], changing: Collection[Variable]
+    ) -> Iterable[tuple[Variable, Node]]:
+        """Give the signs."""
+        one = values[self.terms[0][1]].dag.one
+        return ((variable, one if sign > 0 else -one) for sign, variable in self.terms)
 
 
 @dataclass(frozen=True)
-class Lawful:
+class Lawful(Rule):
     """A terminal equation."""
 
     law: Law
@@ -131,34 +134,25 @@ class Lawful:
         """The law's arguments."""
         return tuple(variable for _, variable in self.arguments)
 
-    def _known(self, values: Mapping[Variable, Node]) -> dict[str, Node]:
-        return {name: values[variable] for name, variable in self.arguments}
-
     def value(self, dag: Dag, values: Mapping[Variable, Node]) -> Node:
         """Evaluate the law."""
-        return self.law.value(dag, self._known(values))
+        return self.law.value(dag, {name: values[variable] for name, variable in self.arguments})
 
-    def tangent(
-        self, values: Mapping[Variable, Node], d: Mapping[Variable, Tangent], given: Given
-    ) -> Tangent:
-        """Sum the law's partial derivatives times those of its arguments."""
-        # Arguments that do not change along any direction need no partial derivative.
-        changing = {name: variable for name, variable in self.arguments if d[variable]}
-        total: Tangent = {}
-        if not changing:
-            return total
-        known = self._known(values)
+    def partials(
+        self, values: Mapping[Variable, Node], changing: Collection[Variable]
+    ) -> Iterable[tuple[Variable, Node]]:
+        """Evaluate the law's partial derivatives."""
+        known = {name: values[variable] for name, variable in self.arguments}
         dag = next(iter(known.values())).dag
-        for name, variable in changing.items():
-            partial = self.law.partial_value(dag, known, name)
-            if partial is not None:
-                for key, term in d[variable].items():
-                    added(total, key, partial * term)
-        return total
+        for name, variable in self.arguments:
+            if variable in changing:
+                partial = self.law.partial_value(dag, known, name)
+                if partial is not None:
+                    yield variable, partial
 
 
 @dataclass(frozen=True)
-class FieldRule:
+class FieldRule(Rule):
     """A field of a component, or a state: a node of symbols.
 
     Attributes
@@ -177,33 +171,37 @@ class FieldRule:
         """The variables that it is made of."""
         return tuple(variable for _, variable in self.variables)
 
+    def _put(self, nodes: Iterable[Node], values: Mapping[Variable, Node]) -> list[Node]:
+        """Put the variables in the place of their symbols."""
+        return substitute(nodes, {symbol: values[variable] for symbol, variable in self.variables})
+
     def value(self, dag: Dag, values: Mapping[Variable, Node]) -> Node:
         """Put the variables in the place of their symbols."""
-        if not self.variables:
-            return self.node
-        known = {symbol: values[variable] for symbol, variable in self.variables}
-        return substitute([self.node], known)[0]
+        return self._put([self.node], values)[0] if self.variables else self.node
 
-    def tangent(
-        self, values: Mapping[Variable, Node], d: Mapping[Variable, Tangent], given: Given
-    ) -> Tangent:
-        """Differentiate by symbols and by variables."""
-        total = dict(given(self.node))
+    def explicit(self, values: Mapping[Variable, Node], given: Given) -> Tangent:
+        """Differentiate by the other symbols."""
+        found = given(self.node)
         if not self.variables:
-            return total
-        known = {symbol: values[variable] for symbol, variable in self.variables}
-        total = dict(zip(total, substitute(list(total.values()), known), strict=True))
+            return dict(found)
+        return dict(zip(found, self._put(found.values(), values), strict=True))
+
+    def partials(
+        self, values: Mapping[Variable, Node], changing: Collection[Variable]
+    ) -> Iterable[tuple[Variable, Node]]:
+        """Differentiate by the symbols of variables."""
         for symbol, variable in self.variables:
-            if d[variable]:
-                (partial,) = substitute(tangents([self.node], {symbol: symbol.dag.one}), known)
-                for key, term in d[variable].items():
-                    added(total, key, partial * term)
-        return total
+            if variable in changing:
+                along = tangents([self.node], {symbol: symbol.dag.one})
+                yield variable, self._put(along, values)[0]
 
 
 @dataclass(frozen=True)
-class Unknown:
-    """An unknown that an equation determines: the variable ``residual`` must be zero."""
+class Unknown(Rule):
+    """An unknown that an equation determines: the variable ``residual`` must be zero.
+
+    Its value comes from a block of equations; see :mod:`cotree.formulation.networks.blocks`.
+    """
 
     residual: Variable
 
@@ -211,13 +209,3 @@ class Unknown:
     def needs(self) -> tuple[Variable, ...]:
         """The equation."""
         return (self.residual,)
-
-    def value(self, dag: Dag, values: Mapping[Variable, Node]) -> Node:
-        """Blocks of equations give it; see :mod:`cotree.formulation.networks.blocks`."""
-        raise NotImplementedError
-
-    def tangent(
-        self, values: Mapping[Variable, Node], d: Mapping[Variable, Tangent], given: Given
-    ) -> Tangent:
-        """Blocks of equations give it."""
-        raise NotImplementedError
