@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from cotree.errors import SceneError, brief
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
 
 def read_text(source: str | Path, largest: int) -> str:
@@ -43,6 +43,32 @@ def read_text(source: str | Path, largest: int) -> str:
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise SceneError(f"{source}:{line}: not a text in UTF-8") from None
+
+
+def check_suffix(path: Path, known: Sequence[str], act: str) -> str:
+    """Give the suffix of a file that is to be written, in small letters.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    known : sequence of str
+        Suffixes that can be written: ``.svg``.
+    act : str
+        What cannot be done otherwise, for the message: ``draw``.
+
+    Raises
+    ------
+    SceneError
+        If the suffix is unknown.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in known:
+        raise SceneError(
+            f"cannot {act} '{path}': unknown suffix '{path.suffix}'; the known ones are "
+            f"{', '.join(known[:-1])} and {known[-1]}"
+        )
+    return suffix
 
 
 def target_path(path: str | os.PathLike[str], what: str = "the file") -> Path:

@@ -129,11 +129,12 @@ def check_picture(path: Path | None) -> None:
     SceneError
         If its folder does not exist or its suffix is unknown.
     """
-    from cotree.plot import check_suffix
+    if path is None:
+        return
+    from cotree import plot
 
     check_folder(path)
-    if path is not None:
-        check_suffix(path)
+    plot.check_picture(path)
 
 
 def check_animated(path: Path | None, scene: Scene) -> None:

@@ -6,22 +6,18 @@ positions on paper.
 
 from __future__ import annotations
 
-from cotree.plot.bench import PlottableBench, plot_bench
 from cotree.plot.curves import Curves, Name, choose_curves
-from cotree.plot.files import check_suffix, save_figure
+from cotree.plot.files import check_picture, save_figure
 from cotree.plot.graph import draw_graph, draw_graphs
-from cotree.plot.result import PlottableResult, plot_result
+from cotree.plot.result import plot_result
 
 __all__ = [
     "Curves",
     "Name",
-    "PlottableBench",
-    "PlottableResult",
-    "check_suffix",
+    "check_picture",
     "choose_curves",
     "draw_graph",
     "draw_graphs",
-    "plot_bench",
     "plot_result",
     "save_figure",
 ]

@@ -5,15 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cotree.errors import SceneError
-from cotree.files import written_whole
+from cotree.files import check_suffix, written_whole
 
 if TYPE_CHECKING:
     import os
 
     from matplotlib.figure import Figure
 
-_FORMATS = ("svg", "png", "pdf")
+_SUFFIXES = (".svg", ".png", ".pdf")
 
 
 def save_figure(fig: Figure, path: str | os.PathLike[str]) -> None:
@@ -34,30 +33,22 @@ def save_figure(fig: Figure, path: str | os.PathLike[str]) -> None:
     import matplotlib
 
     path = Path(path)
-    suffix = check_suffix(path)
+    format = check_picture(path).removeprefix(".")
     # Neither date nor random identifiers, so that the same picture is the same file.
-    metadata: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(
-        suffix, {}
-    )
+    dates: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
     with (
         written_whole(path, "the picture") as draft,
         matplotlib.rc_context({"svg.hashsalt": "cotree"}),
     ):
-        fig.savefig(draft, format=suffix, dpi=150, metadata=metadata)
+        fig.savefig(draft, format=format, dpi=150, metadata=dates.get(format, {}))
 
 
-def check_suffix(path: Path) -> str:
-    """Give the format that a file's suffix asks for.
+def check_picture(path: Path) -> str:
+    """Give the suffix of a picture's file.
 
     Raises
     ------
     SceneError
-        If the suffix is unknown.
+        If it is unknown.
     """
-    suffix = path.suffix.lower().lstrip(".")
-    if suffix not in _FORMATS:
-        known = ", ".join(f".{name}" for name in _FORMATS)
-        raise SceneError(
-            f"cannot draw '{path}': unknown suffix '{path.suffix}'; the known ones are {known}"
-        )
-    return suffix
+    return check_suffix(path, _SUFFIXES, "draw")

@@ -6,10 +6,9 @@ In: a result. Out: a matplotlib `Figure`.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.errors import SceneError
 from cotree.plot.curves import Name, choose_curves
@@ -20,7 +19,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Array = npt.NDArray[np.float64]
+    from cotree.plot.layout import Array
+    from cotree.solvers.result import RunRecord
+
 Color = tuple[float, ...]
 
 # Panels of sensitivities in a row, circles of an overlay, curves with a legend above them.
@@ -30,24 +31,6 @@ _FEW = 4
 # Letters of a legend: what fits above a panel, and what a line before a label takes.
 _PANEL, _LINE = 66, 7
 _CIRCLES = "finite differences"
-
-
-class PlottableResult(Protocol):
-    """A result, as `plot_result` needs it; arrays over time have shape (n_t,)."""
-
-    @property
-    def t(self) -> Array: ...  # noqa: D102
-    @property
-    def states(self) -> tuple[str, ...]: ...  # noqa: D102
-    @property
-    def outputs(self) -> tuple[str, ...]: ...  # noqa: D102
-    @property
-    def inputs(self) -> tuple[str, ...]: ...  # noqa: D102
-    @property
-    def parameters_of_sensitivity(self) -> tuple[str, ...]: ...  # noqa: D102
-    def __getitem__(self, name: str) -> Array: ...
-    def sensitivity(self, state: str, parameter: str) -> Array: ...  # noqa: D102
-    def unit(self, name: str) -> str: ...  # noqa: D102
 
 
 @dataclass
@@ -72,7 +55,7 @@ class _Row:
 
 
 def plot_result(
-    result: PlottableResult,
+    result: RunRecord,
     names: str | Sequence[Name] | None = None,
     overlay: Mapping[tuple[str, str], tuple[Array, Array]] | None = None,
 ) -> Figure:
@@ -80,7 +63,7 @@ def plot_result(
 
     Parameters
     ----------
-    result : PlottableResult
+    result : RunRecord
         The result of a simulation.
     names : str, sequence of str or of (str, str), or None
         States, outputs, inputs, and sensitivities as ``d(name)/d(parameter)`` or

@@ -26,7 +26,8 @@ from cotree.scene.expressions import check_number
 from cotree.solvers.methods import METHODS, method_row
 from cotree.solvers.native import is_available
 from cotree.studies.accuracy import find_reference, starts_implicit
-from cotree.studies.bench_report import BenchReport, BenchRow
+from cotree.studies.bench_report import BenchReport
+from cotree.studies.bench_row import BenchRow
 from cotree.tolerances import loose_rtol, rtol_fault
 from cotree.version import VERSION
 

@@ -9,64 +9,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cotree.files import written_whole
-from cotree.studies.accuracy import ERROR, worse
+from cotree.studies.accuracy import ERROR
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Mapping
 
-    from cotree.solvers.base import Statistics
     from cotree.studies.accuracy import Reference
+    from cotree.studies.bench_row import BenchRow
 
 #: Errors that methods are recommended for.
 TARGETS = (1e-3, 1e-6, 1e-9)
-
-
-@dataclass(frozen=True)
-class BenchRow:
-    """One method at one tolerance.
-
-    Attributes
-    ----------
-    method : str
-        The method.
-    rtol, atol : float
-        Its tolerances.
-    seconds : float
-        Median time of a run on the clock, states and sensitivities together, [s]; nan where the
-        run failed.
-    n_runs : int
-        How many runs the median is of.
-    error_states, error_sensitivities : float
-        See :data:`cotree.studies.accuracy.ERROR`; nan where there is nothing to compare.
-    statistics : Statistics or None
-        Work done; None where the run could not start.
-    status : int
-        0 for success, else negative, as in a result.
-    message : str
-        What the solver says, or why there is no run.
-    """
-
-    method: str
-    rtol: float
-    atol: float
-    seconds: float
-    n_runs: int
-    error_states: float
-    error_sensitivities: float
-    statistics: Statistics | None
-    status: int
-    message: str
-
-    @property
-    def success(self) -> bool:
-        """Tell whether the run reached its end."""
-        return self.status == 0
-
-    @property
-    def error(self) -> float:
-        """Give the larger of both errors."""
-        return worse(self.error_states, self.error_sensitivities)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,10 +118,10 @@ class BenchReport:
             draft.write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")
 
     def plot(self) -> Any:
-        """Draw time over error; see :func:`cotree.plot.plot_bench`."""
-        from cotree.plot import plot_bench
+        """Draw time over error; see :func:`cotree.studies.bench_picture.plot_bench`."""
+        from cotree.studies.bench_picture import plot_bench
 
-        return plot_bench(self)
+        return plot_bench(self.scene, self.sensitivities, self.rows, self.reference)
 
     def _table(self) -> list[str]:
         with_sensitivities = bool(self.sensitivities)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.errors import SceneError
-from cotree.files import written_whole
+from cotree.files import check_suffix, written_whole
 from cotree.scene.expressions import check_number
 from cotree.sharing import forming
 from cotree.watch.catalogue import draft_scene
@@ -138,13 +138,7 @@ def check_animation(path: Path) -> str:
     SceneError
         If it is unknown.
     """
-    suffix = path.suffix.lower()
-    if suffix not in _SUFFIXES:
-        raise SceneError(
-            f"cannot animate into '{path}': unknown suffix '{path.suffix}'; the known ones are "
-            f"{' and '.join(_SUFFIXES)}"
-        )
-    return suffix
+    return check_suffix(path, _SUFFIXES, "animate into")
 
 
 def check_moving(scene: SceneDescription) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.watch import shapes
 from cotree.watch.colors import JOINT, RAIL
@@ -13,8 +12,7 @@ from cotree.watch.colors import JOINT, RAIL
 if TYPE_CHECKING:
     from cotree.formulation.fields import BoundEdge
     from cotree.watch.draft import Drafter
-
-Array = npt.NDArray[np.float64]
+    from cotree.watch.shapes import Array
 
 
 def arm(draft: Drafter, edge: BoundEdge) -> None:

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.watch.drawing import FAR
 from cotree.watch.shapes import axes_along
 
 if TYPE_CHECKING:
     from cotree.watch.drawing import Drawing
-
-Array = npt.NDArray[np.float64]
+    from cotree.watch.shapes import Array
 
 Reach = tuple[float, float, float]
 

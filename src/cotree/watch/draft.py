@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.watch import shapes
 from cotree.watch.colors import BODIES, GROUND, JOINT
@@ -22,10 +21,8 @@ if TYPE_CHECKING:
     from cotree.watch.colors import Color
     from cotree.watch.frames import Moments
     from cotree.watch.poses import MotionValues, Place
-    from cotree.watch.shapes import Mesh
+    from cotree.watch.shapes import Array, Mesh
     from cotree.watch.stage import Stage
-
-Array = npt.NDArray[np.float64]
 
 
 class Drafter:
@@ -125,12 +122,16 @@ class Drafter:
         found: Array = self.places[end].turn @ self.values.vector(edge.vectors[name])
         return found
 
+    def gap(self, first: str, second: str) -> Array:
+        """Give the way from a node to another over time, in ground axes, shape (n_times, 3)."""
+        one, two = (self.places[name] for name in (first, second))
+        return self.poses.of(two.cluster, two.local) - self.poses.of(one.cluster, one.local)
+
     def reach(self, edge: BoundEdge) -> Array:
         """Give the way from the first node to the second in the first's axes, over time."""
-        one, two = self.places[edge.first], self.places[edge.second]
-        gap = self.poses.of(two.cluster, two.local) - self.poses.of(one.cluster, one.local)
+        one = self.places[edge.first]
         axes = self.poses.axes[one.cluster] @ one.turn
-        found: Array = np.einsum("tji,tj->ti", axes, gap)
+        found: Array = np.einsum("tji,tj->ti", axes, self.gap(edge.first, edge.second))
         return found
 
     def solid(
@@ -234,9 +235,7 @@ class Drafter:
 
     def length(self, first: str, second: str) -> float:
         """Give the mean distance of two nodes."""
-        one, two = (self.places[name] for name in (first, second))
-        gap = self.poses.of(two.cluster, two.local) - self.poses.of(one.cluster, one.local)
-        return float(np.linalg.norm(gap, axis=1).mean())
+        return float(np.linalg.norm(self.gap(first, second), axis=1).mean())
 
     def strut(self, name: str, first: str, second: str, mesh: Mesh, color: Color) -> None:
         """Draw an element between two nodes; several between the same nodes stand side by side.
@@ -260,7 +259,7 @@ class Drafter:
         """Add all struts between two nodes, with a foot or a wall where the ground holds them."""
         one, two = self.places[first], self.places[second]
         stage, axes = self.stage, self.poses.axes
-        gaps = self.poses.of(two.cluster, two.local) - self.poses.of(one.cluster, one.local)
+        gaps = self.gap(first, second)
         gap = gaps[int(np.argmax(np.linalg.norm(gaps, axis=1)))]
         towards = stage.towards if stage.is_flat else shapes.axes_along(gap, stage.up)[:, 0]
         along = shapes.axes_along(gap, towards)

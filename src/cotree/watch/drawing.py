@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.watch.shapes import axes_along
 
@@ -17,9 +16,7 @@ if TYPE_CHECKING:
     from cotree.watch.colors import Color
     from cotree.watch.frames import Moments
     from cotree.watch.poses import Poses
-    from cotree.watch.shapes import Mesh
-
-Array = npt.NDArray[np.float64]
+    from cotree.watch.shapes import Array, Mesh
 
 #: What goes further than this many times its own size is followed.
 FAR = 15.0

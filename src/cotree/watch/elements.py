@@ -4,17 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-import numpy.typing as npt
-
 from cotree.watch import shapes
 from cotree.watch.colors import DAMPER, FORCE, JOINT, SPRING
 
 if TYPE_CHECKING:
     from cotree.formulation.fields import BoundEdge
     from cotree.watch.draft import Drafter
-
-Array = npt.NDArray[np.float64]
 
 
 def spring(draft: Drafter, edge: BoundEdge) -> None:

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.components import FreeRotation
 from cotree.dag.rotation import quaternion_rates
@@ -27,8 +26,7 @@ if TYPE_CHECKING:
     from cotree.formulation.first_graph import FirstGraph
     from cotree.formulation.system import System
     from cotree.solvers import RunRecord
-
-Array = npt.NDArray[np.float64]
+    from cotree.watch.shapes import Array
 
 #: The most frames of an animation, and of frames times bodies; more are spread more widely.
 MOST_FRAMES, MOST_POSES = 2000, 300_000

@@ -27,9 +27,7 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
     from cotree.watch.drawing import Drawing
-    from cotree.watch.shapes import Mesh
-
-Array = npt.NDArray[np.float64]
+    from cotree.watch.shapes import Array, Mesh
 
 _GRAINS = 50_000  # steps of rounded positions within the extent
 _TURN = 2e-5  # step to which entries of quaternions are rounded

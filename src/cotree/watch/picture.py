@@ -14,8 +14,7 @@ from cotree.watch.shapes import axes_along, joined
 if TYPE_CHECKING:
     from cotree.watch.drawing import Drawing, Strut
     from cotree.watch.poses import Poses
-
-Array = npt.NDArray[np.float64]
+    from cotree.watch.shapes import Array
 
 _PAPER, _INK, _LINE = (250, 250, 248), (70, 76, 84), (222, 223, 221)
 _FINER = 2  # pixels that make one, along each side

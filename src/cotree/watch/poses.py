@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.dag.evaluate import evaluate
 
@@ -21,8 +20,7 @@ if TYPE_CHECKING:
     from cotree.dag.vector import Matrix, Vector
     from cotree.formulation.across import Motion
     from cotree.formulation.clusters import Point
-
-Array = npt.NDArray[np.float64]
+    from cotree.watch.shapes import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.components import Role
 
@@ -16,8 +15,7 @@ if TYPE_CHECKING:
 
     from cotree.formulation.first_graph import FirstGraph
     from cotree.watch.poses import MotionValues, Place, Poses
-
-Array = npt.NDArray[np.float64]
+    from cotree.watch.shapes import Array
 
 #: Azimuth and elevation of the view of a spatial scene, [deg].
 VIEW = (-55.0, 22.0)

@@ -6,7 +6,7 @@ In: the report of a bench. Out: a matplotlib `Figure`.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from cotree.plot.result import curve_colors
 
@@ -16,51 +16,30 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from cotree.studies.accuracy import Reference
+    from cotree.studies.bench_row import BenchRow
+
 _MARKERS = "osD^v<>Ph*X"
 
 
-class PlottableRow(Protocol):
-    """A method at a tolerance, as `plot_bench` needs it; times in s, nan where there is none."""
-
-    @property
-    def method(self) -> str: ...  # noqa: D102
-    @property
-    def seconds(self) -> float: ...  # noqa: D102
-    @property
-    def error_states(self) -> float: ...  # noqa: D102
-    @property
-    def error_sensitivities(self) -> float: ...  # noqa: D102
-
-
-class PlottablePair(Protocol):
-    """A reference, as `plot_bench` needs it: the errors that it can tell."""
-
-    @property
-    def agreement_states(self) -> float: ...  # noqa: D102
-    @property
-    def agreement_sensitivities(self) -> float: ...  # noqa: D102
-
-
-class PlottableBench(Protocol):
-    """A report, as `plot_bench` needs it."""
-
-    @property
-    def scene(self) -> str: ...  # noqa: D102
-    @property
-    def sensitivities(self) -> tuple[str, ...]: ...  # noqa: D102
-    @property
-    def rows(self) -> Sequence[PlottableRow]: ...  # noqa: D102
-    @property
-    def reference(self) -> PlottablePair: ...  # noqa: D102
-
-
-def plot_bench(report: PlottableBench) -> Figure:
+def plot_bench(
+    scene: str,
+    sensitivities: Sequence[str],
+    rows: Sequence[BenchRow],
+    reference: Reference,
+) -> Figure:
     """Plot seconds over error, of states and beside them of sensitivities.
 
     Parameters
     ----------
-    report : PlottableBench
-        The report of a bench. Runs without a time or an error are left out.
+    scene : str
+        Name of the scene.
+    sensitivities : sequence of str
+        Names of what sensitivities are taken to.
+    rows : sequence of BenchRow
+        The runs; those without a time or an error are left out.
+    reference : Reference
+        What errors are measured against, with the agreement of its two solutions.
 
     Returns
     -------
@@ -70,17 +49,16 @@ def plot_bench(report: PlottableBench) -> Figure:
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    pair = report.reference
-    panels: list[tuple[str, Callable[[PlottableRow], float], float]] = [
-        ("states", lambda row: row.error_states, pair.agreement_states)
+    panels: list[tuple[str, Callable[[BenchRow], float], float]] = [
+        ("states", lambda row: row.error_states, reference.agreement_states)
     ]
-    if report.sensitivities:
-        to = ", ".join(report.sensitivities[:3]) + (", …" if len(report.sensitivities) > 3 else "")
+    if sensitivities:
+        to = ", ".join(sensitivities[:3]) + (", …" if len(sensitivities) > 3 else "")
         panels.append(
             (
                 f"sensitivities to {to}",
                 lambda row: row.error_sensitivities,
-                pair.agreement_sensitivities,
+                reference.agreement_sensitivities,
             )
         )
     figure = Figure(
@@ -89,19 +67,19 @@ def plot_bench(report: PlottableBench) -> Figure:
     )
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     for ax, (what, error, agreement) in zip(axes, panels, strict=True):
-        _draw_methods(ax, report.rows, error, agreement)
+        _draw_methods(ax, rows, error, agreement)
         _finish(ax, f"error of {what}", agreement)
     axes[0].set_ylabel("seconds of a run", fontsize=11)
     if axes[-1].get_legend_handles_labels()[1]:
         axes[-1].legend(loc="center left", bbox_to_anchor=(1, 0.5), frameon=False, fontsize=9)
-    figure.suptitle(report.scene, fontsize=11)
+    figure.suptitle(scene, fontsize=11)
     return figure
 
 
 def _draw_methods(
     ax: Axes,
-    rows: Sequence[PlottableRow],
-    error: Callable[[PlottableRow], float],
+    rows: Sequence[BenchRow],
+    error: Callable[[BenchRow], float],
     agreement: float,
 ) -> None:
     methods = list(dict.fromkeys(row.method for row in rows))
