@@ -25,6 +25,7 @@ from domain_scenes import scene_of_domain
 from network_scenes import rc_ladder
 from reference_scenes import read_reference
 from rod_chain import rod_chain
+from timing import heading, line, put_on_page
 
 import cotree
 
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
     from cotree import Result
 
 PAGE = Path(__file__).parents[1] / "docs" / "solvers.md"
-MARKS = "<!-- correctors.py: begin -->\n", "<!-- correctors.py: end -->\n"
 
 TOLERANCES = tuple(10.0 ** (-0.5 * i) for i in range(7, 27))
 TARGETS = (1e-6, 1e-10)
@@ -151,7 +151,7 @@ def measure(row: Row, runs: int) -> tuple[int, dict[str, list[Run]]]:
     return len(model.sensitivities), found
 
 
-def line(label: str, target: float, found: Sequence[list[Run]]) -> str:
+def cells_of(target: float, found: Sequence[list[Run]]) -> list[str]:
     """Write the quickest of each way that reach an error."""
     best = [
         min((r for r in runs if r.error <= target), key=lambda r: r.seconds, default=None)
@@ -166,7 +166,7 @@ def line(label: str, target: float, found: Sequence[list[Run]]) -> str:
         milliseconds = 1e3 * run.seconds
         text = f"{milliseconds:.2g}" if milliseconds < 99.5 else f"{milliseconds:.0f}"
         cells.append(f"{f'**{text}**' if run.seconds == least else text} ({run.steps})")
-    return f"| {label} | {target:.0e} | {' | '.join(cells)} |"
+    return cells
 
 
 def main() -> None:
@@ -176,25 +176,20 @@ def main() -> None:
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
     warnings.simplefilter("ignore", RuntimeWarning)  # of runs that fail, which are left out
-    lines = [
-        "| system, with its sensitivities | of | error | augmented | staggered | simultaneous |",
-        "|---|---|---|---|---|---|",
-    ]
-    print("\n".join(lines))
+    ways = ["augmented", "staggered", "simultaneous"]
+    lines = [heading(["system, with its sensitivities", "of", "error", *ways])]
+    print(*lines)
     for row in ROWS:
         if options.names and not any(name in row.name for name in options.names):
             continue
         count, found = measure(row, options.runs)
         for target in TARGETS:
-            label = f"{row.name}, {count} | {row.family.upper()}(S)"
-            lines.append(line(label, target, list(found.values())))
+            cells = cells_of(target, list(found.values()))
+            own = [f"{row.name}, {count}", f"{row.family.upper()}(S)", f"{target:.0e}"]
+            lines.append(line([*own, *cells]))
             print(lines[-1], flush=True)
     if options.write:
-        page = PAGE.read_text(encoding="utf-8")
-        before, rest = page.split(MARKS[0])
-        after = rest.split(MARKS[1])[1]
-        table = "\n".join(lines)
-        PAGE.write_text(f"{before}{MARKS[0]}{table}\n{MARKS[1]}{after}", encoding="utf-8")
+        put_on_page(PAGE, "correctors.py", "\n".join(lines))
 
 
 if __name__ == "__main__":

@@ -12,13 +12,10 @@ of the sizes.
 from __future__ import annotations
 
 import argparse
-import json
-import platform
 import resource
 import subprocess
 import sys
 import tempfile
-import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,8 +26,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "example_scenes"))
 from network_scenes import rc_ladder
 from rod_chain import rod_chain
+from timing import about, keep, surroundings, table
 
-import cotree
 from cotree.build import BuildOptions, compiler_flags, find_toolchain
 from cotree.choice import choose_first_graph
 from cotree.codegen.context import model_context
@@ -43,6 +40,7 @@ from cotree.sensitivity.graphs import form_equations
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    import cotree
     from cotree import Scene
 
 #: Table, scene, sizes, kernel that is called, whether the Jacobian is formed.
@@ -181,14 +179,14 @@ HEAD = (
 
 def markdown(rows: Sequence[Row], fitted: dict[str, float]) -> str:
     """Write a table with its exponents below."""
-    lines = [HEAD, ["---"] * len(HEAD)]
+    lines = []
     for row in rows:
         counts = (row.n, row.operations, row.lines, row.c_bytes, row.longest)
         times = (f"{row.generation:.2f}", f"{row.compilation:.2f}", f"{row.call / 1e3:.3f}")
         lines.append([*map(str, counts), *times])
     if fitted:
         lines.append(["exponent", *(f"{value:.2f}" for value in fitted.values())])
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return table(HEAD, lines)
 
 
 def main() -> None:
@@ -201,15 +199,7 @@ def main() -> None:
     names = [word for word in given.what if not word.isdigit()] or list(TABLES)
     if unknown := [name for name in names if name not in TABLES]:
         parser.error(f"no table '{unknown[0]}': take {', '.join(TABLES)}")
-    toolchain = find_toolchain()
-    about = {
-        "cotree": cotree.__version__,
-        "python": platform.python_version(),
-        "machine": platform.machine(),
-        "compiler": "none" if toolchain is None else toolchain.version,
-        "measured": time.strftime("%Y-%m-%d"),
-    }
-    print(", ".join(f"{key} {value}" for key, value in about.items()), "\n")
+    print(surroundings())
     measure("chain", 3)  # imports are not counted
     tables = {}
     for name in names:
@@ -217,8 +207,7 @@ def main() -> None:
         fitted = exponents(rows) if len(rows) > 1 else {}
         print(f"{name}\n\n{markdown(rows, fitted)}\n", flush=True)
         tables[name] = {"rows": [asdict(row) for row in rows], "exponents": fitted}
-    if given.json:
-        given.json.write_text(json.dumps({"about": about, "tables": tables}, indent=2) + "\n")
+    keep(given.json, about("as the library compiles it"), tables)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "example_scenes"))
+import timing  # noqa: E402
 from hard_cases import CASES, Outcome, model_of, outcome, reversal  # noqa: E402
 
 PAGE = ROOT / "docs" / "hard_cases.md"
@@ -70,13 +71,14 @@ def row(name: str, runs: list[Outcome]) -> str:
         rounded(steps),
         rounded(evaluations),
     ]
-    return f"| {' | '.join(cells)} |"
+    return timing.line(cells)
 
 
 def table(names: list[str]) -> str:
     """Run cases, and write the table."""
-    head = ["case", "against", "method", "digits", "drift", "steps", "evaluations"]
-    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
+    lines = [
+        timing.heading(["case", "against", "method", "digits", "drift", "steps", "evaluations"])
+    ]
     for name in names:
         lines.append(row(name, [outcome(name, rtol) for rtol in CASES[name].tolerances]))
         print(lines[-1], file=sys.stderr, flush=True)
@@ -91,12 +93,11 @@ def reversals() -> str:
     """Run the double pendulum forwards and back."""
     times, tolerances = REVERSAL
     model = model_of("double pendulum, 10 s")
-    lines = [f"| there and back | {' | '.join(f'{r:.0e}' for r in tolerances)} |"]
-    lines.append("|---" * (1 + len(tolerances)) + "|")
+    rows = []
     for t_end in times:
         found = [reversal(model, t_end, "DOP853", rtol) for rtol in tolerances]
-        lines.append(f"| {t_end:g} s | {' | '.join(f'{x:.0e}' for x in found)} |")
-    return "\n".join(lines)
+        rows.append([f"{t_end:g} s", *(f"{x:.0e}" for x in found)])
+    return timing.table(["there and back", *(f"{r:.0e}" for r in tolerances)], rows)
 
 
 if __name__ == "__main__":

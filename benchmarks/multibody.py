@@ -9,7 +9,6 @@ machine and this run; counts are exact.
 from __future__ import annotations
 
 import itertools
-import platform
 import re
 import sys
 import time
@@ -19,7 +18,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-import cotree
 from cotree import Scene
 from cotree.choice import choose_first_graph
 from cotree.pipeline import formulate, generate, trees_to_try
@@ -27,6 +25,7 @@ from cotree.pipeline import formulate, generate, trees_to_try
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "example_scenes"))
 from reference_scenes import absolute_tree, read_reference, scene_of, tree_without
 from rod_chain import rod_chain
+from timing import surroundings, table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -50,11 +49,6 @@ UR5 = (
     ("z", (0, 0, 0.09465), 1.219, (0, 0, 0), (0.1112, 0.1112, 0.2194)),
     ("y", (0, 0.0823, 0), 0.1879, (0, 0, 0), (0.0171, 0.0171, 0.0338)),
 )
-
-
-def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
 
 
 # ---- energy
@@ -342,9 +336,7 @@ TABLES: dict[str, Callable[[], str]] = {
 if __name__ == "__main__":
     given = [arg for arg in sys.argv[1:] if arg != "--full"]
     is_full = "--full" in sys.argv
-    print(
-        f"cotree {cotree.__version__}, Python {platform.python_version()}, {platform.machine()}\n"
-    )
+    print(surroundings())
     if not given or "energy" in given:
         print(energy_drift(10_000 if is_full else 100), "\n")
     for key, make_table in TABLES.items():

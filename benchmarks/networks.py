@@ -10,7 +10,6 @@ process and of the compiler, which other work on the machine does not lengthen.
 from __future__ import annotations
 
 import os
-import platform
 import resource
 import sys
 import tempfile
@@ -22,8 +21,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "example_scenes"))
 from network_scenes import rc_grid, rc_ladder, resistor_mesh, rlc_ladder
-
-import cotree
+from timing import surroundings, table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -54,11 +52,6 @@ HEAD = (
     "total s",
     "CPU s",
 )
-
-
-def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
 
 
 def processor_seconds() -> float:
@@ -101,9 +94,7 @@ def others() -> str:
 if __name__ == "__main__":
     names = [arg for arg in sys.argv[1:] if not arg.isdigit()]
     chosen = [int(arg) for arg in sys.argv[1:] if arg.isdigit()]
-    print(
-        f"cotree {cotree.__version__}, Python {platform.python_version()}, {platform.machine()}\n"
-    )
+    print(surroundings())
     with tempfile.TemporaryDirectory() as folder:
         os.environ["COTREE_CACHE_DIR"] = folder
         run(rc_ladder, 3)

@@ -6,7 +6,6 @@ machine and this run; counts are exact.
 
 from __future__ import annotations
 
-import platform
 import statistics
 import sys
 import time
@@ -21,15 +20,15 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "example_scenes"))
 import itertools
 
 from rod_chain import rod_chain
+from timing import surroundings, table
 
 REPEATS = 5
 
 
 def slider_pendulum() -> str:
     operations = cotree.load("slider-pendulum").compile(["L"]).operations
-    rows = ["| kernel | prepare counted in | per call |", "|---|---|---|"]
-    rows += [f"| {n} | {c.total} | {c.kernel} |" for n, c in operations.items() if c.total]
-    return "\n".join(rows)
+    rows = ((n, c.total, c.kernel) for n, c in operations.items() if c.total)
+    return table(["kernel", "prepare counted in", "per call"], rows)
 
 
 def sympy_counts() -> str:
@@ -79,23 +78,19 @@ def chain_stages(n: int) -> tuple[list[float], int, int]:
 
 
 def chain(sizes: list[int]) -> str:
-    rows = [
-        "| rods | sensitivities | operations | C bytes | formulate | generate | print | total s |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
+    rows = []
     for n in sizes:
         runs = [chain_stages(n) for _ in range(REPEATS)]
         stages = [statistics.median(run[0][i] for run in runs) for i in range(3)]
         total = statistics.median(sum(run[0]) for run in runs)
         cells = [n, 2 * n, runs[0][1], runs[0][2], *(f"{s:.2f}" for s in stages), f"{total:.2f}"]
-        rows.append(f"| {' | '.join(map(str, cells))} |")
-    return "\n".join(rows)
+        rows.append(cells)
+    head = ["rods", "sensitivities", "operations", "C bytes"]
+    return table([*head, "formulate", "generate", "print", "total s"], rows)
 
 
 if __name__ == "__main__":
-    print(
-        f"cotree {cotree.__version__}, Python {platform.python_version()}, {platform.machine()}\n"
-    )
+    print(surroundings())
     print(slider_pendulum(), "\n")
     print(sympy_counts(), "\n")
     print(chain([int(arg) for arg in sys.argv[1:]] or [5, 10, 20]))

@@ -28,6 +28,7 @@ from domain_scenes import scene_of_domain
 from peer_equations import Equations, slopes
 from reference_scenes import read_reference
 from rod_chain import rod_chain
+from timing import heading, line
 
 import cotree
 from cotree.build import find_toolchain
@@ -304,7 +305,7 @@ def main() -> None:
     compiler = toolchain.version if toolchain else "no compiler"
     print(f"cotree {cotree.__version__}, {platform.machine()}, {compiler}. Times in ms.\n")
     shown = ["dop853", "dopri5", "rodas4", "rodas5", "cvode", "ida", "DOP853", "heyoka", "casadi"]
-    print(f"| system | error | {' | '.join(shown)} | aim |\n|{'---|' * (len(shown) + 3)}")
+    print(heading(["system", "error", *shown, "aim"]))
     results = []
     for row in ROWS:
         if given.rows and not any(part in row.name for part in given.rows):
@@ -312,8 +313,8 @@ def main() -> None:
         result = measure(row, given.repeats)
         results.append(result)
         for target, best in result["best"].items():
-            cells = " | ".join(cell(best, tool) for tool in shown)
-            print(f"| {row.name} | {target} | {cells} | {row.reach} |", flush=True)
+            cells = [cell(best, tool) for tool in shown]
+            print(line([row.name, target, *cells, row.reach]), flush=True)
     if given.json is not None:
         given.json.write_text(json.dumps(results, indent=1))
 

@@ -11,6 +11,8 @@ import tempfile
 import time
 from pathlib import Path
 
+from timing import heading, line
+
 import cotree
 
 _END = 10.0
@@ -36,12 +38,11 @@ def run(model: cotree.Model, method: str, step: float) -> tuple[float, float]:
 def main() -> None:
     model = cotree.load("slider-pendulum").compile()
     exact = model.simulate((0.0, _END), [_END], "dop853", 1e-13, 1e-15)["j1.s"][-1]
-    print("| method | step [s] | error of j1.s at the end [m] | time of a step [us] |")
-    print("|---|---|---|---|")
+    print(heading(["method", "step [s]", "error of j1.s at the end [m]", "time of a step [us]"]))
     for method in ("rk4", "euler"):
         for step in _STEPS:
             end, seconds = run(model, method, step)
-            print(f"| `{method}` | {step:g} | {abs(end - exact):.0e} | {1e6 * seconds:.2f} |")
+            print(line([f"`{method}`", step, f"{abs(end - exact):.0e}", f"{1e6 * seconds:.2f}"]))
 
 
 if __name__ == "__main__":

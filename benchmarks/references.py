@@ -11,8 +11,6 @@ the first call of C to the last.
 from __future__ import annotations
 
 import argparse
-import json
-import platform
 import sys
 import warnings
 from dataclasses import dataclass
@@ -25,6 +23,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "example_scenes"))
 import circuits
 from domain_scenes import scene_of_domain
 from reference_scenes import absolute_tree, read_reference, scene_of
+from timing import about, heading, keep, line, put_on_page
 
 from cotree.solvers.methods import METHODS
 
@@ -34,7 +33,6 @@ if TYPE_CHECKING:
     from cotree import Model, Result
 
 PAGE = Path(__file__).parents[1] / "docs" / "solvers.md"
-MARKS = "<!-- references.py: begin -->\n", "<!-- references.py: end -->\n"
 
 #: Those of them that this version has.
 OURS = tuple(name for name in ("rodas4", "rodas5", "dop853", "cvode", "ida") if name in METHODS)
@@ -189,7 +187,7 @@ def rows_of(case: Case, found: dict[str, list[Run]]) -> list[str]:
         at = {method: best(runs, bound) for method, runs in found.items()}
         least = min((run.seconds for run in at.values() if run), default=0.0)
         cells = [entry(run, run is not None and run.seconds == least) for run in at.values()]
-        lines.append(f"| {case.label} | {case.kind} | {bound:.0e} | {' | '.join(cells)} |")
+        lines.append(line([case.label, case.kind, f"{bound:.0e}", *cells]))
     return lines
 
 
@@ -204,14 +202,6 @@ def as_data(case: Case, found: dict[str, list[Run]]) -> dict[str, Any]:
     }
 
 
-def write_page(table: str) -> None:
-    """Put a table between the marks of the page."""
-    page = PAGE.read_text(encoding="utf-8")
-    before, rest = page.split(MARKS[0])
-    after = rest.split(MARKS[1])[1]
-    PAGE.write_text(f"{before}{MARKS[0]}{table}\n{MARKS[1]}{after}", encoding="utf-8")
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("names", nargs="*")
@@ -221,11 +211,8 @@ def main() -> None:
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
     methods = options.methods.split(",")
-    lines = [
-        f"| reference | kind | error | {' | '.join(f'`{m}`' for m in methods)} |",
-        f"|{'---|' * (3 + len(methods))}",
-    ]
-    print("\n".join(lines))
+    lines = [heading(["reference", "kind", "error", *(f"`{method}`" for method in methods)])]
+    print(*lines)
     data = []
     for one in cases(options.names):
         found = {method: sweep(one, method, options.runs) for method in methods}
@@ -233,11 +220,9 @@ def main() -> None:
         print("\n".join(new), flush=True)
         lines += new
         data.append(as_data(one, found))
-    if options.json:
-        about = {"machine": platform.machine(), "python": platform.python_version()}
-        options.json.write_text(json.dumps({**about, "cases": data}, indent=1), encoding="utf-8")
+    keep(options.json, about("as the library compiles it"), data)
     if options.write:
-        write_page("\n".join(lines))
+        put_on_page(PAGE, "references.py", "\n".join(lines))
 
 
 if __name__ == "__main__":

@@ -12,11 +12,8 @@ generated code of both kinds is compiled with the same flags: up to 6 000 operat
 from __future__ import annotations
 
 import argparse
-import importlib.metadata
-import json
 import math
 import os
-import platform
 import re
 import shutil
 import subprocess
@@ -34,6 +31,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "robots"))
 
 import robots_mujoco
 from robot_files import installed_file, without_losses
+from timing import about, keep, show, table
 
 import cotree
 
@@ -328,11 +326,6 @@ def through_python(model: Any, calls: int = 2000) -> float:
 # ---- tables
 
 
-def table(head: list[str], rows: list[list[object]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
-
-
 def _ns(entry: dict[str, Any] | None) -> str:
     value = (entry or {}).get("ns")
     return "–" if value is None else f"{value:,.0f}"
@@ -419,20 +412,11 @@ def report(found: dict[str, dict[str, Any]]) -> str:
 
 
 def versions() -> dict[str, str]:
-    found = {
-        "machine": platform.machine(),
-        "python": platform.python_version(),
-        "cotree": cotree.__version__,
-    }
-    for name in ("pin", "casadi", "mujoco", "example-robot-data"):
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = "none"
+    found = about(" ".join(FLAGS))
     for name in ("gcc", "clang"):
         printed = run([name, "--version"])[0] if shutil.which(name) else None
         found[name] = printed.splitlines()[0] if printed else "none"
-    return {**found, "flags": " ".join(FLAGS)}
+    return found
 
 
 def main() -> None:
@@ -454,12 +438,9 @@ def main() -> None:
             print(name, file=sys.stderr)
             found[name] = own(path, base, given.snap, given.seconds, given.profile)
             found[name]["peers"] = peers.measure(path, base, given.seconds)
-    print("\n".join(f"{key}: {value}" for key, value in versions().items()), end="\n\n")
-    print(report(found))
-    if given.json:
-        given.json.write_text(
-            json.dumps({"versions": versions(), "robots": found}, indent=1) + "\n"
-        )
+    measured_with = versions()
+    show(measured_with, report(found))
+    keep(given.json, measured_with, [{"robot": name, **row} for name, row in found.items()])
 
 
 if __name__ == "__main__":

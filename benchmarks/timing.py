@@ -27,7 +27,7 @@ import cotree
 from cotree.build import find_toolchain
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
 DECLARATIONS = """
 double time_state(void *, long, double *, double *, double *, double *, double *);
@@ -271,7 +271,7 @@ def about(flags: str) -> dict[str, str]:
     """Name machine, versions and flags."""
     found = {"machine": platform.machine(), "processor": _processor(), "cotree": cotree.__version__}
     found |= {"python": platform.python_version(), "measured": time.strftime("%Y-%m-%d")}
-    for name in ("casadi", "heyoka", "sympy", "pydy", "pin", "mujoco"):
+    for name in ("casadi", "heyoka", "sympy", "pydy", "pin", "mujoco", "example-robot-data"):
         try:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
@@ -289,7 +289,7 @@ def _processor() -> str:
     return next((line.partition(":")[2].strip() for line in lines if "model name" in line), "")
 
 
-def keep(path: Path | None, versions: dict[str, str], rows: Sequence[Any]) -> None:
+def keep(path: Path | None, versions: dict[str, str], rows: Any) -> None:
     """Write numbers, and what they were measured with, where a file is named."""
     if path is not None:
         path.write_text(json.dumps({"about": versions, "rows": rows}, indent=1) + "\n")
@@ -301,7 +301,30 @@ def show(versions: dict[str, str], report: str) -> None:
     print(report)
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """Write Markdown."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
+def line(cells: Iterable[object]) -> str:
+    """Write a row of a table in Markdown."""
+    return f"| {' | '.join(map(str, cells))} |"
+
+
+def heading(names: Sequence[str]) -> str:
+    """Write the first two lines of a table in Markdown."""
+    return f"{line(names)}\n{line(['---'] * len(names))}"
+
+
+def table(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
+    """Write a table in Markdown."""
+    return "\n".join([heading(head), *map(line, rows)])
+
+
+def surroundings() -> str:
+    """Name versions and machine in a line, for what is printed before tables."""
+    python = platform.python_version()
+    return f"cotree {cotree.__version__}, Python {python}, {platform.machine()}\n"
+
+
+def put_on_page(page: Path, script: str, text: str) -> None:
+    """Put what a script found between its marks on a page of the docs."""
+    begin, end = (f"<!-- {script}: {side} -->\n" for side in ("begin", "end"))
+    before, rest = page.read_text(encoding="utf-8").split(begin)
+    after = rest.split(end)[1]
+    page.write_text(f"{before}{begin}{text}\n{end}{after}", encoding="utf-8")

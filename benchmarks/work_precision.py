@@ -10,7 +10,6 @@ this machine, and comparable within one scene of one run only.
 from __future__ import annotations
 
 import argparse
-import platform
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,6 +18,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "example_scenes"))
 from circuits import circuit
 from domain_scenes import scene_of_domain
 from reference_scenes import read_reference, scene_of
+from timing import heading, line, surroundings
 
 import cotree
 from cotree.plot import save_figure
@@ -85,22 +85,20 @@ if __name__ == "__main__":
     parser.add_argument("--repeats", type=int, default=7)
     parser.add_argument("--time-limit", type=float, default=5.0)
     given = parser.parse_args()
-    print(
-        f"cotree {cotree.__version__}, Python {platform.python_version()}, {platform.machine()}\n"
-    )
+    print(surroundings())
     print(
         "The fastest method with its rtol, for each error; in brackets how many methods are as "
         "accurate,\nand how many times slower the slowest of them is.\n"
     )
     head = ["scene", "states", "sensitivities", "reference", *(f"{t:.0e}" for t in TARGETS)]
-    print(f"| {' | '.join(head)} |\n|{'---|' * len(head)}")
+    print(heading(head))
     for name in given.names:
         try:
             report = report_of(name, given.repeats, given.time_limit)
         except cotree.Error as error:
-            print(f"| {name} | {error} |", flush=True)
+            print(line([name, error]), flush=True)
             continue
-        print(f"| {' | '.join([name, *cells(report)])} |", flush=True)
+        print(line([name, *cells(report)]), flush=True)
         if given.out is not None:
             given.out.mkdir(parents=True, exist_ok=True)
             report.to_json(given.out / f"{name}.json")
