@@ -268,7 +268,7 @@ def test_figure_is_written_the_same_each_time(tmp_path: Path, suffix: str, begin
 
 @pytest.mark.parametrize("name", ["graph.bmp", "graph", ".svg"])
 def test_unknown_suffix_is_refused(tmp_path: Path, name: str):
-    with pytest.raises(SceneError, match=r"unknown suffix .* known ones are \.svg, \.png and \.pdf"):
+    with pytest.raises(SceneError, match=r"unknown suffix .* ones are \.svg, \.png and \.pdf"):
         save_figure(Figure(), tmp_path / name)
 
 
