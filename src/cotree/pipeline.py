@@ -124,7 +124,35 @@ def formulate(
     baumgarte: float = 0.0,
     check: Callable[[FirstGraph], None] | None = None,
 ) -> tuple[FirstGraph, Equations, tuple[Alternative, ...]]:
-    """Form the governing and sensitivity equations of a scene; ``check`` may refuse it early."""
+    """Form the governing and sensitivity equations of a scene.
+
+    Parameters
+    ----------
+    scene : SceneDescription
+        The scene.
+    sensitivities : sequence of str
+        Parameters and states to take sensitivities to.
+    tree : None, sequence of str, or mapping of domain to sequence of str
+        The branches; None chooses them by the cost of the equations.
+    baumgarte : float
+        Rate, [1/s], at which violated constraints decay; zero leaves them to projection.
+    check : callable, optional
+        May refuse the first graph of the first tree, before others are formed.
+
+    Returns
+    -------
+    first : FirstGraph
+        The first graph.
+    equations : Equations
+        The equations formed from it.
+    alternatives : tuple of Alternative
+        The formulations that were tried, the cheapest first.
+
+    Raises
+    ------
+    ModelError, FormulationError
+        If the scene is wrong, or its equations cannot be formed.
+    """
     with _no_collection():
         trees = trees_to_try(scene, tree)
         first, alternatives = choose_first_graph(scene, trees, sensitivities, baumgarte, check)

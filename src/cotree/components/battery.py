@@ -22,7 +22,11 @@ _EVERY = range(1, 4)  # numbers of the RC pairs that a cell may have
 
 
 def _ports(pairs: Sequence[int]) -> tuple[Terminal, ...]:
-    """Chain the cell from plus to minus: resistance, pairs of R and C, store of charge."""
+    """Chain the cell from plus to minus: resistance, pairs of R and C, store of charge.
+
+    This is Thevenin's equivalent circuit, v = OCV(soc) + R i + sum of v_k, with i positive into the
+    plus node and R_k C_k dv_k/dt = R_k i - v_k. A capacity of 1 Ah is 3600 C.
+    """
     places = ["plus", *(f"n{i}" for i in range(len(pairs) + 1)), "minus"]
     ports = [resistive(_DOMAIN, "resistance", "series", (places[0], places[1]))]
     for i, between in zip(pairs, pairwise(places[1:]), strict=False):

@@ -71,6 +71,8 @@ def _mass_action(
 
         concentrations = rest[-len(names) :] if names else ()
         powers = zip(concentrations, orders, products, strict=True)
+        # Guldberg and Waage: each rate is its constant times the concentrations, as often as they
+        # react.
         forth, back = rate, rest[0] if is_reversible else sympy.Integer(0)
         for concentration, order, product in powers:
             forth, back = forth * concentration**order, back * concentration**product
@@ -83,6 +85,7 @@ def _mass_action(
 def _port(number: int, name: str, net: int, law: Callable[[int], Law]) -> Terminal:
     """Make the port of a species; ``net`` is the amount that one turnover consumes."""
     through = law(net)
+    # A flow that does not depend on the species' own concentration cannot be solved for it.
     kind = Kind.DISSIPATOR if through.uses(f"across_{number}") else Kind.THROUGH_SOURCE
     return Terminal(
         _DOMAIN, kind, name, through=through, is_passive=False, between=(name, "ground")

@@ -18,6 +18,8 @@ RESISTOR = resistance(
     _DOMAIN, "resistor", "linear resistance", value("resistance", "ohm", "voltage per current")
 )
 
+# i = C dv/dt even where C depends on states. Where charge is a function of the voltage, the
+# nonlinear capacitor conserves it: i = dq/dt.
 CAPACITOR = storage(
     _DOMAIN,
     "capacitor",
@@ -73,6 +75,8 @@ def _contact(closed: Any, on_resistance: Any, off_resistance: Any) -> Any:
     """Give the resistance of a contact, interpolated logarithmically between open and closed."""
     import sympy
 
+    # Resistances differ by many decades: between them their logarithms are interpolated, so that
+    # slopes are moderate compared with the values.
     share = sympy.Piecewise((0, closed <= 0), (1, closed >= 1), (closed, True))
     return off_resistance * sympy.exp(share * sympy.log(on_resistance / off_resistance))
 

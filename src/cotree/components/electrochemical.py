@@ -36,6 +36,7 @@ OPEN_CIRCUIT_VOLTAGE = scalar(
 )
 
 
+# R T / F, 25.69 mV at 25 degrees Celsius.
 def _thermal_voltage(temperature: Any) -> Any:
     import sympy
 
@@ -47,6 +48,8 @@ def _butler_volmer(
 ) -> Any:
     import sympy
 
+    # i = i0 (exp(a n F eta / (R T)) - exp(-(1 - a) n F eta / (R T))), oxidation positive, without
+    # limits of mass transport (A. J. Bard and L. R. Faulkner, Electrochemical Methods, 2001).
     eta = electrons * across / _thermal_voltage(temperature)
     return exchange_current * (sympy.exp(symmetry * eta) - sympy.exp(-(1 - symmetry) * eta))
 
@@ -85,6 +88,7 @@ def _nernst(
 ) -> Any:
     import sympy
 
+    # E = E0 + R T / (n F) ln(oxidised / reduced); their ratio matters only, so that units cancel.
     return standard_potential + _thermal_voltage(temperature) / electrons * sympy.log(
         oxidised / reduced
     )

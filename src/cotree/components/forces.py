@@ -21,6 +21,7 @@ AXIS = Field(
 )
 
 
+# Forces on the second node: tension pulls it towards the first, hence the minus signs.
 def _spring(length: Any, rate: Any, stiffness: Any, free_length: Any, damping: Any) -> Any:
     return -stiffness * (length - free_length) - damping * rate
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 _DOMAIN = "hydraulic"
 
+# Water; oils have 850 to 900 kg/m^3.
 _DENSITY = optional("density", "kg/m^3", "of the liquid", 1000.0, "positive")
 
 RESISTOR = resistance(
@@ -39,6 +40,8 @@ def _root(pressure: Any, transition: Any) -> Any:
     return sympy.sqrt(size) * u * (45 - 18 * u**2 + 5 * u**4) / 32
 
 
+# Torricelli: Q = Cd A sqrt(2 dp / rho), turbulent, with the sign of dp. A root alone has an
+# infinite slope at no flow, which Newton steps and sensitivities do not survive.
 def _orifice(across: Any, area: Any, coefficient: Any, density: Any, transition: Any) -> Any:
     import sympy
 
@@ -51,6 +54,7 @@ def _valve(
     return opening * _orifice(across, area, coefficient, density, transition)
 
 
+# Sharp-edged openings contract the jet to about 0.62 of their area.
 _COEFFICIENT = optional("coefficient", "1", "of discharge", 0.62, "positive")
 _TRANSITION = optional("transition", "Pa", "below it the law is smoothed", 1.0, "positive")
 
@@ -71,6 +75,7 @@ VALVE = scalar(
         _DENSITY,
         _TRANSITION,
     ),
+    # A shut valve conducts nothing: the equations are then only semidefinite.
     Terminal(_DOMAIN, Kind.DISSIPATOR, through=Law(_valve), is_passive=False),
 )
 
@@ -82,6 +87,7 @@ TANK = scalar(
         _DENSITY,
         optional("gravity", "m/s^2", "acceleration of free fall", 9.81, "positive"),
     ),
+    # p = rho g h and A dh/dt = Q, so that Q = A / (rho g) dp/dt.
     Terminal(
         _DOMAIN,
         Kind.ACROSS_STORAGE,
@@ -111,6 +117,7 @@ _PIPE = Terminal(
     storage=Law.field("inertance"),
     between=("plus", "minus"),
 )
+# An elastic line in lumped form, a pi section: inertance and friction between two equal capacities.
 _HALF = Terminal(_DOMAIN, Kind.ACROSS_STORAGE, storage=Law(lambda capacity: capacity / 2))
 
 
@@ -141,6 +148,8 @@ def _pump(across: Any, pressure: Any, resistance: Any, quadratic: Any) -> Any:
     """Solve the curve ``rise = pressure - resistance q - quadratic q |q|`` for the flow -q."""
     import sympy
 
+    # The form without a difference of nearly equal numbers, which also holds where quadratic is
+    # zero.
     lack = pressure - across
     root = sympy.sqrt(resistance**2 + 4 * quadratic * sympy.Abs(lack))
     return -2 * lack / (resistance + root)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     Symbol = Any
 
 
+# Efforts along a coordinate: positive ones drive the second node in its positive direction.
 def _revolute(
     theta: Symbol,
     theta_dot: Symbol,

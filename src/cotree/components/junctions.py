@@ -39,6 +39,7 @@ def junction_current(voltage: Any, saturation_current: Any, thermal_voltage: Any
     """
     import sympy
 
+    # Reverse currents saturate at -I; the thermal voltage is k T / e times the ideality factor.
     return saturation_current * (sympy.exp(voltage / thermal_voltage) - 1)
 
 

@@ -124,6 +124,8 @@ def _stop_law(
     """Add the springs beyond both limits; contact sets in smoothly over the transition."""
     import sympy
 
+    # (x + sqrt(x^2 + d^2)) / 2 is zero far below the limit, x far beyond it, and d / 2 at the limit
+    # itself.
     above, below = stretch - upper, lower - stretch
     reach, depth = (sympy.sqrt(x**2 + transition**2) for x in (above, below))
     contact = (1 + above / reach) / 2 + (1 + below / depth) / 2
@@ -155,6 +157,7 @@ def _friction(m: _Motion) -> Component:
     def law(across: Any, force: Any, damping: Any, transition: Any) -> Any:
         import sympy
 
+        # Smooth, so that no event is needed at rest; a loaded contact creeps in place of sticking.
         return force * sympy.tanh(across / transition) + damping * across
 
     arguments = ("across", m.force, "damping", "transition")

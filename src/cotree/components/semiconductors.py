@@ -79,6 +79,9 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
         import sympy
 
         vds, vgs = sign * across, sign * gate
+        # Square law with channel-length modulation, level 1 of H. Shichman and D. A. Hodges, IEEE
+        # Journal of Solid-State Circuits 3 (1968) 285: ohmic and saturated regions follow from a
+        # and b together.
         at_source = vgs - sign * threshold
         a, b = (sympy.Max(0, above) for above in (at_source, at_source - vds))
         # Where both ends conduct a - b is vds, which their difference has no digits of if it is

@@ -28,6 +28,7 @@ RESISTOR = resistance(
     value("resistance", "K/W", "temperature per heat flow"),
 )
 
+# Newton's law of cooling.
 CONVECTION = scalar(
     "convection",
     "heat transfer between a surface and a fluid",
@@ -47,6 +48,8 @@ CONVECTION = scalar(
 def _radiation(potential_head: Any, potential_tail: Any, area: Any, emissivity: Any) -> Any:
     import sympy
 
+    # Stefan and Boltzmann; temperatures are absolute, so that both nodes are needed, not their
+    # difference.
     fall = potential_head**4 - potential_tail**4
     return sympy.Float(STEFAN_BOLTZMANN) * area * emissivity * fall
 

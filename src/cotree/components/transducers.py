@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from cotree.components.component import Adapted, Given, Nodes
 
 
+# v = R i + L di/dt + K w, and the shaft gives the torque K i: one constant serves both ways, since
+# the conversion takes up no power.
 def _voltage(through: Any, resistance: Any, constant: Any, across_shaft: Any) -> Any:
     return resistance * through + constant * across_shaft
 
@@ -95,6 +97,7 @@ HYDRAULIC_MACHINE = ideal_gyration(
 )
 
 
+# The reluctance of the iron and that of the air gap add, and the latter is proportional to the gap.
 def _inductance(stretch: Any, inductance: Any, gap: Any, leakage: Any) -> Any:
     return leakage + inductance / (1 + stretch / gap)
 

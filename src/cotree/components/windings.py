@@ -68,6 +68,8 @@ def _determinant(n: int, *couplings: Any) -> Any:
     return sympy.expand(matrix.det())
 
 
+# Leading minors that are positive make the matrix of inductances positive definite (Sylvester), so
+# that energy is stored and the fluxes determine the currents.
 def _demand(n: int) -> Demand:
     """Ask for a positive minor of the first n windings: then the fluxes give the currents."""
     names = tuple(coupling_field(*pair) for pair in combinations(range(1, n + 1), 2))

@@ -209,7 +209,17 @@ class _Speller:
 
     @classmethod
     def of(cls, first: FirstGraph, equations: Equations, names: SymbolTable) -> _Speller:
-        """Name the symbols of the equations, and those of across variables in fields."""
+        """Name the symbols of the equations, and those of across variables in fields.
+
+        Parameters
+        ----------
+        first : FirstGraph
+            The first graph.
+        equations : Equations
+            The equations formed from it.
+        names : SymbolTable
+            Names of the states, unknowns, parameters and inputs of the equations.
+        """
         known = names.known(equations)
         graphs = [_Graph("G1", None, "", {})]
         unknowns = dict(zip(equations.unknowns, equations.unknown_tangents, strict=True))
@@ -234,7 +244,15 @@ class _Speller:
             self.known[tangent] = real_symbol(f"{letter}{graph.subscript}{place}")
 
     def stand_in(self, variable: Variable, letter: str, place: str) -> Node:
-        """Give the symbol that stands for a variable of a network in terminal equations."""
+        """Give the symbol that stands for a variable of a network in terminal equations.
+
+        Parameters
+        ----------
+        variable : Variable
+            The variable.
+        letter, place : str
+            Its name, and what it belongs to; see :class:`cotree.export.terms.Term`.
+        """
         if variable not in self.stand_ins:
             symbol = self.dag.symbol("steps", len(self.stand_ins))
             self.stand_ins[variable] = symbol

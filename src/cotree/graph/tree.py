@@ -180,7 +180,17 @@ def _tree_of(graph: LinearGraph, branches: set[str]) -> Tree:
 
 
 def path_between(graph: LinearGraph, names: set[str], start: str, end: str) -> list[str]:
-    """Name the edges from `start` to `end` along a forest that joins them."""
+    """Name the edges from a node to another along a forest that joins them.
+
+    Parameters
+    ----------
+    graph : LinearGraph
+        The graph.
+    names : set of str
+        The edges of the forest.
+    start, end : str
+        The nodes.
+    """
     step_to = {step.child: step for step in walk_edges(graph, names, start)}
     path: list[str] = []
     node = end

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.errors import brief
-from cotree.readers.place import Place
+from cotree.readers.source_line import SourceLine
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -26,13 +26,13 @@ class Line:
 
     Attributes
     ----------
-    at : Place
+    at : SourceLine
         Its first line in the file.
     words : tuple of str
         Its words as they are written.
     """
 
-    at: Place
+    at: SourceLine
     words: tuple[str, ...]
 
     @property
@@ -54,10 +54,10 @@ def read_lines(text: str, file: str) -> Iterator[Line]:
     SceneError
         If a line cannot be split into words, or is too long.
     """
-    at, whole = Place(file, 0), ""
+    at, whole = SourceLine(file, 0), ""
     is_skipped = False
     for number, raw in enumerate([*text.splitlines()[1:], ""], start=2):
-        here = Place(file, number)
+        here = SourceLine(file, number)
         match = _COMMENT.search(raw)
         line = (raw[: match.start()] if match else raw).strip()
         if not line or line.startswith("*"):
@@ -83,7 +83,7 @@ def read_lines(text: str, file: str) -> Iterator[Line]:
         yield Line(at, _words(whole, at))
 
 
-def _words(line: str, at: Place) -> tuple[str, ...]:
+def _words(line: str, at: SourceLine) -> tuple[str, ...]:
     found, i = [], 0
     while True:
         i = _BETWEEN.match(line, i).end()  # type: ignore[union-attr]
@@ -99,7 +99,7 @@ def _words(line: str, at: Place) -> tuple[str, ...]:
     return tuple(found)
 
 
-def settings(words: tuple[str, ...], at: Place) -> dict[str, str]:
+def settings(words: tuple[str, ...], at: SourceLine) -> dict[str, str]:
     """Read ``name = value`` from a row of words; names in small letters.
 
     Raises

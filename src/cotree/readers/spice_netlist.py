@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from cotree.errors import brief, nearest
-from cotree.readers.place import Place
+from cotree.readers.source_line import SourceLine
 from cotree.readers.spice_lines import Line, read_lines, settings, split_settings
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ class ModelCard:
     name: str
     type: str
     given: dict[str, str]
-    at: Place
+    at: SourceLine
 
 
 @dataclass
@@ -48,20 +48,20 @@ class Circuit:
         Its elements.
     models, circuits : dict
         By name in small letters.
-    parameters : list of (str, str, Place)
+    parameters : list of (str, str, SourceLine)
         Names as written, values as written, lines.
-    at : Place
+    at : SourceLine
         Where it begins.
     """
 
     name: str
-    at: Place
+    at: SourceLine
     pins: tuple[str, ...] = ()
     defaults: dict[str, str] = field(default_factory=dict)
     elements: list[Line] = field(default_factory=list)
     models: dict[str, ModelCard] = field(default_factory=dict)
     circuits: dict[str, Circuit] = field(default_factory=dict)
-    parameters: list[tuple[str, str, Place]] = field(default_factory=list)
+    parameters: list[tuple[str, str, SourceLine]] = field(default_factory=list)
 
 
 @dataclass
@@ -103,7 +103,7 @@ def parse_netlist(text: str, where: str) -> Netlist:
 class _Parser:
     def __init__(self, where: str) -> None:
         self.where = where
-        self.netlist = Netlist(Circuit("", Place(where, 1)))
+        self.netlist = Netlist(Circuit("", SourceLine(where, 1)))
         self.open = [self.netlist.circuit]
         self.commands: dict[str, Callable[[Line], None]] = {
             ".model": self._model,

@@ -12,7 +12,7 @@ from cotree.errors import brief
 from cotree.readers.spice_values import is_zero, read_number, text_of
 
 if TYPE_CHECKING:
-    from cotree.readers.place import Place
+    from cotree.readers.source_line import SourceLine
     from cotree.readers.spice_values import Scope, Value
 
 _WAVEFORMS = {"sin": 6, "pulse": 7, "pwl": 20_000, "exp": 6, "sffm": 7, "am": 5}
@@ -46,7 +46,7 @@ class Source:
     is_constant: bool = False
 
 
-def read_source(words: tuple[str, ...], scope: Scope, times: Times, at: Place) -> Source:
+def read_source(words: tuple[str, ...], scope: Scope, times: Times, at: SourceLine) -> Source:
     """Read the waveform of a source from the words after its nodes.
 
     Parameters
@@ -57,7 +57,7 @@ def read_source(words: tuple[str, ...], scope: Scope, times: Times, at: Place) -
         Parameters that they may use.
     times : Times
         Step and end of the run, which waveforms take defaults from.
-    at : Place
+    at : SourceLine
         The line, for messages.
 
     Raises
@@ -102,13 +102,23 @@ class _Numbers:
 
     values: list[Value]
     times: Times
-    at: Place
+    at: SourceLine
 
     def __getitem__(self, place: int) -> Value:
         return self.values[place] if place < len(self.values) else 0.0
 
     def or_else(self, place: int, default: float | None, what: str) -> Value:
-        """Give a number, or its default if it is absent or zero."""
+        """Give a number, or its default if it is absent or zero.
+
+        Parameters
+        ----------
+        place : int
+            Its place among the numbers, from 0.
+        default : float or None
+            Its default; None where there is no ``.tran`` to take it from.
+        what : str
+            Its meaning, for the message.
+        """
         if not is_zero(self[place]):
             return self[place]
         if default is None:
@@ -121,7 +131,9 @@ class _Numbers:
         return None if not self.times.stop else 1.0 / self.times.stop
 
 
-def _waveform(key: str, words: tuple[str, ...], scope: Scope, times: Times, at: Place) -> Source:
+def _waveform(
+    key: str, words: tuple[str, ...], scope: Scope, times: Times, at: SourceLine
+) -> Source:
     if len(words) > _WAVEFORMS[key]:
         raise at.error(f"{key.upper()} has more than {_WAVEFORMS[key]} numbers")
     if key == "pwl":
@@ -132,7 +144,7 @@ def _waveform(key: str, words: tuple[str, ...], scope: Scope, times: Times, at: 
     return _MADE[key](_Numbers(values, times, at))
 
 
-def _piecewise(numbers: list[float], at: Place) -> Source:
+def _piecewise(numbers: list[float], at: SourceLine) -> Source:
     if len(numbers) < 2 or len(numbers) % 2:
         raise at.error("PWL needs pairs of a time and a value")
     times, values = numbers[::2], numbers[1::2]

@@ -13,7 +13,7 @@ from cotree.scene.expressions import FUNCTIONS, parse
 
 if TYPE_CHECKING:
     from cotree.dag.nodes import Node
-    from cotree.readers.place import Place
+    from cotree.readers.source_line import SourceLine
 
 #: A number, or the text of an expression in the scene's grammar.
 Value = float | str
@@ -97,7 +97,7 @@ class Scope:
             scope = scope.outer
         return None
 
-    def value(self, word: str, at: Place) -> Value:
+    def value(self, word: str, at: SourceLine) -> Value:
         """Read a number, a parameter's name, or an expression in braces or quotes.
 
         Raises
@@ -115,7 +115,7 @@ class Scope:
         except ExpressionError as error:
             raise at.error(f"'{brief(word)}' {error}") from None
 
-    def number(self, word: str, at: Place) -> float:
+    def number(self, word: str, at: SourceLine) -> float:
         """Read what must be a number.
 
         Raises
@@ -128,7 +128,7 @@ class Scope:
             raise at.error(f"'{brief(word)}' must be a number without parameters")
         return value
 
-    def _check_unit(self, word: str, at: Place) -> None:
+    def _check_unit(self, word: str, at: SourceLine) -> None:
         """Note that simulators disagree on the letter a, which may be a unit or a factor."""
         for match in _ATTO.finditer(word):
             is_ampere = _is_ampere(match[1])

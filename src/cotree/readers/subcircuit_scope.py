@@ -14,7 +14,7 @@ from cotree.scene.description import SceneDescription
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from cotree.readers.place import Place
+    from cotree.readers.source_line import SourceLine
     from cotree.readers.spice_lines import Line
     from cotree.readers.spice_netlist import Circuit
     from cotree.readers.spice_values import Scope, Value
@@ -48,7 +48,7 @@ class Sheet(Generic[_Scene]):
         self.nodes: dict[tuple[str, str], str] = {}
         self.voltages: dict[str, Value] = {}
 
-    def guarded(self, at: Place, act: Callable[[], Any]) -> Any:
+    def guarded(self, at: SourceLine, act: Callable[[], Any]) -> Any:
         """Apply a change to the scene; refusals are reported with the line."""
         try:
             return act()
@@ -57,7 +57,7 @@ class Sheet(Generic[_Scene]):
                 raise
             raise at.error(" ".join(str(error).split())) from None
 
-    def own_parameter(self, name: str, value: Value, at: Place, unit: str = "") -> Value:
+    def own_parameter(self, name: str, value: Value, at: SourceLine, unit: str = "") -> Value:
         """Make a parameter of a number, and give its name; expressions stay as they are.
 
         Parameters
@@ -66,7 +66,7 @@ class Sheet(Generic[_Scene]):
             The name wished for.
         value : float or str
             A number, or an expression.
-        at : Place
+        at : SourceLine
             Line of the netlist, for messages.
         unit : str
             Its unit.
@@ -163,7 +163,7 @@ class Instance:
             yield place
             place = place.defined_in
 
-    def circuit_named(self, name: str, at: Place) -> tuple[Circuit, Instance]:
+    def circuit_named(self, name: str, at: SourceLine) -> tuple[Circuit, Instance]:
         """Look up a subcircuit, and the place of its definition.
 
         Raises

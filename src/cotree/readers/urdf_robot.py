@@ -18,7 +18,7 @@ from cotree.scene.origin import Visual
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from cotree.readers.place import Place
+    from cotree.readers.source_line import SourceLine
     from cotree.readers.urdf_values import Pose, Vector
     from cotree.readers.xml_tree import Element
 
@@ -58,7 +58,7 @@ class RobotLink:
     """A link: its name, the line where it begins, its inertia if it has any, what it looks like."""
 
     name: str
-    at: Place
+    at: SourceLine
     inertial: Inertial | None
     visuals: tuple[Visual, ...]
 
@@ -80,7 +80,7 @@ class Joint:
     ----------
     name, type : str
         Its name, and one of :data:`JOINT_TYPES`.
-    at : Place
+    at : SourceLine
         Where it begins.
     parent, child : str
         Its links.
@@ -96,7 +96,7 @@ class Joint:
 
     name: str
     type: str
-    at: Place
+    at: SourceLine
     parent: str
     child: str
     pose: Pose

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from xml.parsers import expat
 
-from cotree.readers.place import Place
+from cotree.readers.source_line import SourceLine
 
 _MOST_ELEMENTS = 200_000
 _DEEPEST = 60
@@ -26,7 +26,7 @@ class Element:
         Its name, with its prefix as written.
     attributes : dict of str to str
         Its attributes.
-    at : Place
+    at : SourceLine
         Where it begins.
     children : list of Element
         The elements in it. Text between them is not kept.
@@ -34,7 +34,7 @@ class Element:
 
     tag: str
     attributes: dict[str, str]
-    at: Place
+    at: SourceLine
     children: list[Element] = field(default_factory=list)
 
     def all(self, tag: str) -> list[Element]:
@@ -59,8 +59,8 @@ class _Builder:
         self.n_elements = 0
 
     @property
-    def at(self) -> Place:
-        return Place(self.file, self.parser.CurrentLineNumber)
+    def at(self) -> SourceLine:
+        return SourceLine(self.file, self.parser.CurrentLineNumber)
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
         self.n_elements += 1
@@ -112,6 +112,6 @@ def parse_xml(text: str, where: str) -> Element:
         builder.parser.Parse(text.encode("utf-8", "surrogatepass"), True)
     except expat.ExpatError as error:
         reason = expat.ErrorString(error.code)
-        raise Place(where, error.lineno).error(f"not valid XML: {reason}") from None
+        raise SourceLine(where, error.lineno).error(f"not valid XML: {reason}") from None
     assert builder.root is not None  # expat refuses a text without an element
     return builder.root

@@ -1,4 +1,4 @@
-"""Places in files of other tools, by which messages begin."""
+"""Lines in files of other tools, by which messages begin."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from cotree.errors import SceneError
 
 
 @dataclass(frozen=True)
-class Place:
+class SourceLine:
     """A line of a file; as text ``file:line``.
 
     Attributes
