@@ -89,6 +89,7 @@ class SolveError(Error, RuntimeError):
 
 #: Names that a message lists, and names among which a similar one is looked for.
 _MOST_LISTED, _MOST_COMPARED = 200, 1000
+_MOST_IN_SENTENCE = 8
 
 
 def nearest(name: object, known: Iterable[str]) -> str:
@@ -132,8 +133,8 @@ def brief(text: object, longest: int = 60) -> str:
     return line if len(line) <= longest else f"{line[: longest - 3]}..."
 
 
-def listed(names: Iterable[str], most: int = 8) -> str:
+def listed(names: Iterable[str]) -> str:
     """List names in a sentence; of a long list the first ones, enough to find the mistake."""
     names = list(names)
-    hidden = len(names) - most
-    return ", ".join(names[:most]) + (f" and {hidden} more" if hidden > 0 else "")
+    hidden = len(names) - _MOST_IN_SENTENCE
+    return ", ".join(names[:_MOST_IN_SENTENCE]) + (f" and {hidden} more" if hidden > 0 else "")

@@ -1,15 +1,14 @@
 """Silence what other libraries say, while several threads may ask for that at once.
 
-``warnings.catch_warnings`` and ``contextlib.redirect_stdout`` put back what they found on their
-way in. Of two threads that overlap, the one that leaves last puts back what the other had made, and
-the program stays mute. Here the first to come adds one thing, the last to leave takes that away.
+``warnings.catch_warnings`` restores the filters that it found on its way in. Of two threads that
+overlap, the one that leaves last restores those that the other had made, and the program stays
+mute. Here the first to come adds one filter, and the last to leave removes it.
 """
 
 from __future__ import annotations
 
 import contextlib
 import re
-import sys
 import threading
 import warnings
 from typing import TYPE_CHECKING, Any
@@ -59,37 +58,3 @@ def without_warnings(
 def _filters() -> list[Any]:
     found: list[Any] = warnings.filters  # type: ignore[assignment]
     return found
-
-
-class _Muted:
-    """A stream that some threads do not write to."""
-
-    def __init__(self, stream: Any) -> None:
-        self.stream = stream
-        self.threads: list[int] = []
-
-    def write(self, text: str) -> int:
-        if threading.get_ident() in self.threads:
-            return len(text)
-        return int(self.stream.write(text))
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.stream, name)
-
-
-@contextlib.contextmanager
-def without_output() -> Iterator[None]:
-    """Drop what this thread prints; others go on printing."""
-    own = threading.get_ident()
-    with _lock:
-        stream: Any = sys.stdout
-        muted = stream if isinstance(stream, _Muted) else _Muted(stream)
-        sys.stdout = muted
-        muted.threads.append(own)
-    try:
-        yield
-    finally:
-        with _lock:
-            muted.threads.remove(own)
-            if not muted.threads and sys.stdout is muted:
-                sys.stdout = muted.stream

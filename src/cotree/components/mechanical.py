@@ -13,7 +13,6 @@ from cotree.components.component import optional, value
 from cotree.components.law import Law
 from cotree.components.ports import (
     across_source,
-    conductance,
     ideal_coupling,
     scalar,
     storage,
@@ -58,7 +57,13 @@ _ROTATION = _Motion("rotational", "torque", "N m", "angle", "rad")
 
 def _damper(m: _Motion) -> Component:
     field = value("damping", m.damping_unit, f"{m.force} per relative speed")
-    return conductance(m.domain, m.name("damper"), "linear damper", field)
+    terminal = Terminal(
+        m.domain,
+        Kind.DISSIPATOR,
+        across=Law(lambda through, damping: through / damping),
+        through=Law(lambda across, damping: damping * across),
+    )
+    return scalar(m.name("damper"), "linear damper", (field,), terminal)
 
 
 def _stiffness(m: _Motion) -> Field:

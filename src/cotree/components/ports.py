@@ -148,25 +148,6 @@ def resistive(
     )
 
 
-def conductance(domain: str, name: str, doc: str, field: Field) -> Component:
-    """Make a dissipator with through = field * across.
-
-    Parameters
-    ----------
-    domain, name, doc : str
-        Its domain, the name of the type, and one line on what it is.
-    field : Field
-        The conductance.
-    """
-    terminal = Terminal(
-        domain,
-        Kind.DISSIPATOR,
-        across=Law.taking(("through", field.name), lambda through, given: through / given),
-        through=Law.taking(("across", field.name), lambda across, given: given * across),
-    )
-    return scalar(name, doc, (field,), terminal)
-
-
 def ideal_coupling(
     name: str, doc: str, field: Field, first: tuple[str, str], second: tuple[str, str]
 ) -> Component:

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 from cotree.errors import SceneError
 
+#: Bytes that a file may have: it may come from a stranger.
+LARGEST_FILE = 20_000_000
+
 
 @dataclass(frozen=True)
 class SourceLine:

@@ -13,6 +13,7 @@ from typing import TypeVar
 from cotree.errors import brief, check_known, listed
 from cotree.files import read_text
 from cotree.readers.names import Namer
+from cotree.readers.source_line import LARGEST_FILE
 from cotree.readers.spice_couplings import find_couplings
 from cotree.readers.spice_devices import DEVICES
 from cotree.readers.spice_lines import Line, settings, split_settings
@@ -25,7 +26,6 @@ from cotree.scene.origin import Origin
 
 _Scene = TypeVar("_Scene", bound=SceneDescription)
 
-_LARGEST_FILE = 20_000_000  # bytes
 _MOST_ELEMENTS, _DEEPEST = 100_000, 20
 _ROOM_TEMPERATURE = 27.0  # degrees Celsius
 
@@ -46,7 +46,7 @@ def read_spice_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
         If the file cannot be read, or holds what is not known; the message begins with file and
         line.
     """
-    return read_spice_text(read_text(source, _LARGEST_FILE), str(source), scene_type)
+    return read_spice_text(read_text(source, LARGEST_FILE), str(source), scene_type)
 
 
 def read_spice_text(text: str, where: str, scene_type: type[_Scene]) -> _Scene:

@@ -14,8 +14,10 @@ from cotree.errors import ModelError, SceneError, brief, listed
 from cotree.files import read_text
 from cotree.readers.names import Namer
 from cotree.readers.rotations import rotation_rows
-from cotree.readers.urdf_robot import read_robot
+from cotree.readers.source_line import LARGEST_FILE
+from cotree.readers.urdf_robot import MOMENTS, read_robot
 from cotree.readers.urdf_tree import check_mimics, has_one_coordinate, order_joints
+from cotree.readers.urdf_values import Pose
 from cotree.readers.xml_tree import parse_xml
 from cotree.scene.description import SceneDescription
 from cotree.scene.expressions import check_number
@@ -26,15 +28,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from cotree.readers.urdf_robot import Inertial, Joint, Robot, RobotLink
-    from cotree.readers.urdf_values import Pose
 
 _Scene = TypeVar("_Scene", bound=SceneDescription)
 
-_LARGEST_FILE = 20_000_000  # bytes
-_ZERO = (0.0, 0.0, 0.0)
 _STANDARD_GRAVITY = 9.81  # m/s^2, as Pinocchio has it
 _FRICTION_SPEED = 0.01  # rad/s or m/s
-_MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _COORDINATE = {"revolute": "theta", "continuous": "theta", "prismatic": "s"}
 
 
@@ -82,7 +80,7 @@ def read_urdf_scene(source: str | Path, scene_type: type[_Scene], options: UrdfO
     SceneError
         If the file cannot be read, or is not a robot; the message begins with file and line.
     """
-    return read_urdf_text(read_text(source, _LARGEST_FILE), str(source), scene_type, options)
+    return read_urdf_text(read_text(source, LARGEST_FILE), str(source), scene_type, options)
 
 
 def read_urdf_text(text: str, where: str, scene_type: type[_Scene], options: UrdfOptions) -> _Scene:
@@ -158,7 +156,7 @@ class _SceneWriter(Generic[_Scene]):
             return
         # A joint moves from its own frame, which the origin places on the parent.
         start = parent
-        if joint.pose.xyz != _ZERO or joint.pose.rpy != _ZERO:
+        if joint.pose != Pose():
             start = self.namer.own(f"{edge}_frame")
             self._place(self.namer.own(f"{edge}_origin"), parent, start, joint.pose)
         if has_one_coordinate(joint):
@@ -259,7 +257,7 @@ class _SceneWriter(Generic[_Scene]):
         mass = self._parameter(f"{node}_mass", inertial.mass, "kg")
         xx, xy, xz, yy, yz, zz = (
             self._parameter(f"{node}_{name}", value, "kg m^2")
-            for name, value in zip(_MOMENTS, inertial.moments, strict=True)
+            for name, value in zip(MOMENTS, inertial.moments, strict=True)
         )
         self.scene.edge(
             self.namer.own(f"{node}_body"),
@@ -273,7 +271,7 @@ class _SceneWriter(Generic[_Scene]):
     def _place(self, edge: str, first: str, second: str, pose: Pose, weld: bool = False) -> None:
         """Add an arm between two nodes, or a weld if they coincide."""
         turn = self._rotation(pose)
-        if pose.xyz == _ZERO and weld:
+        if weld and not any(pose.xyz):
             self.scene.edge(edge, "weld", first, second, **turn)
         else:
             self.scene.edge(edge, "arm", first, second, vector=pose.xyz, **turn)

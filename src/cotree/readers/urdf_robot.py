@@ -31,7 +31,8 @@ JOINT_TYPES = {
     "planar": True,
     "floating": False,
 }
-_MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+#: Moments of inertia as the format names them.
+MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 @dataclass(frozen=True)
@@ -155,7 +156,7 @@ def _inertial(element: Element, what: str) -> Inertial:
     if mass < 0.0:
         raise mass_element.at.error(f"{what} has the negative mass {mass:g}")
     tensor = child_of(element, "inertia", what)
-    moments = {name: number_of(tensor, name, what, 0.0) for name in _MOMENTS}
+    moments = {name: number_of(tensor, name, what, 0.0) for name in MOMENTS}
     for name in ("ixx", "iyy", "izz"):
         if moments[name] < 0.0:
             raise tensor.at.error(f"{what} has the negative moment of inertia {name}")

@@ -119,7 +119,7 @@ class Drafter:
         ndarray, shape (3,)
             The unit vector.
         """
-        found: Array = self.places[end].turn @ self.values.vector(edge.vectors[name])
+        found: Array = self.places[end].turn @ self.values.numbers(edge.vectors[name])
         return found
 
     def gap(self, first: str, second: str) -> Array:
@@ -170,12 +170,9 @@ class Drafter:
         """
         self.labels.append(Label(name, cluster, local))
 
-    def upright(self, cluster: int) -> Array:
-        """Give axes of a body with z up and y towards the viewer, at the start."""
-        found: Array = self.poses.axes[cluster][0].T @ shapes.axes_along(
-            self.stage.up, self.stage.towards
-        )
-        return found
+    def upright(self) -> Array:
+        """Give ground axes with z up and y towards the viewer."""
+        return shapes.axes_along(self.stage.up, self.stage.towards)
 
     def is_hidden(self, edge: BoundEdge) -> bool:
         """Whether visuals show both bodies of a joint."""
@@ -219,7 +216,7 @@ class Drafter:
             return
         self._feet.add(at)
         w, size = self.w, 3.6 * self.w
-        axes = self.upright(0)
+        axes = self.upright()
         if self.stage.is_flat:
             triangle = np.array([[0.0, 0.0], [-0.62 * size, -size], [0.62 * size, -size]])
             legs = shapes.extruded(triangle, 0.5 * w)

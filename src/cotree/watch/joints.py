@@ -58,7 +58,7 @@ def sliding(draft: Drafter, edge: BoundEdge) -> None:
     y = draft.towards(two.cluster) if draft.stage.is_flat else None
     at = two.local + draft.raised(two.cluster)
     draft.solid(edge.name, two.cluster, block.placed(at, shapes.axes_along(axis, y)), label=True)
-    _rail(draft, edge, draft.values.vector(edge.vectors["axis"]))
+    _rail(draft, edge, draft.values.numbers(edge.vectors["axis"]))
     stiffness = edge.scalars.get("stiffness")
     if stiffness is not None and not stiffness.is_zero:
         spring(draft, edge)
@@ -104,7 +104,7 @@ def disc(draft: Drafter, edge: BoundEdge) -> None:
 def _road(draft: Drafter, edge: BoundEdge, radius: float) -> None:
     """Draw the line that a disc rolls on, as far as it comes."""
     one = draft.places[edge.first]
-    normal = draft.values.vector(edge.vectors["normal"])
+    normal = draft.values.numbers(edge.vectors["normal"])
     along = np.cross(one.turn.T @ draft.towards(one.cluster), normal)
     reach = draft.reach(edge)
     way = reach @ along
@@ -119,6 +119,6 @@ def _road(draft: Drafter, edge: BoundEdge, radius: float) -> None:
 def blade(draft: Drafter, edge: BoundEdge) -> None:
     """Show a thin blade across which nothing slides."""
     place = draft.places[edge.second]
-    axes = shapes.axes_along(draft.axis(edge, "axis", edge.second), draft.upright(0)[:, 1])
+    axes = shapes.axes_along(draft.axis(edge, "axis", edge.second), draft.upright()[:, 1])
     blade = shapes.box(5.0 * draft.w, 1.8 * draft.w, 0.5 * draft.w)
     draft.solid(edge.name, place.cluster, blade.placed(place.local, axes), JOINT)

@@ -94,18 +94,14 @@ class MotionValues:
         """Evaluate nodes of parameters only, shape (n_nodes,)."""
         return np.array(evaluate(nodes, self._fixed), dtype=float)
 
-    def vector(self, a: Vector) -> Array:
-        """Evaluate a vector of parameters only."""
-        return self.numbers(a)
-
     def place(self, point: Point) -> Place:
         """Evaluate a node's place in its cluster."""
         turn = np.eye(3) if point.turn is None else self.matrix(point.turn)
-        return Place(point.cluster, self.vector(point.local), turn)
+        return Place(point.cluster, self.numbers(point.local), turn)
 
     def matrix(self, a: Matrix) -> Array:
         """Evaluate a matrix of parameters only."""
-        return np.array([self.vector(row) for row in a])
+        return np.array([self.numbers(row) for row in a])
 
     def over_time(self, a: Vector) -> Array:
         """Evaluate a vector of parameters and time, shape (n_times, 3)."""

@@ -104,20 +104,18 @@ def sphere(radius: float) -> Mesh:
     return turned(profile)
 
 
-def capsule(radius: float, length: float, sides: int = _ROUND) -> Mesh:
+def capsule(radius: float, length: float) -> Mesh:
     """Make a cylinder along z that ends in hemispheres.
 
     Parameters
     ----------
     radius, length : float
         Of the cylinder, [m].
-    sides : int
-        Number of faces around it.
     """
-    angles = np.linspace(-0.5 * np.pi, 0.0, sides // 4 + 1)
+    angles = np.linspace(-0.5 * np.pi, 0.0, _ROUND // 4 + 1)
     low = [(radius * float(np.cos(a)), radius * float(np.sin(a)) - 0.5 * length) for a in angles]
     low[0] = (0.0, low[0][1])
-    return turned([*low, *((r, -z) for r, z in reversed(low))], sides)
+    return turned([*low, *((r, -z) for r, z in reversed(low))])
 
 
 def plate(radius: float, length: float, thickness: float) -> Mesh:
@@ -152,18 +150,17 @@ def extruded(outline: Array, thickness: float) -> Mesh:
     return Mesh(np.concatenate(side), np.concatenate([fan[:, ::-1], n + fan, *walls]))
 
 
-def ring(radius: float, inner: float, length: float, sides: int = 2 * _ROUND) -> Mesh:
+def ring(radius: float, inner: float, length: float) -> Mesh:
     """Make a cylinder along z with a hole.
 
     Parameters
     ----------
     radius, inner, length : float
         Outer and inner radius, and length, [m].
-    sides : int
-        Number of faces around it.
     """
     h = 0.5 * length
-    return turned([(inner, h), (inner, -h), (radius, -h), (radius, h), (inner, h)], sides)
+    # Wheels are large: twice the sides of other shapes keep their rims round.
+    return turned([(inner, h), (inner, -h), (radius, -h), (radius, h), (inner, h)], 2 * _ROUND)
 
 
 def wheel(radius: float, thickness: float) -> Mesh:
@@ -179,7 +176,7 @@ def rod(radius: float) -> Mesh:
     return cylinder(radius, 1.0).placed(np.array([0.0, 0.0, 0.5]))
 
 
-def coil(radius: float, wire: float, length: float, turns: int = 9) -> Mesh:
+def coil(radius: float, wire: float, length: float) -> Mesh:
     """Make a helical spring from zero to one along z.
 
     Parameters
@@ -188,10 +185,9 @@ def coil(radius: float, wire: float, length: float, turns: int = 9) -> Mesh:
         Of the helix and of its wire, [m].
     length : float
         Length at which the wire is round, [m].
-    turns : int
-        Number of turns.
     """
-    n, around = 16 * turns, 6
+    turns, around = 9, 6
+    n = 16 * turns
     u = np.linspace(0.0, 1.0, n + 1)
     # Half a turn leads from the axis outwards, and back.
     away = radius * np.clip(2.0 * turns * np.minimum(u, 1.0 - u), 0.0, 1.0)
