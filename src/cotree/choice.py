@@ -35,7 +35,7 @@ _FEW = 3  # turning clusters up to which every choice is tried
 
 @dataclass(frozen=True)
 class Alternative:
-    """One way to form the equations, and what it costs.
+    """One way to form the equations, and its cost.
 
     Attributes
     ----------

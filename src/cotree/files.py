@@ -79,7 +79,7 @@ def target_path(path: str | os.PathLike[str], what: str = "the file") -> Path:
     path : path
         The file or folder.
     what : str
-        What it is, for messages.
+        Description of it, for messages.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def written_whole(path: str | os.PathLike[str], what: str = "the file") -> Itera
     path : path
         The file.
     what : str
-        What it is, for messages.
+        Description of it, for messages.
 
     Raises
     ------

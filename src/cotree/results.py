@@ -69,10 +69,10 @@ class Result(RunRecord):
             Seconds of the run for each second of watching. Runs of 2 to 30 s are shown as they
             happened where absent, others slower or faster.
         view : (float, float), optional
-            Azimuth and elevation of who looks, [deg]; a plane is seen along its normal where
+            Azimuth and elevation of the viewer, [deg]; a plane is viewed along its normal where
             absent.
         model : WatchedModel, optional
-            What ran, where the result does not know it: after copying or pickling.
+            The model that ran, which copied and pickled results do not keep.
         trust_paths : bool
             Whether a robot's file may name meshes outside its folder and its packages.
 

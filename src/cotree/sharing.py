@@ -1,8 +1,8 @@
 """Objects that threads share: one thread makes each at its first use while the others wait.
 
-Everything that a call changes belongs to the call or to its thread. Everything that persists is
-made once: a library of C is compiled, derivatives that are rarely needed are formed. Forming makes
-nodes, whose numbers an arena hands out in order, so that only one thread at a time may do it.
+Objects that a call changes belong to the call or to its thread. Objects that persist are made once:
+compiled libraries, and derivatives that are rarely needed. Forming derivatives creates nodes, which
+an arena numbers in order, so that only one thread at a time may do it.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
-#: Held by whoever makes nodes in an arena that other threads may reach, as those of a compiled
-#: model are. Nothing that waits for a compiler or integrates is done under it.
+#: Held while nodes are made in an arena that other threads can reach, such as that of a compiled
+#: model. Neither compilation nor integration runs under it.
 forming = threading.RLock()
 
 
 def made_once(make: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Remember what a function gives for its arguments, and let one thread at a time make it.
+    """Cache the results of a function, and let one thread at a time compute them.
 
     ``functools.cache`` lets two threads compute the same value. ``cache_clear`` forgets everything.
     """

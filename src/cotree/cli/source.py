@@ -1,4 +1,4 @@
-"""The scene that a command names, read as the options before the command say."""
+"""The scene of a command, read with the options that precede the command."""
 
 from __future__ import annotations
 

@@ -134,7 +134,7 @@ def _places(
 
 
 def _given(name: str, ports: Iterable[str], gives: Gives) -> dict[str, str]:
-    """Say of each port what its law gives, where that is said."""
+    """Give the variable that the law of each port determines, where it is specified."""
     given = dict(gives) if isinstance(gives, Mapping) else dict.fromkeys(ports, gives)
     for port, what in given.items():
         if port not in ports:

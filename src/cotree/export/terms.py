@@ -121,7 +121,7 @@ def _of_bodies(first: FirstGraph) -> Iterator[Term]:
 
 
 def _of_joints(first: FirstGraph) -> Iterator[Term]:
-    """Give the motion space of each branch, and what its own law exerts along a coordinate."""
+    """Give the motion space of each branch, and the effort of its own law along a coordinate."""
     _, bases = _clusters(first)
     for geometry in first.motion.geometry:
         axes = bases[geometry.branch.parent]
@@ -145,7 +145,7 @@ def _of_elements(first: FirstGraph) -> Iterator[Term]:
 
 
 def _of_constraints(first: FirstGraph) -> Iterator[Term]:
-    """Give what chords hold at zero: a measure, or a rate that is the rate of nothing."""
+    """Give the constraints of chords: a measure, or a rate that is not the rate of a measure."""
     held = first.constraints
     for row, value, rate in zip(held.rows, held.values, held.rates, strict=True):
         letter, node = ("c", value) if value is not None else ("c_dot", rate)
@@ -212,7 +212,7 @@ def balance_terms(first: FirstGraph) -> list[Term]:
 def _of_networks(
     network: Network, symbol_of: Callable[[Variable, str, str], Node]
 ) -> Iterator[Term]:
-    """Give what states, motions and laws say of variables, and laws that must vanish."""
+    """Give the laws by which variables of networks are determined, and laws that must vanish."""
     rules = network.solved.plan.rules
 
     def named(variable: Variable) -> Node:

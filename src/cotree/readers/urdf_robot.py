@@ -56,7 +56,7 @@ class Inertial:
 
 @dataclass(frozen=True)
 class RobotLink:
-    """A link: its name, the line where it begins, its inertia if it has any, what it looks like."""
+    """A link: its name, the line where it begins, its inertia if it has any, and its shapes."""
 
     name: str
     at: SourceLine

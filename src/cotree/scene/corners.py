@@ -75,7 +75,7 @@ def _solutions(value: Node) -> list[dict[Node, Node]]:
 
 
 class _Replaced(ast.NodeTransformer):
-    """Gives a tree with one part replaced; what is on the way there is made anew."""
+    """Copies a tree with one part replaced; nodes above that part are new."""
 
     def __init__(self, part: ast.expr, by: ast.expr) -> None:
         self._part, self._by = part, by

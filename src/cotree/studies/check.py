@@ -126,7 +126,7 @@ class CheckReport:
 
     @property
     def heading(self) -> str:
-        """Say what is compared."""
+        """Describe the comparison."""
         return (
             f"sensitivities S against central differences FD(h) at {_N_TIMES} times to "
             f"t = {self.t_end:g} s, {self.method}, rtol {self.rtol:g}"

@@ -40,7 +40,7 @@ class Experiment:
 
     @property
     def quantities(self) -> tuple[str, ...]:
-        """Names of what is reported: states, then outputs."""
+        """Names of the quantities: states, then outputs."""
         return (*self.model.states, *self.model.outputs)
 
     def run(self, changed: Mapping[str, float] | None = None) -> Result:

@@ -92,11 +92,11 @@ def body_box(mass: float, tensor: Array) -> tuple[Array, Array] | None:
     Returns
     -------
     lengths : ndarray, shape (3,), [m]
-        Zero along a principal axis that no even box has.
+        Zero along a principal axis for which no homogeneous box exists.
     axes : ndarray, shape (3, 3)
         The principal axes, right-handed, as columns.
     None
-        Where the inertia is zero, or none at all.
+        If the inertia is zero or invalid.
     """
     if not np.all(np.isfinite(tensor)) or mass < 0.0:
         return None
@@ -104,7 +104,7 @@ def body_box(mass: float, tensor: Array) -> tuple[Array, Array] | None:
     moments, axes = (np.diag(tensor), np.eye(3)) if is_diagonal else np.linalg.eigh(tensor)
     if np.linalg.det(axes) < 0.0:
         axes = axes * np.array([1.0, 1.0, -1.0])
-    # What has no mass, but an inertia, is shown as small as is shown at all.
+    # A body with inertia but no mass is drawn at the least size.
     squares = 6.0 * (moments.sum() - 2.0 * moments) / (mass or np.inf)
     if moments.max() <= 0.0:
         return None

@@ -1,4 +1,4 @@
-"""From places in space to places in a picture."""
+"""Projection of points in space onto the picture."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ if TYPE_CHECKING:
 
 Reach = tuple[float, float, float]
 
-_HALF_ANGLE = np.deg2rad(13.0)  # of what a picture shows of a spatial scene, across its height
-#: Of the picture against what is in it: room for a line of text at the top.
+_HALF_ANGLE = np.deg2rad(13.0)  # half of the vertical field of view of a spatial scene
+#: Size of the picture relative to its contents: room for a line of text at the top.
 MARGIN = 1.14
 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A view of what is drawn.
+    """A camera, which projects points of the drawing onto the picture.
 
     Attributes
     ----------
     axes : ndarray, shape (3, 3)
-        To the right, up, and to who looks: columns.
+        Directions to the right, upwards and towards the viewer, as columns.
     centres : ndarray, shape (n_frames, 3)
-        What is in the middle of each frame, [m].
+        Point in the middle of each frame, [m].
     half : (float, float)
-        What is seen to each side of it and above and below it, [m].
+        Half the width and half the height of the visible region there, [m].
     distance : float
-        From who looks to the middle, [m]; infinite in a plane, where nothing grows smaller.
+        From the viewer to that point, [m]; infinite in a plane: a parallel projection.
     """
 
     axes: Array
@@ -43,7 +43,7 @@ class Camera:
     distance: float
 
     def project(self, points: Array, frame: int) -> tuple[Array, Array]:
-        """Give places and nearness.
+        """Project points, and give a measure of their nearness.
 
         Parameters
         ----------
@@ -55,9 +55,9 @@ class Camera:
         Returns
         -------
         places : ndarray, shape (n, 2)
-            -1 to 1 from left to right and from bottom to top.
+            Coordinates in the picture, -1 to 1 from left to right and from bottom to top.
         nearness : ndarray, shape (n,)
-            Larger in front; it changes evenly over the picture of a plane.
+            Larger in front; linear over the picture of a plane.
         """
         own = (points - self.centres[frame]) @ self.axes
         if np.isinf(self.distance):
@@ -67,21 +67,22 @@ class Camera:
 
 
 def place_camera(drawing: Drawing, aspect: float | None) -> tuple[Camera, Reach]:
-    """Show all that is drawn, in every frame at the same size.
+    """Place the camera so that every frame shows all shapes at the same scale.
 
     Parameters
     ----------
     drawing : Drawing
-        What to show.
+        The drawing.
     aspect : float or None
-        Width by height of the picture; None takes what suits a plane, between 0.6 and 2, or 4:3.
+        Width by height of the picture. None takes that of the mechanism in a plane, between 0.6
+        and 2, and 4:3 in space.
 
     Returns
     -------
     camera : Camera
         The view.
     reach : tuple of three float
-        How far what is seen reaches from the middle, to the right, up and to who looks, [m].
+        Half the extent of the shapes to the right, upwards and towards the viewer, [m].
     """
     axes = axes_along(drawing.towards, drawing.up)
     low, high = drawing.bounds(axes)
@@ -98,7 +99,7 @@ def place_camera(drawing: Drawing, aspect: float | None) -> tuple[Camera, Reach]
     half = MARGIN * (max(above, right / aspect) or 1.0)
     if drawing.is_flat:
         return Camera(axes, centres, (half * aspect, half), np.inf), (right, above, ahead)
-    # What is nearer looks larger: go back until the nearest side is seen whole.
+    # Perspective enlarges near shapes: move back until the nearest side fits into the picture.
     slope = float(np.tan(_HALF_ANGLE))
     distance = half / slope + ahead
     camera = Camera(axes, centres, (slope * distance * aspect, slope * distance), distance)

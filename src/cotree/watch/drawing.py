@@ -1,6 +1,6 @@
 """An animated drawing: solids on tracks, struts between them, and their poses over time.
 
-This is all that the pictures and the page know; :mod:`cotree.watch.draft` makes it from a graph.
+Pictures and the page are made from it alone; :mod:`cotree.watch.draft` makes it from a graph.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from cotree.watch.poses import Poses
     from cotree.watch.shapes import Array, Mesh
 
-#: What goes further than this many times its own size is followed.
+#: The camera follows a mechanism that travels more than this many times its own size.
 FAR = 15.0
 
 
@@ -43,7 +43,7 @@ class Solid:
     name : str
         The edge or node that it shows.
     track : int
-        What it moves with.
+        Number of the rigid cluster that it moves with.
     mesh : Mesh
         Its shape, in the track's axes.
     color : Color
@@ -65,9 +65,9 @@ class Strut:
     name, mesh, color
         As of a :class:`Solid`.
     tracks : tuple of two int
-        What its ends move with.
+        Numbers of the clusters that its ends move with.
     ends : tuple of two ndarray, shape (3,), [m]
-        Where they are in the axes of those.
+        Points of these clusters, in their axes.
     side : ndarray, shape (3,)
         A direction in the first track's axes that its y stays near to.
     """
@@ -96,19 +96,19 @@ class Drawing:
     Attributes
     ----------
     title, note : str
-        The scene's name, and what is to be known of the run; untrusted text.
+        Name of the scene, and a remark on the run; untrusted text.
     frames : Moments
-        When.
+        Times of the frames.
     poses : Poses
         Of the tracks, which are the clusters, in each frame.
     solids, struts, labels : tuple
-        What there is to see.
+        The shapes and names.
     up : ndarray, shape (3,)
         The axis that points up in the picture.
     towards : ndarray, shape (3,)
-        From what is drawn to who looks: the normal of a plane, or a direction of choice.
+        Direction from the mechanism to the viewer: the normal of a plane, or chosen.
     is_flat : bool
-        Whether all moves in a plane.
+        Whether everything moves in a plane.
     thickness : float
         Of bars, [m].
     """
@@ -158,17 +158,17 @@ class Drawing:
         return np.array(lines)
 
     def bounds(self, axes: Array) -> tuple[Array, Array]:
-        """Give how far all shapes reach in every frame.
+        """Give the bounding box of all shapes in every frame.
 
         Parameters
         ----------
         axes : ndarray, shape (3, 3)
-            Directions along which to look, as columns.
+            Axes of the box, as columns.
 
         Returns
         -------
         low, high : ndarray, shape (n_frames, 3), [m]
-            Along each of them.
+            Least and greatest coordinates along these axes.
         """
         n = len(self.frames.times)
         low, high = np.full((n, 3), np.inf), np.full((n, 3), -np.inf)

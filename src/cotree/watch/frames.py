@@ -62,7 +62,7 @@ class Moments:
     times : ndarray, shape (n_frames,)
         Of the run, [s].
     pause : float
-        From one frame to the next as it is watched, [s].
+        Time between frames of the animation, [s].
     """
 
     times: Array
@@ -130,7 +130,7 @@ def coordinates_at(
     result : RunRecord
         With finite states, at one time or more.
     model, system : WatchedModel, System
-        What ran.
+        The model that ran, and its mechanical part.
     p : ndarray, shape (n_parameters,)
         Its parameters.
     times : ndarray, shape (n_frames,)

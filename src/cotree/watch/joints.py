@@ -65,7 +65,7 @@ def sliding(draft: Drafter, edge: BoundEdge) -> None:
 
 
 def _rail(draft: Drafter, edge: BoundEdge, along: Array) -> None:
-    """Draw how far the second node slides along an axis, in the first's axes."""
+    """Draw a rail over the range of the second node along an axis, in the first's axes."""
     w, one = draft.w, draft.places[edge.first]
     along = along / np.linalg.norm(along)
     way = draft.reach(edge) @ along
@@ -102,7 +102,7 @@ def disc(draft: Drafter, edge: BoundEdge) -> None:
 
 
 def _road(draft: Drafter, edge: BoundEdge, radius: float) -> None:
-    """Draw the line that a disc rolls on, as far as it comes."""
+    """Draw the line that a disc rolls on, over the range of its motion."""
     one = draft.places[edge.first]
     normal = draft.values.numbers(edge.vectors["normal"])
     along = np.cross(one.turn.T @ draft.towards(one.cluster), normal)

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 _PAPER, _INK, _LINE = (250, 250, 248), (70, 76, 84), (222, 223, 221)
 _FINER = 2  # pixels that make one, along each side
-_LIGHT = np.array([-0.35, 0.55, 0.76])  # from right, up and to who looks
-_COLORS = 96  # of a GIF: more are not told apart, and cost bytes
+_LIGHT = np.array([-0.35, 0.55, 0.76])  # to the right, upwards and towards the viewer
+_COLORS = 96  # of a GIF: more are indistinguishable, and cost bytes
 
 
 class Painter:
@@ -28,11 +28,11 @@ class Painter:
     Parameters
     ----------
     drawing : Drawing
-        What to paint.
+        The drawing.
     width : int
-        Of the pictures, in pixels.
+        Width of the pictures, [px].
     height : int or None
-        None takes what suits the drawing.
+        Height, [px]; None takes that of the drawing.
     """
 
     def __init__(self, drawing: Drawing, width: int, height: int | None) -> None:
@@ -83,7 +83,7 @@ class Painter:
             yield strut_points(strut, poses, frame)
 
     def _shades(self, points: Array) -> Array:
-        """Give how light each face is, shape (n_faces, 1); both sides are seen."""
+        """Give the brightness of each face, shape (n_faces, 1); both sides are visible."""
         a, b, c = (points[self._faces[:, i]] for i in range(3))
         normals = np.cross(b - a, c - a)
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
@@ -198,9 +198,9 @@ def gif(drawing: Drawing, width: int, height: int | None, most: int) -> bytes:
     Parameters
     ----------
     drawing : Drawing
-        What to paint.
+        The drawing.
     width, height : int and int or None
-        Of the pictures, in pixels.
+        Width of the pictures, [px].
     most : int
         Frames at the most; of more every other, third and so on is taken.
     """

@@ -76,7 +76,7 @@ def set_stage(first: FirstGraph, values: MotionValues, view: tuple[float, float]
     values : MotionValues
         Gives positions and fields.
     view : (float, float) or None
-        Azimuth and elevation of who looks, [deg]; along the normal of a plane where absent.
+        Azimuth and elevation of the viewer, [deg]; along the normal of a plane where absent.
     """
     system = first.system
     poses = values.poses()
@@ -160,7 +160,7 @@ def _size(poses: Poses, places: Mapping[str, Place]) -> float:
     own = float(np.linalg.norm(np.ptp(paths, axis=0), axis=1).max())
     if moving.any():
         alone = float(np.linalg.norm(np.ptp(paths[moving], axis=0), axis=1).max())
-        # What flies far from the ground is as large as it is itself.
+        # A mechanism that flies far from the ground is measured by itself.
         own = alone if own > 8.0 * alone > 0.0 else own
     return own or 1.0
 

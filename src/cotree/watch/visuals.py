@@ -33,7 +33,7 @@ def visual_meshes(
     Parameters
     ----------
     origin : Origin or None
-        What the robot's file said.
+        Shapes and names in the robot's file.
     places : mapping of str to Place
         Where the nodes are in their clusters.
     trust_paths : bool
