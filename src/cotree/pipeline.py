@@ -7,11 +7,10 @@
 
 from __future__ import annotations
 
-import gc
 import os
 import time
 import warnings
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -25,6 +24,7 @@ from cotree.formulation.networks.network import draw_networks
 from cotree.model.kernels import CKernels, PythonKernels
 from cotree.passes.recipe import run_passes
 from cotree.program.lower import lower
+from cotree.quiet import without_collection
 from cotree.scene.graphs import (
     candidate_trees,
     choose_trees,
@@ -38,7 +38,7 @@ from cotree.sensitivity.graphs import form_equations, input_columns
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from cotree.choice import Alternative
     from cotree.codegen.context import ModelContext
@@ -117,6 +117,7 @@ def check_edges(scene: SceneDescription) -> None:
         raise TopologyError(f"scene '{scene.name}' has no edges: add components between nodes")
 
 
+@without_collection()
 def formulate(
     scene: SceneDescription,
     sensitivities: Sequence[str],
@@ -153,11 +154,10 @@ def formulate(
     ModelError, FormulationError
         If the scene is wrong, or its equations cannot be formed.
     """
-    with _no_collection():
-        trees = trees_to_try(scene, tree)
-        first, alternatives = choose_first_graph(scene, trees, sensitivities, baumgarte, check)
-        _check_corners(first, sensitivities)
-        return first, form_equations(first, sensitivities), alternatives
+    trees = trees_to_try(scene, tree)
+    first, alternatives = choose_first_graph(scene, trees, sensitivities, baumgarte, check)
+    _check_corners(first, sensitivities)
+    return first, form_equations(first, sensitivities), alternatives
 
 
 def _check_corners(first: FirstGraph, sensitivities: Sequence[str]) -> None:
@@ -185,6 +185,7 @@ def trees_to_try(scene: SceneDescription, tree: TreeChoice) -> list[Trees]:
     return [joint_tree(mechanics, choose_trees(mechanics, linear_graphs(mechanics), tree))]
 
 
+@without_collection()
 def count_trees(scene: SceneDescription) -> tuple[Alternative, ...]:
     """Count what the equations of each tree cost, the cheapest first; one line for each tree.
 
@@ -197,14 +198,13 @@ def count_trees(scene: SceneDescription) -> tuple[Alternative, ...]:
         If the scene has no edges, or a node is floating.
     """
     trees = trees_to_try(scene, None)
-    with _no_collection():
-        try:
-            alternatives = choose_first_graph(scene, trees, ())[1]
-        except Error:
-            return ()
-        for pair in separate_trees(scene.mechanics):
-            with suppress(Error):
-                alternatives += choose_first_graph(scene, [pair], ())[1]
+    try:
+        alternatives = choose_first_graph(scene, trees, ())[1]
+    except Error:
+        return ()
+    for pair in separate_trees(scene.mechanics):
+        with suppress(Error):
+            alternatives += choose_first_graph(scene, [pair], ())[1]
     cheapest: dict[str, Alternative] = {}
     for row in alternatives:
         cheapest.setdefault(row.trees.listed(), row)
@@ -216,10 +216,10 @@ def equations_of_deviations(first: FirstGraph) -> tuple[Equations, tuple[Derivat
     return form_equations(first, ()), input_columns(first)
 
 
+@without_collection()
 def generate(equations: Equations) -> tuple[Program, tuple[PassReport, ...]]:
     """Lower equations to a program and run the passes."""
-    with _no_collection():
-        return run_passes(lower(equations))
+    return run_passes(lower(equations))
 
 
 def compile_scene(
@@ -264,9 +264,8 @@ def compile_scene(
         warnings.warn(sentence, RuntimeWarning, stacklevel=3)  # whoever asked for the model
     marks.append(time.perf_counter())
     program, reports = generate(equations)
-    with _no_collection():
-        context = model_context(program)
-        files = render_model(context)
+    context = model_context(program)
+    files = render_model(context)
     marks.append(time.perf_counter())
     kernels, cached = _load(program, context, files, options)
     marks.append(time.perf_counter())
@@ -304,15 +303,3 @@ def _load(
         toolchain=toolchain,
     )
     return CKernels(program, loaded, context.prefix), library.cached
-
-
-@contextmanager
-def _no_collection() -> Iterator[None]:
-    """Pause the cycle collector: an arena is one large structure that lives as a whole."""
-    was_enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_enabled:
-            gc.enable()

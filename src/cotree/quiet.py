@@ -1,5 +1,7 @@
 """Silence what other libraries say, while several threads may ask for that at once.
 
+The cycle collector is paused here, too.
+
 ``warnings.catch_warnings`` restores the filters that it found on its way in. Of two threads that
 overlap, the one that leaves last restores those that the other had made, and the program stays
 mute. Here the first to come adds one filter, and the last to leave removes it.
@@ -8,6 +10,7 @@ mute. Here the first to come adds one filter, and the last to leave removes it.
 from __future__ import annotations
 
 import contextlib
+import gc
 import re
 import threading
 import warnings
@@ -58,3 +61,18 @@ def without_warnings(
 def _filters() -> list[Any]:
     found: list[Any] = warnings.filters  # type: ignore[assignment]
     return found
+
+
+@contextlib.contextmanager
+def without_collection() -> Iterator[None]:
+    """Pause the cycle collector: an arena is one large structure that lives as a whole.
+
+    Where it runs, it looks through all nodes and statements again and again, and frees nothing.
+    """
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()

@@ -13,6 +13,7 @@ from cotree.codegen.printing import Body, Constants, literal, wrapped
 from cotree.codegen.result_offsets import name_starts
 from cotree.dag.traverse import reachable
 from cotree.naming import c_comment, c_identifier, c_string
+from cotree.quiet import without_collection
 
 if TYPE_CHECKING:
     from cotree.equations import Quantity
@@ -98,6 +99,7 @@ class ModelContext(KernelFile):
         return [*super().bodies, *(row.body for row in self.maps)]
 
 
+@without_collection()
 def model_context(program: Program) -> ModelContext:
     """Gather what the templates of a model need.
 

@@ -21,6 +21,7 @@ from cotree.linear.plan import plan_elimination
 from cotree.naming import c_identifier
 from cotree.passes.curvature import form_curvature
 from cotree.passes.time_slope import form_time_slope
+from cotree.quiet import without_collection
 from cotree.version import VERSION
 
 if TYPE_CHECKING:
@@ -96,6 +97,7 @@ def newton_declarations(model: NewtonContext) -> str:
     return f"const void *{model.prefix}_newton(void);\n"
 
 
+@without_collection()
 def newton_context(program: Program) -> NewtonContext:
     """Gather what the template needs.
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from cotree.errors import CodegenError
 from cotree.program.kernels import KERNELS
+from cotree.quiet import without_collection
 from cotree.version import ABI_VERSION, VERSION
 
 if TYPE_CHECKING:
@@ -84,6 +85,7 @@ def abi_header() -> str:
     )
 
 
+@without_collection()
 def render_model(model: ModelContext) -> Mapping[str, str]:
     """Write the C files of a model.
 

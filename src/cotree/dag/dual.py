@@ -90,7 +90,7 @@ class Dual(Node):
 
 def varied(value: T, d: T) -> T:
     """Join a value and its derivative; where that vanishes, give the plain value."""
-    return value if _is_zero(d) else cast("T", Dual(value, d))
+    return value if _is_zero(d) else Dual(value, d)  # type: ignore[return-value]
 
 
 def is_varied(*parts: Any) -> bool:
@@ -146,9 +146,9 @@ def formed(form: Callable[..., T], a: Any, b: Any) -> T:
     """
     known: dict[Any, T] = _dag_of(a).formed
     key = (form, a, b)
-    found = known.get(key)
-    if found is None:
-        found = known[key] = form(a, b)
+    if key in known:
+        return known[key]
+    found = known[key] = form(a, b)
     return found
 
 

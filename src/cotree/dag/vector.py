@@ -66,10 +66,15 @@ def scale(factor: Node, a: Vector) -> Vector:
     return (factor * a[0], factor * a[1], factor * a[2])
 
 
+def _dot(a: Vector, b: Vector) -> Node:
+    """Form the scalar product of plain vectors, which is all that bilinear forms are asked for."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
 @bilinear
 def dot(a: Vector, b: Vector) -> Node:
     """Form the scalar product."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return _dot(a, b)
 
 
 @bilinear
@@ -85,7 +90,7 @@ def cross(a: Vector, b: Vector) -> Vector:
 @bilinear
 def times(m: Matrix, a: Vector) -> Vector:
     """Form the product of a matrix and a vector."""
-    return (dot(m[0], a), dot(m[1], a), dot(m[2], a))
+    return (_dot(m[0], a), _dot(m[1], a), _dot(m[2], a))
 
 
 @bilinear
@@ -108,8 +113,8 @@ def transpose(m: Matrix) -> Matrix:
 @bilinear
 def matmul(a: Matrix, b: Matrix) -> Matrix:
     """Form the product of two matrices."""
-    columns = transpose(b)
-    rows = [(dot(r, columns[0]), dot(r, columns[1]), dot(r, columns[2])) for r in a]
+    x, y, z = zip(*b, strict=True)
+    rows = [(_dot(r, x), _dot(r, y), _dot(r, z)) for r in a]
     return (rows[0], rows[1], rows[2])
 
 
