@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import subprocess
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -47,18 +47,25 @@ def _files(program):
     return dict(render_model(model_context(program)))
 
 
+@cache
 def _busy():
     scene = busy_scene()
     return generate(formulate(scene, ["m", "a", "j3.theta"], None)[1])[0]
 
 
-def _closed(sensitivities=("m", "L")):
+@cache
+def _closed(sensitivities):
     branches = ["j1", "r1", "r0", "j2", "r2", "j3", "r3", "ball", "r5"]
     scene = closed_scene()
     scene.mode("count", 0)
     scene.event("hit", "j1.theta", direction=-1, impact={"restitution": "m/9"})
     scene.event("fast", "j2.theta_dot - t", set={"count": "count + L", "j2.theta": 0.1})
     return generate(formulate(scene, list(sensitivities), branches)[1])[0]
+
+
+@cache
+def _rectifier(sensitivities):
+    return generate(formulate(load("bridge-rectifier"), list(sensitivities), None)[1])[0]
 
 
 @pytest.mark.parametrize("sensitivities", [[], ["k"], None])
@@ -302,8 +309,7 @@ def test_a_scene_with_constraints_runs_clean_under_sanitizers(run_compiler, sens
 @pytest.mark.parametrize("sensitivities", [(), ("C", "Is")])
 @pytest.mark.usefixtures("in_blocks")
 def test_a_scene_with_algebraic_unknowns_runs_clean_under_sanitizers(run_compiler, sensitivities):
-    scene = load("bridge-rectifier")
-    program = generate(formulate(scene, list(sensitivities), None)[1])[0]
+    program = _rectifier(sensitivities)
     found = _sanitized(program, "bridge_rectifier", run_compiler)
     absent = {"extended_rhs"} if sensitivities else OF_UNKNOWNS - {"algebraic_step", "extended_rhs"}
     assert OF_UNKNOWNS & set(found) == OF_UNKNOWNS - absent

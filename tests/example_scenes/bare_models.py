@@ -2,36 +2,44 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from cotree.build import BuildOptions, build_library, find_toolchain, load_library
 from cotree.codegen.context import model_context
 from cotree.codegen.render import cdef, render_model
+from cotree.formulation.first_graph import form_first_graph
 from cotree.model.kernels import CKernels, PythonKernels
 from cotree.model.model import CompiledModel
-from cotree.pipeline import formulate, generate
+from cotree.pipeline import generate, trees_to_try
 from cotree.program.lower import lower
+from cotree.sensitivity.graphs import form_equations
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cotree import Scene
-    from cotree.equations import Equations
+
+EVERY_CLUSTER = tuple(range(1, 40))
 
 
 def evaluated(
     scene: Scene, tree: Sequence[str] | None = None, wanted: Sequence[str] = ()
 ) -> CompiledModel:
-    """Give the model, evaluated in Python: for a few calls."""
-    program = lower(_bare(scene, tree, wanted))
+    """Give the model, evaluated in Python: for a few calls.
+
+    Its vectors stand in the axes of the ground; to count what other axes cost takes ten times as
+    long as to form the equations.
+    """
+    first = form_first_graph(scene, trees_to_try(scene, tree)[0])
+    program = lower(form_equations(first, wanted, with_columns=False))
     return CompiledModel(program, PythonKernels(program))
 
 
 def compiled(scene: Scene, tree: Sequence[str] | None = None) -> CompiledModel:
-    """Give the model in C, compiled without optimisation."""
-    program, _ = generate(_bare(scene, tree, ()))
+    """Give the model in C, compiled without optimisation, every cluster in its own axes."""
+    first = form_first_graph(scene, trees_to_try(scene, tree)[0], EVERY_CLUSTER)
+    program, _ = generate(form_equations(first, (), with_columns=False))
     context = model_context(program)
     files, toolchain = render_model(context), find_toolchain()
     assert toolchain is not None  # or the test is skipped
@@ -41,7 +49,3 @@ def compiled(scene: Scene, tree: Sequence[str] | None = None) -> CompiledModel:
     )
     loaded = load_library(library.path, cdef(files["cotree_abi.h"], context.prefix))
     return CompiledModel(program, CKernels(program, loaded, context.prefix))
-
-
-def _bare(scene: Scene, tree: Sequence[str] | None, wanted: Sequence[str]) -> Equations:
-    return replace(formulate(scene, wanted, tree)[1], columns=())

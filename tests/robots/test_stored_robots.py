@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 
 import numpy as np
@@ -25,10 +26,11 @@ CLOSE = 1e-11
 CLOSE_SLOPES = 1e-10
 
 
-def model_of(name, tunable=()):
+@functools.cache
+def model_of(name):
     link = LINKS[name]
     scene = read(stored_file(name), STORED[name][1])
-    return scene.compile(sensitivities_to(link), tunable=tunable)
+    return scene.compile(sensitivities_to(link), tunable=())
 
 
 def apart(found, expected):
