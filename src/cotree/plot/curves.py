@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.errors import SceneError, nearest
+from cotree.errors import SceneError, brief, nearest
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -71,8 +71,8 @@ def choose_curves(
         elif name in known or name in inputs:
             values[str(name)] = None
         else:
-            hint = nearest(str(name)[:80], (*known, *inputs))
-            raise SceneError(f"cannot plot '{str(name)[:80]}', no state, output or input{hint}")
+            hint = nearest(name, (*known, *inputs))
+            raise SceneError(f"cannot plot '{brief(name)}', no state, output or input{hint}")
     if not values and not pairs:
         raise SceneError("nothing is named that could be plotted")
     if not pairs:
@@ -91,7 +91,7 @@ def _pair(name: object) -> tuple[str, str] | None:
 
 
 def _check_pair(pair: tuple[str, str], known: Sequence[str], parameters: Sequence[str]) -> None:
-    name, parameter = (text[:80] for text in pair)
+    name, parameter = map(brief, pair)
     if pair[0] not in known:
         hint = nearest(name, known)
         raise SceneError(f"cannot plot a sensitivity of '{name}', no state or output{hint}")

@@ -83,9 +83,6 @@ def plot_result(
     SceneError
         If there is nothing of a name in the result, or an overlay belongs to no curve.
     """
-    from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
-
     parameters = result.parameters_of_sensitivity
     curves = choose_curves(names, result.states, result.outputs, result.inputs, parameters)
     overlay = overlay or {}
@@ -100,10 +97,7 @@ def plot_result(
     first = 1 if curves.values else 0  # column of the sensitivities
     n_columns = max((min(len(row.by_parameter), _COLUMNS) for row in rows.values()), default=0)
     n_rows = sum(row.height for row in rows.values())
-    figure = Figure(
-        figsize=((5.4 if first else 1.0) + 4.4 * n_columns, max(2.7 * n_rows, 3.4)),
-        layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.08),
-    )
+    figure = new_figure((5.4 if first else 1.0) + 4.4 * n_columns, max(2.7 * n_rows, 3.4))
     grid = figure.add_gridspec(n_rows, first + n_columns)
     top = 0
     for row in rows.values():
@@ -141,6 +135,21 @@ def _check_overlay(
             )
 
 
+def new_figure(width: float, height: float) -> Figure:
+    """Make a figure of a size, [in], whose panels make room for their labels."""
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    layout = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.08)
+    return Figure(figsize=(width, height), layout=layout)
+
+
+def draw_grid(ax: Axes) -> None:
+    """Draw a light grid, and no frame above and to the right."""
+    ax.grid(color="0.9", lw=0.8)
+    ax.spines[["top", "right"]].set_visible(False)
+
+
 def curve_colors(n: int) -> list[Color]:
     """Give up to ten distinct colours, or a sequence of as many as needed."""
     import matplotlib
@@ -174,8 +183,7 @@ def _finish(ax: Axes, subject: str, unit: str) -> None:
     ax.set_xlabel("time [s]", fontsize=11)
     ax.set_ylabel(between.join(filter(None, (subject, bracketed))), fontsize=11)
     ax.margins(x=0.02, y=0.08)
-    ax.grid(color="0.9", lw=0.8)
-    ax.spines[["top", "right"]].set_visible(False)
+    draw_grid(ax)
     labels = ax.get_legend_handles_labels()[1]
     if len(labels) < 2 and _CIRCLES not in labels:
         return

@@ -187,11 +187,17 @@ def _independent(place: Instance, line: Line) -> None:
     place.add(line.words[0], kind, nodes, given)
 
 
-def _by_voltage(place: Instance, line: Line) -> None:
-    """Add a source that a voltage controls, or a polynomial of several."""
+def _controlled(place: Instance, line: Line) -> None:
+    """Add a source that a voltage or a current controls, or a polynomial of several."""
     if has_polynomial(line):
         add_polynomial(place, line)
-        return
+    elif line.key[0] in "eg":
+        _by_voltage(place, line)
+    else:
+        _by_current(place, line)
+
+
+def _by_voltage(place: Instance, line: Line) -> None:
     words, _ = _parts(line, set(), range(5, 6))
     type, field, unit = (
         ("vcvs", "gain", "1") if line.key[0] == "e" else ("vccs", "transconductance", "S")
@@ -203,17 +209,12 @@ def _by_voltage(place: Instance, line: Line) -> None:
 
 
 def _by_current(place: Instance, line: Line) -> None:
-    """Add a source that the current of a voltage source controls, or a polynomial of several."""
-    if has_polynomial(line):
-        add_polynomial(place, line)
-        return
     words, _ = _parts(line, set(), range(4, 5))
     current = current_of(place, line, words[2])
     nodes = [place.node(word) for word in words[:2]]
-    is_voltage = line.key[0] == "h"
-    factor = place.principal(line, words[3], "ohm" if is_voltage else "1")
-    kind = "voltage" if is_voltage else "current"
-    law = f"{text_of(factor)}*{current}"
+    kind, unit = ("voltage", "ohm") if line.key[0] == "h" else ("current", "1")
+    # The controlling current is that of a voltage source, which needs no ammeter of its own.
+    law = f"{text_of(place.principal(line, words[3], unit))}*{current}"
     place.add(line.words[0], f"{kind}_source", nodes, {kind: law})
 
 
@@ -344,8 +345,7 @@ DEVICES: dict[str, Callable[[Instance, Line], None]] = {
     **dict.fromkeys("rcl", _one_port),
     "k": _coupling,
     **dict.fromkeys("vi", _independent),
-    **dict.fromkeys("eg", _by_voltage),
-    **dict.fromkeys("fh", _by_current),
+    **dict.fromkeys("efgh", _controlled),
     "d": _diode,
     "q": _bipolar,
     "m": _field_effect,

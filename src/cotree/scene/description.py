@@ -176,16 +176,12 @@ class SceneDescription:
             If the name is not allowed or taken, or the value is not a finite number.
         """
         self._check_new("parameter", name, {**self.parameters, **self.inputs, **self.modes})
-        number = check_number(value, f"parameter '{name}'")
+        what = f"parameter '{name}'"
+        number = check_number(value, what)
         if not isinstance(tunable, bool):
-            raise SceneError(f"tunable of parameter '{name}' must be true or false")
-        self.parameters[name] = Parameter(
-            name,
-            number,
-            check_text(unit, f"unit of parameter '{name}'"),
-            check_text(doc, f"doc of parameter '{name}'"),
-            tunable,
-        )
+            raise SceneError(f"tunable of {what} must be true or false")
+        unit, doc = check_text(unit, f"unit of {what}"), check_text(doc, f"doc of {what}")
+        self.parameters[name] = Parameter(name, number, unit, doc, tunable)
 
     def input(
         self,
@@ -213,13 +209,10 @@ class SceneDescription:
             If the name is not allowed or taken, or the value is none of these.
         """
         self._check_new("input", name, self._signals)
-        signal = parse_signal(value, f"input '{name}'")
-        self.inputs[name] = Input(
-            name,
-            signal,
-            check_text(unit, f"unit of input '{name}'"),
-            check_text(doc, f"doc of input '{name}'"),
-        )
+        what = f"input '{name}'"
+        signal = parse_signal(value, what)
+        unit, doc = check_text(unit, f"unit of {what}"), check_text(doc, f"doc of {what}")
+        self.inputs[name] = Input(name, signal, unit, doc)
 
     def edge(
         self,

@@ -89,12 +89,9 @@ class Expression:
     @property
     def number(self) -> float | None:
         """The value, where the expression is a plain number."""
-        tree = self.tree
+        tree, sign = self.tree, 1.0
         if isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.USub):
-            tree = tree.operand
-            sign = -1.0
-        else:
-            sign = 1.0
+            tree, sign = tree.operand, -1.0
         return sign * float(tree.value) if isinstance(tree, ast.Constant) else None  # type: ignore[arg-type]
 
     @property
@@ -247,12 +244,10 @@ def _check(tree: ast.expr, names: set[str], depth: int) -> None:
             _check(right, names, depth + 1)
         case ast.UnaryOp(op=ast.USub() | ast.UAdd(), operand=operand):
             _check(operand, names, depth + 1)
-        case ast.Call(func=ast.Name(id="where"), args=[condition, *branches], keywords=[]) if (
-            len(branches) == 2
-        ):
+        case ast.Call(func=ast.Name(id="where"), args=[condition, held, other], keywords=[]):
             _check_condition(condition, names, depth + 1)
-            for branch in branches:
-                _check(branch, names, depth + 1)
+            _check(held, names, depth + 1)
+            _check(other, names, depth + 1)
         case ast.Call(func=ast.Name(id="where"), args=args, keywords=[]):
             raise ExpressionError(
                 f"gives where {len(args)} arguments: it takes a condition and two values"

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from cotree.plot.result import curve_colors
+from cotree.plot.result import curve_colors, draw_grid, new_figure
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -46,9 +46,6 @@ def plot_bench(
     Figure
         Errors that the reference cannot tell lie in grey, with open markers at its border.
     """
-    from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
-
     panels: list[tuple[str, Callable[[BenchRow], float], float]] = [
         ("states", lambda row: row.error_states, reference.agreement_states)
     ]
@@ -61,10 +58,7 @@ def plot_bench(
                 reference.agreement_sensitivities,
             )
         )
-    figure = Figure(
-        figsize=(1.6 + 4.8 * len(panels), 4.4),
-        layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.08),
-    )
+    figure = new_figure(1.6 + 4.8 * len(panels), 4.4)
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     for ax, (what, error, agreement) in zip(axes, panels, strict=True):
         _draw_methods(ax, rows, error, agreement)
@@ -122,5 +116,4 @@ def _finish(ax: Axes, label: str, agreement: float) -> None:
     # Small errors to the right, as in diagrams of work and precision.
     ax.invert_xaxis()
     ax.set_xlabel(label, fontsize=11)
-    ax.grid(color="0.9", lw=0.8)
-    ax.spines[["top", "right"]].set_visible(False)
+    draw_grid(ax)
