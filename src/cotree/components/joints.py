@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cotree.components.component import (
     Component,
@@ -17,31 +17,14 @@ from cotree.components.component import (
 from cotree.components.law import Law
 from cotree.components.spaces import body_space
 
-if TYPE_CHECKING:
-    Symbol = Any
+
+def _along(coordinate: Any, rate: Any, stiffness: Any, free: Any, damping: Any, drive: Any) -> Any:
+    """Add the efforts along a coordinate; positive ones drive the second node along it."""
+    return -stiffness * (coordinate - free) - damping * rate + drive
 
 
-# Efforts along a coordinate: positive ones drive the second node in its positive direction.
-def _revolute(
-    theta: Symbol,
-    theta_dot: Symbol,
-    stiffness: Symbol,
-    free_angle: Symbol,
-    damping: Symbol,
-    torque: Symbol,
-) -> Symbol:
-    return -stiffness * (theta - free_angle) - damping * theta_dot + torque
-
-
-def _prismatic(
-    s: Symbol,
-    s_dot: Symbol,
-    stiffness: Symbol,
-    free_length: Symbol,
-    damping: Symbol,
-    force: Symbol,
-) -> Symbol:
-    return -stiffness * (s - free_length) - damping * s_dot + force
+_TURNING = ("theta", "theta_dot", "stiffness", "free_angle", "damping", "torque")
+_SLIDING = ("s", "s_dot", "stiffness", "free_length", "damping", "force")
 
 
 def _effort(name: str, unit: str, doc: str) -> Field:
@@ -70,7 +53,7 @@ REVOLUTE = Component(
     "rotation of the second node about an axis through both",
     fields=(_AXIS, *_TURN_EFFORTS, _MOTION),
     motion_space=(Freedom("theta", "rad", rotates=True, axis="axis"),),
-    law=Law(_revolute),
+    law=Law.taking(_TURNING, _along),
     keeps_plane=_ABOUT_AXIS,
 )
 
@@ -87,7 +70,7 @@ PRISMATIC = Component(
         _MOTION,
     ),
     motion_space=(Freedom("s", "m", rotates=False, axis="axis"),),
-    law=Law(_prismatic),
+    law=Law.taking(_SLIDING, _along),
     keeps_plane=Plane(within=("axis",)),
 )
 
@@ -151,7 +134,7 @@ SCREW = Component(
         _MOTION,
     ),
     motion_space=(Freedom("theta", "rad", rotates=True, axis="axis", pitch="pitch"),),
-    law=Law(_revolute),
+    law=Law.taking(_TURNING, _along),
 )
 
 COMPONENTS = (REVOLUTE, PRISMATIC, CYLINDRICAL, UNIVERSAL, SPHERICAL, PLANAR, FREE, SCREW)
