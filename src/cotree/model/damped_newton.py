@@ -18,13 +18,13 @@ Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004, chapters 2 and 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from cotree.model.linear import ROUNDING, SMALL, TINY, linearise
+from cotree.model.linear import ROUNDING, SMALL, TINY, linearise, longest
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -115,8 +115,7 @@ class Equation:
         return found
 
 
-@dataclass(frozen=True)
-class Root:
+class Root(NamedTuple):
     """The point where an iteration came to rest.
 
     Attributes
@@ -147,12 +146,11 @@ class Root:
     @property
     def size(self) -> float:
         """The length of the residual; infinite where it is not finite."""
-        size = float(np.linalg.norm(self.g))
-        return size if np.isfinite(size) else np.inf
+        size = math.sqrt(self.g.dot(self.g))
+        return size if math.isfinite(size) else math.inf
 
 
-@dataclass(frozen=True)
-class _Following:
+class _Following(NamedTuple):
     """The matrix that an accepted step lets the iteration keep, and the next step, or neither."""
 
     linear: Linear | None = None
@@ -174,16 +172,16 @@ class NaturalTest:
     share = 0.25  # as Deuflhard has it
 
     def __init__(
-        self, equation: Equation, point: Root, linear: Linear, step: Array, weights: Array
+        self, equation: Equation, point: Root, linear: Linear, units: Array, length: float
     ) -> None:
         self._linear = linear
-        self._weights = weights
-        self._before = max(_longest(step * weights), TINY)
+        self._units = units
+        self._before = max(length, TINY)
 
     def following(self, g: Array, damping: float) -> _Following | None:
         """Say what follows where the step is accepted; None where it is not."""
         step = -self._linear.solve(g)
-        after = _longest(step * self._weights)
+        after = longest(step / self._units)
         if not after <= (1.0 - self.share * damping) * self._before:
             return None
         ratio = after / self._before  # by which further steps with this matrix would shrink, too
@@ -201,9 +199,9 @@ class ResidualTest:
     """Accepts a step where the residual, each row in units of its largest term, is shorter."""
 
     def __init__(
-        self, equation: Equation, point: Root, linear: Linear, step: Array, weights: Array
+        self, equation: Equation, point: Root, linear: Linear, units: Array, length: float
     ) -> None:
-        largest = np.max(np.abs(equation.square(point.z) / weights), axis=1)
+        largest = np.max(np.abs(equation.square(point.z) * units), axis=1)
         self._weights = 1.0 / np.maximum(largest, TINY)
         self._before = float(np.linalg.norm(self._weights * point.g))
 
@@ -263,23 +261,25 @@ def iterate(equations: Residuals, z: Array, limits: Limits, linear: Linear | Non
         point with the least residual.
     """
     point = best = _at(equations, z)
+    least = best.size
     kept, step = _Following(linear), None
     for _ in range(limits.most_steps):
-        if not np.isfinite(point.g).all():  # no step leads away
-            break
+        # Squares may overflow, which the slower test then sorts out.
+        if not (math.isfinite(point.g.dot(point.g)) or np.isfinite(point.g).all()):
+            break  # no step leads away
         if limits.met >= 0.0 and np.max(np.abs(point.g), initial=0.0) <= limits.met:
-            return replace(point, is_found=True)
+            return point._replace(is_found=True)
         is_old, before = kept.linear is not None, step
         try:
             linear = kept.linear or equations.linearised(point.z)
             step = -linear.solve(point.g) if kept.step is None else kept.step
         except np.linalg.LinAlgError:
             break
-        weights = linear.weights(step)
-        size = _longest(step * weights)
+        units, length = linear.measured(step)
+        size = length
         ratio = math.inf
         if before is not None:
-            ratio = size / max(_longest(before * weights), TINY)
+            ratio = size / max(longest(before / units), TINY)
         # Newton's method squares its errors: a small step that no longer halves is rounding.
         is_slow = size < limits.slow and 0.5 < ratio < math.inf
         if limits.test is not None:  # the step after this one would shrink by as much
@@ -289,24 +289,25 @@ def iterate(equations: Residuals, z: Array, limits: Limits, linear: Linear | Non
         if (is_slow or size <= allowed) and linear.is_met(point.g):
             last = _at(equations, equations.moved(point.z, step))
             if linear.is_met(last.g):
-                return replace(last, is_found=True, linear=linear)
-        found = _damped(equations, point, limits, linear, step, weights, is_old=is_old)
+                return last._replace(is_found=True, linear=linear)
+        if limits.test is None:
+            point, kept = _at(equations, equations.moved(point.z, step)), _ANEW
+            if point.size < least:
+                best, least = point, point.size
+            continue
+        assert isinstance(equations, Equation)
+        test = limits.test(equations, point, linear, units, length)
+        found = _damped(equations, point, limits.least_damping, test, linear, step, is_old=is_old)
         if found is not None:
             point, kept = found
-            if limits.test is not None or point.size < best.size:
-                best = point
+            best = point
         elif is_old:
             kept = _ANEW
         else:
             # A whole step that is refused leads to what is not finite: that says nothing.
             is_found = limits.least_damping < 1.0 and _is_last(equations, point, linear, step)
-            return replace(point, is_found=True, linear=linear) if is_found else best
+            return point._replace(is_found=True, linear=linear) if is_found else best
     return best
-
-
-def _longest(step: Array) -> float:
-    """Give the largest entry; nan where one is, as ``max`` does, which takes NumPy longer."""
-    return float(np.maximum.reduce(np.abs(step), initial=0.0))
 
 
 def _at(equations: Residuals, z: Array) -> Root:
@@ -314,22 +315,19 @@ def _at(equations: Residuals, z: Array) -> Root:
 
 
 def _damped(
-    equations: Residuals,
+    equation: Equation,
     point: Root,
-    limits: Limits,
+    least: float,
+    test: NaturalTest | ResidualTest,
     linear: Linear,
     step: Array,
-    weights: Array,
     *,
     is_old: bool,
 ) -> tuple[Root, _Following] | None:
-    """Take as much of a step as is accepted; None where nothing is."""
-    if limits.test is None:
-        return _at(equations, equations.moved(point.z, step)), _ANEW
-    assert isinstance(equations, Equation)
-    test, damping = limits.test(equations, point, linear, step, weights), 1.0
-    while damping >= limits.least_damping:
-        trial = _at(equations, equations.moved(point.z, damping * step))
+    """Take as much of a step as is accepted, ``least`` of it or more; None where nothing is."""
+    damping = 1.0
+    while damping >= least:
+        trial = _at(equation, equation.moved(point.z, damping * step))
         following = test.following(trial.g, damping)
         if following is not None:
             return trial, following

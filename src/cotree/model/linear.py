@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -57,9 +56,8 @@ def is_sparse(n: int, n_nonzeros: int) -> bool:
     return n > _FEW and n_nonzeros < _SHARE * n * n
 
 
-@dataclass(frozen=True)
-class Linear:
-    """The equations of a point, made linear.
+class Linear(NamedTuple):
+    """The equations of a point, made linear; a tuple, since one is made at each Newton step.
 
     Attributes
     ----------
@@ -76,9 +74,14 @@ class Linear:
     scale: Array
     sizes: Array | float = math.inf
 
-    def weights(self, step: Array) -> Array:
-        """Give what a step is measured by: each entry is then 1 at the most."""
-        return np.asarray(1.0 / np.maximum(np.maximum(self.scale, np.abs(step)), TINY))
+    def measured(self, step: Array) -> tuple[Array, float]:
+        """Give what a step is measured by, and its largest entry in that measure, 1 at the most."""
+        size: Array = np.maximum(self.scale, TINY)
+        length = longest(step / size)
+        if length <= 1.0:
+            return size, length
+        size = np.maximum(size, np.abs(step))
+        return size, longest(step / size)
 
     def is_stalled(self, z: Array, step: Array) -> bool:
         """Whether a step that does not become shorter may be taken for rounding."""
@@ -91,6 +94,11 @@ class Linear:
         Where the matrix is nearly singular scales are so large that any step looks short.
         """
         return bool((np.abs(g) <= _MET * self.sizes + TINY).all())
+
+
+def longest(step: Array) -> float:
+    """Give the size of the largest entry; nan where one is, as ``max`` does, which takes longer."""
+    return float(np.maximum.reduce(np.abs(step), initial=0.0))
 
 
 def linearise(slope: Matrix, y: Array) -> Linear:
@@ -196,12 +204,14 @@ def least_step(rows: Array, target: Array, whole: Array) -> Array:
     -------
     ndarray, shape (n,) or (n, m)
     """
-    least = RANK * float(np.linalg.norm(whole, 2)) if whole.size else 0.0
-    size = float(np.linalg.norm(rows, 2)) if rows.size else 0.0
-    if size <= least:
+    if not rows.size:
         return np.zeros((rows.shape[1], *target.shape[1:]))
-    found = np.linalg.lstsq(rows, target, rcond=max(least / size, RANK))[0]
-    return np.asarray(found, dtype=np.float64)
+    left, sizes, right = np.linalg.svd(rows, full_matrices=False)
+    # A gradient of which no column is left out has the singular values that were just found.
+    largest = sizes[0] if rows.shape == whole.shape else np.linalg.norm(whole, 2)
+    kept = sizes > RANK * max(largest, sizes[0])
+    along = (left[:, kept].T @ target).T / sizes[kept]
+    return np.asarray(right[kept].T @ along.T, dtype=np.float64)
 
 
 def vanishing_combinations(rows: Array, whole: Array) -> Array:

@@ -16,7 +16,6 @@ Problems, Springer 2004, chapters 3 and 5.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -147,4 +146,4 @@ def _continued(equation: Equation, z: Array) -> Root:
             z, reached, advance = root.z, goal, 2.0 * advance
         else:
             advance /= 2.0
-    return replace(root, z=z, values=equation.value(z), is_found=reached == 1.0)
+    return root._replace(z=z, values=equation.value(z), is_found=reached == 1.0)
