@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from cotree.build import BuildOptions
 from cotree.compiled import Model
 from cotree.errors import ParameterError
+from cotree.model.start import check_start
 from cotree.readers import load_source
 from cotree.scene.description import SceneDescription
 from cotree.scene.expressions import check_number
@@ -104,7 +105,7 @@ class Scene(SceneDescription):
         prepared = time.perf_counter() - begun
         model = Model(compile_scene(described, names, tree, options, rate), described)
         model.times["formulate"] += prepared
-        model.check_start()
+        check_start(model)
         for name in model.unreached:
             warnings.warn(
                 f"no state or output depends on parameter '{name}': its sensitivities are all zero",

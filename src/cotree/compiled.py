@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.model.arrays import as_array
 from cotree.model.model import CompiledModel
+from cotree.model.moment import Moment
+from cotree.model.start import find_start, scene_start
 from cotree.model.unknowns import solve_states
 from cotree.operating import OperatingPoint
 from cotree.results import Result
@@ -19,6 +21,8 @@ if TYPE_CHECKING:
 
     from cotree.choice import Operations
     from cotree.export.c_project import CProject
+    from cotree.model.arrays import Array
+    from cotree.model.consistent import Start
     from cotree.model.linearize import Linearization, Linearizer
     from cotree.pipeline import Compiled
     from cotree.scene.description import SceneDescription
@@ -70,6 +74,50 @@ class Model(CompiledModel):
             lines += rows or ["  none changed"]
         return "\n".join(lines)
 
+    @property
+    def initial_state(self) -> Array:
+        """The consistent initial states at the scene's parameter values, shape (n_states,)."""
+        return scene_start(self).y
+
+    def start(
+        self,
+        t: float = 0.0,
+        p: Any = None,
+        initial: Mapping[str, float] | None = None,
+        u: Any = None,
+    ) -> Start:
+        """Find initial states and sensitivities that satisfy constraints and algebraic equations.
+
+        Parameters
+        ----------
+        t : float
+            Start time, [s].
+        p : array_like, shape (n_parameters,), or mapping of str to float, optional
+            Parameters.
+        initial : mapping of str to float, optional
+            Initial values of states in place of the scene's; they depend on no parameter. Those of
+            algebraic unknowns are guesses, but for storages by content. Where they are all
+            coordinates, or all speeds, the scene's of joints that are no states give way to them.
+        u : array_like, shape (n_inputs,), optional
+            Inputs at that time, which algebraic unknowns depend on.
+
+        Returns
+        -------
+        Start
+            ``y``, shape (n_states,), and ``s``, shape (n_states, n_parameters).
+
+        Raises
+        ------
+        ParameterError
+            If a name is unknown, or given values violate a constraint.
+        SolveError
+            If no values of the algebraic unknowns are found.
+        SingularSystemError
+            If the algebraic equations do not determine them.
+        """
+        u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
+        return find_start(Moment(self, t, self.parameter_array(p), u), initial or {})
+
     @formed_once
     def _linearizer(self) -> Linearizer:
         from cotree.model.linearize import Linearizer
@@ -111,15 +159,12 @@ class Model(CompiledModel):
         SingularSystemError
             If the mass matrix is singular there.
         """
-        from cotree.model.linearize import Instant
-
         p = self.parameter_array(p)
         self.check_parameters(p)
-        t, follows = float(t), u is None
+        u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
+        at = Moment(self, float(t), p, u)
         y = self.start(t, p).y if y is None else as_array(y, (len(self.states),), "the states")
-        u = self.input_values(t, p) if u is None else as_array(u, (len(self.inputs),), "inputs")
-        y = solve_states(self, t, p, u, y)
-        return self._linearizer.about(self, Instant(t, y, p, u, follows), reduced=reduced)
+        return self._linearizer.about(at, solve_states(at, y), reduced=reduced)
 
     def simulate(
         self,

@@ -16,6 +16,8 @@ import numpy.typing as npt
 from cotree.errors import Error
 from cotree.model.kernels import PythonKernels
 from cotree.model.model import CompiledModel
+from cotree.model.moment import Moment
+from cotree.model.start import find_start
 from cotree.scene.standstill import standing_scene
 from cotree.sharing import formed_once
 
@@ -76,7 +78,7 @@ class OperatingPoint:
             signals = dict(zip(model.inputs, u, strict=True))
             inputs = np.array([signals[name] for name in rest.inputs])
         try:
-            start = rest.start(t, own, u=inputs)
+            start = find_start(Moment(rest, t, own, inputs), {})
         except Error as error:
             raise type(error)(f"the operating point: {error}") from None
         y = rest.output_values(t, start.y, own, inputs)

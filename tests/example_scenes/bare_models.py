@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from cotree.build import BuildOptions, build_library, find_toolchain, load_library
 from cotree.codegen.context import model_context
 from cotree.codegen.render import cdef, render_model
+from cotree.compiled import Model
 from cotree.formulation.first_graph import form_first_graph
 from cotree.model.kernels import CKernels, PythonKernels
 from cotree.model.model import CompiledModel
@@ -23,9 +24,16 @@ if TYPE_CHECKING:
 EVERY_CLUSTER = tuple(range(1, 40))
 
 
+class BareModel(CompiledModel):
+    """A model without its scene; it starts as one with it does."""
+
+    start = Model.start
+    initial_state = Model.initial_state
+
+
 def evaluated(
     scene: Scene, tree: Sequence[str] | None = None, wanted: Sequence[str] = ()
-) -> CompiledModel:
+) -> BareModel:
     """Give the model, evaluated in Python: for a few calls.
 
     Its vectors stand in the axes of the ground; to count what other axes cost takes ten times as
@@ -33,10 +41,10 @@ def evaluated(
     """
     first = form_first_graph(scene, trees_to_try(scene, tree)[0])
     program = lower(form_equations(first, wanted, with_columns=False))
-    return CompiledModel(program, PythonKernels(program))
+    return BareModel(program, PythonKernels(program))
 
 
-def compiled(scene: Scene, tree: Sequence[str] | None = None) -> CompiledModel:
+def compiled(scene: Scene, tree: Sequence[str] | None = None) -> BareModel:
     """Give the model in C, compiled without optimisation, every cluster in its own axes."""
     first = form_first_graph(scene, trees_to_try(scene, tree)[0], EVERY_CLUSTER)
     program, _ = generate(form_equations(first, (), with_columns=False))
@@ -48,4 +56,4 @@ def compiled(scene: Scene, tree: Sequence[str] | None = None) -> CompiledModel:
         files, abi_version=ABI_VERSION, n_operations=0, options=options, toolchain=toolchain
     )
     loaded = load_library(library.path, cdef(files["cotree_abi.h"], context.prefix))
-    return CompiledModel(program, CKernels(program, loaded, context.prefix))
+    return BareModel(program, CKernels(program, loaded, context.prefix))

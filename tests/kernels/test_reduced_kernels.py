@@ -18,6 +18,7 @@ from cotree import Scene, load
 from cotree.dag.evaluate import evaluate
 from cotree.dag.symbols import ARGUMENT_OF
 from cotree.dag.traverse import symbols_in
+from cotree.model.moment import Moment
 from cotree.model.unknowns import of_model
 
 # Some hundred operations: 1e-12 leaves a factor of ten. Where equations are solved, each route may
@@ -113,7 +114,7 @@ def test_a_step_is_newtons_and_one_order_better(name):
     n, m = len(model.states), model.layout.n_algebraic
     cut = n - m
     t, x, _ = next(points(model))
-    of_model(model, p, None).solve(t, x)
+    of_model(Moment(model, t, p)).solve(t, x)
     exact = evaluated(model, "rhs", t, x).real[:cut]
     direction = np.cos(np.arange(m))
     left, rates = [], []

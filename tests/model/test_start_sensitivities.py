@@ -11,6 +11,7 @@ from fast_and_slow import seeds
 
 import cotree
 from cotree import Scene
+from cotree.model.moment import Moment
 from cotree.model.start import constrained_start
 
 Z = [0, 0, 1]
@@ -101,7 +102,7 @@ def differences(model, name: str, given: dict[str, float]) -> np.ndarray:
     h, value = 1e-5, model.parameter_array()[model.parameters.index(name)]
     ends = [
         constrained_start(
-            model, 0.0, model.parameter_array({name: value + k * h}), None, given, is_probe=True
+            Moment(model, 0.0, model.parameter_array({name: value + k * h})), given, is_probe=True
         ).y
         for k in (2, 1, -1, -2)
     ]

@@ -6,13 +6,13 @@ import time
 
 import numpy as np
 import pytest
+from bare_models import BareModel
 
 from cotree import Scene
 from cotree.dag.nodes import Dag
 from cotree.dag.traverse import symbols_in, symbols_of_each
 from cotree.linear.factors import factorise, factorise_definite
 from cotree.model.kernels import PythonKernels
-from cotree.model.model import CompiledModel
 from cotree.pipeline import formulate, generate
 from cotree.scene.standstill import standing_scene
 
@@ -127,7 +127,7 @@ def test_a_chain_of_transistors_is_sparse_and_meets_kirchhoff():
     # A few unknowns in each equation: eliminated to the junctions, 80 times 80 entries are left.
     layout = program.layout
     assert len(layout.row_indices) < 6 * len(layout.states)
-    model = CompiledModel(program, PythonKernels(program))
+    model = BareModel(program, PythonKernels(program))
     b, c, e = model.output_values(0.0, model.start().y).reshape(n, 3).T
     be, bc = (1e-14 * np.expm1((b - v) / 0.02585) for v in (e, c))
     into_c, into_b = be - bc - bc, be / 100.0 + bc

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 from cotree.model.contents import content_sizes
 from cotree.model.kernels import PythonKernels
 from cotree.model.model import CompiledModel
+from cotree.model.moment import Moment
+from cotree.model.start import scene_start
 from cotree.solvers.project import Projection
 
 if TYPE_CHECKING:
@@ -39,7 +41,7 @@ class Evaluated:
     @cached_property
     def start(self) -> Start:
         """The consistent start at the program's parameter values."""
-        return self.model.start()
+        return scene_start(self.model)
 
     def found_start(self) -> Start | None:
         """Return the start where it has to be found; None where the initial values are the start.
@@ -58,8 +60,8 @@ class Evaluated:
         """List the factors of the absolute tolerances of states; empty where all are one."""
         if not self.program.layout.followers:
             return []
-        model = self.model
-        sizes = content_sizes(model, 0.0, model.default_parameters, None, start.y)
+        at = Moment(self.model, 0.0, self.model.default_parameters)
+        sizes = content_sizes(at, start.y)
         return [] if sizes is None else sizes.tolist()
 
     def is_dependent(self) -> bool:

@@ -107,7 +107,7 @@ def started(
     """Begin the modes of jumps with their values at the initial values of the states, at t = 0.
 
     A mode whose value depends on more than parameters, for example on the solution of algebraic
-    equations, begins with zero; :meth:`cotree.model.model.CompiledModel.start` then finds it.
+    equations, begins with zero; :func:`cotree.model.start.find_start` then finds it.
 
     Parameters
     ----------

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.errors import ParameterError
 from cotree.model.damped_newton import Limits, iterate
@@ -24,9 +23,8 @@ from cotree.tolerances import RANK
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from cotree.model.model import CompiledModel
-
-Array = npt.NDArray[np.float64]
+    from cotree.model.arrays import Array
+    from cotree.model.moment import Moment
 
 _LARGEST_ITERATIONS = 50
 
@@ -77,9 +75,7 @@ class Start:
 
 
 def consistent_start(
-    model: CompiledModel,
-    t: float,
-    p: Array,
+    at: Moment,
     y: Array,
     s: Array,
     kept: Collection[int],
@@ -92,12 +88,8 @@ def consistent_start(
 
     Parameters
     ----------
-    model : CompiledModel
-        The model.
-    t : float
-        Start time, [s].
-    p : ndarray, shape (n_parameters,)
-        Parameters.
+    at : Moment
+        The model at the start, with the scene's inputs.
     y, s : ndarray, shapes (n_states,) and (n_states, n_parameters)
         Initial states and sensitivities as given.
     kept : collection of int
@@ -117,12 +109,13 @@ def consistent_start(
         If the given values violate a constraint that nothing else can mend, or the start has no
         derivative by a parameter.
     """
-    if not model.layout.constraints and not model.layout.start_rows:
+    layout = at.model.layout
+    if not layout.constraints and not layout.start_rows:
         return Start(y, s)
-    finder = Finder(model, t, p, y, frozenset(kept), frozenset(anew), is_initial=is_initial)
-    search = _Search(model, p, finder, is_initial, is_probe)
-    found = search.settle(search.settle(search.finder.normalised(y), 0), 1)
-    if model.sensitivities and not is_probe:
+    finder = Finder(at, y, frozenset(kept), frozenset(anew), is_initial=is_initial)
+    search = _Search(finder, is_initial=is_initial, is_probe=is_probe)
+    found = search.settle(search.settle(finder.normalised(y), 0), 1)
+    if at.model.sensitivities and not is_probe:
         s = search.sensitivities(found, s)
     return Start(found, s, search.is_chosen(y, found))
 
@@ -130,15 +123,8 @@ def consistent_start(
 class _Search:
     """Looks for one start."""
 
-    def __init__(
-        self,
-        model: CompiledModel,
-        p: Array,
-        finder: Finder,
-        is_initial: bool,
-        is_probe: bool,
-    ) -> None:
-        self.model, self.p, self.finder = model, p, finder
+    def __init__(self, finder: Finder, *, is_initial: bool, is_probe: bool) -> None:
+        self.model, self.finder = finder.model, finder
         self._mends, self._is_probe = is_initial, is_probe
         self._mended = [False, False]
 
@@ -296,7 +282,7 @@ class _Search:
             np.max(np.abs(np.array([finder.scaled(column, level) for column in s.T])), axis=1)
             for level in (0, 1)
         ]
-        values = dict(zip(self.model.parameters, np.abs(self.p), strict=True))
+        values = dict(zip(self.model.parameters, np.abs(finder.at.p), strict=True))
         own = np.array([1.0 / (values.get(name) or 1.0) for name in self.model.sensitivities])
         reach = max(1.0, float(np.max(np.abs(rows), initial=0.0)))
         return np.asarray(_ROUNDING_OF_SUMS * (reach * np.maximum(*largest) + own))

@@ -9,16 +9,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.errors import ParameterError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from cotree.model.arrays import Array
     from cotree.model.model import CompiledModel
-
-Array = npt.NDArray[np.float64]
+    from cotree.model.moment import Moment
 
 #: A state and the algebraic unknown that follows from it, by their places.
 Pair = tuple[int, int]
@@ -76,18 +75,17 @@ def check_followers(model: CompiledModel, initial: Mapping[str, float], y: Array
                 )
 
 
-def content_sizes(
-    model: CompiledModel, t: float, p: Array, u: Array | None, y: Array
-) -> Array | None:
+def content_sizes(at: Moment, y: Array) -> Array | None:
     """Return the factors of the absolute tolerances of states, shape (n_states,); None for one.
 
     For the content of a storage, the factor is the change of the content per unit of the variable
     that follows from it: a capacitance. It is one for all other states.
     """
-    if not model.layout.followers:
+    followers = at.model.layout.followers
+    if not followers:
         return None
-    sizes, jacobian = np.ones(len(y)), np.abs(model.jacobian(t, y, p, u))
-    for total, follower in model.layout.followers:
+    sizes, jacobian = np.ones(len(y)), np.abs(at.model.jacobian(at.t, y, at.p, at.u))
+    for total, follower in followers:
         own = jacobian[follower, follower] or np.max(np.delete(jacobian[follower], total))
         if own > 0.0 and np.isfinite(own):
             sizes[total] = own

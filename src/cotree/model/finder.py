@@ -18,9 +18,8 @@ from cotree.model.linear import Linear, least_step, vanishing_combinations
 from cotree.tolerances import RANK
 
 if TYPE_CHECKING:
-    from cotree.model.model import CompiledModel
-
-Array = npt.NDArray[np.float64]
+    from cotree.model.arrays import Array
+    from cotree.model.moment import Moment
 
 #: No step turns by more than this, [rad], which might leave the branch, nor shifts by so many
 #: lengths of the scene.
@@ -32,12 +31,8 @@ class Finder:
 
     Parameters
     ----------
-    model : CompiledModel
-        The model.
-    t : float
-        Time, [s].
-    p : ndarray, shape (n_parameters,)
-        Parameters.
+    at : Moment
+        The model at the start, with the scene's inputs.
     y : ndarray, shape (n_states,)
         States, which the scene's length is taken from.
     kept : frozenset of int
@@ -51,17 +46,15 @@ class Finder:
 
     def __init__(
         self,
-        model: CompiledModel,
-        t: float,
-        p: Array,
+        at: Moment,
         y: Array,
         kept: frozenset[int],
         anew: frozenset[int] = frozenset(),
         *,
         is_initial: bool,
     ) -> None:
-        layout = model.layout
-        self.model, self.t, self.p, self.kept = model, t, p, kept
+        layout = at.model.layout
+        self.at, self.model, self.kept = at, at.model, kept
         self.n_coordinates, self.n_speeds = layout.n_coordinates, layout.n_speeds
         #: Places of the states of each level.
         self.own = (
@@ -138,11 +131,6 @@ class Finder:
             return slice(0, self.n_values)
         return slice(self.n_values, self.n_values + self.n_rows)
 
-    def _call(self, name: str, y: Array, s: Array | None = None) -> Array:
-        kernel = self.model.bound(name, self.p)
-        along = np.zeros(0) if s is None else np.ascontiguousarray(s.T).ravel()
-        return kernel(self.t, y, along, None).copy()
-
     def scaled(self, y: Array, level: int) -> Array:
         """Give coordinates, or speeds, free of units of length."""
         if level == 1:
@@ -156,9 +144,9 @@ class Finder:
 
     def residual(self, y: Array, level: int) -> Array:
         """Evaluate what is to be zero at a level, each in its own unit."""
-        held = self._call("constraints", y) if self.model.layout.constraints else np.zeros(0)
+        held = self.at.call("constraints", y) if self.model.layout.constraints else np.zeros(0)
         own = held[self._places(level)]
-        start = self._call("start", y) if self.model.layout.start_rows else np.zeros(0)
+        start = self.at.call("start", y) if self.model.layout.start_rows else np.zeros(0)
         return np.concatenate([own, start[self.conditions[level]]])
 
     def distance(self, y: Array, level: int) -> float:
@@ -169,10 +157,10 @@ class Finder:
         """Evaluate the derivatives of all rates by the speeds, those of the start last."""
         rows = np.zeros((0, self.n_speeds))
         if self.n_rows:
-            rows = self._call("gradient", y).reshape(self.n_rows, self.n_speeds)
+            rows = self.at.call("gradient", y).reshape(self.n_rows, self.n_speeds)
         if not self.model.layout.start_rows:
             return rows
-        return np.vstack([rows, self._call("start_gradient", y).reshape(-1, self.n_speeds)])
+        return np.vstack([rows, self.at.call("start_gradient", y).reshape(-1, self.n_speeds)])
 
     def gradient(self, y: Array, level: int) -> Array:
         """Evaluate the derivatives of residuals by the directions of motion, free of units."""
@@ -258,11 +246,11 @@ class Finder:
         m = s.shape[1]
         own = np.zeros((0, m))
         if self.model.layout.constraints:
-            whole = self._call("constraint_sensitivity", y, s).reshape(m, -1).T
+            whole = self.at.call("constraint_sensitivity", y, s).reshape(m, -1).T
             own = whole[self._places(level)]
         start = np.zeros((0, m))
         if self.model.layout.start_rows:
-            start = self._call("start_sensitivity", y, s).reshape(m, -1).T
+            start = self.at.call("start_sensitivity", y, s).reshape(m, -1).T
         found = np.vstack([own, start[self.conditions[level]]])
         return np.asarray(found / self.sizes[level][:, None])
 

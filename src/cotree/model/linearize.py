@@ -6,7 +6,7 @@ small deviations, of all states or of independent ones. Algebraic unknowns are e
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -28,23 +28,12 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Node
     from cotree.equations import Derivative, Equations
-    from cotree.model.model import CompiledModel
+    from cotree.model.moment import Moment
 
 Array = npt.NDArray[np.float64]
 
 #: How far to follow a motion, in the state that moves most, to see whether it stays the same.
 _ASIDE = 0.1
-
-
-@dataclass(frozen=True, eq=False)
-class Instant:
-    """Point of a linearisation: time, states, parameters and inputs, the scene's or others."""
-
-    t: float
-    y: Array
-    p: Array
-    u: Array
-    follows: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,9 +173,19 @@ class Linearizer:
             for edge, symbols_of_edge in equations.constraints.quaternions
         }
 
-    def about(self, model: CompiledModel, at: Instant, *, reduced: bool) -> Linearization:
-        """Linearise about the motion through a point; see :meth:`cotree.Model.linearize`."""
-        point = self.at(at.t, at.y, at.p, at.u)
+    def about(self, at: Moment, y: Array, *, reduced: bool) -> Linearization:
+        """Linearise about the motion through a point; see :meth:`cotree.Model.linearize`.
+
+        Parameters
+        ----------
+        at : Moment
+            The model at the point. The scene's inputs change with time, others stay.
+        y : ndarray, shape (n_states,)
+            The states there.
+        reduced : bool
+            Whether to linearise in independent deviations.
+        """
+        point = self.at(at.t, y, at.p, at.inputs)
         found = reduce(point, self.states)
         equations = self._equations
         return Linearization(
@@ -198,30 +197,28 @@ class Linearizer:
             inputs=tuple(row.name for row in equations.inputs),
             outputs=tuple(row.name for row in equations.outputs),
             basis=found.basis if reduced else np.eye(len(point.y)),
-            is_steady=is_still(found, point) and self._stays(model, at, point, found),
+            is_steady=is_still(found, point) and self._stays(at, y, point, found),
         )
 
-    def _stays(self, model: CompiledModel, at: Instant, point: Slopes, here: Reduced) -> bool:
+    def _stays(self, at: Moment, y: Array, point: Slopes, here: Reduced) -> bool:
         """Whether the equations remain the same along what moves, and as time goes by."""
         fastest = float(np.max(np.abs(point.rates), initial=0.0))
-        follows = self.has_timed_inputs and at.follows
-        if not (fastest or self.is_timed or follows):
+        if not (fastest or self.is_timed or (self.has_timed_inputs and at.u is None)):
             return True
         step = _ASIDE / max(fastest, 1.0)
-        u = model.input_values(at.t + step, at.p) if at.follows else at.u
-        y = at.y.copy()
-        y[: len(point.y)] = self._moved(point, at, step)
+        later = replace(at, t=at.t + step)
+        y = np.concatenate([self._moved(point, at, y, step), y[len(point.y) :]])
         try:
-            y = solve_states(model, at.t + step, at.p, u, y)
-            there = self.at(at.t + step, y, at.p, u)
+            y = solve_states(later, y)
+            there = self.at(later.t, y, at.p, later.inputs)
         except (Error, ArithmeticError, ValueError):
             return False
-        later = reduce(there, self.states, here.names)
-        return is_still(later, there) and is_same(here, later)
+        moved = reduce(there, self.states, here.names)
+        return is_still(moved, there) and is_same(here, moved)
 
-    def _moved(self, point: Slopes, at: Instant, step: float) -> Array:
+    def _moved(self, point: Slopes, at: Moment, y: Array, step: float) -> Array:
         """Follow the motion for a moment, by the classical method of fourth order."""
-        n, u, y = len(point.y), at.u, at.y
+        n, u = len(point.y), at.inputs
         slopes = [point.rates]
         for share in (0.5, 0.5, 1.0):
             aside = y.copy()

@@ -14,19 +14,17 @@ from cotree.errors import ParameterError, SingularSystemError
 from cotree.model.arrays import as_array, as_parameters
 from cotree.model.limited_newton import Junctions
 from cotree.model.packing import whole_kernel
-from cotree.model.start import find_start
 from cotree.model.structure import Structure
-from cotree.model.undefined import check_start, why_undefined
+from cotree.model.undefined import why_undefined
 from cotree.scene.expressions import check_number
 from cotree.sharing import formed_once
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Iterable, Mapping
+    from collections.abc import Container, Iterable
 
     from scipy.sparse import csc_matrix
 
     from cotree.dag.corners import Corner
-    from cotree.model.consistent import Start
     from cotree.model.kernels import Kernels, NativeModel
     from cotree.program import Layout, Program
     from cotree.program.counts import OperationCount
@@ -150,62 +148,14 @@ class CompiledModel:
         return self._program.longest_step(p.tolist(), replaced)
 
     @property
-    def initial_state(self) -> Array:
-        """The consistent initial states at the scene's parameter values, shape (n_states,)."""
-        return self.start().y
-
-    @property
     def constraints(self) -> tuple[str, ...]:
         """Names of residuals that vanish on a motion: constraints, rates, quaternion norms."""
         return tuple(row.name for row in self.layout.constraints)
-
-    def start(
-        self,
-        t: float = 0.0,
-        p: Any = None,
-        initial: Mapping[str, float] | None = None,
-        u: Any = None,
-    ) -> Start:
-        """Find initial states and sensitivities that satisfy constraints and algebraic equations.
-
-        Parameters
-        ----------
-        t : float
-            Start time, [s].
-        p : array_like, shape (n_parameters,), or mapping of str to float, optional
-            Parameters.
-        initial : mapping of str to float, optional
-            Initial values of states in place of the scene's; they depend on no parameter. Those of
-            algebraic unknowns are guesses, but for storages by content. Where they are all
-            coordinates, or all speeds, the scene's of joints that are no states give way to them.
-        u : array_like, shape (n_inputs,), optional
-            Inputs at that time, which algebraic unknowns depend on.
-
-        Returns
-        -------
-        Start
-            ``y``, shape (n_states,), and ``s``, shape (n_states, n_parameters).
-
-        Raises
-        ------
-        ParameterError
-            If a name is unknown, or given values violate a constraint.
-        SolveError
-            If no values of the algebraic unknowns are found.
-        SingularSystemError
-            If the algebraic equations do not determine them.
-        """
-        u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
-        return find_start(self, t, self.parameter_array(p), u, initial or {})
 
     def initial_values(self, t: float, p: Array, u: Array | None) -> tuple[Array, Array]:
         """Give initial states and sensitivities: those of the operating point, or the scene's."""
         y, s = self.initial(p), self.initial_sensitivity(p)
         return (y, s) if self._rest is None or not self.states else self._rest(t, p, u, s)
-
-    def check_start(self) -> None:
-        """Refuse a scene whose start is refused or has no rates; see :func:`check_start`."""
-        check_start(self)
 
     @formed_once
     def junctions(self) -> Junctions:

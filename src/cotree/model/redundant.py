@@ -9,17 +9,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.errors import ParameterError
 
 if TYPE_CHECKING:
     from collections.abc import Container, Sequence
 
+    from cotree.model.arrays import Array
     from cotree.model.consistent import Start
-    from cotree.model.model import CompiledModel
-
-Array = npt.NDArray[np.float64]
+    from cotree.model.moment import Moment
 
 #: Values agree that differ by less than this share of the largest that they are made of, as much as
 #: a plain run errs in a step,
@@ -33,10 +31,7 @@ _SMALLEST = 1e-3
 
 
 def check_redundant(
-    model: CompiledModel,
-    t: float,
-    p: Array,
-    u: Array | None,
+    at: Moment,
     start: Start,
     replaced: Container[str],
 ) -> None:
@@ -44,12 +39,8 @@ def check_redundant(
 
     Parameters
     ----------
-    model : CompiledModel
-        The model.
-    t : float
-        Start time, [s].
-    p, u : ndarray, shapes (n_parameters,) and (n_inputs,)
-        Parameters, and inputs at that time; None takes the scene's.
+    at : Moment
+        The model at the start.
     start : Start
         The start that follows from the initial values of states.
     replaced : container of str
@@ -60,6 +51,7 @@ def check_redundant(
     ParameterError
         If some do, or if their sensitivities do; all of them are named.
     """
+    model, t = at.model, at.t
     rows, names = model.layout.redundant, model.states
     if not rows:
         return
@@ -68,8 +60,7 @@ def check_redundant(
         for i, row in enumerate(rows)
         if not any(name in replaced for name in row.states)
     ]
-    found = model.bound("start", p)(t, start.y, np.zeros(0), u)
-    follows, given = found[-2 * len(rows) :].reshape(2, -1).copy()
+    follows, given = at.call("start", start.y)[-2 * len(rows) :].reshape(2, -1)
     if apart := [
         f"'{rows[i].name}' is given as {given[i]:.6g} but is {follows[i]:.6g} by "
         f"{_origin(rows[i].states, t)}"
@@ -81,30 +72,23 @@ def check_redundant(
             "leave these out"
         )
     if model.sensitivities:
-        _check_sensitivities(model, t, p, u, start, held)
+        _check_sensitivities(at, start, held)
 
 
-def _check_sensitivities(
-    model: CompiledModel,
-    t: float,
-    p: Array,
-    u: Array | None,
-    start: Start,
-    held: Sequence[tuple[int, list[int]]],
-) -> None:
+def _check_sensitivities(at: Moment, start: Start, held: Sequence[tuple[int, list[int]]]) -> None:
     """Refuse redundant values that change otherwise than what they follow from."""
+    model, s = at.model, start.s.T
     rows, m = model.layout.redundant, len(model.sensitivities)
-    s = np.ascontiguousarray(start.s.T)
-    found = model.bound("start_sensitivity", p)(t, start.y, s.ravel(), u).reshape(m, -1)
-    follows, given = np.moveaxis(found[:, -2 * len(rows) :].reshape(m, 2, -1), 1, 0).copy()
+    found = at.call("start_sensitivity", start.y, start.s).reshape(m, -1)
+    follows, given = np.moveaxis(found[:, -2 * len(rows) :].reshape(m, 2, -1), 1, 0)
     apart = []
     for j, name in enumerate(model.sensitivities):
         if name not in model.parameters:  # a state's own initial value: others follow it
             continue
-        size = max(abs(p[model.parameters.index(name)]), _SMALLEST)
+        size = max(abs(at.p[model.parameters.index(name)]), _SMALLEST)
         apart += [
             f"d({rows[i].name})/d({name}) is {given[j, i]:.6g} as given but {follows[j, i]:.6g} by "
-            f"{_origin(rows[i].states, t)}"
+            f"{_origin(rows[i].states, at.t)}"
             for i, states in held
             if not _agree(size * follows[j, i], size * given[j, i], size * s[j, states])
         ]

@@ -12,14 +12,16 @@ each leaves alone what those before it found:
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
-from cotree.errors import ParameterError, nearest
+from cotree.errors import ParameterError, SingularSystemError, nearest
 from cotree.model.consistent import Start, consistent_start
 from cotree.model.contents import check_followers, held_followers
+from cotree.model.moment import Moment
 from cotree.model.redundant import check_redundant
 from cotree.model.unknowns import settle_jumps, solve_start
 from cotree.scene.expressions import check_number
@@ -27,53 +29,78 @@ from cotree.scene.expressions import check_number
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from cotree.model.arrays import Array
     from cotree.model.model import CompiledModel
 
-Array = npt.NDArray[np.float64]
 
-
-def find_start(
-    model: CompiledModel, t: float, p: Array, u: Array | None, initial: Mapping[str, float]
-) -> Start:
+def find_start(at: Moment, initial: Mapping[str, float]) -> Start:
     """Find initial states and sensitivities; see :meth:`cotree.Model.start`.
 
     Parameters
     ----------
-    model : CompiledModel
-        The model.
-    t : float
-        Start time, [s].
-    p : ndarray, shape (n_parameters,)
-        Parameters.
-    u : ndarray, shape (n_inputs,), optional
-        Inputs at that time; the scene's where absent.
+    at : Moment
+        The model at the start.
     initial : mapping of str to float
         Initial values of states in place of the scene's.
     """
+    model = at.model
     held = held_followers(model, initial)
-    start = constrained_start(model, t, p, u, initial)
+    start = constrained_start(at, initial)
     y, s = start.y, start.s
     if start.is_chosen and model.sensitivities:
-        s = _by_differences(model, t, p, initial, start)
-    y, s = solve_start(model, t, p, u, y, s, held)
-    y, s = settle_jumps(model, t, p, u, y, s, held)
+        s = _by_differences(at, initial, start)
+    y, s = solve_start(at, y, s, held)
+    y, s = settle_jumps(at, y, s, held)
     check_followers(model, initial, y)
-    check_redundant(model, t, p, u, Start(y, s), set(initial))
+    check_redundant(at, Start(y, s), set(initial))
     return Start(y, s, start.is_chosen)
 
 
-def constrained_start(
-    model: CompiledModel,
-    t: float,
-    p: Array,
-    u: Array | None,
-    initial: Mapping[str, float],
-    *,
-    is_probe: bool = False,
-) -> Start:
-    """Take the values that are given, and move what is not onto the constraints."""
+def scene_start(model: CompiledModel) -> Start:
+    """Find the start at the scene's parameter values, at t = 0."""
+    return find_start(Moment(model, 0.0, model.default_parameters), {})
+
+
+def check_start(model: CompiledModel) -> None:
+    """Evaluate a model once at its initial state.
+
+    Raises
+    ------
+    ParameterError
+        If the scene's parameter values are refused.
+    SingularSystemError
+        If the mass matrix is singular there, or a rate is not finite.
+    """
+    try:
+        y = scene_start(model).y
+    except ParameterError:
+        if model.is_rheonomic:
+            return  # it may start at another time
+        raise
+    rates = model.rhs(0.0, y)
+    for name, rate in zip(model.states, rates, strict=True):
+        if not math.isfinite(rate):
+            why = model.why_undefined(0.0, y, model.default_parameters, None)
+            where = f" ({why})" if why else ""
+            raise SingularSystemError(
+                f"the rate of '{name}' is not finite at the initial state{where}: check its "
+                "initial value, and the inertia and the laws that act on it"
+            )
+
+
+def constrained_start(at: Moment, initial: Mapping[str, float], *, is_probe: bool = False) -> Start:
+    """Take the values that are given, and move what is not onto the constraints.
+
+    Parameters
+    ----------
+    at, initial
+        As for :func:`find_start`.
+    is_probe : bool
+        Whether only the states are wanted, next to a start that was found.
+    """
+    model = at.model
     names, wanted = model.states, model.sensitivities
-    y, s = model.initial_values(t, p, u)
+    y, s = model.initial_values(at.t, at.p, at.u)
     for name, value in initial.items():
         if name not in names:
             raise ParameterError(f"the model has no state '{name}'{nearest(name, names)}")
@@ -84,18 +111,18 @@ def constrained_start(
     kept = {i for i, is_given in enumerate(model.layout.given) if is_given} | anew
     # An initial value that may change is an initial value.
     kept |= {names.index(name) for name in wanted if name in names}
-    return consistent_start(model, t, p, y, s, kept, is_probe=is_probe, anew=anew)
+    # Constraints depend on time and the scene's own inputs alone.
+    own = replace(at, u=None)
+    return consistent_start(own, y, s, kept, is_probe=is_probe, anew=anew)
 
 
-def _by_differences(
-    model: CompiledModel, t: float, p: Array, initial: Mapping[str, float], start: Start
-) -> Array:
+def _by_differences(at: Moment, initial: Mapping[str, float], start: Start) -> Array:
     """Differentiate a start that was chosen as the least move, shape (n_states, n_parameters).
 
     The choice depends on the parameters through the constraints' gradients, whose derivatives no
     kernel has: five points give it to ten digits.
     """
-    s = start.s.copy()
+    model, p, s = at.model, at.p, start.s.copy()
     for j, name in enumerate(model.sensitivities):
         if name in model.states:
             size = max(1.0, abs(start.y[model.states.index(name)]))
@@ -109,6 +136,7 @@ def _by_differences(
                 given[name] = float(own + place * step)
             else:
                 moved[model.parameters.index(name)] += place * step
-            total += weight * constrained_start(model, t, moved, None, given, is_probe=True).y
+            aside = Moment(model, at.t, moved)
+            total += weight * constrained_start(aside, given, is_probe=True).y
         s[:, j] = total / (12.0 * step)
     return np.where(model.sensitivity_pattern, s, 0.0)  # of what does not depend, rounding is left

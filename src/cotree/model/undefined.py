@@ -7,7 +7,6 @@ depends on.
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,13 +15,11 @@ from cotree.dag.evaluate import evaluate
 from cotree.dag.operations import OPERATIONS
 from cotree.dag.symbols import ARGUMENT_OF
 from cotree.dag.traverse import reachable, symbols_in
-from cotree.errors import ParameterError, SingularSystemError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cotree.dag.nodes import Node
-    from cotree.model.model import CompiledModel
     from cotree.program import Layout, Program
 
 #: As many names as a message bears.
@@ -61,33 +58,6 @@ def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> st
     while any(arg in lost for arg in wrong.args):
         wrong = next(arg for arg in wrong.args if arg in lost)
     return f"{_place(program, wrong)}{_operation(wrong, values)}{_point(program, wrong, given)}"
-
-
-def check_start(model: CompiledModel) -> None:
-    """Evaluate a model once at its initial state.
-
-    Raises
-    ------
-    ParameterError
-        If the scene's parameter values are refused.
-    SingularSystemError
-        If the mass matrix is singular there, or a rate is not finite.
-    """
-    try:
-        start = model.initial_state
-    except ParameterError:
-        if model.is_rheonomic:
-            return  # it may start at another time
-        raise
-    rates = model.rhs(0.0, start)
-    for name, rate in zip(model.states, rates, strict=True):
-        if not math.isfinite(rate):
-            why = model.why_undefined(0.0, start, model.default_parameters, None)
-            where = f" ({why})" if why else ""
-            raise SingularSystemError(
-                f"the rate of '{name}' is not finite at the initial state{where}: check its "
-                "initial value, and the inertia and the laws that act on it"
-            )
 
 
 def _place(program: Program, wrong: Node) -> str:

@@ -5,10 +5,10 @@ Of a start, the modes of jumps inside expressions are found with them.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.errors import SolveError
 from cotree.model.algebraic import Algebraic
@@ -18,37 +18,22 @@ from cotree.model.linear import is_sparse, linearise
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+    from cotree.model.arrays import Array
     from cotree.model.contents import Pair
-    from cotree.model.model import CompiledModel
-
-Array = npt.NDArray[np.float64]
+    from cotree.model.moment import Moment
 
 #: Jumps may decide each other, and what storages hold may change what it is found from, so many
 #: times; the latter to this share of the terms that it is made of.
 _MOST_ROUNDS, _SAME = 50, 1e-12
 
 
-def solve_start(
-    model: CompiledModel,
-    t: float,
-    p: Array,
-    u: Array | None,
-    y: Array,
-    s: Array,
-    held: Sequence[Pair] = (),
-) -> tuple[Array, Array]:
+def solve_start(at: Moment, y: Array, s: Array, held: Sequence[Pair] = ()) -> tuple[Array, Array]:
     """Solve for the algebraic unknowns of a start and for their sensitivities.
 
     Parameters
     ----------
-    model : CompiledModel
-        The model.
-    t : float
-        Start time, [s].
-    p : ndarray, shape (n_parameters,)
-        Parameters.
-    u : ndarray, shape (n_inputs,), or None
-        Inputs; None takes the scene's.
+    at : Moment
+        The model at the start.
     y, s : ndarray, shapes (n_states,) and (n_states, n_parameters)
         States, with guesses of the algebraic unknowns, and sensitivities.
     held : sequence of (int, int)
@@ -64,30 +49,25 @@ def solve_start(
     SolveError, SingularSystemError
         As :meth:`Algebraic.solve`.
     """
-    if not model.layout.n_algebraic:
+    if not at.model.layout.n_algebraic:
         return y, s
-    algebraic = of_model(model, p, u)
+    algebraic = of_model(at)
     y, s = y.copy(), s.copy()
     if held:
-        _solve_held(model, algebraic, (t, p, u), y, held)
+        _solve_held(at, algebraic, y, held)
     else:
-        algebraic.solve(t, y)
-    algebraic.check_index(t, y)
-    if model.sensitivities:
-        s = _sensitivities(model, algebraic, (t, p, u), y, s, held)
+        algebraic.solve(at.t, y)
+    algebraic.check_index(at.t, y)
+    if at.model.sensitivities:
+        s = _sensitivities(at, algebraic, y, s, held)
     return y, s
 
 
 def _sensitivities(
-    model: CompiledModel,
-    algebraic: Algebraic,
-    at: tuple[float, Array, Array | None],
-    y: Array,
-    s: Array,
-    held: Sequence[Pair],
+    at: Moment, algebraic: Algebraic, y: Array, s: Array, held: Sequence[Pair]
 ) -> Array:
     """Solve for the sensitivities of what :func:`solve_start` finds."""
-    (t, p, u), cut, s = at, algebraic.cut, s.copy()
+    model, cut, s = at.model, algebraic.cut, s.copy()
     columns: dict[tuple[Pair, ...], list[int]] = {}
     for j, name in enumerate(model.sensitivities):
         columns.setdefault(tuple(held_along(model, held, name)), []).append(j)
@@ -95,9 +75,8 @@ def _sensitivities(
     for pairs, own in columns.items():
         for j in own:
             s[places[pairs], j] = 0.0
-    along = model.bound("sensitivity_rhs", p)(t, y, s.T.ravel(), u).reshape(s.shape[::-1])
-    residual = along[:, cut:].T.copy()
-    matrix, linear = algebraic.linearised(t, y)
+    residual = at.call("sensitivity_rhs", y, s).reshape(s.shape[::-1])[:, cut:].T
+    matrix, linear = algebraic.linearised(at.t, y)
     for pairs, own in columns.items():
         solve = linear.solve
         if pairs:  # what is found comes last
@@ -115,13 +94,7 @@ def _unknowns(algebraic: range, pairs: Iterable[Pair]) -> list[int]:
     return [instead.get(i, i) for i in algebraic]
 
 
-def _solve_held(
-    model: CompiledModel,
-    algebraic: Algebraic,
-    at: tuple[float, Array, Array | None],
-    y: Array,
-    held: Sequence[Pair],
-) -> None:
+def _solve_held(at: Moment, algebraic: Algebraic, y: Array, held: Sequence[Pair]) -> None:
     """Solve for algebraic unknowns and for some states, in place, others of them being given.
 
     Each of these states stands in one equation alone, less itself. With what it then has to be all
@@ -132,8 +105,7 @@ def _solve_held(
     SolveError
         If that leads nowhere.
     """
-    t, p, u = at
-    jacobian = model.bound_jacobian(p)
+    t, jacobian = at.t, at.model.bound_jacobian(at.p)
     totals, followers = (np.array(places) for places in zip(*held, strict=True))
     rows, given = followers - algebraic.cut, y[followers].copy()
     y[totals] += algebraic.residual(t, y)[rows]
@@ -142,30 +114,22 @@ def _solve_held(
         y[followers] = given
         left = algebraic.residual(t, y)[rows]
         y[totals] += left
-        terms = np.abs(jacobian(t, y, u)[followers]) @ np.abs(y)
+        terms = np.abs(jacobian(t, y, at.u)[followers]) @ np.abs(y)
         if np.all(np.abs(left) <= _SAME * terms):
             return
-    names = ", ".join(f"'{model.states[i]}'" for i in totals.tolist())
+    names = ", ".join(f"'{at.model.states[i]}'" for i in totals.tolist())
     raise SolveError(
         f"{names} cannot be found at t = {t:.10g} from initial values of what follows from it: it "
         "depends on unknowns of nonlinear equations besides; give its own initial value"
     )
 
 
-def settle_jumps(
-    model: CompiledModel,
-    t: float,
-    p: Array,
-    u: Array | None,
-    y: Array,
-    s: Array,
-    held: Sequence[Pair] = (),
-) -> tuple[Array, Array]:
+def settle_jumps(at: Moment, y: Array, s: Array, held: Sequence[Pair] = ()) -> tuple[Array, Array]:
     """Set the modes that stand for jumps inside expressions to what these are at a point.
 
     Parameters
     ----------
-    model, t, p, u, held
+    at, held
         As for :func:`solve_start`.
     y, s : ndarray, shapes (n_states,) and (n_states, n_parameters)
         States that satisfy all equations with the modes that they hold, and sensitivities.
@@ -179,14 +143,11 @@ def settle_jumps(
     SolveError
         If there are no values that agree with the states that they lead to.
     """
-    rows = model.layout.events
+    rows, y = at.model.layout.events, y.copy()
     if not any(row.is_jump for row in rows):
         return y, s
-    looked_at, new, y = model.bound("events", p), model.bound("jumps", p), y.copy()
-    nothing = np.zeros(0)
     for _ in range(_MOST_ROUNDS * len(rows)):
-        values = looked_at(t, y, nothing, u).copy()
-        wanted = new(t, y, nothing, u)
+        values, wanted = at.call("events", y), at.call("jumps", y)
         changed = False
         for row, value in zip(rows, values, strict=True):
             if row.is_jump and row.direction * value > 0.0 and not changed:
@@ -195,33 +156,32 @@ def settle_jumps(
                 y[target] = wanted[row.results.start]
         if not changed:
             return y, s
-        y, s = solve_start(model, t, p, u, y, s, held)
-    names = ", ".join(f"'{model.states[row.targets[0]]}'" for row in rows if row.is_jump)
+        y, s = solve_start(at, y, s, held)
+    names = ", ".join(f"'{at.model.states[row.targets[0]]}'" for row in rows if row.is_jump)
     raise SolveError(
-        f"no values of {names} agree with the states that they lead to at t = {t:g}: the jump "
+        f"no values of {names} agree with the states that they lead to at t = {at.t:g}: the jump "
         "turns back what it looks at"
     )
 
 
-def solve_states(model: CompiledModel, t: float, p: Array, u: Array, y: Array) -> Array:
+def solve_states(at: Moment, y: Array) -> Array:
     """Solve for the algebraic unknowns of a point; see :func:`solve_start`."""
-    if model.layout.n_algebraic:
+    if at.model.layout.n_algebraic:
         y = y.copy()
-        of_model(model, p, u).solve(t, y)
+        of_model(at).solve(at.t, y)
     return y
 
 
-def of_model(model: CompiledModel, p: Array, u: Array | None) -> Algebraic:
-    """Give the algebraic unknowns of a model at fixed parameters and inputs."""
-    none = np.zeros(0)
+def of_model(at: Moment) -> Algebraic:
+    """Give the algebraic unknowns of a model, at fixed parameters and inputs but any time."""
+    none, model, p, u = np.zeros(0), at.model, at.p, at.u
     rhs, layout = model.bound("rhs", p), model.layout
     n_algebraic, cut = layout.n_algebraic, len(layout.states) - layout.n_algebraic
     n_own = sum(row >= cut for row in layout.row_indices)
     jacobian = model.bound_jacobian(p, is_sparse=is_sparse(n_algebraic, n_own))
 
     def improve(t: float, y: Array) -> Array | None:
-        inputs = model.input_values(t, p) if u is None else u
-        return model.junctions.at(t, y, p, inputs).search(y[cut:])
+        return model.junctions.at(t, y, p, replace(at, t=t).inputs).search(y[cut:])
 
     return Algebraic(
         lambda t, y: rhs(t, y, none, u),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cotree.errors import SolveError
+from cotree.model.moment import Moment
 from cotree.model.unknowns import solve_start
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ class ModelEvents:
             if row.targets == (mode,):
                 other = y.copy()
                 other[mode] = new[own][0]
-                other, _ = solve_start(self._model, t, self._p, u, other, s)
+                other, _ = solve_start(Moment(self._model, t, self._p, u), other, s)
                 rates.append(self._rhs(t, other, np.zeros(0), u).copy())
         spread = np.ptp(rates, axis=0)
         return bool(np.any(spread > _SAME_RATE * np.max(np.abs(rates), axis=0)))

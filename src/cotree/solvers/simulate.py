@@ -14,7 +14,9 @@ import numpy as np
 from cotree.errors import ParameterError, SolveError, nearest
 from cotree.model.consistent import consistent_start
 from cotree.model.contents import content_sizes
+from cotree.model.moment import Moment
 from cotree.model.signals import Signals, read_signals
+from cotree.model.start import find_start
 from cotree.scene.expressions import check_number
 from cotree.solvers.augmented import DENSE_LIMIT
 from cotree.solvers.jumps import ModelEvents
@@ -86,7 +88,7 @@ def simulate(
         If the method is unknown or cannot take what it is given, or, with ``throw``, if the
         integration fails.
     """
-    start = time.perf_counter()
+    begin = time.perf_counter()
     _check_settings(settings)
     p = model.parameter_array(settings.parameters)
     values = dict(zip(model.parameters, p.tolist(), strict=True))
@@ -97,8 +99,9 @@ def simulate(
     projection = Projection(model, p, u) if is_held else None
     t_span, jacobian = _span(settings.t_span), model.bound_jacobian(p)
     corners = model.corners(p, t_span, settings.inputs, signals.breakpoints)
-    z0 = _start(model, t_span[0], p, settings.initial, u)
-    sizes = content_sizes(model, t_span[0], p, u(t_span[0]), z0[: len(model.states)])
+    at = Moment(model, t_span[0], p, u(t_span[0]))
+    start = find_start(at, settings.initial)
+    z0, sizes = start.z, content_sizes(at, start.y)
     events = ModelEvents(model, p, u) if model.layout.events else None
     if events is not None:
         events.check_start(t_span[0], z0)
@@ -168,7 +171,7 @@ def simulate(
         status=trajectory.status,
         message=trajectory.message,
         statistics=trajectory.statistics,
-        times=_times_of(trajectory, time.perf_counter() - start),
+        times=_times_of(trajectory, time.perf_counter() - begin),
         drift=trajectory.drift,
         redundant=redundant,
         events=_event_times(model, trajectory.events),
@@ -330,7 +333,7 @@ def _settle(
     """Give what moves states that an event set onto the constraints."""
     none = np.zeros((len(model.states), len(model.sensitivities)))
     return lambda t, y, kept: (
-        consistent_start(model, t, p, y, none, kept, is_initial=False, is_probe=True).y
+        consistent_start(Moment(model, t, p), y, none, kept, is_initial=False, is_probe=True).y
     )
 
 
@@ -353,18 +356,6 @@ def _native(model: CompiledModel, p: FloatArray, signals: Signals) -> dict[str, 
         return {"not_native": "the model is evaluated in Python"}
     others = {i: f for i, f in signals.by_position.items() if i not in signals.tables}
     return {"native": Native(native, len(model.inputs), signals.tables, others)}
-
-
-def _start(
-    model: CompiledModel,
-    t: float,
-    p: FloatArray,
-    initial: Mapping[str, float],
-    u: Callable[[float], FloatArray | None],
-) -> FloatArray:
-    """Give the initial states and sensitivities, consistent with all equations."""
-    start = model.start(t, p, initial, u(t))
-    return start.z
 
 
 def _redundant(model: CompiledModel, projection: Projection | None, trajectory: Trajectory) -> int:
