@@ -23,15 +23,12 @@ class Status:
         What happened, without a capital and a full stop.
     meaning : str
         What the header adds to that; may be empty.
-    verdict : str
-        Of an event, the name of the longer sentence in :mod:`cotree.solvers.event_messages`.
     """
 
     name: str
     number: int
     sentence: str
     meaning: str = ""
-    verdict: str = ""
 
 
 #: Of integrators and jobs: ``cotree_status``.
@@ -84,86 +81,49 @@ STATUSES = (
     Status("FLAGGED", 17, "the integrator gives a flag of its own"),
 )
 
-#: Of events: ``cotree_events_status``, but for what is no failure.
+#: Of events: ``cotree_events_status``, but for what is no failure. Python says more by name, in
+#: :mod:`cotree.solvers.event_messages`.
 EVENT_STATUSES = (
     Status(
         "EVENTS_FAILED",
         20,
         "its equations cannot be evaluated",
         "a kernel or an algebraic equation",
-        "fails",
     ),
+    Status("EVENTS_NOT_FINITE", 21, "what it looks at is not finite"),
+    Status("EVENTS_SET_NOT_FINITE", 22, "what it sets is not finite"),
+    Status("EVENTS_CONTRADICT", 23, "what it sets contradicts the constraints"),
+    Status("EVENTS_CHOOSE", 24, "what it sets leaves a choice, which has no sensitivities"),
     Status(
-        "EVENTS_NOT_FINITE",
-        21,
-        "what it looks at is not finite",
-        verdict="not finite",
+        "EVENTS_REST", 25, "it leaves no speed away from zero, and the motion goes on through it"
     ),
-    Status("EVENTS_SET_NOT_FINITE", 22, "what it sets is not finite", verdict="set not finite"),
-    Status(
-        "EVENTS_CONTRADICT",
-        23,
-        "what it sets contradicts the constraints",
-        verdict="contradicts",
-    ),
-    Status(
-        "EVENTS_CHOOSE",
-        24,
-        "what it sets leaves a choice, which has no sensitivities",
-        verdict="chooses",
-    ),
-    Status(
-        "EVENTS_REST",
-        25,
-        "it leaves no speed away from zero, and the motion goes on through it",
-        verdict="rests",
-    ),
-    Status(
-        "EVENTS_GRAZE",
-        26,
-        "it only just touches zero, where nothing has sensitivities",
-        verdict="grazes",
-    ),
+    Status("EVENTS_GRAZE", 26, "it only just touches zero, where nothing has sensitivities"),
     Status(
         "EVENTS_ACCUMULATE",
         27,
         "it happens ever faster, and accumulates",
         "at the time detail",
-        "accumulates",
     ),
     Status(
         "EVENTS_CHATTER",
         28,
         "it happens too often: it chatters",
         "CROWD times within detail seconds",
-        "chatters",
     ),
     Status(
         "EVENTS_ENDLESS",
         29,
         "it and others make each other happen without end",
         "has_fired tells which",
-        "endless",
     ),
     Status(
         "EVENTS_SLIDE",
         40,
         "what jumps is driven back to the jump from either side",
         "the same, of jumps inside expressions",
-        "slides",
     ),
-    Status(
-        "EVENTS_LEAVE",
-        41,
-        "what rested at the jump leaves it, to either side",
-        verdict="leaves",
-    ),
-    Status(
-        "EVENTS_PART",
-        42,
-        "jumps at once have no derivative, since either may come first",
-        verdict="parts",
-    ),
+    Status("EVENTS_LEAVE", 41, "what rested at the jump leaves it, to either side"),
+    Status("EVENTS_PART", 42, "jumps at once have no derivative, since either may come first"),
 )
 
 #: A sensitivity that does not exist behind a corner; ``turned`` of the job says which one.

@@ -11,9 +11,9 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.errors import SingularSystemError, SolveError
+from cotree.model.arrays import Array
 from cotree.model.damped_newton import Equation, iterate
 from cotree.model.linear import Linear, Matrix, linearise, singular_direction
 from cotree.model.roots import NEAR, NEXT, find_root
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
     from cotree.model.damped_newton import Root
 
-Array = npt.NDArray[np.float64]
 
 #: ``rates(t, y)`` and ``jacobian(t, y)``; they may give the same buffer at every call.
 Rates = Callable[[float, Array], Array]

@@ -18,7 +18,22 @@ Array = npt.NDArray[np.float64]
 
 
 def as_array(value: Any, shape: Sequence[int], what: str) -> Array:
-    """Make a contiguous array of doubles of a given shape."""
+    """Make a contiguous array of doubles of a given shape, always a copy.
+
+    Parameters
+    ----------
+    value : array_like
+        What a user gives.
+    shape : sequence of int
+        The shape that it has to have.
+    what : str
+        Its name in a message.
+
+    Raises
+    ------
+    ParameterError
+        If it is no array of numbers, or of another shape.
+    """
     try:
         array = np.array(value, dtype=float, order="C")  # always a copy: callers change theirs
     except (TypeError, ValueError):
@@ -33,7 +48,22 @@ def as_array(value: Any, shape: Sequence[int], what: str) -> Array:
 
 
 def as_parameters(values: Any, names: Sequence[str], defaults: Array) -> Array:
-    """Make the array of parameters of some by name, of an array of all, or of nothing."""
+    """Make the array of parameters of some by name, of an array of all, or of nothing.
+
+    Parameters
+    ----------
+    values : mapping of str to float, array_like of shape (n_parameters,), or None
+        What a user gives.
+    names : sequence of str
+        Of all parameters.
+    defaults : ndarray, shape (n_parameters,)
+        The scene's values, for those that are not given.
+
+    Raises
+    ------
+    ParameterError
+        If a name is unknown, a value is not a finite number, or an array has another shape.
+    """
     if values is not None and not isinstance(values, Mapping):
         return as_array(values, (len(names),), "the parameters")
     p = defaults.copy()

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NoReturn
 import numpy as np
 
 from cotree.errors import ParameterError
-from cotree.model.damped_newton import Limits, iterate
+from cotree.model.damped_newton import NewtonLimits, iterate
 from cotree.model.finder import Finder, Level
 from cotree.model.linear import SMALL
 from cotree.tolerances import RANK
@@ -114,6 +114,7 @@ def consistent_start(
         return Start(y, s)
     finder = Finder(at, y, frozenset(kept), frozenset(anew), is_initial=is_initial)
     search = _Search(finder, is_initial=is_initial, is_probe=is_probe)
+    # Positions first: the gradients that velocities obey are those at the positions found.
     found = search.settle(search.settle(finder.normalised(y), 0), 1)
     if at.model.sensitivities and not is_probe:
         s = search.sensitivities(found, s)
@@ -146,6 +147,7 @@ class _Search:
         if residual <= _MET * size:
             return found
         mended, residual = found, np.inf
+        # Given values move only where nothing else can.
         if self._mends and len(free) < finder.n_speeds:
             mended, residual = self._iterate(found, level, mends=True)
         if not residual <= _MET * size:
@@ -157,7 +159,9 @@ class _Search:
 
     def _iterate(self, y: Array, level: int, *, mends: bool = False) -> tuple[Array, float]:
         """Take Gauss-Newton steps of least length until the residual no longer shrinks."""
-        limits = Limits(_LARGEST_ITERATIONS, slow=SMALL, met=_ROUNDING * self.finder.size(y, level))
+        limits = NewtonLimits(
+            _LARGEST_ITERATIONS, slow=SMALL, met=_ROUNDING * self.finder.size(y, level)
+        )
         root = iterate(Level(self.finder, level, mends), y, limits)
         return root.z, float(np.max(np.abs(root.g), initial=0.0))
 
@@ -167,6 +171,7 @@ class _Search:
         places = range(finder.own[level].start, finder.own[level].stop)
         change = np.abs(finder.scaled(mended, level) - finder.scaled(y, level))
         if level == 1:
+            # A speed is small or large beside the others of the motion, not beside one.
             change /= float(np.max(np.abs(finder.scaled(mended, 1)), initial=0.0)) or 1.0
         moved = [
             (i, change[i - places.start])
@@ -223,9 +228,11 @@ class _Search:
         s, finder = s.copy(), self.finder
         for first in self.model.layout.quaternions:
             q = y[first : first + 4]
+            # A quaternion of norm one changes across itself alone.
             s[first : first + 4] -= np.outer(q, q @ s[first : first + 4])
         for level in (0, 1):
             d, rows = finder.residual_sensitivity(y, s, level), finder.gradient(y, level)
+            # Without residuals at this level sensitivities stay as they are given.
             if not d.size:
                 continue
             step, rounding = np.zeros((finder.n_speeds, s.shape[1])), self._rounding(rows, s)

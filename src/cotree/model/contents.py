@@ -46,7 +46,17 @@ def held_followers(model: CompiledModel, initial: Mapping[str, float]) -> list[P
 
 
 def held_along(model: CompiledModel, held: Sequence[Pair], name: str) -> list[Pair]:
-    """List the same for the sensitivity to an initial value: the named variable is given."""
+    """List the same for the sensitivity to an initial value: the named variable is given.
+
+    Parameters
+    ----------
+    model : CompiledModel
+        The model.
+    held : sequence of (int, int)
+        The pairs of the start itself; see :func:`held_followers`.
+    name : str
+        The parameter or state of the sensitivity.
+    """
     names = model.states
     return [
         pair
@@ -57,6 +67,15 @@ def held_along(model: CompiledModel, held: Sequence[Pair], name: str) -> list[Pa
 
 def check_followers(model: CompiledModel, initial: Mapping[str, float], y: Array) -> None:
     """Refuse initial values of a run that contradict each other.
+
+    Parameters
+    ----------
+    model : CompiledModel
+        The model.
+    initial : mapping of str to float
+        Initial values of the run in place of the scene's.
+    y : ndarray, shape (n_states,)
+        The start that was found.
 
     Raises
     ------

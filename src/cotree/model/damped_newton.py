@@ -2,7 +2,7 @@
 
 In: residuals, what solves with their derivatives at a point, and limits of a step. Out: a ``Root``,
 found or not. What differs between searches is passed: equations say how residuals are linearised
-and where a step leads, ``Limits`` say how often, how much damping, and what accepts a step:
+and where a step leads, ``NewtonLimits`` say how often, how much damping, and what accepts a step:
 
 - the natural monotonicity test: the step that follows with the same matrix must be shorter. It is
   free of the units of the residuals, and that step is taken next where it converges fast enough;
@@ -22,16 +22,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.model.linear import ROUNDING, SMALL, TINY, linearise, longest
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from cotree.model.arrays import Array
     from cotree.model.linear import Linear, Matrix
 
-Array = npt.NDArray[np.float64]
 
 #: An old matrix is given up where it would take more than so many further steps: one of its own
 #: point squares the errors.
@@ -212,8 +211,8 @@ class ResidualTest:
 
 
 @dataclass(frozen=True)
-class Limits:
-    """Limits of an iteration.
+class NewtonLimits:
+    """NewtonLimits of an iteration.
 
     Attributes
     ----------
@@ -240,7 +239,9 @@ class Limits:
     met: float = -1.0
 
 
-def iterate(equations: Residuals, z: Array, limits: Limits, linear: Linear | None = None) -> Root:
+def iterate(
+    equations: Residuals, z: Array, limits: NewtonLimits, linear: Linear | None = None
+) -> Root:
     """Take Newton steps until one is nothing but rounding.
 
     Parameters
@@ -249,8 +250,8 @@ def iterate(equations: Residuals, z: Array, limits: Limits, linear: Linear | Non
         What is to vanish; limits with a test asks for an :class:`Equation`.
     z : ndarray, shape (n,)
         The point to begin from.
-    limits : Limits
-        Limits of the iteration.
+    limits : NewtonLimits
+        NewtonLimits of the iteration.
     linear : Linear, optional
         What solves with a matrix of a point nearby; it is kept for as long as that is fast.
 
@@ -273,6 +274,7 @@ def iterate(equations: Residuals, z: Array, limits: Limits, linear: Linear | Non
         try:
             linear = kept.linear or equations.linearised(point.z)
             step = -linear.solve(point.g) if kept.step is None else kept.step
+        # A singular matrix gives no direction; the caller may begin elsewhere.
         except np.linalg.LinAlgError:
             break
         units, length = linear.measured(step)

@@ -27,7 +27,8 @@ from cotree.tolerances import RANK
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-Array = npt.NDArray[np.float64]
+    from cotree.model.arrays import Array
+
 
 #: Entries of a row below this share of its largest are what is left of a cancellation.
 _ROUNDING = 1e-10

@@ -83,6 +83,7 @@ class Finder:
         ]
         self.columns = [self._free(level) for level in (0, 1)]
         self.turns = turning_speeds(layout)
+        # Events settle in metres and radians, as their C does.
         self.length = self._length(y) if is_initial else 1.0
         #: What one of each speed, or of each coordinate's change, is in the states' units.
         self.units = np.where(self.turns, 1.0, self.length)
@@ -189,7 +190,17 @@ class Finder:
         return y
 
     def moved(self, y: Array, step: Array, level: int) -> Array:
-        """Move coordinates or speeds along directions of motion, by a step free of units."""
+        """Move coordinates or speeds along directions of motion.
+
+        Parameters
+        ----------
+        y : ndarray, shape (n_states,)
+            States.
+        step : ndarray, shape (n_speeds,)
+            How far along each direction, free of units.
+        level : int
+            0 moves coordinates, 1 speeds.
+        """
         y = y.copy()
         if level == 1:
             y[self.own[1]] += step * self.units
@@ -233,6 +244,7 @@ class Finder:
         """
         step = np.zeros((self.n_speeds, *target.shape[1:]))
         free = self.columns[level]
+        # First what is given makes up for what no free motion can; then the free ones follow.
         if mends:
             given = [i for i in range(self.n_speeds) if i not in set(free)]
             across = vanishing_combinations(rows[:, free], rows)
@@ -242,7 +254,15 @@ class Finder:
         return step
 
     def residual_sensitivity(self, y: Array, s: Array, level: int) -> Array:
-        """Evaluate the derivatives of the residuals, free of units, shape (n_rows, m)."""
+        """Evaluate the derivatives of the residuals, free of units, shape (n_rows, m).
+
+        Parameters
+        ----------
+        y, s : ndarray, shapes (n_states,) and (n_states, m)
+            States and their sensitivities.
+        level : int
+            0 for positions, 1 for velocities.
+        """
         m = s.shape[1]
         own = np.zeros((0, m))
         if self.model.layout.constraints:

@@ -12,13 +12,13 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.dag.evaluate import evaluate
 from cotree.dag.multi_output import results
 from cotree.dag.symbols import ARGUMENT_OF
 from cotree.dag.traverse import reachable, symbols_in
 from cotree.errors import BuildError, SingularSystemError, SolveError
+from cotree.model.arrays import Array
 from cotree.model.newton import load_newton
 from cotree.model.undefined import why_undefined
 from cotree.program.kernels import KERNELS
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from cotree.model.newton import Newton
     from cotree.program import Kernel, Program
 
-Array = npt.NDArray[np.float64]
 
 SINGULAR = 1
 
@@ -186,12 +185,15 @@ class CKernels:
         if status < 0:
             check_guards(self._guards, p)
         if status:
+            # Guards name the value that they refuse; what is left are singular systems.
             raise self._failure(status, "prepare", {"p": bound.p})
 
     def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
         """Evaluate a kernel; see :class:`Kernels`."""
         bound = self._own.bound
         function, arguments, result, is_timed = bound[name]
+        # Values are copied behind pointers bound once: to make these anew takes several times as
+        # long as a small kernel.
         if x.size:
             bound.x[: x.size] = x
         if s.size:

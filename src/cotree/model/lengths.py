@@ -14,9 +14,9 @@ import numpy.typing as npt
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from cotree.model.arrays import Array
     from cotree.program import Layout
 
-Array = npt.NDArray[np.float64]
 
 # Parts of gradients below this share of the others are rounding.
 _ROUNDING_PART = 1e-12
@@ -85,7 +85,17 @@ def scene_length(
 
 
 def turned(layout: Layout, y: Array, rng: np.random.Generator) -> Array:
-    """Turn all joints a little."""
+    """Turn all joints a little; shifts stay.
+
+    Parameters
+    ----------
+    layout : Layout
+        The model's.
+    y : ndarray, shape (n_states,)
+        States.
+    rng : Generator
+        Gives the turns, normally distributed with half a radian.
+    """
     y = y.copy()
     for i, row in enumerate(layout.states[: layout.n_coordinates]):
         y[i] += _TURNED * rng.standard_normal() * (row.unit != "m")

@@ -20,19 +20,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.dag.derivative import tangents_along
 from cotree.dag.evaluate import evaluate
 from cotree.dag.traverse import dependent, reachable
-from cotree.model.damped_newton import Limits, iterate
+from cotree.model.damped_newton import NewtonLimits, iterate
 from cotree.model.linear import Linear, solve_entries
 
 if TYPE_CHECKING:
     from cotree.dag.nodes import Node
+    from cotree.model.arrays import Array
     from cotree.program import Program
 
-Array = npt.NDArray[np.float64]
 
 #: Exponents rise by as much as this without a limit, and are forgotten beyond the other.
 _FREE, _FAR = 2.0, 40.0
@@ -86,7 +85,15 @@ class Junctions:
         return cls(equations, unknowns, exponentials, tuple(tangents_along(roots, seeds)))
 
     def at(self, t: float, y: Array, p: Array, u: Array) -> HeldEquations:
-        """Hold time, states, parameters and inputs."""
+        """Hold time, states, parameters and inputs.
+
+        Parameters
+        ----------
+        t : float
+            Time, [s].
+        y, p, u : ndarray, shapes (n_states,), (n_parameters,) and (n_inputs,)
+            States, of which the algebraic unknowns do not count, parameters and inputs.
+        """
         return HeldEquations(self, t, y, p, u)
 
 
@@ -147,7 +154,7 @@ class HeldEquations:
     def _iterate(self, z: Array, w: Array, conductance: float) -> tuple[Array, Array] | None:
         """Take Newton steps in unknowns and exponents, the latter limited."""
         self._conductance = conductance
-        limits = Limits(_MOST_STEPS + len(w) // _JUNCTIONS_A_STEP, settled=_SETTLED)
+        limits = NewtonLimits(_MOST_STEPS + len(w) // _JUNCTIONS_A_STEP, settled=_SETTLED)
         root = iterate(self, np.concatenate([z, w]), limits)
         return (root.z[: self._n], root.z[self._n :]) if root.is_found else None
 

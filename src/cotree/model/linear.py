@@ -12,14 +12,14 @@ import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.tolerances import LIMITS, RANK
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-Array = npt.NDArray[np.float64]
+    from cotree.model.arrays import Array
+
 
 #: A full matrix, or one of SciPy's compressed ones.
 Matrix = Any
@@ -127,6 +127,15 @@ def linearise(slope: Matrix, y: Array) -> Linear:
 
 def solve_entries(rows: Any, columns: Any, values: Array, b: Array) -> Array:
     """Solve a square system whose matrix is the sum of entries, each with its row and column.
+
+    Parameters
+    ----------
+    rows, columns : ndarray of int, shape (n_entries,)
+        Places of the entries.
+    values : ndarray, shape (n_entries,)
+        The entries.
+    b : ndarray, shape (n,)
+        The right-hand side.
 
     Raises
     ------

@@ -11,7 +11,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.dag.evaluate import evaluate
 from cotree.dag.multi_output import results
@@ -28,9 +27,9 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Node
     from cotree.equations import Derivative, Equations
+    from cotree.model.arrays import Array
     from cotree.model.moment import Moment
 
-Array = npt.NDArray[np.float64]
 
 #: How far to follow a motion, in the state that moves most, to see whether it stays the same.
 _ASIDE = 0.1
@@ -205,6 +204,7 @@ class Linearizer:
         fastest = float(np.max(np.abs(point.rates), initial=0.0))
         if not (fastest or self.is_timed or (self.has_timed_inputs and at.u is None)):
             return True
+        # As far as the fastest state moves a tenth, and no longer than a tenth of a second.
         step = _ASIDE / max(fastest, 1.0)
         later = replace(at, t=at.t + step)
         y = np.concatenate([self._moved(point, at, y, step), y[len(point.y) :]])

@@ -140,7 +140,19 @@ class CompiledModel:
     def corners(
         self, p: Array, span: tuple[float, float], given: Container[str], others: Iterable[float]
     ) -> list[Corner]:
-        """List when inputs and rates jump or have kinks; see :meth:`Program.corners`."""
+        """List when inputs and rates jump or have kinks; see :meth:`Program.corners`.
+
+        Parameters
+        ----------
+        p : ndarray, shape (n_parameters,)
+            Parameters.
+        span : (float, float)
+            Start and end of a run in either order, [s].
+        given : container of str
+            Inputs that the run replaces.
+        others : iterable of float
+            Further times, those of tables say, [s].
+        """
         return self._program.corners(p.tolist(), (min(span), max(span)), given, others)
 
     def longest_step(self, p: Array, replaced: Container[str] = ()) -> float:
@@ -153,7 +165,19 @@ class CompiledModel:
         return tuple(row.name for row in self.layout.constraints)
 
     def initial_values(self, t: float, p: Array, u: Array | None) -> tuple[Array, Array]:
-        """Give initial states and sensitivities: those of the operating point, or the scene's."""
+        """Give initial states and sensitivities: those of the operating point, or the scene's.
+
+        Parameters
+        ----------
+        t : float
+            Start time, [s].
+        p, u : ndarray, shapes (n_parameters,) and (n_inputs,)
+            Parameters, and inputs, of which None takes the scene's.
+
+        Returns
+        -------
+        ndarray, shape (n_states,), and ndarray, shape (n_states, n_sensitivities)
+        """
         y, s = self.initial(p), self.initial_sensitivity(p)
         return (y, s) if self._rest is None or not self.states else self._rest(t, p, u, s)
 
@@ -270,6 +294,7 @@ class CompiledModel:
         parameters when needed.
         """
         kernels, own = self._kernels, self._own
+        # Looked up once here, since solvers call the function thousands of times.
         kernel = whole_kernel(kernels, self.layout, name)
 
         def call(t: float, x: Array, s: Array, u: Array | None) -> Array:
@@ -296,7 +321,15 @@ class CompiledModel:
         return lambda t, x, u: place(kernel(t, x, _NONE, u))
 
     def why_undefined(self, t: float, y: Array, p: Array, u: Array | None) -> str:
-        """Say why rates have no value at a point, as a sentence without a capital and an end."""
+        """Say why rates have no value at a point, as a sentence without a capital and an end.
+
+        Parameters
+        ----------
+        t : float
+            Time, [s].
+        y, p, u : ndarray, shapes (n_states,), (n_parameters,) and (n_inputs,)
+            States, parameters, and inputs, of which None takes the scene's.
+        """
         try:
             rates = self.bound("rhs", p)(t, y, _NONE, u)
         except SingularSystemError as error:

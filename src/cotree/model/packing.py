@@ -14,12 +14,9 @@ from cotree.program.kernels import KERNELS
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import numpy.typing as npt
-
+    from cotree.model.arrays import Array
     from cotree.model.kernels import Kernels
     from cotree.program import Layout
-
-    Array = npt.NDArray[np.float64]
 
 
 def whole_kernel(

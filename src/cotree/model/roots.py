@@ -19,12 +19,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.model.damped_newton import (
     Equation,
-    Limits,
     NaturalTest,
+    NewtonLimits,
     ResidualTest,
     Root,
     WholeSteps,
@@ -34,24 +33,24 @@ from cotree.model.damped_newton import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from cotree.model.arrays import Array
     from cotree.model.linear import Linear
 
-Array = npt.NDArray[np.float64]
 
 # Far from the root of an exponential each step is one unit of its argument, and the argument may
 # begin a hundred too high.
 _MOST_STEPS, _LEAST_DAMPING = 200, 1e-25
-_FAR = Limits(_MOST_STEPS, NaturalTest, _LEAST_DAMPING)
-_FALLING = Limits(_MOST_STEPS, ResidualTest, _LEAST_DAMPING)
+_FAR = NewtonLimits(_MOST_STEPS, NaturalTest, _LEAST_DAMPING)
+_FALLING = NewtonLimits(_MOST_STEPS, ResidualTest, _LEAST_DAMPING)
 
 #: Next to a root whole steps get there, or there is another one nearer.
-NEXT = Limits(20, WholeSteps)
+NEXT = NewtonLimits(20, WholeSteps)
 
 #: Close to a root little damping is needed; where there is none, that should be found out soon.
-NEAR = Limits(30, NaturalTest, 1.0 / 64.0)
+NEAR = NewtonLimits(30, NaturalTest, 1.0 / 64.0)
 
 #: Continuation: a root is followed in few steps, and what it advances by is halved where not.
-_CORRECTION = Limits(8, NaturalTest, _LEAST_DAMPING)
+_CORRECTION = NewtonLimits(8, NaturalTest, _LEAST_DAMPING)
 _LEAST_ADVANCE, _MOST_ADVANCES = 1e-6, 1000
 
 #: How far aside, as a share of the guess or of 1, and how often, to look for a better start.

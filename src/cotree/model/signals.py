@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.dag.evaluate import evaluate
 from cotree.dag.multi_output import Table, table
@@ -18,14 +17,14 @@ from cotree.scene.tables import parse_signal
 
 if TYPE_CHECKING:
     from cotree.dag.nodes import Node
+    from cotree.model.arrays import Array
     from cotree.scene.expressions import Expression
 
-Array = npt.NDArray[np.float64]
 Signal = Callable[[float], float]
 
 
 @dataclass(frozen=True)
-class Signals:
+class ReplacedInputs:
     """The inputs that a run puts in place of the scene's.
 
     Attributes
@@ -54,7 +53,7 @@ class Signals:
 
 def read_signals(
     values: Mapping[str, Any], names: tuple[str, ...], parameters: Mapping[str, float]
-) -> Signals:
+) -> ReplacedInputs:
     """Read the inputs of a run.
 
     Parameters
@@ -92,7 +91,7 @@ def read_signals(
             if isinstance(value, (int, float)):
                 tables[names.index(name)] = np.zeros(1), np.array([float(value)])
         by_position[names.index(name)] = _function_of_time(parsed, parameters)
-    return Signals(by_position, tuple(breakpoints), used, tables)
+    return ReplacedInputs(by_position, tuple(breakpoints), used, tables)
 
 
 def _function_of_time(value: Expression | Table, parameters: Mapping[str, float]) -> Signal:

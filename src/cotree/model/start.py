@@ -51,6 +51,7 @@ def find_start(at: Moment, initial: Mapping[str, float]) -> Start:
         s = _by_differences(at, initial, start)
     y, s = solve_start(at, y, s, held)
     y, s = settle_jumps(at, y, s, held)
+    # Checks come last, since they compare with values that the steps before have found.
     check_followers(model, initial, y)
     check_redundant(at, Start(y, s), set(initial))
     return Start(y, s, start.is_chosen)

@@ -57,6 +57,7 @@ def solve_start(at: Moment, y: Array, s: Array, held: Sequence[Pair] = ()) -> tu
         _solve_held(at, algebraic, y, held)
     else:
         algebraic.solve(at.t, y)
+    # Newton's method may also end at a solution that leaves unknowns free.
     algebraic.check_index(at.t, y)
     if at.model.sensitivities:
         s = _sensitivities(at, algebraic, y, s, held)
@@ -150,6 +151,7 @@ def settle_jumps(at: Moment, y: Array, s: Array, held: Sequence[Pair] = ()) -> t
         values, wanted = at.call("events", y), at.call("jumps", y)
         changed = False
         for row, value in zip(rows, values, strict=True):
+            # One jump at a time, since the others may look at what this one changes.
             if row.is_jump and row.direction * value > 0.0 and not changed:
                 (target,) = row.targets
                 changed = bool(y[target] != wanted[row.results.start])
@@ -177,6 +179,7 @@ def of_model(at: Moment) -> Algebraic:
     none, model, p, u = np.zeros(0), at.model, at.p, at.u
     rhs, layout = model.bound("rhs", p), model.layout
     n_algebraic, cut = layout.n_algebraic, len(layout.states) - layout.n_algebraic
+    # Rows of the algebraic equations alone are factorised.
     n_own = sum(row >= cut for row in layout.row_indices)
     jacobian = model.bound_jacobian(p, is_sparse=is_sparse(n_algebraic, n_own))
 

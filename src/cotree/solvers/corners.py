@@ -45,7 +45,17 @@ def turn_tolerances(problem: Problem) -> FloatArray:
 
 
 def turning(problem: Problem, t: float, entry: int) -> str:
-    """Say which sensitivity does not exist from a breakpoint on, as a sentence without its end."""
+    """Say which sensitivity does not exist from a breakpoint on, as a sentence without its end.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    t : float
+        The breakpoint, [s].
+    entry : int
+        The place of the sensitivity in z.
+    """
     what = describe_entry(problem, entry)
     if t == problem.t_span[0]:
         return (

@@ -9,40 +9,59 @@ from cotree.codegen.statuses import EVENT_STATUSES
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-#: The sentences by name: ``t`` is the time, ``detail`` a further time, a duration or a count.
+#: The sentences by the name of the status, or of what ends a run without a failure: ``t`` is the
+#: time, ``detail`` a further time, a duration or a count.
 VERDICTS = {
-    "not finite": "what event {event} looks at is not finite",
-    "set not finite": "what event {event} sets is not finite",
-    "contradicts": "what event {event} sets contradicts the constraints",
-    "chooses": "event {event} sets fewer states than the constraints leave free, so the others "
-    "follow by a choice that sensitivities do not know of: set as many as there are degrees of "
-    "freedom, or use an impact",
-    "rests": "event {event} at t = {t:.10g} leaves no speed away from zero, and the motion goes on "
-    "through it: let a mode hold what comes to rest, or stop there",
-    "grazes": "event {event} grazes at t = {t:.10g}: what it looks at only just touches zero, and "
-    "nothing there has sensitivities; change a parameter, or compile without sensitivities",
-    "accumulates": "event {event} happens ever faster and accumulates at t = {detail:.10g}: let a "
-    "mode hold what comes to rest, or stop there",
-    "chatters": "event {event} happened 100 times within {detail:.3g} s before t = {t:.10g}: let a "
-    "mode hold what chatters",
-    "endless": "events {event} make each other happen without end at t = {t:.10g}: let a mode hold "
-    "what chatters",
-    "slides": "{event} at t = {t:.10g}: from either side the motion is driven back to where this "
-    "jumps, so it neither crosses nor leaves; write a law that does not jump there (tanh for "
-    "sign), or let a mode of your own hold what sticks",
-    "leaves": "{event} at t = {t:.10g}: what rested where this jumps leaves there, and which way, "
-    "and when, depends on the side: begin aside of the jump, or let a mode of your own hold what "
-    "sticks",
-    "parts": "{event} and others jump at once at t = {t:.10g}, and what follows depends on which "
-    "comes first, so nothing has sensitivities there: change a parameter, or compile without "
-    "sensitivities",
+    "EVENTS_NOT_FINITE": "what event {event} looks at is not finite",
+    "EVENTS_SET_NOT_FINITE": "what event {event} sets is not finite",
+    "EVENTS_CONTRADICT": "what event {event} sets contradicts the constraints",
+    "EVENTS_CHOOSE": (
+        "event {event} sets fewer states than the constraints leave free, so the others follow by"
+        " a choice that sensitivities do not know of: set as many as there are degrees of "
+        "freedom, or use an impact"
+    ),
+    "EVENTS_REST": (
+        "event {event} at t = {t:.10g} leaves no speed away from zero, and the motion goes on "
+        "through it: let a mode hold what comes to rest, or stop there"
+    ),
+    "EVENTS_GRAZE": (
+        "event {event} grazes at t = {t:.10g}: what it looks at only just touches zero, and "
+        "nothing there has sensitivities; change a parameter, or compile without sensitivities"
+    ),
+    "EVENTS_ACCUMULATE": (
+        "event {event} happens ever faster and accumulates at t = {detail:.10g}: let a mode hold "
+        "what comes to rest, or stop there"
+    ),
+    "EVENTS_CHATTER": (
+        "event {event} happened 100 times within {detail:.3g} s before t = {t:.10g}: let a mode "
+        "hold what chatters"
+    ),
+    "EVENTS_ENDLESS": (
+        "events {event} make each other happen without end at t = {t:.10g}: let a mode hold what "
+        "chatters"
+    ),
+    "EVENTS_SLIDE": (
+        "{event} at t = {t:.10g}: from either side the motion is driven back to where this jumps,"
+        " so it neither crosses nor leaves; write a law that does not jump there (tanh for sign),"
+        " or let a mode of your own hold what sticks"
+    ),
+    "EVENTS_LEAVE": (
+        "{event} at t = {t:.10g}: what rested where this jumps leaves there, and which way, and "
+        "when, depends on the side: begin aside of the jump, or let a mode of your own hold what "
+        "sticks"
+    ),
+    "EVENTS_PART": (
+        "{event} and others jump at once at t = {t:.10g}, and what follows depends on which comes"
+        " first, so nothing has sensitivities there: change a parameter, or compile without "
+        "sensitivities"
+    ),
     "spends": "the limit of {detail:g} events is reached",
     "stops": "event {event} ends the run",
-    "fails": "the equations of the events cannot be evaluated at t = {t:.10g}",
+    "EVENTS_FAILED": "the equations of the events cannot be evaluated at t = {t:.10g}",
 }
 
 #: Names by the results of C.
-BY_STATUS = {row.number: row.verdict for row in EVENT_STATUSES}
+BY_STATUS = {row.number: row.name for row in EVENT_STATUSES}
 
 
 def verdict(name: str, events: Sequence[str], t: float = 0.0, detail: float = 0.0) -> str:

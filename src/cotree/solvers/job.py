@@ -82,11 +82,13 @@ class Job:
         self._errors: list[BaseException] = []
         self.rescue = Rescue(problem)
         c = self.job = self._ffi.new("cotree_job *")
+        # Zero would name the first entry.
         c.entry = c.row = c.column = -1
         c.has_sensitivities = int(problem.n_sensitivities > 0)
         c.is_held = int(problem.project is not None)
         c.is_extended = int(is_extended)
         if newton is None and problem.singular is not None:
+            # Off constraints that depend on each other there are no rates: C projects points first.
             c.is_strict = int(bool(problem.singular(problem.t_span[0], problem.z0)))
         self._set_model(problem, problem.native)
         self._set_values(row, problem, is_extended=is_extended)
@@ -99,6 +101,7 @@ class Job:
             aid = SundialsAid(engine, row, problem, c.model)
             c.aid, self.is_wide = aid.address, aid.is_wide
             self._kept.append(aid)
+        # Last, since the size follows from the stepper, its aid and what is integrated.
         c.memory = self._doubles(np.zeros(-(-int(self._lib.cotree_job_memory(c)) // 8)))
         self._make_all_room(problem)
 
@@ -175,6 +178,7 @@ class Job:
         if self._looks_from is not None:
             unwatched = self._looks_from - int(self.job.n_steps)
             self.job.is_waiting = int(unwatched <= 0)
+            # C would otherwise pass the step from which on it is to wait.
             most_steps = min(most_steps, unwatched) if unwatched > 0 else most_steps
         result = int(self._lib.cotree_job_run(self.job, most_steps))
         if self._errors:
@@ -248,7 +252,7 @@ class Job:
         assert problem.events is not None  # whose status it is
         rows, c = problem.events.rows, self.job
         events = [rows[c.event].name]
-        if name in ("endless", "slides"):
+        if name in ("EVENTS_ENDLESS", "EVENTS_SLIDE"):
             events = [row.name for i, row in enumerate(rows) if c.has_fired[i]]
         said = verdict(name, events, float(c.event_time), float(c.event_detail))
         return f"{said} ({self.rescue.complaint})" if self.rescue.complaint else said

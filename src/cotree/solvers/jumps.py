@@ -51,17 +51,18 @@ class ModelEvents:
     ) -> None:
         self.rows: tuple[EventRow, ...] = model.layout.events
         self._model, self._p, self._u = model, p, u
-        self._n, self._m = len(model.states), len(model.sensitivities)
-        self._values = model.bound("events", p)
-        self._jumps = model.bound("jumps", p)
-        self._along = model.bound("event_sensitivity", p)
-        self._rhs = model.bound("rhs", p)
-        #: Where the new values of each event stand among those of all.
-        self._own = [slice(row.results.start, row.results.stop) for row in self.rows]
+
+    def _at(self, t: float) -> Moment:
+        return Moment(self._model, t, self._p, self._u(t))
+
+    def _parts(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Give the states, and the sensitivities of each parameter in a column."""
+        n = len(self._model.states)
+        return z[:n], z[n:].reshape(len(self._model.sensitivities), n).T
 
     def values(self, t: float, z: FloatArray) -> FloatArray:
         """Evaluate what the events look at, shape (n_events,), a fresh array."""
-        return self._values(t, z[: self._n], z[self._n :], self._u(t)).copy()
+        return self._at(t).call("events", *self._parts(z))
 
     def check_start(self, t: float, z: FloatArray) -> None:
         """Refuse sensitivities where an expression jumps right at the start.
@@ -71,10 +72,11 @@ class ModelEvents:
         SolveError
             If a parameter moves the start off the jump, to either side of it.
         """
-        if not self._m or not any(row.is_jump for row in self.rows):
+        wanted = self._model.sensitivities
+        if not wanted or not any(row.is_jump for row in self.rows):
             return
         values = self.values(t, z)
-        along = self._along(t, z[: self._n], z[self._n :], self._u(t)).reshape(self._m, -1).copy()
+        along = self._at(t).call("event_sensitivity", *self._parts(z)).reshape(len(wanted), -1)
         for i, row in enumerate(self.rows):
             moving = np.flatnonzero(along[:, i])
             if not row.is_jump or values[i] != 0.0 or not moving.size:
@@ -82,22 +84,20 @@ class ModelEvents:
             if self._has_jump(row.targets[0], t, z):
                 raise SolveError(
                     f"'{row.name}' happens right at the start, t = {t:.6g}, and "
-                    f"'{self._model.sensitivities[int(moving[0])]}' moves the start off it, to "
+                    f"'{wanted[int(moving[0])]}' moves the start off it, to "
                     "either side: there is no derivative; begin aside of the jump, or compile "
                     "without this sensitivity"
                 )
 
     def _has_jump(self, mode: int, t: float, z: FloatArray) -> bool:
         """Tell whether rates change with a mode that stands for a jump."""
-        y, u = z[: self._n], self._u(t)
-        s = z[self._n :].reshape(self._m, self._n).T
-        new = self._jumps(t, y, z[self._n :], u).copy()
-        rates = []
-        for own, row in zip(self._own, self.rows, strict=True):
+        at, (y, s), rates = self._at(t), self._parts(z), []
+        new = at.call("jumps", y, s)
+        for row in self.rows:
             if row.targets == (mode,):
                 other = y.copy()
-                other[mode] = new[own][0]
-                other, _ = solve_start(Moment(self._model, t, self._p, u), other, s)
-                rates.append(self._rhs(t, other, np.zeros(0), u).copy())
+                other[mode] = new[row.results.start]
+                other, _ = solve_start(at, other, s)
+                rates.append(at.call("rhs", other))
         spread = np.ptp(rates, axis=0)
         return bool(np.any(spread > _SAME_RATE * np.max(np.abs(rates), axis=0)))

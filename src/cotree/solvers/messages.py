@@ -30,7 +30,19 @@ _SOON = 1e-3
 
 
 def summary(problem: Problem, method: str, t: float, reason: str) -> list[str]:
-    """Say in sentences where a method arrived, or why it stopped, and with which tolerance."""
+    """Say in sentences where a method arrived, or why it stopped, and with which tolerance.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    method : str
+        The method that ran.
+    t : float
+        How far it came, [s].
+    reason : str
+        Why it stopped before the end, without a capital and a full stop; or empty.
+    """
     sentences = [f"{method} reached t = {t:.10g}."]
     if reason:
         end = problem.t_span[1]
@@ -51,6 +63,15 @@ def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
 
     C reports that the rates fail, but not why: they are evaluated here along the tangent of the
     motion.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    t : float
+        Time of the last good point, [s].
+    z : ndarray, shape (n_states * (1 + n_sensitivities),)
+        The point.
     """
     if problem.undefined is None or problem.state_rhs is None:
         return ""
@@ -92,7 +113,17 @@ def _rounding_of_time(problem: Problem, t: float) -> str:
 
 
 def told(problem: Problem, method: str, t: float, reason: str, cause: str, passage: str) -> str:
-    """Return the summary with the cause of a failure and with what was passed on the way."""
+    """Return the summary with the cause of a failure and with what was passed on the way.
+
+    Parameters
+    ----------
+    problem, method, t, reason
+        As for :func:`summary`.
+    cause : str
+        What was first not finite, as a phrase; or empty.
+    passage : str
+        A sentence on singular configurations; or empty.
+    """
     why = f"{reason}; {cause}" if cause and cause not in reason else reason
     sentences = summary(problem, method, t, why)
     if passage:

@@ -95,6 +95,7 @@ def refusal(method: str, problem: Problem) -> str:
         return problem.not_native
     if row.family == "correctors" and problem.events is not None:
         return "there are events"
+    # An own method takes unknowns that are all algebraic; SUNDIALS needs a rate to integrate.
     if row.family == "cotree":
         if problem.size == 0:
             return "there is nothing for C to do"
@@ -136,7 +137,17 @@ class Successor(Protocol):
     note: str
 
     def take_over(self, problem: Problem, first: Trajectory, job: Job) -> Trajectory | None:
-        """Continue from where a job waits; None lets the job continue, and ``note`` says why."""
+        """Continue from where a job waits; None lets the job continue, and ``note`` says why.
+
+        Parameters
+        ----------
+        problem : Problem
+            The whole problem.
+        first : Trajectory
+            What the job has kept.
+        job : Job
+            It waits because it finds the problem stiff.
+        """
         ...
 
 
@@ -205,6 +216,7 @@ def _run(
             trajectory = successor.take_over(problem, first, job)
             if trajectory is not None:
                 return trajectory
+            # Asking again costs eigenvalues: only after as many steps as were taken so far.
             job.wait_where_stiff(2 * int(job.job.n_steps))
             ended = run_job(job, problem, method, ended.seconds)
         return ended
@@ -280,20 +292,36 @@ def _advance(job: Job, problem: Problem, begin: float, progress: Progress) -> tu
             return 0, "", False
         if job.has_spent_events:
             return BUDGET_SPENT, verdict("spends", [], detail=job.job.most_events), False
+        # Checked after events, which end a run whatever is left of the budget of steps.
         if limit is not None and others + job.job.n_steps >= limit:
             return BUDGET_SPENT, f"the limit of {limit} steps is reached", False
         if problem.time_limit is not None and now - begin > problem.time_limit:
             return BUDGET_SPENT, f"the time limit of {problem.time_limit:g} s is spent", False
+        # So many steps as fill a tenth of a second: Ctrl-C and the time limit are seen soon
+        # enough, and the way into C and back costs nothing beside them.
         rest = _GLANCE if problem.time_limit is None else problem.time_limit - (now - begin)
         rate = (job.job.n_steps - taken) / max(now - before, 1e-9)
         steps = int(min(max(1.0, rate * min(_GLANCE, rest)), 10.0 * steps))
 
 
 def trajectory_of(job: Job, problem: Problem, method: str, ended: Ended) -> Trajectory:
-    """Return the values that a job has kept, with the last good point of a failed job."""
+    """Return the values that a job has kept, with the last good point of a failed job.
+
+    Parameters
+    ----------
+    job : Job
+        It has ended, or waits.
+    problem : Problem
+        Its problem.
+    method : str
+        Its method, for the message.
+    ended : Ended
+        What became of it.
+    """
     c = job.job
     kept = int(c.n_kept)
     t, values = job.times[:kept], job.values[:kept]
+    # A run that stops early also stores where it stopped, whether that was asked for or not.
     if (ended.status != 0 or ended.reason) and not (kept and t[-1] == c.t):
         t, values = np.append(t, c.t), np.vstack([values, job.z])
     statistics = Statistics(

@@ -60,7 +60,17 @@ class Rescue:
         return self._find(find, y)
 
     def find_states(self, t: float, y: FloatArray, kept: Sequence[int]) -> bool:
-        """Move states onto the constraints, in place, but for those kept."""
+        """Move states onto the constraints, in place; tell whether that was possible.
+
+        Parameters
+        ----------
+        t : float
+            Time, [s].
+        y : ndarray, shape (n_states,)
+            States as an event set them.
+        kept : sequence of int
+            Places of those that stay as they are.
+        """
         settle = self._problem.settle
         return settle is not None and self._find(lambda point: settle(t, point, kept), y)
 

@@ -67,6 +67,7 @@ def integrate(problem: Problem, method: str = "auto") -> Trajectory:
     if method != "auto":
         return _solve(problem, method)
     before = time.perf_counter()
+    # The choice below probes with this engine: its compilation is counted apart from the run.
     if not refusal("dop853", problem):
         load_engine("dop853")
     compiling = time.perf_counter() - before
@@ -96,6 +97,7 @@ def _solve(problem: Problem, method: str, successor: Succession | None = None) -
     if found.status != FAILED or problem.singular is None or beyond_scipy(problem):
         return found
     # Around SciPy's methods Python crosses singular positions with a looser tolerance.
+    # What C did counts in the budget.
     taken = problem.steps_taken + found.statistics.n_steps
     left = dataclasses.replace(problem, steps_taken=taken)
     return _stand_in(left, row, found.message.rstrip("."))

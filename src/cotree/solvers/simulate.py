@@ -15,7 +15,7 @@ from cotree.errors import ParameterError, SolveError, nearest
 from cotree.model.consistent import consistent_start
 from cotree.model.contents import content_sizes
 from cotree.model.moment import Moment
-from cotree.model.signals import Signals, read_signals
+from cotree.model.signals import ReplacedInputs, read_signals
 from cotree.model.start import find_start
 from cotree.scene.expressions import check_number
 from cotree.solvers.augmented import DENSE_LIMIT
@@ -95,6 +95,7 @@ def simulate(
     signals = read_signals(settings.inputs, model.inputs, values)
     _check_replaced(model, settings.inputs, signals)
     u = _input_function(model, p, signals)
+    # Norms of quaternions are among the constraints: a free body is projected, too.
     is_held = settings.project and bool(model.layout.constraints)
     projection = Projection(model, p, u) if is_held else None
     t_span, jacobian = _span(settings.t_span), model.bound_jacobian(p)
@@ -142,6 +143,7 @@ def simulate(
     )
     warn_of_tolerances(problem)
     trajectory = timely(problem, integrate(problem, settings.method))
+    # Redundancy may come and go along a motion, so a few points are looked at, not the start alone.
     redundant = _redundant(model, projection, trajectory)
     trajectory = held(problem, trajectory, redundant)
     if trajectory.status != 0:
@@ -262,7 +264,9 @@ def _times(t_eval: Any) -> FloatArray | None:
         raise SolveError("t_eval must be a sequence of numbers") from None
 
 
-def _check_replaced(model: CompiledModel, inputs: Mapping[str, Any], signals: Signals) -> None:
+def _check_replaced(
+    model: CompiledModel, inputs: Mapping[str, Any], signals: ReplacedInputs
+) -> None:
     """Refuse to replace an input where sensitivities depend on the input's own."""
     for name, used in signals.parameters.items():
         for parameter in model.sensitivities:
@@ -296,7 +300,7 @@ def _span(t_span: Any) -> tuple[float, float]:
 
 
 def _input_function(
-    model: CompiledModel, p: FloatArray, signals: Signals
+    model: CompiledModel, p: FloatArray, signals: ReplacedInputs
 ) -> Callable[[float], FloatArray | None]:
     """Give u as a function of time; None leaves it to the model."""
     nothing = np.zeros(0)
@@ -344,12 +348,13 @@ def _sparse_jacobian(
     n = len(model.states)
     if model.layout.n_algebraic or n <= DENSE_LIMIT:
         return None
+    # Dense factorisations are faster than sparse ones of matrices that fill in.
     if len(model.layout.row_indices) > _LARGEST_SHARE * n * n:
         return None
     return lambda t, y: model.jacobian_sparse(t, y, p, u(t))
 
 
-def _native(model: CompiledModel, p: FloatArray, signals: Signals) -> dict[str, Any]:
+def _native(model: CompiledModel, p: FloatArray, signals: ReplacedInputs) -> dict[str, Any]:
     """Return the native form of the problem, or the reason why C cannot take it."""
     native = model.native(p)
     if native is None:

@@ -61,7 +61,13 @@ def fastest_growth(problem: Problem, t: float, z: FloatArray) -> float:
 
 
 def largest_decaying(problem: Problem, t: float, z: FloatArray) -> float:
-    """Return the size of the largest eigenvalue among modes that decay, however slowly, [1/s]."""
+    """Return the size of the largest eigenvalue among modes that decay, however slowly, [1/s].
+
+    Parameters
+    ----------
+    problem, t, z
+        As for :func:`fastest_growth`.
+    """
     modes = _modes(problem, [(t, z)], problem.direction)
     return float(np.max(np.abs(modes), initial=0.0))
 

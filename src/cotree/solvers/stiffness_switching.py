@@ -98,6 +98,7 @@ class Succession:
         other = stiff_method(problem)
         second = self.solve(rest, other)
         became = f"from t = {since:.6g} on its steps were as short as stability asks"
+        # A method that fails is not asked again: each attempt would integrate up to the same place.
         if second.status == FAILED:
             self._has_failed = True
             self.note = f"{method} went on by itself, although {became}: {second.message}"
@@ -134,6 +135,7 @@ def _rest(problem: Problem, first: Trajectory, t: float, z: FloatArray) -> Probl
     wanted = problem.t_eval
     if wanted is not None:
         wanted = wanted[len(first.t) :]
+        # Without any wanted point left the end is asked for, to have something to integrate to.
         wanted = wanted if len(wanted) else np.array([problem.t_span[1]])
     work, steps, events, limit = first.statistics, None, None, None
     taken = problem.steps_taken + work.n_steps

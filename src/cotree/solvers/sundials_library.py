@@ -67,6 +67,7 @@ def library_path(library: str) -> LibraryPath:
         "cvode", "ida", "cvodes" or "idas".
     """
     named = os.environ.get(VARIABLE, "")
+    # What the user names is taken or refused, never passed over for another library.
     if named:
         if os.path.isfile(named):
             return LibraryPath(os.path.abspath(named))
@@ -119,6 +120,15 @@ def version_of(ffi: Any, library: Any, path: str) -> tuple[int, ...]:
 
     sundials4py leaves out the function that tells it: there the package's own version is
     SUNDIALS', and stands in a name beside the file.
+
+    Parameters
+    ----------
+    ffi : object
+        Declares ``SUNDIALSGetVersionNumber``.
+    library : object
+        The opened library.
+    path : str
+        Its file.
     """
     try:
         tell = library.SUNDIALSGetVersionNumber

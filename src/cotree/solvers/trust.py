@@ -46,14 +46,30 @@ def warn_of_tolerances(problem: Problem) -> None:
 def warn_of_result(
     problem: Problem, trajectory: Trajectory, followers: Sequence[tuple[int, int]] = ()
 ) -> None:
-    """Warn where tolerances tested nothing; followers are those of the model's layout."""
+    """Warn where tolerances tested nothing.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    trajectory : Trajectory
+        Its outcome.
+    followers : sequence of (int, int)
+        Contents of storages and what follows from them, by the model's layout.
+    """
     if trajectory.status == 0:
         _warn(_untested(problem, trajectory))
         _warn(_left_free(problem, trajectory, followers))
 
 
 def warn_of_redundancy(problem: Problem, trajectory: Trajectory, redundant: int) -> None:
-    """Warn where constraints are redundant and the tolerance is loose."""
+    """Warn where constraints are redundant and the tolerance is loose.
+
+    Parameters
+    ----------
+    problem, trajectory, redundant
+        As for :func:`held`.
+    """
     if trajectory.status == 0 and redundant and problem.rtol > _ROUGH:
         _warn(
             f"constraints are redundant, which {trajectory.statistics.method} follows with errors "
@@ -66,6 +82,15 @@ def held(problem: Problem, trajectory: Trajectory, redundant: int) -> Trajectory
 
     Either the projection moved the states by far more than the tolerance, or constraints are
     redundant and the tolerance is too loose for that.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    trajectory : Trajectory
+        Its outcome.
+    redundant : int
+        How many constraints follow from the others.
     """
     tolerance = max(problem.rtol, float(np.min(problem.atol)), _CORRECTED_RTOL)
     drift = trajectory.drift
