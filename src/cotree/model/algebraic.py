@@ -163,19 +163,6 @@ class Algebraic:
         UnsolvedError
             If that block is singular.
         """
-        return self._refresh(t, y)
-
-    def reduced(self, t: float, y: Array) -> Array:
-        """Give the derivatives of x' by x along the solutions, shape (n_x, n_x)."""
-        matrix, linear = self.linearised(t, y)
-        return eliminated(matrix, linear.solve, self.cut)
-
-    def residual(self, t: float, y: Array) -> Array:
-        """Give what is left of the equations at a point, a fresh array."""
-        return np.array(self._rates(t, y)[self.cut :])
-
-    def _refresh(self, t: float, y: Array) -> tuple[Matrix, Linear]:
-        """Form the Jacobian of a point, and what further steps need of it."""
         matrix = self._jacobian(t, y)
         try:
             linear = linearise(matrix[self.cut :], y)
@@ -187,6 +174,15 @@ class Algebraic:
             ) from None
         self._linear = linear
         return matrix, linear
+
+    def reduced(self, t: float, y: Array) -> Array:
+        """Give the derivatives of x' by x along the solutions, shape (n_x, n_x)."""
+        matrix, linear = self.linearised(t, y)
+        return eliminated(matrix, linear.solve, self.cut)
+
+    def residual(self, t: float, y: Array) -> Array:
+        """Give what is left of the equations at a point, a fresh array."""
+        return np.array(self._rates(t, y)[self.cut :])
 
     def _check_index(self, slopes: Iterable[Matrix]) -> None:
         """Refuse equations that leave unknowns undetermined at every point given."""

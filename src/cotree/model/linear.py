@@ -146,9 +146,22 @@ def solve_entries(rows: Any, columns: Any, values: Array, b: Array) -> Array:
 
     matrix = coo_matrix((values, (rows, columns)), shape=(len(b), len(b)))
     if not is_sparse(len(b), len(values)):
-        return np.linalg.solve(matrix.toarray(), b)
+        return solve_with(matrix.toarray(), b)
     if not np.all(np.isfinite(values)):
         raise np.linalg.LinAlgError("not finite")
+    return solve_with(matrix, b)
+
+
+def solve_with(matrix: Matrix, b: Array) -> Array:
+    """Solve with a square matrix, full or sparse.
+
+    Raises
+    ------
+    LinAlgError
+        If the matrix is singular.
+    """
+    if isinstance(matrix, np.ndarray):
+        return np.asarray(np.linalg.solve(matrix, b), dtype=np.float64)
     return _factorised(matrix)(b)
 
 

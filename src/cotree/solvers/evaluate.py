@@ -27,6 +27,8 @@ from cotree.solvers.problem import describe_entry
 from cotree.tolerances import FARTHEST_CORRECTION
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from cotree.solvers.base import FloatArray
     from cotree.solvers.problem import Problem
 
@@ -232,15 +234,8 @@ class Evaluator:
         if self.problem.jacobian is None:
             checked = self._checked(t, self._differences(t, z)[:n_states])
             return checked
-        self._check_budgets()
-        point = np.ascontiguousarray(self._where_rates_are(t, z)[:n_states], dtype=np.float64)
-        try:
-            matrix = self.problem.jacobian(self.inside(t), point)
-        except SingularSystemError as error:
-            raise IntegrationStopError(FAILED, str(error)) from None
-        except UnsolvedError as error:
-            self.not_finite = self.not_finite or str(error)
-            matrix = np.full((n_states, n_states), np.nan)
+        point = self._where_rates_are(t, z)[:n_states]
+        matrix = self._evaluate(self.problem.jacobian, t, point, (n_states, n_states))
         checked = self._checked(t, np.array(matrix, dtype=np.float64))
         return checked
 
@@ -248,15 +243,9 @@ class Evaluator:
         """Return the same in SciPy's CSC form; see :attr:`Problem.sparse_jacobian`."""
         assert self.problem.sparse_jacobian is not None
         self.njev += 1
-        self._check_budgets()
-        point = np.ascontiguousarray(
-            self._where_rates_are(t, z)[: self.problem.n_states], dtype=np.float64
-        )
-        try:
-            matrix = self.problem.sparse_jacobian(self.inside(t), point)
-        except SingularSystemError as error:
-            raise IntegrationStopError(FAILED, str(error)) from None
-        return self._checked(t, matrix)
+        n = self.problem.n_states
+        point = self._where_rates_are(t, z)[:n]
+        return self._checked(t, self._evaluate(self.problem.sparse_jacobian, t, point, (n, n)))
 
     def first_columns(self, t: float, z: FloatArray) -> FloatArray:
         """Return the derivatives of z' by the states, shape (size, n_states)."""
@@ -287,23 +276,33 @@ class Evaluator:
 
     def _call(self, t: float, z: FloatArray) -> FloatArray:
         self.nfev += 1
+        # Solvers keep references to what they get, and a compiled kernel may reuse its buffer.
+        dz = np.array(self._evaluate(self.problem.rhs, t, z, z.shape), dtype=np.float64)
+        if dz.shape != z.shape:
+            raise SolveError(
+                f"The right-hand side returned shape {dz.shape} where {z.shape} is needed."
+            )
+        return dz
+
+    def _evaluate(
+        self, function: Callable[[float, FloatArray], Any], t: float, z: FloatArray, shape: Any
+    ) -> Any:
+        """Call a function of the problem; nan where a shorter step may help.
+
+        Raises
+        ------
+        IntegrationStopError
+            If nothing has a value there, or a budget is spent.
+        """
         self._check_budgets()
-        point = np.ascontiguousarray(z, dtype=np.float64)
         try:
-            rates = self.problem.rhs(self.inside(t), point)
+            return function(self.inside(t), np.ascontiguousarray(z, dtype=np.float64))
         except SingularSystemError as error:  # a configuration on the way, not a wrong scene
             raise IntegrationStopError(FAILED, str(error)) from None
         except UnsolvedError as error:
             # Methods shorten a step where the derivative is not a number.
             self.not_finite = self.not_finite or str(error)
-            return np.full_like(point, np.nan)
-        # Solvers keep references to what they get, and a compiled kernel may reuse its buffer.
-        dz = np.array(rates, dtype=np.float64)
-        if dz.shape != point.shape:
-            raise SolveError(
-                f"The right-hand side returned shape {dz.shape} where {point.shape} is needed."
-            )
-        return dz
+            return np.full(shape, np.nan)
 
     def _differences(self, t: float, z: FloatArray) -> FloatArray:
         point = np.array(z, dtype=np.float64)

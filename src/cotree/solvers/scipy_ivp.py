@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cotree.model.linear import solve_with
 from cotree.solvers.augmented import augmented_tolerances
 from cotree.solvers.first_step import first_step
 from cotree.solvers.messages import ROUNDING_LEVEL
@@ -290,14 +291,11 @@ class ScipyStepper:
 
 def _solve(jacobian: Any, share: float, left: FloatArray) -> FloatArray:
     """Solve with I - share J; zeros where that is singular."""
-    try:
-        if isinstance(jacobian, np.ndarray):
-            matrix = np.eye(len(left)) - share * jacobian
-            return np.asarray(np.linalg.solve(matrix, left), dtype=np.float64)
-        from scipy.sparse import csc_matrix, identity
-        from scipy.sparse.linalg import splu
+    from scipy.sparse import identity
 
-        sparse = csc_matrix(identity(len(left), format="csc") - share * jacobian)
-        return np.asarray(splu(sparse).solve(left), dtype=np.float64)
-    except (np.linalg.LinAlgError, RuntimeError):
+    n = len(left)
+    unit = np.eye(n) if isinstance(jacobian, np.ndarray) else identity(n, format="csc")
+    try:
+        return solve_with(unit - share * jacobian, left)
+    except np.linalg.LinAlgError:
         return np.zeros_like(left)

@@ -107,7 +107,7 @@ def simulate(
     if events is not None:
         events.check_start(t_span[0], z0)
     problem = Problem(
-        rhs=_rhs(model, p, u),
+        rhs=_rates(model, p, u, "augmented_rhs" if model.sensitivities else "rhs"),
         jacobian=lambda t, y: jacobian(t, y, u(t)),
         n_states=len(model.states),
         n_sensitivities=len(model.sensitivities),
@@ -134,7 +134,7 @@ def simulate(
         settle=_settle(model, p) if is_held else None,
         singular=projection.singular if projection and projection.has_rows else None,
         n_algebraic=model.layout.n_algebraic,
-        state_rhs=_state_rhs(model, p, u),
+        state_rhs=_rates(model, p, u, "rhs"),
         undefined=lambda t, y: model.why_undefined(t, y, p, u(t)),
         sparse_jacobian=_sparse_jacobian(model, p, u),
         **_native(model, p, signals),
@@ -312,23 +312,12 @@ def _input_function(
     return lambda t: signals.apply(t, own(t, nothing, nothing, nothing).copy())
 
 
-def _rhs(
-    model: CompiledModel, p: FloatArray, u: Callable[[float], FloatArray | None]
+def _rates(
+    model: CompiledModel, p: FloatArray, u: Callable[[float], FloatArray | None], kernel: str
 ) -> Callable[[float, FloatArray], FloatArray]:
-    """Give the rates of states and sensitivities as one function."""
-    kernel = model.bound("augmented_rhs" if model.sensitivities else "rhs", p)
-    n = len(model.states)
-    if not model.inputs:
-        return lambda t, z: kernel(t, z[:n], z[n:], None)
-    return lambda t, z: kernel(t, z[:n], z[n:], u(t))
-
-
-def _state_rhs(
-    model: CompiledModel, p: FloatArray, u: Callable[[float], FloatArray | None]
-) -> Callable[[float, FloatArray], FloatArray]:
-    """Give the rates of the states as a function."""
-    kernel, nothing = model.bound("rhs", p), np.zeros(0)
-    return lambda t, y: kernel(t, y, nothing, u(t))
+    """Give the rates of the states, and of sensitivities where z has them, as one function."""
+    call, n = model.bound(kernel, p), len(model.states)
+    return lambda t, z: call(t, z[:n], z[n:], u(t))
 
 
 def _settle(

@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cotree.errors import Error
+from cotree.model.linear import solve_with
 from cotree.solvers.evaluate import FAILED
 
 if TYPE_CHECKING:
+    from cotree.model.linear import Matrix
     from cotree.solvers.base import FloatArray, Trajectory
     from cotree.solvers.problem import Problem
 
@@ -97,15 +99,14 @@ def _over_step(
         return change
     shift = np.zeros(problem.n_states)
     shift[: problem.n_states - problem.n_algebraic] = 1.0 / step
-    try:
-        if problem.sparse_jacobian is not None:
-            from scipy.sparse import csc_matrix, diags
-            from scipy.sparse.linalg import spsolve
+    if problem.sparse_jacobian is not None:
+        from scipy.sparse import diags
 
-            matrix = csc_matrix(diags(shift) - problem.sparse_jacobian(t, y))
-            return np.asarray(spsolve(matrix, change), dtype=np.float64)
+        matrix: Matrix = diags(shift) - problem.sparse_jacobian(t, y)
+    else:
         assert problem.jacobian is not None
-        dense = np.diag(shift) - np.array(problem.jacobian(t, y))
-        return np.asarray(np.linalg.solve(dense, change), dtype=np.float64)
+        matrix = np.diag(shift) - np.array(problem.jacobian(t, y))
+    try:
+        return solve_with(matrix, change)
     except np.linalg.LinAlgError:
         return step * change
