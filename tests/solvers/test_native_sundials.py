@@ -18,7 +18,7 @@ from sundials_cases import counted_contexts, follows_a_long_ladder, follows_an_o
 from cotree import Scene, load
 from cotree.codegen.sundials import SUNDIALS_FUNCTIONS
 from cotree.pipeline import formulate
-from cotree.solvers import engine, native, sundials_aid, sundials_library
+from cotree.solvers import engine, methods, sundials_aid, sundials_library
 from cotree.solvers.engine import load_engine
 from cotree.solvers.job import Job
 
@@ -245,7 +245,7 @@ def test_too_wide_a_band_with_events_is_factorised_all_the_same(monkeypatch):
 
 
 def test_many_states_beside_algebraic_unknowns_are_left_to_others(monkeypatch):
-    monkeypatch.setattr(native, "_MOST_REDUCED", 2)
+    monkeypatch.setattr(methods, "_MOST_REDUCED", 2)
     model = load("bridge-rectifier").compile()
     result = model.simulate((0.0, 1e-3), [1e-3], "cvode", 1e-6, 1e-8)
     assert "more than 2 states have algebraic unknowns" in result.message

@@ -150,10 +150,6 @@ class Finder:
         start = self.at.call("start", y) if self.model.layout.start_rows else np.zeros(0)
         return np.concatenate([own, start[self.conditions[level]]])
 
-    def distance(self, y: Array, level: int) -> float:
-        """Give the largest residual of a level, free of units; not finite where one is not."""
-        return float(np.max(np.abs(self.residual(y, level) / self.sizes[level]), initial=0.0))
-
     def _gradient(self, y: Array) -> Array:
         """Evaluate the derivatives of all rates by the speeds, those of the start last."""
         rows = np.zeros((0, self.n_speeds))

@@ -1,7 +1,7 @@
-"""The table of methods.
+"""The table of methods, and what those in C refuse.
 
-In: a method's name. Out: its row, by which :mod:`cotree.solvers.select` finds what runs it. A new
-method of a known family is one row of ``METHODS``.
+In: a method's name. Out: its row, by which :mod:`cotree.solvers.select` finds what runs it, or the
+sentence by which it refuses a problem. A new method of a known family is one row of ``METHODS``.
 
 Constrained problems are projected between steps. A one-step method goes on from the projected
 state after every step. A multistep method remembers states before, which a projection leaves
@@ -20,6 +20,12 @@ from cotree.errors import SolveError, nearest
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from cotree.solvers.problem import Problem
+
+
+# What is left after an elimination of algebraic unknowns is dense: more states are none of C's.
+_MOST_REDUCED = 2000
 
 
 @dataclass(frozen=True)
@@ -94,3 +100,46 @@ def method_row(method: str) -> Method:
     if method not in METHODS:
         raise SolveError(f"There is no method '{method}'{nearest(method, [*METHODS, 'auto'])}")
     return METHODS[method]
+
+
+def refusal(method: str, problem: Problem) -> str:
+    """Say why C cannot take a problem by a method, before anything is built; empty where it can.
+
+    Parameters
+    ----------
+    method : str
+        A name in ``METHODS`` with a stepper.
+    problem : Problem
+        It has passed ``check_problem``.
+
+    Returns
+    -------
+    str
+        A sentence without a capital and an end.
+    """
+    row = METHODS[method]
+    if problem.native is None:
+        return problem.not_native
+    if row.family == "correctors" and problem.events is not None:
+        return "there are events"
+    # An own method takes unknowns that are all algebraic; SUNDIALS needs a rate to integrate.
+    if row.family == "cotree":
+        if problem.size == 0:
+            return "there is nothing for C to do"
+        return _dependent(problem) if row.implicit else ""
+    if problem.n_states == problem.n_algebraic:
+        return "there are no states"
+    is_reduced = problem.n_algebraic > 0 and not row.keeps_algebraic
+    if is_reduced and problem.n_states > _MOST_REDUCED:
+        return f"more than {_MOST_REDUCED} states have algebraic unknowns beside them"
+    return ""
+
+
+def _dependent(problem: Problem) -> str:
+    """Say which constraints depend on each other at the start; empty where none do.
+
+    Stages of Rosenbrock methods are off the constraints, which then contradict each other.
+    """
+    edges = () if problem.singular is None else problem.singular(problem.t_span[0], problem.z0)
+    names = ", ".join(f"'{edge}'" for edge in edges)
+    return f"constraints of {names} are dependent at the start" if edges else ""

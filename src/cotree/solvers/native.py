@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from cotree.solvers.evaluate import BUDGET_SPENT, FAILED
 from cotree.solvers.event_messages import verdict
 from cotree.solvers.job import Job
 from cotree.solvers.messages import summary
-from cotree.solvers.methods import METHODS
+from cotree.solvers.methods import METHODS, refusal
 from cotree.solvers.progress import Progress
 from cotree.solvers.sundials_library import check_installed
 
@@ -28,15 +28,13 @@ if TYPE_CHECKING:
     from cotree.solvers.base import FloatArray
     from cotree.solvers.methods import Method
     from cotree.solvers.problem import Problem
+    from cotree.solvers.stiffness_switching import Succession
 
 # Results of cotree_job_run.
 _MORE, _FAILED, _STOPPED, _STIFF = 1, 2, 3, 4
 
 # Time that C runs before Python regains control, [s], and the number of steps it begins with.
 _GLANCE, _FIRST_STEPS = 0.1, 1000
-
-# What is left after an elimination of algebraic unknowns is dense: more states are none of C's.
-_MOST_REDUCED = 2000
 
 
 def check_available(method: str) -> None:
@@ -75,49 +73,6 @@ def is_available(method: str) -> bool:
     return True
 
 
-def refusal(method: str, problem: Problem) -> str:
-    """Say why C cannot take a problem by a method, before anything is built; empty where it can.
-
-    Parameters
-    ----------
-    method : str
-        A name in ``METHODS`` with a stepper.
-    problem : Problem
-        It has passed ``check_problem``.
-
-    Returns
-    -------
-    str
-        A sentence without a capital and an end.
-    """
-    row = METHODS[method]
-    if problem.native is None:
-        return problem.not_native
-    if row.family == "correctors" and problem.events is not None:
-        return "there are events"
-    # An own method takes unknowns that are all algebraic; SUNDIALS needs a rate to integrate.
-    if row.family == "cotree":
-        if problem.size == 0:
-            return "there is nothing for C to do"
-        return _dependent(problem) if row.implicit else ""
-    if problem.n_states == problem.n_algebraic:
-        return "there are no states"
-    is_reduced = problem.n_algebraic > 0 and not row.keeps_algebraic
-    if is_reduced and problem.n_states > _MOST_REDUCED:
-        return f"more than {_MOST_REDUCED} states have algebraic unknowns beside them"
-    return ""
-
-
-def _dependent(problem: Problem) -> str:
-    """Say which constraints depend on each other at the start; empty where none do.
-
-    Stages of Rosenbrock methods are off the constraints, which then contradict each other.
-    """
-    edges = () if problem.singular is None else problem.singular(problem.t_span[0], problem.z0)
-    names = ", ".join(f"'{edge}'" for edge in edges)
-    return f"constraints of {names} are dependent at the start" if edges else ""
-
-
 def _can_extend(row: Method, problem: Problem) -> bool:
     """Whether algebraic unknowns are integrated, too, and not solved for at each evaluation."""
     native = problem.native
@@ -131,28 +86,8 @@ def _can_extend(row: Method, problem: Problem) -> bool:
     )
 
 
-class Successor(Protocol):
-    """A method that may take over where an explicit method finds that its problem is stiff."""
-
-    note: str
-
-    def take_over(self, problem: Problem, first: Trajectory, job: Job) -> Trajectory | None:
-        """Continue from where a job waits; None lets the job continue, and ``note`` says why.
-
-        Parameters
-        ----------
-        problem : Problem
-            The whole problem.
-        first : Trajectory
-            What the job has kept.
-        job : Job
-            It waits because it finds the problem stiff.
-        """
-        ...
-
-
 def solve_in_c(
-    problem: Problem, method: str, successor: Successor | None = None
+    problem: Problem, method: str, successor: Succession | None = None
 ) -> Trajectory | str:
     """Integrate a checked problem in C, or say why C cannot.
 
@@ -162,7 +97,7 @@ def solve_in_c(
         It has passed ``check_problem``.
     method : str
         A name in ``METHODS`` with a stepper.
-    successor : Successor or None
+    successor : Succession or None
         The method that may take over where an explicit method finds that the problem is stiff.
 
     Returns
@@ -204,7 +139,7 @@ def solve_in_c(
 
 
 def _run(
-    job: Job, problem: Problem, method: str, successor: Successor | None, spent: float = 0.0
+    job: Job, problem: Problem, method: str, successor: Succession | None, spent: float = 0.0
 ) -> Ended | Trajectory:
     """Advance a job to its end, or let its successor go on; free what the stepper holds."""
     try:

@@ -17,8 +17,8 @@ from cotree.errors import SolveError
 from cotree.solvers.engine import load_engine
 from cotree.solvers.evaluate import FAILED
 from cotree.solvers.integration_loop import IN_C, beyond_scipy, solve_with_scipy
-from cotree.solvers.methods import method_row
-from cotree.solvers.native import check_available, compiled_in, refusal, solve_in_c
+from cotree.solvers.methods import method_row, refusal
+from cotree.solvers.native import check_available, compiled_in, solve_in_c
 from cotree.solvers.problem import check_problem
 from cotree.solvers.stiffness_probe import fastest_decay, fastest_growth
 from cotree.solvers.stiffness_switching import Succession, stiff_method

@@ -14,7 +14,7 @@ import numpy as np
 from cotree.codegen.tableaus import TABLEAUS
 from cotree.solvers.base import Drift, Statistics, Trajectory
 from cotree.solvers.evaluate import FAILED
-from cotree.solvers.native import refusal
+from cotree.solvers.methods import refusal
 from cotree.solvers.stiffness_probe import largest_decaying
 from cotree.solvers.sundials_library import has_sundials
 
