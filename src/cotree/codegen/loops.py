@@ -159,7 +159,17 @@ class _Writer:
             self.n_lines += 1 + bool(comment)
 
     def loop(self, rows: Sequence[Statement], comments: Sequence[str], period: int) -> None:
-        """Write a loop of statements that repeat after a period."""
+        """Write a loop of statements that repeat after a period.
+
+        Parameters
+        ----------
+        rows : sequence of Statement
+            All of them, every repetition.
+        comments : sequence of str
+            The comment before each; empty where there is none.
+        period : int
+            Number of statements of the body.
+        """
         body: list[Statement] = []
         for i in range(period):
             comment = _of_all(comments[i::period])

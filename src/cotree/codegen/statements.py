@@ -188,7 +188,17 @@ class Function:
 def function_of(
     name: str, body: Sequence[Statement], arguments: Iterable[Argument]
 ) -> tuple[Function, Expression]:
-    """Make a function of statements, and its call: those arguments are taken that it uses."""
+    """Make a function of statements, and its call.
+
+    Parameters
+    ----------
+    name : str
+        Its name, which the target completes.
+    body : sequence of Statement
+        Its statements.
+    arguments : iterable of Argument
+        What it may be given; those are taken that it uses.
+    """
     used = set().union(*map(uses, body))
     taken = [argument for argument in arguments if argument.name in used]
     given = [named(argument.given or argument.name) for argument in taken]

@@ -14,7 +14,17 @@ if TYPE_CHECKING:
 
 
 def spread(row: Mapping[int, Node], n: int, zero: Node) -> list[Node]:
-    """Write a row of ``n`` values out, zeros in the places that it leaves out."""
+    """Write a row out.
+
+    Parameters
+    ----------
+    row : mapping of int to Node
+        Its values by place.
+    n : int
+        Its length.
+    zero : Node
+        What stands in the places that it leaves out.
+    """
     return [row.get(i, zero) for i in range(n)]
 
 

@@ -18,6 +18,7 @@ from cotree.errors import ExpressionError
 from cotree.formulation.across import accelerate, move
 from cotree.formulation.augmented import augmented_mass_matrix
 from cotree.formulation.constraints import form_constraints, multiplier_loads
+from cotree.formulation.elements import actions
 from cotree.formulation.events import bind_events, started
 from cotree.formulation.frames import choose_frames
 from cotree.formulation.laws import applied_laws
@@ -29,7 +30,7 @@ from cotree.formulation.outputs import form_outputs
 from cotree.formulation.safety import check_inertia, met_where_idle, safe_pivots
 from cotree.formulation.start import body_starts, start_conditions
 from cotree.formulation.system import bind
-from cotree.formulation.through import balance, load, mass_matrix
+from cotree.formulation.through import balance, loads_of, mass_matrix
 from cotree.formulation.views import View
 from cotree.linear.tree import TreeLink
 from cotree.scene.motion_spaces import motion_spaces
@@ -170,7 +171,7 @@ def form_first_graph(
     attached = attach_network(whole, view)
     network, observed = attached.network, attached.observed
     laws = [*applied_laws(motion, still), *attached.loads]
-    loads = load(motion).plus(multiplier_loads(laws))
+    loads = loads_of(motion, actions(motion)).plus(multiplier_loads(laws))
     constraints, idle = form_constraints(motion, still, baumgarte)
     idle_guards = met_where_idle(idle, still)
 

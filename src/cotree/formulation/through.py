@@ -14,7 +14,7 @@ from cotree.components import Role
 from cotree.dag import vector
 from cotree.dag.dual import is_varied
 from cotree.formulation.clusters import Inertia, combined
-from cotree.formulation.elements import Sums, Wrench, actions, wrenches
+from cotree.formulation.elements import Sums, Wrench, wrenches
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -90,21 +90,17 @@ class Balance:
     beyond: tuple[Wrench, ...]
 
 
-def load(motion: Motion) -> Loads:
-    """Form the terminal equations of force elements and joint laws, and resolve the inertias."""
-    found = loads_of(motion, actions(motion))
-    with motion.system.dag.labelled("inertias"):
-        inertias = tuple(
-            None if inertia is None else resolved_field(motion.frames, i, inertia)
-            for i, inertia in enumerate(motion.clusters.inertias)
-        )
-    return replace(found, inertias=inertias)
-
-
 def loads_of(motion: Motion, elements: Sequence[Action], first: Loads | None = None) -> Loads:
-    """Sum the force elements and evaluate the laws of joints, without inertias.
+    """Sum the force elements, evaluate the laws of joints and resolve the inertias.
 
-    ``first`` are the first graph's loads, where this is a sensitivity graph's.
+    Parameters
+    ----------
+    motion : Motion
+        Positions and velocities.
+    elements : sequence of Action
+        The force elements that count.
+    first : Loads, optional
+        The first graph's, where these are a sensitivity graph's.
     """
     sums = Sums(len(motion.omega))
     for action in elements:
@@ -113,13 +109,17 @@ def loads_of(motion: Motion, elements: Sequence[Action], first: Loads | None = N
                 sums.gather(cluster, wrench)
     with motion.system.dag.labelled("terminal equations of joints"):
         efforts = tuple(_joint_efforts(motion, first))
-    clusters = range(len(motion.omega))
+    with motion.system.dag.labelled("inertias"):
+        inertias = tuple(
+            None if inertia is None else resolved_field(motion.frames, i, inertia)
+            for i, inertia in enumerate(motion.clusters.inertias)
+        )
     return Loads(
         tuple(elements),
-        tuple(sums.at(cluster) for cluster in clusters),
+        tuple(sums.at(cluster) for cluster in range(len(motion.omega))),
         efforts,
         tuple(effort.value for effort in efforts),
-        tuple(None for _ in clusters),
+        inertias,
     )
 
 
@@ -364,7 +364,16 @@ def carried_inertia(inertia: Inertia, arm: Vector) -> Inertia:
 
 
 def unit_wrench(inertia: Inertia, turning: Vector, shifting: Vector) -> Wrench:
-    """Form the wrench that gives an inertia a unit acceleration along a direction."""
+    """Form the wrench that gives an inertia a unit acceleration along a direction.
+
+    Parameters
+    ----------
+    inertia : Inertia
+        Mass m, first moment h and tensor J about the origin.
+    turning, shifting : Vector
+        Angular acceleration e and acceleration a of the origin, for a unit of the speed's rate:
+        force ``m a + e x h``, torque ``h x a + J e``.
+    """
     return Wrench(
         vector.add(vector.scale(inertia.mass, shifting), vector.cross(turning, inertia.moment)),
         vector.add(vector.cross(inertia.moment, shifting), vector.times(inertia.tensor, turning)),

@@ -9,8 +9,7 @@ from cotree.graph.common_forest import Contracted, common_forest
 from cotree.graph.linear_graph import GraphEdge, LinearGraph
 from cotree.graph.matrices import TopologyMatrix, f_circuit, f_cutset, incidence
 from cotree.graph.traversal import TreeStep
-from cotree.graph.tree import Tree, named_tree, select_tree
-from cotree.graph.walks import tree_walk
+from cotree.graph.tree import Tree, named_tree, select_tree, tree_walk
 
 __all__ = [
     "Contracted",

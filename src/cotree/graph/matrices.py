@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from cotree.graph.walks import tree_walk
+from cotree.graph.tree import tree_walk
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from cotree.errors import TopologyError, listed
 from cotree.graph.checks import check_spanned
-from cotree.graph.traversal import walk_edges
+from cotree.graph.traversal import TreeStep, walk_edges
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -153,6 +153,22 @@ def named_tree(graph: LinearGraph, names: Iterable[str]) -> Tree:
         graph, branches, "the tree's edges", "add an edge to the tree that reaches {them}"
     )
     return _tree_of(graph, branches)
+
+
+def tree_walk(tree: Tree) -> tuple[TreeStep, ...]:
+    """Walk the tree from the reference node outwards.
+
+    Parameters
+    ----------
+    tree : Tree
+        The tree.
+
+    Returns
+    -------
+    tuple of TreeStep
+        One step a branch: parents before children, siblings in edge order.
+    """
+    return walk_edges(tree.graph, tree.branches, tree.graph.reference)
 
 
 class Parts:

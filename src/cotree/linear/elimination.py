@@ -28,7 +28,15 @@ class Arithmetic(Protocol[T]):
         """Multiply an entry with the reciprocal of the pivot above it."""
 
     def less(self, entry: T | None, multiplier: T, other: T) -> T | None:
-        """Subtract a product from an entry; None stands for zero."""
+        """Subtract a product from an entry.
+
+        Parameters
+        ----------
+        entry : T or None
+            Of the remainder; None stands for zero, as in the result.
+        multiplier, other : T
+            The factor of the pivot's row, and that row's entry in the same column.
+        """
 
 
 @dataclass

@@ -50,7 +50,17 @@ def _skew(a: Vector) -> Matrix:
 
 
 def rigid(mass: Node, moment: Vector, tensor: Matrix) -> Spatial:
-    """Give the inertia of a rigid body: mass, first moment and inertia tensor."""
+    """Give the inertia of a rigid body.
+
+    Parameters
+    ----------
+    mass : Node
+        m, [kg].
+    moment : Vector
+        First moment h about the point of reference, [kg m]: the coupling E is ``-[h]x``.
+    tensor : Matrix
+        Second moment J about that point, [kg m^2].
+    """
     zero = mass.dag.zero
     unit = ((mass, zero, zero), (zero, mass, zero), (zero, zero, mass))
     return Spatial(unit, _skew(vector.neg(moment)), tensor)
@@ -84,7 +94,29 @@ def resolved(a: Spatial, step: Matrix) -> Spatial:
 def released(
     a: Spatial, turning: Vector, shifting: Vector, is_deferred: bool
 ) -> tuple[Gate, Spatial]:
-    """Release one speed: subtract w w^T / d, or defer it."""
+    """Release one speed: subtract w w^T / d, or defer it.
+
+    Parameters
+    ----------
+    a : Spatial
+        The inertia that the branch feels.
+    turning, shifting : Vector
+        Angular acceleration and acceleration of the point of reference for a unit of the speed's
+        rate: the direction s.
+    is_deferred : bool
+        Whether w w^T / d is left to be subtracted behind the next arm.
+
+    Returns
+    -------
+    gate : Gate
+        The wrench w = a s over its pivot d = s . w, and 1 / d.
+    left : Spatial
+        What the parent feels.
+
+    References
+    ----------
+    R. Featherstone, Int. J. Robotics Research 2 (1983) 13.
+    """
     force = vector.add(vector.times(a.force, shifting), vector.times(a.coupling, turning))
     torque = vector.add(
         vector.transposed_times(a.coupling, shifting), vector.times(a.torque, turning)

@@ -50,7 +50,17 @@ class Impact:
     def tangent(
         self, solved: SolvedSystem, seed: Mapping[Node, Node], restitution: Node
     ) -> list[Node]:
-        """Differentiate the speeds after it, along a direction that changes ``restitution`` too."""
+        """Differentiate the speeds after it along a direction.
+
+        Parameters
+        ----------
+        solved : SolvedSystem
+            The equations of motion, whose matrix is that of the impulse, too.
+        seed : mapping of Node to Node
+            The direction: tangents of symbols.
+        restitution : Node
+            The derivative of e along it.
+        """
         n = len(self.gradient)
         gradient = tangents(self.gradient, seed)
         forcing = [*gradient, *([solved.dag.zero] * (len(self.response) - n))]

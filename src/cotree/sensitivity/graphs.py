@@ -13,7 +13,13 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.derivative import tangents
 from cotree.dag.dual import tangent_of
-from cotree.dag.symbols import PARAMETER_CHANGE, SENSITIVITY, STATE_CHANGE, UNKNOWN_CHANGE
+from cotree.dag.symbols import (
+    PARAMETER_CHANGE,
+    SENSITIVITY,
+    STATE_CHANGE,
+    STATE_RATE,
+    UNKNOWN_CHANGE,
+)
 from cotree.dag.traverse import substitute
 from cotree.equations import Derivative, Equations, Quantity, substituted
 from cotree.errors import ParameterError, nearest
@@ -21,7 +27,6 @@ from cotree.formulation.constraints import stabilised
 from cotree.formulation.observed import observed_unit
 from cotree.formulation.outputs import output_tangents
 from cotree.sensitivity.constraint_data import gather_constraints, start_tangents
-from cotree.sensitivity.motion import motion_seed
 from cotree.sensitivity.networks import coupling_tangents, network_tangents
 from cotree.sensitivity.reach import Reach, rows_touched
 from cotree.sensitivity.seed import Seed, Support
@@ -275,7 +280,7 @@ def form_equations(
         n_modes=len(system.modes),
         events=first.events,
         motion=(
-            differentiate(first, {"t": motion_seed(first)}, support)[0]
+            differentiate(first, {"t": _motion_seed(first)}, support)[0]
             if scene.events or any(state.is_algebraic for state in first.states)
             else None
         ),
@@ -286,6 +291,21 @@ def form_equations(
         ),
     )
     return _closed(equations, first.measured) if first.measured else equations
+
+
+def _motion_seed(first: FirstGraph) -> dict[Node, Node]:
+    """Give the tangents along the motion: every state moves at its rate, and time at one.
+
+    Symbols stand for the rates of the states; see :mod:`cotree.dag.symbols`. The scene's
+    own inputs change with time as they do.
+    """
+    system = first.system
+    dag = system.dag
+    along = tangents(system.input_values, {system.time: dag.one})
+    inputs = zip(system.inputs.values(), along, strict=True)
+    seed = {state.symbol: dag.symbol(STATE_RATE, i) for i, state in enumerate(first.states)}
+    seed |= {symbol: tangent for symbol, tangent in inputs if not tangent.is_zero}
+    return seed | {system.time: dag.one}
 
 
 def _common_direction(first: FirstGraph, wanted: Sequence[str], support: Support) -> Derivative:

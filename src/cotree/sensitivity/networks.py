@@ -124,7 +124,22 @@ def network_tangents(
 def coupling_tangents(
     first: FirstGraph, directions: Sequence[Mapping[Node, Node]], support: Support
 ) -> dict[Node, Tangent]:
-    """Differentiate what ports of the networks measure, by the sensitivity graphs of mechanics."""
+    """Differentiate what ports of the networks measure, by the sensitivity graphs of mechanics.
+
+    Parameters
+    ----------
+    first : FirstGraph
+        The first graph.
+    directions : sequence of mapping of Node to Node
+        Tangents of the symbols that change along each direction.
+    support : Support
+        Shared with other directions.
+
+    Returns
+    -------
+    dict of Node to Tangent
+        Derivatives of values, rates and accelerations of the ports' measures, by these.
+    """
     measured = {
         getattr(coupling, form): (coupling.measure, form)
         for coupling in first.couplings

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from cotree.dag.dual import is_varied, tangent_of, varied
 from cotree.formulation.elements import Sums, Wrench, act
-from cotree.formulation.through import gather_chords, loads_of, project_cutsets, resolved_field
+from cotree.formulation.through import gather_chords, loads_of, project_cutsets
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -82,13 +81,7 @@ def _loads(view: View, first: Loads, applied: Sequence[Applied]) -> Loads:
         if _is_reached(motion, action):
             with motion.system.dag.labelled(f"terminal equation of {action.edge.name}"):
                 elements.append(act(motion, action.edge))
-    found = loads_of(motion, elements, first).plus(list(_pulls(view, applied)))
-    with motion.system.dag.labelled("terminal equations of inertias"):
-        inertias = tuple(
-            None if local is None else resolved_field(motion.frames, cluster, local)
-            for cluster, local in enumerate(motion.clusters.inertias)
-        )
-    return replace(found, inertias=inertias)
+    return loads_of(motion, elements, first).plus(list(_pulls(view, applied)))
 
 
 def _is_reached(motion: Motion, action: Action) -> bool:
