@@ -12,10 +12,10 @@ from cotree.codegen.statements import (
     Array,
     Assign,
     Comment,
-    Function,
-    Guard,
+    ConstantTable,
+    FunctionPart,
+    LeaveUnless,
     Loop,
-    Table,
     function_of,
     n_operations,
     uses,
@@ -35,7 +35,7 @@ def test_numbers_and_functions_are_of_the_type_of_the_target():
     x = dag.symbol("x", 0)
     root = dag.function("sin", x) * 0.5 + dag.function("sign", x) + dag.select(x, x, dag.one)
     (value,) = print_nodes([root], {}, {}).values
-    rows = Assign((temporary("v", 0),), value), Guard(value, whole(3), is_strict=True)
+    rows = Assign((temporary("v", 0),), value), LeaveUnless(value, whole(3), is_strict=True)
     texts = [_lines(target, *rows) for target in (DOUBLE, FLOAT)]
     assert texts[1] == [
         text.replace("double", "float")
@@ -53,7 +53,7 @@ def test_lanes_compute_with_vectors_and_read_numbers():
         "VECTOR w[2];",
         "const VECTOR v0 = 0.5 * column[3];",
     ]
-    table = Table("c_0", SCALAR, (1.0, 2.5))
+    table = ConstantTable("c_0", SCALAR, (1.0, 2.5))
     assert _lines(LANES, table)[0] == "static const double c_0[2] = {"
 
 
@@ -61,7 +61,7 @@ def test_functions_that_are_part_of_another_are_named_by_the_target():
     body = [Assign((element("result", 0),), element("shared", 1))]
     arguments = [Argument("shared"), Argument("here"), Argument("result", is_constant=False)]
     function, call = function_of("f_1", body, arguments)
-    assert function == Function("f_1", [arguments[0], arguments[2]], body)
+    assert function == FunctionPart("f_1", [arguments[0], arguments[2]], body)
     written = print_body(Blocks([function], [Assign((named("status"),), call)]), LANES)
     assert written.blocks[0].signature.startswith("TARGET COTREE_APART static void NAMED(f_1)(")
     assert written.lines == ["status = NAMED(f_1)(shared, result);"]
@@ -69,7 +69,7 @@ def test_functions_that_are_part_of_another_are_named_by_the_target():
 
 def test_places_of_loops_stand_in_parentheses_only_where_they_must():
     place = Assign((element("y", Affine(-2, 9)),), element("x", Affine(1, 0)))
-    guard = Guard(element("x", Affine(3, 1)), whole(Affine(1, 1)), is_strict=False)
+    guard = LeaveUnless(element("x", Affine(3, 1)), whole(Affine(1, 1)), is_strict=False)
     loop = Loop(4, (Comment("a*/b"), place, guard))
     assert _lines(DOUBLE, loop) == [
         "for (int i = 0; i < 4; ++i) {",

@@ -23,10 +23,10 @@ from cotree.codegen.statements import (
     Assign,
     Call,
     Comment,
-    Guard,
+    ConstantTable,
+    LeaveUnless,
     Loop,
     Report,
-    Table,
     declared_by,
     function_of,
     n_operations,
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Sequence
 
     from cotree.codegen.expressions import Temporary
-    from cotree.codegen.statements import Function, Statement
+    from cotree.codegen.statements import FunctionPart, Statement
 
 #: Operations of a block at most. Measured with gcc 12: longer blocks compile slower and run no
 #: faster, shorter ones pass more values through memory.
@@ -54,13 +54,13 @@ class Blocks:
 
     Attributes
     ----------
-    functions : list of Function
+    functions : list of FunctionPart
         In the order of their calls; none where it is not cut.
     statements : list of Statement
         Those of the kernel itself.
     """
 
-    functions: list[Function]
+    functions: list[FunctionPart]
     statements: list[Statement]
 
 
@@ -87,7 +87,7 @@ class _Item:
     def is_exit(self) -> bool:
         """Whether it may leave the function."""
         rows = self.row.body if isinstance(self.row, Loop) else (self.row,)
-        return any(isinstance(row, Guard) for row in rows)
+        return any(isinstance(row, LeaveUnless) for row in rows)
 
 
 def cut_into_blocks(
@@ -120,7 +120,7 @@ def cut_into_blocks(
     whole = Blocks([], list(statements))
     if n_operations(statements) <= longest:
         return whole
-    writer = _Writer(names, arguments, statements)
+    writer = _BlockCutter(names, arguments, statements)
     items = list(_items(statements))
     n_exits = sum(item.is_exit for item in items)
     body, exits = items[: len(items) - n_exits], items[len(items) - n_exits :]
@@ -140,7 +140,7 @@ def _items(statements: Iterable[Statement]) -> Iterable[_Item]:
     for row in statements:
         if isinstance(row, Comment):
             comment = row.text
-        elif not isinstance(row, Table) and not (isinstance(row, Array) and not row.values):
+        elif not isinstance(row, ConstantTable) and not (isinstance(row, Array) and not row.values):
             yield _Item(row, comment, uses(row), n_operations((row,)))
 
 
@@ -192,7 +192,7 @@ def _choose_cuts(
     return cuts
 
 
-class _Writer:
+class _BlockCutter:
     """Writes the functions."""
 
     def __init__(
@@ -201,7 +201,7 @@ class _Writer:
         self._names = names
         self._arguments = arguments
         self.arrays = {row.name: row for row in statements if isinstance(row, Array)}
-        self._tables = {row.name: row for row in statements if isinstance(row, Table)}
+        self._tables = {row.name: row for row in statements if isinstance(row, ConstantTable)}
         self._shared: list[str] = []  # arrays that several blocks use
 
     def write(self, blocks: Sequence[Sequence[_Item]], exits: Sequence[_Item]) -> Blocks:

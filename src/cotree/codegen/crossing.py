@@ -24,7 +24,7 @@ from cotree.codegen.statements import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from cotree.codegen.expressions import Expression, Temporary
+    from cotree.codegen.expressions import CExpression, Temporary
     from cotree.codegen.statements import Statement
 
 #: Arrays that hold what crosses, by its kind.
@@ -41,14 +41,14 @@ class Crossing:
 
     Attributes
     ----------
-    places : dict of Temporary to Expression
+    places : dict of Temporary to CExpression
         Place of each temporary that crosses: an element of an array.
     lengths : dict of str to int
         Length of the array of each kind.
     """
 
     def __init__(self, groups: Sequence[Sequence[Statement]]) -> None:
-        self.places: dict[Temporary, Expression] = {}
+        self.places: dict[Temporary, CExpression] = {}
         self.lengths = dict.fromkeys(FRAMES, 0)
         self._groups = groups
         self._reads: list[set[str | Temporary]] = []  # of each group, but what a row declares
@@ -86,7 +86,7 @@ class Crossing:
         makes = set(map(declared_by, rows))
         places = {key: self.places[key] for key in reads - makes if key in self.places}
 
-        def placed(expression: Expression) -> Expression:
+        def placed(expression: CExpression) -> CExpression:
             return read_from(expression, places)
 
         found: list[Statement] = []

@@ -160,17 +160,17 @@ class Affine:
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class TableEntry:
     """A number of a loop that stands in a table, one for each time."""
 
     table: str
 
 
-Number = int | float | Affine | Entry
+Number = int | float | Affine | TableEntry
 
 
 @dataclass(frozen=True, slots=True)
-class Expression:
+class CExpression:
     """A form, the numbers in it, and how many characters it has as C text."""
 
     form: Form
@@ -178,44 +178,44 @@ class Expression:
     width: int
 
 
-_ZERO = Expression(_form("zero", ""), (), 4)
+_ZERO = CExpression(_form("zero", ""), (), 4)
 
 
-def number(value: float) -> Expression:
+def number(value: float) -> CExpression:
     """Write a constant; the sign of a negative one is an operation."""
     value = float(value)
     if value < 0.0:
         return apply("neg", number(-value))
-    return Expression(_form("number", ""), (value,), len(repr(value)))
+    return CExpression(_form("number", ""), (value,), len(repr(value)))
 
 
-def whole(value: Number) -> Expression:
+def whole(value: Number) -> CExpression:
     """Write a whole number that is not negative."""
-    return Expression(_form("whole", ""), (value,), len(str(value)))
+    return CExpression(_form("whole", ""), (value,), len(str(value)))
 
 
-def zero() -> Expression:
+def zero() -> CExpression:
     """Write a zero of the type that statements compute with."""
     return _ZERO
 
 
-def named(text: str) -> Expression:
+def named(text: str) -> CExpression:
     """Write a name: of an argument, an array or a constant."""
-    return Expression(_form("name", text), (), len(text))
+    return CExpression(_form("name", text), (), len(text))
 
 
-def element(array: str, index: Number) -> Expression:
+def element(array: str, index: Number) -> CExpression:
     """Write an element of an array."""
     form = _form("element", array)
-    return Expression(form, (index,), form.width + len(str(index)))
+    return CExpression(form, (index,), form.width + len(str(index)))
 
 
-def temporary(prefix: str, value: int) -> Expression:
+def temporary(prefix: str, value: int) -> CExpression:
     """Write a temporary."""
-    return Expression(_form("temporary", prefix), (value,), len(prefix) + len(str(value)))
+    return CExpression(_form("temporary", prefix), (value,), len(prefix) + len(str(value)))
 
 
-def apply(op: str, *args: Expression) -> Expression:
+def apply(op: str, *args: CExpression) -> CExpression:
     """Apply an operation: a row of :data:`cotree.dag.operations.OPERATIONS`, or one of C.
 
     The latter are ``real``, a conversion; ``not``; and ``fails``, a comparison with 0.
@@ -225,28 +225,28 @@ def apply(op: str, *args: Expression) -> Expression:
     return _joined(_form(op, "", tuple([arg.form for arg in args])), args)
 
 
-def call(function: str, *args: Expression, op: str = "call") -> Expression:
+def call(function: str, *args: CExpression, op: str = "call") -> CExpression:
     """Call a function, which may be a ``part`` of the one that calls."""
     return _joined(_form(op, function, tuple([arg.form for arg in args])), args)
 
 
-def _joined(form: Form, args: Sequence[Expression]) -> Expression:
+def _joined(form: Form, args: Sequence[CExpression]) -> CExpression:
     numbers: tuple[Number, ...] = ()
     width = form.width
     for arg in args:
         numbers += arg.numbers
         width += arg.width - arg.form.width
-    return Expression(form, numbers, width)
+    return CExpression(form, numbers, width)
 
 
-def read_from(expression: Expression, places: Mapping[Temporary, Expression]) -> Expression:
+def read_from(expression: CExpression, places: Mapping[Temporary, CExpression]) -> CExpression:
     """Read temporaries from their places in arrays, where they have one.
 
     Parameters
     ----------
-    expression : Expression
+    expression : CExpression
         What reads temporaries, or is one.
-    places : mapping of Temporary to Expression
+    places : mapping of Temporary to CExpression
         The element of an array that holds each.
     """
     form, numbers = expression.form, expression.numbers
@@ -263,7 +263,7 @@ def read_from(expression: Expression, places: Mapping[Temporary, Expression]) ->
     for at, place in found:
         (moved[at],) = place.numbers
     new = _replaced(form, tuple([(at, place.form) for at, place in found]))
-    return Expression(new, tuple(moved), expression.width)
+    return CExpression(new, tuple(moved), expression.width)
 
 
 @lru_cache(maxsize=1 << 14)

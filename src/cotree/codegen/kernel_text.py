@@ -13,7 +13,7 @@ from cotree.codegen.node_statements import Printed, is_written_out, print_nodes
 from cotree.codegen.printing import Body, Constants, function_head, literal, print_body, wrapped
 from cotree.codegen.result_offsets import starts_of_maps
 from cotree.codegen.stack import n_bytes
-from cotree.codegen.statements import Argument, Array, Assign, Guard, Loop
+from cotree.codegen.statements import Argument, Array, Assign, LeaveUnless, Loop
 from cotree.codegen.targets import DOUBLE
 from cotree.dag.multi_output import Function, Table, sizes_of
 from cotree.dag.operations import OPERATIONS
@@ -25,7 +25,7 @@ from cotree.version import VERSION
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from cotree.codegen.expressions import Expression
+    from cotree.codegen.expressions import CExpression
     from cotree.codegen.statements import Statement
     from cotree.codegen.targets import Target
     from cotree.dag.nodes import Node
@@ -171,7 +171,7 @@ def kernel_context(
     results, checks = printed.values[:n_results], printed.values[n_results:]
     statements = [*printed.statements, *_written(spec.result, results)]
     statements += [
-        Guard(value, whole(i), guard.is_strict)
+        LeaveUnless(value, whole(i), guard.is_strict)
         for i, (guard, value) in enumerate(zip(guards, checks, strict=True), 1)
     ]
     name, arguments = f"{prefix}_{spec.name}", _arguments(kernel)
@@ -192,7 +192,7 @@ def kernel_context(
     )
 
 
-def _written(array: str, results: Sequence[Expression]) -> Iterator[Statement]:
+def _written(array: str, results: Sequence[CExpression]) -> Iterator[Statement]:
     """Write the results that are not in their places already."""
     for i, value in enumerate(results):
         place = element(array, i)

@@ -12,8 +12,8 @@ from collections import Counter
 from itertools import takewhile
 from typing import TYPE_CHECKING, Any
 
-from cotree.codegen.expressions import Affine, Entry, Expression, element, read_from
-from cotree.codegen.repeats import FEWEST_LINES, Row, pieces
+from cotree.codegen.expressions import Affine, CExpression, TableEntry, element, read_from
+from cotree.codegen.repeats import FEWEST_LINES, StatementRow, pieces
 from cotree.codegen.statements import (
     REAL,
     SCALAR,
@@ -21,9 +21,9 @@ from cotree.codegen.statements import (
     Array,
     Assign,
     Comment,
-    Guard,
+    ConstantTable,
+    LeaveUnless,
     Loop,
-    Table,
     changed,
     kind_of,
 )
@@ -61,7 +61,7 @@ def roll(statements: Sequence[Statement], array: str = "v") -> list[Statement]:
     found = list(pieces([_row(row) for row in rows]))
     if not any(times > 1 for _, _, times in found):
         return list(statements)
-    writer = _Writer(_kept_in_array(rows, found, array), array)
+    writer = _LoopWriter(_kept_in_array(rows, found, array), array)
     for start, period, times in found:
         end = start + period * times
         if times == 1:
@@ -88,7 +88,7 @@ def _apart(statements: Sequence[Statement]) -> tuple[list[Statement], list[str]]
     return rows, comments
 
 
-def _row(statement: Statement) -> Row:
+def _row(statement: Statement) -> StatementRow:
     """Tell the form of a statement from its numbers, if it may stand in a loop."""
     form: Hashable
     if isinstance(statement, Assign):
@@ -99,26 +99,26 @@ def _row(statement: Statement) -> Row:
         array = statement.to[0].form.name
         is_place = declared is None and not (array[0] == "v" and array[1:].isdigit())
         if len(statement.to) > 1 or not (is_temporary or is_place):
-            return Row(None)
+            return StatementRow(None)
         form = (statement.to[0].form, statement.value.form)
-    elif isinstance(statement, Guard):
+    elif isinstance(statement, LeaveUnless):
         form = (statement.is_strict, statement.value.form)
     else:
-        return Row(None)
+        return StatementRow(None)
     slots = "".join([expression.form.slots for expression in statement.expressions])
     numbers: tuple[Any, ...] = ()
     for expression in statement.expressions:
         numbers += expression.numbers
     if "r" not in slots:
-        return Row(form, numbers)
+        return StatementRow(form, numbers)
     pairs = list(zip(numbers, slots, strict=True))
     whole, real = ([n for n, slot in pairs if (slot == "r") == is_real] for is_real in (0, 1))
-    return Row(form, tuple(whole), tuple(real))
+    return StatementRow(form, tuple(whole), tuple(real))
 
 
 def _kept_in_array(
     rows: Sequence[Statement], found: Sequence[tuple[int, int, int]], array: str
-) -> dict[Temporary, Expression]:
+) -> dict[Temporary, CExpression]:
     """Give the temporaries that loops make or read a place, in the order of their numbers."""
     kept: set[Temporary] = set()
     for start, period, times in found:
@@ -134,10 +134,10 @@ def _temporaries(row: Statement) -> Iterator[Temporary]:
             yield prefix, expression.numbers[at]
 
 
-class _Writer:
+class _LoopWriter:
     """Writes statements and loops."""
 
-    def __init__(self, kept: Mapping[Temporary, Expression], array: str) -> None:
+    def __init__(self, kept: Mapping[Temporary, CExpression], array: str) -> None:
         self._statements: list[Statement] = []
         self._tables: list[Statement] = []
         self._kept = kept
@@ -189,7 +189,7 @@ class _Writer:
             columns = zip(*(expression.numbers for expression in alike), strict=True)
             form = alike[0].form
             numbers = tuple(map(self._number, columns, form.slots))
-            merged.append(Expression(form, numbers, alike[0].width))
+            merged.append(CExpression(form, numbers, alike[0].width))
         return rows[0].of(merged)  # type: ignore[union-attr]
 
     def _number(self, column: Sequence[Number], slot: str) -> Number:
@@ -204,11 +204,11 @@ class _Writer:
             return self._table(WHOLE, "j", column)
         return self._table(SCALAR, "c", column)
 
-    def _table(self, kind: str, prefix: str, column: Sequence[Number]) -> Entry:
+    def _table(self, kind: str, prefix: str, column: Sequence[Number]) -> TableEntry:
         name = f"{prefix}_{self._names[prefix]}"
         self._names[prefix] += 1
-        self._tables.append(Table(name, kind, tuple(column)))  # type: ignore[arg-type]
-        return Entry(name)
+        self._tables.append(ConstantTable(name, kind, tuple(column)))  # type: ignore[arg-type]
+        return TableEntry(name)
 
 
 def _of_all(comments: Sequence[str]) -> str:

@@ -30,7 +30,7 @@ from cotree.program.cost_model import bounds, by_need
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from cotree.codegen.expressions import Expression
+    from cotree.codegen.expressions import CExpression
     from cotree.dag.linear_map import LinearMap
     from cotree.dag.nodes import Node
 
@@ -189,10 +189,10 @@ def _in_blocks(own: OwnRows, name: str) -> _Cut:
     )
 
 
-def _symbols(own: OwnRows) -> Callable[[str, int], Expression]:
+def _symbols(own: OwnRows) -> Callable[[str, int], CExpression]:
     """Say where the inputs of a map stand: sensitivities in their columns, others in rows."""
 
-    def read(kind: str, i: int) -> Expression:
+    def read(kind: str, i: int) -> CExpression:
         if kind != "column" or i < own.first:
             return symbol(kind, i)
         place = i - own.first

@@ -27,9 +27,9 @@ from cotree.version import VERSION
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from cotree.codegen.expressions import Expression
+    from cotree.codegen.expressions import CExpression
     from cotree.codegen.statements import Statement
-    from cotree.linear.plan import Elimination, Entry
+    from cotree.linear.plan import Elimination, FactorStep
     from cotree.program import Program
 
 # Beyond this number of products tables are walked through. Straight lines, in blocks, factor up to
@@ -185,7 +185,7 @@ def _factor_rows(plan: Elimination) -> list[Statement]:
     return rows
 
 
-def _less(total: Expression | None, *factors: Expression) -> Expression:
+def _less(total: CExpression | None, *factors: CExpression) -> CExpression:
     """Subtract a product of one or two factors, from nothing if need be."""
     if total is not None:
         return apply("sub", total, factors[0] if len(factors) == 1 else apply("mul", *factors))
@@ -211,7 +211,7 @@ def _solve_rows(plan: Elimination) -> list[Statement]:
     return rows + [Assign((element("b", at),), temporary("x", k)) for k, at in columns]
 
 
-def _factor_steps(entry: Entry) -> Iterable[int]:
+def _factor_steps(entry: FactorStep) -> Iterable[int]:
     scale = -2 if entry.is_pivot else entry.pivot
     flat = [number for pair in entry.products for number in pair]
     return (entry.value, int(entry.has_shift), scale, len(entry.products), *flat)

@@ -36,7 +36,7 @@ from cotree.dag.traverse import reachable
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
-    from cotree.codegen.expressions import Expression
+    from cotree.codegen.expressions import CExpression
     from cotree.codegen.result_offsets import Starts
     from cotree.codegen.statements import Statement
     from cotree.dag.linear_map import LinearMap
@@ -49,7 +49,7 @@ _LONGEST_INLINE = 72  # characters of an expression that may stand inside anothe
 SINES = "sines"
 
 
-def symbol(kind: str, position: int) -> Expression:
+def symbol(kind: str, position: int) -> CExpression:
     """Name an argument of a kernel, or an element of one."""
     array = ARGUMENT_OF.get(kind, kind)
     return named(array) if kind == TIME else element(array, position)
@@ -63,7 +63,7 @@ class Printed:
     ----------
     parts : list of list of Statement
         The statements, with comments; in one part, or in those that were asked for.
-    values : list of Expression
+    values : list of CExpression
         An expression for each value asked for.
     n_statements : int
         Number of values that have a statement.
@@ -74,7 +74,7 @@ class Printed:
     """
 
     parts: list[list[Statement]]
-    values: list[Expression]
+    values: list[CExpression]
     n_statements: int
     uses_status: bool
     filled: list[str] = field(default_factory=list)
@@ -94,7 +94,7 @@ def print_nodes(
     *,
     kept: Collection[Node] = (),
     has_groups: bool = True,
-    symbols: Callable[[str, int], Expression] = symbol,
+    symbols: Callable[[str, int], CExpression] = symbol,
 ) -> Printed:
     """Form the statements that some values need.
 
@@ -117,10 +117,10 @@ def print_nodes(
     has_groups : bool
         Whether values of a group stand together, so that comments name it.
     symbols : callable
-        Expression for a symbol, from its kind and its position.
+        The expression of a symbol, from its kind and its position.
     """
     parts = [reachable(roots, stop=prepared)] if parts is None else parts
-    printer = _Printer(prepared, names, places, has_groups, symbols)
+    printer = _StatementWriter(prepared, names, places, has_groups, symbols)
     printer.count_uses([*roots, *kept], chain.from_iterable(parts))
     found, done = [], 0
     for part in parts:
@@ -142,18 +142,18 @@ def is_written_out(node: Node) -> bool:
 
 
 @dataclass
-class _Printer:
+class _StatementWriter:
     prepared: Mapping[Node, int]
     names: Mapping[Any, str]
     places: Mapping[Node, Starts]
     has_groups: bool
-    symbols: Callable[[str, int], Expression]
+    symbols: Callable[[str, int], CExpression]
     statements: list[Statement] = field(default_factory=list)
     uses_status: bool = False
     filled: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self._known: dict[Node, Expression] = {}
+        self._known: dict[Node, CExpression] = {}
         self._number: dict[Node, int] = {}  # of the values that have a statement
         self._uses: dict[Node, int] = {}
         self._factors: dict[Any, int] = {}  # number of each factorised matrix
@@ -190,7 +190,7 @@ class _Printer:
         else:
             self._scalar(node)
 
-    def _result(self, owner: Node, i: int) -> Expression:
+    def _result(self, owner: Node, i: int) -> CExpression:
         """Read a result of a node with several."""
         if owner in self.places:
             return self.places[owner].place(i, len(owner.data.results))
@@ -218,7 +218,7 @@ class _Printer:
         self.statements.append(Assign((own,), value))
         self._known[node] = own
 
-    def _values(self, args: Iterable[Node]) -> tuple[Expression, ...]:
+    def _values(self, args: Iterable[Node]) -> tuple[CExpression, ...]:
         return tuple(self._known[arg] for arg in args)
 
     def _solve(self, node: Node) -> None:

@@ -12,18 +12,18 @@ from itertools import chain
 from string import Formatter
 from typing import TYPE_CHECKING
 
-from cotree.codegen.expressions import Affine, Entry
+from cotree.codegen.expressions import Affine, TableEntry
 from cotree.codegen.statements import (
     SCALAR,
     Array,
     Assign,
     Call,
     Comment,
-    Guard,
+    ConstantTable,
+    LeaveUnless,
     Loop,
     Report,
     Simple,
-    Table,
     When,
     kind_of,
     n_operations,
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator
 
     from cotree.codegen.blocks import Blocks
-    from cotree.codegen.expressions import Expression, Form, Number
+    from cotree.codegen.expressions import CExpression, Form, Number
     from cotree.codegen.statements import Statement
     from cotree.codegen.targets import Target
 
@@ -53,7 +53,7 @@ _LEAVES = {
 
 
 @dataclass(frozen=True)
-class Block:
+class BlockText:
     """A function that is part of another, as text: its head and its statements."""
 
     signature: str
@@ -68,14 +68,14 @@ class Body:
     ----------
     lines : list of str
         Its own.
-    blocks : list of Block
+    blocks : list of BlockText
         The functions that it was cut into, in the order of their calls.
     written : list of int
         Number of operations in each of all these, its own last; those of a loop count once.
     """
 
     lines: list[str]
-    blocks: list[Block]
+    blocks: list[BlockText]
     written: list[int]
 
     @property
@@ -104,7 +104,7 @@ def print_lines(statements: Iterable[Statement], target: Target = DOUBLE) -> lis
     return list(_Printer(target).lines(statements))
 
 
-def print_expression(expression: Expression, target: Target = DOUBLE) -> str:
+def print_expression(expression: CExpression, target: Target = DOUBLE) -> str:
     """Print an expression."""
     return _Printer(target).expression(expression)
 
@@ -115,7 +115,7 @@ def print_body(cut: Blocks, target: Target = DOUBLE) -> Body:
     for function in cut.functions:
         heads = [target.declared(argument) for argument in function.arguments] or ["void"]
         head = function_head(target.function, target.name.format(function.name), heads)
-        blocks.append(Block(head, list(printer.lines(function.body))))
+        blocks.append(BlockText(head, list(printer.lines(function.body))))
     counted = [*(function.body for function in cut.functions), cut.statements]
     lines = list(printer.lines(cut.statements))
     return Body(lines, blocks, [*map(n_operations, counted)])
@@ -139,7 +139,7 @@ class _Printer:
             else:
                 yield from self._compound(statement)
 
-    def expression(self, expression: Expression) -> str:
+    def expression(self, expression: CExpression) -> str:
         """Print an expression."""
         text, numbers = self._format(expression.form), expression.numbers
         if self._is_in_loop:
@@ -156,7 +156,7 @@ class _Printer:
         """Print what stands on one line."""
         if isinstance(row, Assign):
             return self._assign(row)
-        if isinstance(row, Guard):
+        if isinstance(row, LeaveUnless):
             comparison = ">" if row.is_strict else ">="
             value, number = map(self.expression, row.expressions)
             return f"if (!({value} {comparison} 0.0{self._target.suffix})) return -{number};"
@@ -175,9 +175,9 @@ class _Printer:
         constant = "const " if row.is_constant else ""
         return f"{constant}{head} = {{{', '.join(map(self.expression, row.values))}}};"
 
-    def _compound(self, row: Table | Loop | When) -> Iterator[str]:
+    def _compound(self, row: ConstantTable | Loop | When) -> Iterator[str]:
         """Print what takes several lines."""
-        if isinstance(row, Table):
+        if isinstance(row, ConstantTable):
             kind = self._target.type_of(row.kind)
             yield f"static const {kind} {row.name}[{len(row.values)}] = {{"
             suffix = self._target.suffix if row.kind == SCALAR else ""
@@ -227,7 +227,7 @@ class _Printer:
 
 def _number(number: Number, slot: str) -> str:
     """Print a number of a loop, in parentheses where it is a sum that stands in no brackets."""
-    if isinstance(number, Entry):
+    if isinstance(number, TableEntry):
         return f"{number.table}[i]"
     if not isinstance(number, Affine):
         return str(number)

@@ -24,7 +24,7 @@ _FEWEST_TIMES = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class StatementRow:
     """A statement, split into what it does and the numbers that it does it to.
 
     Attributes
@@ -43,12 +43,12 @@ class Row:
     real: tuple[float, ...] = ()
 
 
-def pieces(statements: Sequence[Row]) -> Iterator[tuple[int, int, int]]:
+def pieces(statements: Sequence[StatementRow]) -> Iterator[tuple[int, int, int]]:
     """Cut statements into pieces: start, length of the body, number of repetitions.
 
     Parameters
     ----------
-    statements : sequence of Row
+    statements : sequence of StatementRow
         In order of evaluation.
 
     Yields
@@ -115,7 +115,7 @@ def _shortest_period(labels: npt.NDArray[np.intp], start: int, length: int) -> i
 
 
 def _even_reach(
-    statements: Sequence[Row], labels: npt.NDArray[np.intp]
+    statements: Sequence[StatementRow], labels: npt.NDArray[np.intp]
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     """Count the statements of the longest even loop at each place, and of its body."""
     n = len(labels)

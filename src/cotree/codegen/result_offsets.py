@@ -12,7 +12,7 @@ from cotree.dag.multi_output import results as results_of
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from cotree.codegen.expressions import Expression
+    from cotree.codegen.expressions import CExpression
     from cotree.dag.nodes import Node
     from cotree.program import Kernel
 
@@ -24,7 +24,7 @@ class Starts:
     array: str
     places: tuple[int, ...]
 
-    def place(self, i: int, n_rows: int) -> Expression:
+    def place(self, i: int, n_rows: int) -> CExpression:
         """Give the element that holds a result of the map."""
         column, row = divmod(i, n_rows)
         return element(self.array, self.places[column] + row)

@@ -24,7 +24,7 @@ from cotree.dag.linear_map import BLOCK
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from cotree.codegen.expressions import Expression
+    from cotree.codegen.expressions import CExpression
     from cotree.codegen.statements import Statement
     from cotree.dag.linear_map import LinearMap
     from cotree.dag.nodes import Node
@@ -59,7 +59,7 @@ class _Segment:
 
 def cut_into_segments(
     linear: LinearMap,
-    symbols: Callable[[str, int], Expression],
+    symbols: Callable[[str, int], CExpression],
     longest: int = LONGEST_BLOCK,
 ) -> Segments:
     """Cut a map into segments, and these into parts of so many statements at most.
@@ -69,7 +69,7 @@ def cut_into_segments(
     linear : LinearMap
         The map.
     symbols : callable
-        Expression for an input, from its kind and its position.
+        The expression of an input, from its kind and its position.
     longest : int
         Statements of a part at most.
     """

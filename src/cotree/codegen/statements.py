@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from itertools import chain
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from cotree.codegen.expressions import Affine, Entry, Expression, Temporary, call, named
+from cotree.codegen.expressions import Affine, CExpression, TableEntry, Temporary, call, named
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -30,11 +30,11 @@ class Simple:
     parts: ClassVar[tuple[str, ...]] = ("value",)
 
     @property
-    def expressions(self) -> tuple[Expression, ...]:
+    def expressions(self) -> tuple[CExpression, ...]:
         """All that it is made of."""
         return tuple([getattr(self, part) for part in self.parts])
 
-    def of(self, expressions: Sequence[Expression]) -> Self:
+    def of(self, expressions: Sequence[CExpression]) -> Self:
         """Say the same of other expressions."""
         new: Any = dict(zip(self.parts, expressions, strict=True))
         return replace(self, **new)  # type: ignore[type-var]
@@ -44,8 +44,8 @@ class Simple:
 class Assign(Simple):
     """``to`` becomes ``value``; a temporary, which comes first there, is declared by that."""
 
-    to: tuple[Expression, ...]
-    value: Expression
+    to: tuple[CExpression, ...]
+    value: CExpression
 
     @property
     def declares(self) -> Temporary | None:
@@ -54,22 +54,22 @@ class Assign(Simple):
         return (first.form.name, first.numbers[0]) if first.form.op == "temporary" else None
 
     @property
-    def expressions(self) -> tuple[Expression, ...]:
+    def expressions(self) -> tuple[CExpression, ...]:
         """All that it is made of."""
         return (*self.to, self.value)
 
-    def of(self, expressions: Sequence[Expression]) -> Assign:
+    def of(self, expressions: Sequence[CExpression]) -> Assign:
         """Say the same of other expressions."""
         return Assign(tuple(expressions[:-1]), expressions[-1])
 
 
 @dataclass(frozen=True, slots=True)
-class Guard(Simple):
+class LeaveUnless(Simple):
     """Leave the function with minus ``number`` unless ``value`` is above zero, or at least zero."""
 
     parts = ("value", "number")
-    value: Expression
-    number: Expression
+    value: CExpression
+    number: CExpression
     is_strict: bool
 
 
@@ -78,16 +78,16 @@ class Report(Simple):
     """Set the function's status to ``code`` where ``condition`` holds."""
 
     parts = ("condition", "status")
-    condition: Expression
+    condition: CExpression
     code: str
-    status: Expression = named("status")  # noqa: RUF009
+    status: CExpression = named("status")  # noqa: RUF009
 
 
 @dataclass(frozen=True, slots=True)
 class Call(Simple):
     """Call a function; ``loop`` is a macro that does so for each of several vectors, if any."""
 
-    value: Expression
+    value: CExpression
     loop: str = ""
 
 
@@ -98,22 +98,22 @@ class Array(Simple):
     name: str
     length: int
     kind: str = REAL
-    values: tuple[Expression, ...] = ()
+    values: tuple[CExpression, ...] = ()
     is_constant: bool = False
     is_aligned: bool = False  # vectors are read from it
 
     @property
-    def expressions(self) -> tuple[Expression, ...]:
+    def expressions(self) -> tuple[CExpression, ...]:
         """All that it is made of."""
         return (named(self.name), *self.values)
 
-    def of(self, expressions: Sequence[Expression]) -> Array:
+    def of(self, expressions: Sequence[CExpression]) -> Array:
         """Say the same of other expressions."""
         return replace(self, values=tuple(expressions[1:]))
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class ConstantTable:
     """Declare a table of constants."""
 
     name: str
@@ -140,12 +140,12 @@ class Loop:
 class When:
     """Run some statements where a condition holds, and others where it does not."""
 
-    condition: Expression
+    condition: CExpression
     body: tuple[Statement, ...]
     otherwise: tuple[Statement, ...]
 
 
-Statement = Simple | Table | Comment | Loop | When
+Statement = Simple | ConstantTable | Comment | Loop | When
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +177,7 @@ class Argument:
 
 
 @dataclass(frozen=True, slots=True)
-class Function:
+class FunctionPart:
     """A function that is part of another: its arguments and statements."""
 
     name: str
@@ -187,7 +187,7 @@ class Function:
 
 def function_of(
     name: str, body: Sequence[Statement], arguments: Iterable[Argument]
-) -> tuple[Function, Expression]:
+) -> tuple[FunctionPart, CExpression]:
     """Make a function of statements, and its call.
 
     Parameters
@@ -202,7 +202,7 @@ def function_of(
     used = set().union(*map(uses, body))
     taken = [argument for argument in arguments if argument.name in used]
     given = [named(argument.given or argument.name) for argument in taken]
-    return Function(name, taken, list(body)), call(name, *given, op="part")
+    return FunctionPart(name, taken, list(body)), call(name, *given, op="part")
 
 
 def kind_of(key: Temporary) -> str:
@@ -236,11 +236,11 @@ def uses(statement: Statement) -> set[str | Temporary]:
             found |= form.names
             found.update([(prefix, numbers[at]) for at, prefix in form.temporaries])
             if is_loop:
-                found.update(number.table for number in numbers if isinstance(number, Entry))
+                found.update(number.table for number in numbers if isinstance(number, TableEntry))
     return found
 
 
-def changed(statement: Statement, change: Callable[[Expression], Expression]) -> Statement:
+def changed(statement: Statement, change: Callable[[CExpression], CExpression]) -> Statement:
     """Say the same of other expressions, those inside of loops and conditions included."""
     if isinstance(statement, Simple):
         return statement.of([change(expression) for expression in statement.expressions])
@@ -259,7 +259,7 @@ def n_operations(statements: Iterable[Statement]) -> int:
     for row in statements:
         for part in simple((row,)):
             found += sum([expression.form.n_operations for expression in part.expressions])
-            if isinstance(part, Guard):
+            if isinstance(part, LeaveUnless):
                 found += 1 + part.is_strict
             if isinstance(row, Loop):
                 numbers = chain.from_iterable(e.numbers for e in part.expressions)

@@ -119,7 +119,7 @@ class Branch:
 
 
 @dataclass(frozen=True)
-class Entry:
+class EdgeEntry:
     """The way by which a tree reaches a cluster from another.
 
     Attributes
@@ -156,14 +156,14 @@ class Clusters:
         The branch that carries each cluster; None for the ground.
     inertias : tuple of Inertia or None
         The lumped inertia of each cluster; None where there is none.
-    entries : mapping of str to mapping of str to Entry
+    entries : mapping of str to mapping of str to EdgeEntry
         Of each graph: where the branches of an edge with a motion space are.
     """
 
     points: dict[str, Point]
     branches: tuple[Branch | None, ...]
     inertias: tuple[Inertia | None, ...]
-    entries: Mapping[str, Mapping[str, Entry]]
+    entries: Mapping[str, Mapping[str, EdgeEntry]]
 
     def path(self, cluster: int, ancestor: int = 0) -> list[Branch]:
         """List the branches from an ancestor out to a cluster."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from cotree.components import Freedom, FreeRotation, Role
 from cotree.dag import vector
 from cotree.errors import FormulationError, SceneError
-from cotree.formulation.clusters import Branch, Clusters, Entry, Point, combined, shifted
+from cotree.formulation.clusters import Branch, Clusters, EdgeEntry, Point, combined, shifted
 from cotree.graph import tree_walk
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class _Walks:
         self.system = system
         self.points = {"ground": Point(0, vector.zeros(system.dag))}
         self.branches: list[Branch | None] = [None]
-        self.entries: dict[str, dict[str, Entry]] = {"translation": {}, "rotation": {}}
+        self.entries: dict[str, dict[str, EdgeEntry]] = {"translation": {}, "rotation": {}}
         self._to = {step.child: step for step in tree_walk(system.trees.rotation)}
         self._turns: dict[str, Matrix | None] = {"ground": None}
 
@@ -134,7 +134,7 @@ class _Walks:
         if turning == step:
             place = self._along(step, inner, inner)
             if len(self.branches) > first:
-                entry = Entry(step.sign, first, place.cluster)
+                entry = EdgeEntry(step.sign, first, place.cluster)
                 self.entries["translation"][step.edge] = entry
                 self.entries["rotation"][step.edge] = entry
             return place
@@ -148,11 +148,11 @@ class _Walks:
             place = self._along(turning, place, turned)
         else:
             place = self._add(turning, None, place, turned)
-        self.entries["rotation"][turning.edge] = Entry(turning.sign, first_turn, place.cluster)
+        self.entries["rotation"][turning.edge] = EdgeEntry(turning.sign, first_turn, place.cluster)
         if step.sign < 0:
             place = replace(place, turn=self._turn(step.child))
             place = self._along(step, place, place)
-        self.entries["translation"][step.edge] = Entry(step.sign, first, place.cluster)
+        self.entries["translation"][step.edge] = EdgeEntry(step.sign, first, place.cluster)
         return place
 
     def _along(self, step: TreeStep, place: Point, turned: Point) -> Point:

@@ -44,7 +44,7 @@ def resolver_of(
     return resolve
 
 
-class Signals:
+class FieldNames:
     """Names that fields may use: parameters, inputs, states, outputs and across variables.
 
     Across variables follow from the motion, which is formed after the first fields are bound: each

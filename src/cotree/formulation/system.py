@@ -18,7 +18,7 @@ from cotree.equations import State
 from cotree.formulation.continuous import motion_guards
 from cotree.formulation.fields import Resolver, Resolvers, bind_edge, lower_vector
 from cotree.formulation.initial import initial_values
-from cotree.formulation.signals import Signals, resolver_of
+from cotree.formulation.signals import FieldNames, resolver_of
 from cotree.scene.motion_spaces import motion_spaces
 
 if TYPE_CHECKING:
@@ -126,7 +126,7 @@ class System:
         The scene's own value of every input, of time and parameters.
     of_parameters : callable
         Gives the node of a parameter's name.
-    signals : Signals
+    signals : FieldNames
         Gives the node of any name that a field may use.
     """
 
@@ -144,7 +144,7 @@ class System:
     at_scene: Callable[[Node], float]
     input_values: tuple[Node, ...]
     of_parameters: Resolver
-    signals: Signals
+    signals: FieldNames
 
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:
@@ -223,7 +223,7 @@ def bind(
     modes = _modes(scene, dag, len(states), of_parameters)
     states |= {mode.name: mode.symbol for mode in modes}
     everything = {**parameters, "t": time, **inputs, **states}
-    signals = Signals(scene, dag, everything, names)
+    signals = FieldNames(scene, dag, everything, names)
     resolvers = Resolvers(of_parameters, of_time, signals.node)
     edges: dict[str, BoundEdge] = {}
     guards: list[Guard] = []

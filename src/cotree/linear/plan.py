@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Entry:
+class FactorStep:
     """One of the factors: ``(shift + -J - sum of products) * scale``, or its reciprocal.
 
     Attributes
@@ -51,7 +51,7 @@ class Elimination:
 
     Attributes
     ----------
-    factors : tuple of Entry
+    factors : tuple of FactorStep
         In the order in which they are computed.
     rows, columns : tuple of int
         Row and column of each pivot, in order.
@@ -63,7 +63,7 @@ class Elimination:
         The same of later ones, for substitution backwards.
     """
 
-    factors: tuple[Entry, ...]
+    factors: tuple[FactorStep, ...]
     rows: tuple[int, ...]
     columns: tuple[int, ...]
     pivots: tuple[int, ...]
@@ -167,8 +167,8 @@ def _listed(plan: Factors[_Sum]) -> Elimination:
     )
 
 
-def _entry(own: _Sum) -> Entry:
+def _entry(own: _Sum) -> FactorStep:
     numbers = [factor.number for factor in own.products]
     products = tuple(zip(numbers[::2], numbers[1::2], strict=True))
     pivot = -1 if own.pivot is None else own.pivot.number
-    return Entry(own.value, own.has_shift, products, pivot, own.is_pivot)
+    return FactorStep(own.value, own.has_shift, products, pivot, own.is_pivot)
