@@ -22,6 +22,7 @@ from cotree.sensitivity.graphs import form_derivatives, unknown_tangents
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
+    from cotree.equations import Derivative
     from cotree.formulation.first_graph import FirstGraph
     from cotree.linear.tree import TreeLink
     from cotree.scene.description import SceneDescription
@@ -163,16 +164,17 @@ def _tried(
         formed = form_first_graph(scene, trees, own_axes, baumgarte)
         if check is not None and not found:
             check(formed)
-        for links in _eliminations(formed, may_defer=not sensitivities):
-            first = replace(formed, links=links)
+        eliminations = _eliminations(formed, may_defer=not sensitivities)
+        ways = [replace(formed, links=links) for links in eliminations]
+        for first, cost in zip(ways, _estimates(ways, sensitivities), strict=True):
             alternative = Alternative(
                 trees,
                 own_axes,
-                bool(links),
-                any(link.is_deferred for link in links),
+                bool(first.links),
+                any(link.is_deferred for link in first.links),
                 len(first.states),
                 len(first.constraints.rows),
-                *_estimate(first, sensitivities),
+                *cost,
             )
             found.append((alternative, first))
     return found
@@ -214,29 +216,36 @@ def _choices(scene: SceneDescription, trees: Trees) -> Iterator[tuple[int, ...]]
         yield from combinations(turning, size)
 
 
-def _estimate(first: FirstGraph, sensitivities: Sequence[str]) -> tuple[int, float]:
-    """Count operations and cycles of the right-hand side, with one sensitivity in place of all.
+def _estimates(
+    ways: Sequence[FirstGraph], sensitivities: Sequence[str]
+) -> Iterator[tuple[int, float]]:
+    """Count operations and cycles of the right-hand side for each way to eliminate its unknowns.
 
-    The cycles count the Jacobian in, as far as implicit methods form it: a column in place of all.
+    One sensitivity stands for all. The cycles count the Jacobian in, as far as implicit methods
+    form it: a column in place of all.
     """
-    dag = first.system.dag
-    factors = factorise_bordered(
-        dag, first.matrix, first.is_safe, first.constraints.sizes, first.links
-    )
-    unknowns = factors.solve(first.forcing)
-    alone = reachable(unknowns)
-    n_alone, time_alone = count_operations(alone).total, cycles(alone)
-    states, n = [state.name for state in first.states], len(sensitivities)
-    middle = [names[len(names) // 2] for names in (sensitivities, states) if names]
-    if not middle or not unknowns:
-        return n_alone, time_alone
-    row = form_derivatives(first, middle[:1])[0]
-    known = dict(zip(first.unknowns, unknowns, strict=True))
-    solved = SolvedSystem(dag, first.matrix, factors, known, unknown_tangents(first))
-    (derivative,) = solved.along([replace(row, rates={}, outputs={})])
-    shared = set(alone)
-    apart = [node for node in reachable(derivative.unknowns) if node not in shared]
-    along = count_operations(apart).total
-    # Derivatives along several directions do not wait for one another.
-    times = n + _SHARE_OF_JACOBIANS * len(states)
-    return n_alone + n * along, time_alone + _PER_OPERATION * times * along
+    states, n = [state.name for state in ways[0].states], len(sensitivities)
+    middle = [names[len(names) // 2] for names in (sensitivities, states) if names][:1]
+    direction: Derivative | None = None
+    for first in ways:
+        dag = first.system.dag
+        factors = factorise_bordered(
+            dag, first.matrix, first.is_safe, first.constraints.sizes, first.links
+        )
+        unknowns = factors.solve(first.forcing)
+        alone = reachable(unknowns)
+        n_alone, time_alone = count_operations(alone).total, cycles(alone)
+        if not middle or not unknowns:
+            yield n_alone, time_alone
+            continue
+        # What is solved for changes with the way, what is differentiated does not.
+        direction = direction or replace(form_derivatives(first, middle)[0], rates={}, outputs={})
+        known = dict(zip(first.unknowns, unknowns, strict=True))
+        solved = SolvedSystem(dag, first.matrix, factors, known, unknown_tangents(first))
+        (derivative,) = solved.along([direction])
+        shared = set(alone)
+        apart = [node for node in reachable(derivative.unknowns) if node not in shared]
+        along = count_operations(apart).total
+        # Derivatives along several directions do not wait for one another.
+        times = n + _SHARE_OF_JACOBIANS * len(states)
+        yield n_alone + n * along, time_alone + _PER_OPERATION * times * along

@@ -85,6 +85,7 @@ def kind(request):
     return dict(zip(("method", "most"), request.param, strict=True))
 
 
+@pytest.mark.sampled(2)
 def test_a_loop_whose_crank_is_turned_back(kind):
     scene = four_bar()
     scene.mode("n", 0)

@@ -223,6 +223,7 @@ def test_a_projection_that_changes_nothing_changes_no_result(method):
         assert free.statistics.nfev == held.statistics.nfev
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("wants_outputs", [True, False])
 @pytest.mark.parametrize("error", [SolveError, SingularSystemError])
 @pytest.mark.parametrize("method", ALL)

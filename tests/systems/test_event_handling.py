@@ -336,6 +336,7 @@ class TestRandom:
         )
         return scene
 
+    @pytest.mark.sampled(2)
     @pytest.mark.filterwarnings("ignore::RuntimeWarning")
     @pytest.mark.parametrize("loop", ["dop853", "rodas5", "cvode", "ida"])
     @settings(max_examples=5)

@@ -119,6 +119,7 @@ def test_every_reference_value_to_eight_digits(name, coordinates):
     check_states(compiled(name, coordinates), reference, bound, **TIGHT)
 
 
+@pytest.mark.sampled(5)
 @in_both_coordinates(*PROBLEMS)
 def test_multistep_methods(name, coordinates):
     """Local errors of 1e-10 add up over 1e3 to 2e4 steps, and problems amplify them tenfold."""
