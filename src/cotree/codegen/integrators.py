@@ -49,10 +49,10 @@ def integrator_files(name: str) -> Mapping[str, str]:
         f"cotree_integrator{end}": render(f"{_FOLDER}/cotree_integrator{end}.jinja", **_COMMON)
         for end in (".h", ".c")
     }
-    for end in (".h", ".c"):
-        kind = "rosenbrock" if method.is_implicit else "explicit"
-        if isinstance(method, FixedStep):
-            kind = "fixed"
+    kinds = "variable", "rosenbrock" if method.is_implicit else "explicit"
+    if isinstance(method, FixedStep):
+        kinds = "fixed", "fixed"
+    for kind, end in zip(kinds, (".h", ".c"), strict=True):
         text = render(f"{_FOLDER}/{kind}{end}.jinja", method=method, **_COMMON)
         files[f"cotree_{name}{end}"] = text
     return files

@@ -96,10 +96,6 @@ class MainContext:
         How many constraints there are, with their rates and the norms of quaternions.
     n_algebraic : int
         How many of the states are algebraic unknowns.
-    n_reached : int
-        How many sensitivities of the other states do not vanish.
-    n_nonzeros : int
-        How many entries the Jacobian has.
     n_events : int
         How many events there are.
     is_strict : bool
@@ -133,8 +129,6 @@ class MainContext:
     start: list[str]
     n_constraints: int
     n_algebraic: int
-    n_reached: int
-    n_nonzeros: int
     n_events: int
     is_strict: bool
     step: str
@@ -236,7 +230,6 @@ def _main_context(
     start: Start | None,
     sizes: Sequence[float],
 ) -> MainContext:
-    n_rated = len(program.layout.states) - program.layout.n_algebraic
     t_end, rtol, atol, step = numbers
     return MainContext(
         title=model.title,
@@ -258,8 +251,6 @@ def _main_context(
         start=[] if start is None else _lines(start.z),
         n_constraints=model.n_constraints,
         n_algebraic=model.n_algebraic,
-        n_reached=sum(i < n_rated for i in program.layout.sensitivity_rows),
-        n_nonzeros=model.n_nonzeros,
         n_events=len(program.layout.events),
         is_strict=is_strict,
         step="" if step is None else literal(step),
