@@ -100,17 +100,17 @@ def test_folder_that_is_a_file_is_refused(cache: Path):
 
 def test_absent_and_damaged_libraries_are_not_found(cache: Path):
     key = "0" * 64
-    assert cache_module.find_library(key) is None
+    assert cache_module.find_published(key) is None
     with cache_module.private_directory() as folder:
         (folder / "library.so").write_bytes(b"content")
-        path = cache_module.publish_library(folder / "library.so", key)
-    assert cache_module.find_library(key) == path
+        path = cache_module.publish(folder / "library.so", key)
+    assert cache_module.find_published(key) == path
     assert {entry.name for entry in cache.iterdir()} == {f"{key}.so", f"{key}.sha256"}
     path.write_bytes(b"conten")
-    assert cache_module.find_library(key) is None
+    assert cache_module.find_published(key) is None
     path.write_bytes(b"content")
     path.with_suffix(".sha256").unlink()
-    assert cache_module.find_library(key) is None
+    assert cache_module.find_published(key) is None
 
 
 def test_clear_removes_only_what_cotree_wrote(cache: Path):

@@ -266,6 +266,43 @@ def test_files_are_compiled_apart_each_at_its_level(toolchain):
 
 
 @pytest.mark.compiler
+def test_objects_of_shared_files_serve_other_libraries(toolchain, cache: Path, monkeypatch):
+    shared = {"same.h": "int two(void);\n", "same.c": "int two(void) { return 2; }\n"}
+    compiled: list[str] = []
+
+    def counted(command, *others):
+        compiled.extend(word for word in command if word.endswith(".c") and "-c" in command)
+        return run_limited(command, *others)
+
+    run_limited = compile_module.run_limited
+    monkeypatch.setattr(compile_module, "run_limited", counted)
+
+    def value(number: int, **texts: str) -> int:
+        own = f'#include "same.h"\nint own(void) {{ return two() + {number}; }}\n'
+        built = build_library(
+            {**shared, "own.c": own, **texts},
+            abi_version=1,
+            n_operations=1,
+            options=BuildOptions("-O0"),
+            toolchain=toolchain,
+            shared=shared,
+        )
+        return ctypes.CDLL(str(built.path)).own()
+
+    assert [value(1), value(2)] == [3, 4]
+    assert compiled.count("same.c") == 1
+    # Another text of a shared header, or an object that was damaged, is compiled again.
+    assert value(3, **{"same.h": "int two(void);  \n"}) == 5
+    assert compiled.count("same.c") == 2
+    for kept in cache.glob("*.o"):
+        kept.write_bytes(b"damaged")
+    assert value(4) == 6
+    assert compiled.count("same.c") == 3
+    assert clear_cache() > 0
+    assert not list(cache.glob("*.o"))
+
+
+@pytest.mark.compiler
 def test_the_first_file_that_fails_is_named(toolchain):
     files = {"a.c": "int a;\n", "b.c": "int b\n= ;\n", "c.c": "nothing\n"}
     with pytest.raises(BuildError, match=r"b\.c' with exit status 1: b\.c:2") as caught:

@@ -15,6 +15,7 @@ from made_up_scenes import HOSTILE, busy_scene
 
 from cotree.codegen import context as contexts
 from cotree.codegen.context import model_context
+from cotree.codegen.integrators import SHARED_FILES, STEPPERS, engine_files
 from cotree.codegen.kernel_text import KernelContext
 from cotree.codegen.maps import MapContext
 from cotree.codegen.node_statements import print_nodes
@@ -259,3 +260,13 @@ def test_counts_in_comments_are_those_of_the_program(made_up):
     rhs = next(k for k in context.kernels if k.signature.startswith("int made_up_rhs("))
     assert (rhs.n_results, rhs.n_operations) == (1, program.kernels["rhs"].operations.total)
     assert math.isclose(rhs.n_operations, 3)
+
+
+def test_shared_files_of_engines_are_the_same_and_include_each_other_only():
+    first = engine_files(STEPPERS[0])
+    for stepper in STEPPERS:
+        files = engine_files(stepper)
+        for name in SHARED_FILES:
+            assert files[name] == first[name]
+            included = set(re.findall(r'#include "([^"]+)"', files[name]))
+            assert included <= SHARED_FILES, name

@@ -1,7 +1,7 @@
 """Cache of compiled libraries: a folder of the user, addressed by all inputs of each library.
 
-A library stands there as ``<key>.so`` with its checksum in ``<key>.sha256``. Both are published by
-atomic rename from a private folder, so a reader never meets half a file. A library whose checksum
+A library stands there as ``<key>.so``, and an object file that several libraries link as
+``<key>.o``, each with its checksum in ``<key>.sha256``. Both are published by atomic rename from a private folder, so a reader never meets half a file. A library whose checksum
 does not fit, whatever the reason, counts as absent and is built again.
 
 Of processes that want the same library at the same time, one builds it and the others wait for a
@@ -36,7 +36,9 @@ _VARIABLE = "COTREE_CACHE_DIR"
 _FAILED = "failed"
 _PRIVATE_PREFIX = "cotree-build-"
 _KEY = re.compile(r"[0-9a-f]{64}")
-_PUBLISHED = re.compile(r"[0-9a-f]{64}\.(so|sha256|lock)")
+_PUBLISHED = re.compile(r"[0-9a-f]{64}\.(so|o|sha256|lock)")
+#: The end of the name of a library in the cache, and of an object file that several ones link.
+LIBRARY, OBJECT = ".so", ".o"
 # No build takes as long, so the process of a private folder that has not changed for a day is gone.
 _ABANDONED_AFTER = 24.0 * 3600.0
 
@@ -123,9 +125,9 @@ def cache_key(
     return hashlib.sha256(json.dumps(ingredients, sort_keys=True).encode()).hexdigest()
 
 
-def find_library(key: str) -> Path | None:
-    """Give the library of a key, or None if it is absent or not what was published."""
-    library, checksum = _published_paths(key)
+def find_published(key: str, end: str = LIBRARY) -> Path | None:
+    """Give the library or object of a key, or None if it is absent or not what was published."""
+    library, checksum = _published_paths(key, end)
     try:
         is_intact = checksum.read_bytes() == _digest(library)
     except OSError:
@@ -133,16 +135,17 @@ def find_library(key: str) -> Path | None:
     return library if is_intact else None
 
 
-def publish_library(built: Path, key: str) -> Path:
-    """Move a library from a private folder of the cache to its place.
+def publish(built: Path, key: str, end: str = LIBRARY) -> Path:
+    """Move a library or an object from a private folder of the cache to its place.
 
     Raises
     ------
     OSError
         If the files cannot be written.
     """
-    library, checksum = _published_paths(key)
-    written = built.with_name("checksum")
+    library, checksum = _published_paths(key, end)
+    # Objects of one library are published by threads side by side.
+    written = built.with_name(f"{built.name}.checksum")
     written.write_bytes(_digest(built))
     try:
         # A reader between the two renames finds a checksum that does not fit, and builds for
@@ -151,7 +154,7 @@ def publish_library(built: Path, key: str) -> Path:
         os.replace(written, checksum)
     except PermissionError:
         # Windows never replaces a library that is loaded: that one has been published before.
-        if find_library(key) is None:
+        if find_published(key, end) is None:
             raise
     return library
 
@@ -286,9 +289,9 @@ def _check_private(directory: Path, status: os.stat_result) -> None:
         )
 
 
-def _published_paths(key: str) -> tuple[Path, Path]:
+def _published_paths(key: str, end: str) -> tuple[Path, Path]:
     directory = cache_directory()
-    return directory / f"{key}.so", directory / f"{key}.sha256"
+    return directory / f"{key}{end}", directory / f"{key}.sha256"
 
 
 def _digest(path: Path) -> bytes:

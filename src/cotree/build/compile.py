@@ -15,13 +15,14 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from cotree.build.cache import (
+    OBJECT,
     building,
     cache_directory,
     cache_key,
-    find_library,
+    find_published,
     keep_failed,
     private_directory,
-    publish_library,
+    publish,
     write_files,
 )
 from cotree.build.options import BuildOptions, compiler_flags, cpu_features
@@ -29,7 +30,7 @@ from cotree.build.process import Outcome, run_limited
 from cotree.errors import BuildError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Collection, Mapping, Sequence
     from pathlib import Path
 
     from cotree.build.toolchain import Toolchain
@@ -74,6 +75,7 @@ def build_library(
     options: BuildOptions,
     toolchain: Toolchain,
     levels: Mapping[str, str] = MappingProxyType({}),
+    shared: Collection[str] = (),
 ) -> BuiltLibrary:
     """Compile a model, unless the cache holds it.
 
@@ -93,6 +95,9 @@ def build_library(
         The compiler, from :func:`find_toolchain`.
     levels : mapping of str to str
         Compiler level of single files, where it is another one than that of ``options``.
+    shared : collection of str
+        Names of files that other libraries have, too, with the same text. They include no files but
+        each other. The objects of these ``.c`` files are kept in the cache for those libraries.
 
     Returns
     -------
@@ -109,19 +114,29 @@ def build_library(
     start = time.perf_counter()
     sources = _source_names(files)
     flags = compiler_flags(toolchain, options, n_operations, n_all)
-    steps = _steps((*toolchain.command, *flags), sources, levels)
-    key = cache_key(
-        files,
-        abi_version=abi_version,
-        toolchain=toolchain,
-        flags=(*flags, *(f"{name} {level}" for name, level in sorted(levels.items()))),
-        cpu_features=cpu_features() if options.native else "",
-    )
-    found = find_library(key)
+
+    def key_of(texts: Mapping[str, str], *others: str) -> str:
+        return cache_key(
+            texts,
+            abi_version=abi_version,
+            toolchain=toolchain,
+            flags=(*flags, *others),
+            cpu_features=cpu_features() if options.native else "",
+        )
+
+    headers = {name: files[name] for name in shared if name.endswith(".h")}
+    kept = {
+        name: key_of({**headers, name: files[name]}, levels.get(name, ""))
+        for name in sources
+        if name in shared
+    }
+    steps = _steps((*toolchain.command, *flags), sources, levels, kept)
+    key = key_of(files, *(f"{name} {level}" for name, level in sorted(levels.items())))
+    found = find_published(key)
     path = found
     if path is None:
         with building(key, options.time_limit):
-            found = find_library(key)  # another process may have built it meanwhile
+            found = find_published(key)  # another process may have built it meanwhile
             path = found or _compile(files, steps, key, options.time_limit)
     commands = " && ".join(shlex.join(step.command) for step in steps)
     return BuiltLibrary(path, time.perf_counter() - start, found is not None, commands)
@@ -144,14 +159,18 @@ def _source_names(files: Mapping[str, str]) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class _Step:
-    """A command, and the C file that it compiles."""
+    """A command, the C file that it compiles, and the key of its object where that is kept."""
 
     source: str
     command: tuple[str, ...]
+    key: str = ""
 
 
 def _steps(
-    compiler: tuple[str, ...], sources: Sequence[str], levels: Mapping[str, str]
+    compiler: tuple[str, ...],
+    sources: Sequence[str],
+    levels: Mapping[str, str],
+    kept: Mapping[str, str],
 ) -> list[_Step]:
     """Write the commands: one for a single file, else one for each file and one that links."""
     to = ("-o", _OUTPUT, "-lm")
@@ -159,7 +178,7 @@ def _steps(
     if len(sources) == 1:
         return [_Step(source, (*command, source, *to)) for source, command in own.items()]
     steps = [
-        _Step(source, (*command, "-c", source, "-o", f"{source}.o"))
+        _Step(source, (*command, "-c", source, "-o", f"{source}.o"), kept.get(source, ""))
         for source, command in own.items()
     ]
     objects = [f"{source}.o" for source in sources]
@@ -200,7 +219,7 @@ def _attempt(
             write_files(files, directory)
             step, outcome = _run(steps, directory, time_limit)
             if outcome.status == 0 and (directory / _OUTPUT).is_file():
-                return publish_library(directory / _OUTPUT, key)
+                return publish(directory / _OUTPUT, key)
         except FileNotFoundError:
             if _is_complete(directory, files):
                 raise
@@ -236,7 +255,19 @@ def _run(steps: Sequence[_Step], directory: Path, time_limit: float) -> tuple[_S
     *first, last = steps
 
     def run(step: _Step) -> Outcome:
-        return run_limited(step.command, directory, time_limit)
+        made = directory / f"{step.source}.o"
+        found = find_published(step.key, OBJECT) if step.key else None
+        # Another process may clear the cache between the look and the copy.
+        with contextlib.suppress(FileNotFoundError):
+            if found is not None:
+                shutil.copyfile(found, made)
+                return Outcome(0, "")
+        outcome = run_limited(step.command, directory, time_limit)
+        if step.key and outcome.status == 0:
+            # The library is linked from the one, the other moves to the cache.
+            copy = shutil.copyfile(made, directory / f"{step.source}.kept.o")
+            publish(copy, step.key, OBJECT)
+        return outcome
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for step, outcome in zip(first, pool.map(run, first), strict=True):

@@ -30,6 +30,25 @@ INTEGRATORS: dict[str, Tableau | RosenbrockTableau] = {**TABLEAUS, **ROSENBROCK}
 #: Every method that C takes the steps of, by name: cotree's own, and the libraries of SUNDIALS.
 STEPPERS = (*INTEGRATORS, *SUNDIALS_FUNCTIONS)
 
+#: Files that are the same in all engines and include none but each other: compiled once for all.
+SHARED_FILES = frozenset(
+    {
+        "cotree_abi.h",
+        "cotree_events.c",
+        "cotree_events.h",
+        "cotree_history.h",
+        "cotree_integrator.h",
+        "cotree_job.c",
+        "cotree_job.h",
+        "cotree_jumps.c",
+        "cotree_jumps.h",
+        "cotree_lu.h",
+        "cotree_run.c",
+        "cotree_run.h",
+        "cotree_stepper.h",
+    }
+)
+
 
 def integrator_files(name: str) -> Mapping[str, str]:
     """Write an integrator's own files and those that it shares with others.

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cotree.build import BuildOptions, find_toolchain, obtain_library
-from cotree.codegen.integrators import engine_declarations, engine_files
+from cotree.codegen.integrators import SHARED_FILES, engine_declarations, engine_files
 from cotree.codegen.sundials import SUNDIALS_FUNCTIONS
 from cotree.errors import BuildError
 from cotree.sharing import made_once
@@ -94,6 +94,7 @@ def build_engine(files: Mapping[str, str], declarations: str) -> LoadedLibrary |
             options=BuildOptions("-O1"),
             toolchain=toolchain,
             levels={"engine.c": "-O3"},
+            shared=SHARED_FILES & files.keys(),
         )
     except BuildError:
         return None
