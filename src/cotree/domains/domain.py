@@ -95,6 +95,7 @@ def _network(
     """Make the row of a scalar domain from name, symbol and unit of its variables."""
     return Domain(
         name,
+        # A scalar network has one across variable; multibody domains have its rates too.
         (across[0],),
         across[1],
         through[0],
@@ -116,6 +117,8 @@ _INERTIAL = (
 
 
 _ROWS = (
+    # Vectors of multibody systems. Position, velocity and acceleration are three across variables
+    # of one edge, each with its f-circuit equation (Eq. (2)).
     Domain("translation", ("position", "velocity", "acceleration"), "r", "force", "F", "m", "N"),
     Domain(
         "rotation",
@@ -126,6 +129,8 @@ _ROWS = (
         "rad",
         "N m",
     ),
+    # Capacitors hold charge, the integral of the current; inductors hold flux linkage, the integral
+    # of the voltage. The other scalar domains follow this pattern.
     _network(
         "electrical", ("voltage", "v", "V"), ("current", "i", "A"), ("q", "C"), ("flux", "V s")
     ),
@@ -136,6 +141,7 @@ _ROWS = (
         ("V", "m^3"),
         ("Gamma", "Pa s"),
     ),
+    # Heat has a capacity but no inertance: nothing stores the integral of a temperature.
     _network("thermal", ("temperature", "T", "K"), ("heat flow", "q", "W"), ("H", "J")),
     _network(
         "chemical",
@@ -143,12 +149,16 @@ _ROWS = (
         ("molar flow", "n", "mol/s"),
         ("N", "mol"),
         remedy="a species or a reaction",
+        # A concentration counts from zero, so that a storage of it begins at the reference.
         absolute=(
             "runs to '{tail}', but how much there is of it follows from its concentration above "
             "zero: name its node first, then 'ground'"
         ),
     ),
     Domain(
+        # Networks of one-dimensional mechanics: velocity across, force through (mobility analogy).
+        # Masses hold momentum, the integral of force; the integral of velocity is the stretch of
+        # springs.
         "translational",
         ("velocity",),
         "v",

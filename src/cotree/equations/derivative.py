@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def spread(row: Mapping[int, Node], n: int, zero: Node) -> list[Node]:
-    """Write a row out.
+    """Write a sparse row out in full.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class Derivative:
 
     @property
     def nodes(self) -> list[Node]:
-        """All that it is made of, but for the seed and what it begins with."""
+        """All its nodes but for those of the seed and of the initial values."""
         rates, outputs = self.rates.values(), self.outputs.values()
         return [*self.forcing, *rates, *outputs, *self.held, *self.held_rates, *self.start]
 
@@ -75,10 +75,12 @@ class Derivative:
 def substituted(
     rows: Sequence[Derivative], replacement: Mapping[Node, Node]
 ) -> tuple[Derivative, ...]:
-    """Replace some nodes in derivatives, but for their seeds; values that they share, once."""
+    """Replace some nodes in derivatives, but not in their seeds and initial values."""
+    # One call for all rows: values that they share are replaced once. The order is that of `nodes`.
     new = iter(substitute([node for row in rows for node in row.nodes], replacement))
 
     def again(row: Mapping[int, Node]) -> dict[int, Node]:
+        # Taken from the iterator whether it vanishes or not, so that the order is kept.
         made = {i: next(new) for i in row}
         return {i: node for i, node in made.items() if not node.is_zero}
 

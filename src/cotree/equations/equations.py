@@ -53,7 +53,7 @@ class State:
     is_algebraic : bool
         Whether an equation 0 = g, no rate, determines it; its initial value is then a guess.
     follower : str
-        Of what storages hold: the algebraic unknown that follows from it.
+        For a state that is the content of a storage, the algebraic unknown that follows from it.
     """
 
     name: str
@@ -115,11 +115,14 @@ class ConstraintSet:
 
     rows: tuple[Quantity, ...]
     edges: tuple[str, ...]
+    # Levels of position and of velocity, which a projection enforces; the level of acceleration is
+    # part of A w = b.
     values: tuple[Node | None, ...]
     rates: tuple[Node, ...]
     gradient: tuple[tuple[Node, ...], ...]
     sizes: tuple[tuple[Node, ...], ...]
     quaternions: tuple[tuple[str, tuple[Node, ...]], ...]
+    # Conditions of the consistent start besides the constraints.
     start_rows: tuple[Quantity, ...]
     start_is_rate: tuple[bool, ...]
     start_values: tuple[Node, ...]
@@ -154,6 +157,7 @@ class Guard:
     def named(self, names: Sequence[str]) -> Guard:
         """Name the parameters that the value is made of, from the names of all of them."""
         symbols = symbols_in([self.value])
+        # Symbols of parameters are numbered in the order of the tunable ones.
         places = sorted(symbol.data[1] for symbol in symbols if symbol.data[0] == PARAMETER)
         return replace(self, parameters=tuple(names[place] for place in places))
 
@@ -164,6 +168,7 @@ class Guard:
             return ""
         kind = "parameter" if len(self.parameters) == 1 else "parameters"
         shown = ", ".join(f"'{name}'" for name in self.parameters[:_MOST_SHOWN])
+        # A guard on a long chain may depend on dozens of parameters.
         hidden = len(self.parameters) - _MOST_SHOWN
         return f" ({kind} {shown}{f' and {hidden} more' if hidden > 0 else ''})"
 
@@ -177,6 +182,7 @@ class Guard:
 
     def check(self, number: float) -> None:
         """Raise ParameterError if the number does not satisfy the guard."""
+        # Written so that nan satisfies no guard.
         if number > 0.0 or (number == 0.0 and not self.is_strict):
             return
         if self.breach:
@@ -214,6 +220,7 @@ class EventRow:
     name: str
     direction: int
     is_stop: bool
+    # States that the event sets, and places of the values that it looks at and sets them to.
     targets: tuple[int, ...]
     watched: int
     new_values: range
@@ -230,6 +237,7 @@ class EventRow:
     @property
     def kept(self) -> tuple[int, ...]:
         """The states that expressions set, which constraints leave as they are."""
+        # Targets of expressions come first, those of the impact after them.
         return self.targets[: len(self.new_values)]
 
     @property
@@ -238,6 +246,7 @@ class EventRow:
         own = dict(zip(self.kept, self.new_values, strict=True))
         if self.restitution is None:
             return own
+        # One coefficient of restitution sets all speeds, by the impulse of the impact.
         return own | dict.fromkeys(self.targets[len(own) :], self.restitution)
 
 
@@ -302,22 +311,27 @@ class Equations:
     parameters: tuple[Quantity, ...]
     inputs: tuple[Quantity, ...]
     outputs: tuple[Quantity, ...]
+    # The scene's own values, where a run gives no others.
     parameter_values: tuple[float, ...]
     input_symbols: tuple[Node, ...]
     input_values: tuple[Node, ...]
+    # A(x) w = b(x): accelerations and multipliers, eliminated when the equations are lowered.
     unknowns: tuple[Node, ...]
     unknown_tangents: tuple[Node, ...]
     matrix: Sequence[Sequence[Node]]
     forcing: tuple[Node, ...]
     is_safe: tuple[bool, ...]
     links: tuple[TreeLink, ...]
+    # M x' = rates(x, w), and what has to hold besides.
     rates: tuple[Node, ...]
     balances: tuple[Node, ...]
     constraints: ConstraintSet
     output_values: tuple[Node, ...]
+    # Derivatives along directions: the same A and M, with right-hand sides of their own.
     sensitivities: tuple[Derivative, ...]
     columns: tuple[Derivative, ...]
     guards: tuple[Guard, ...]
+    # Layout of x: coordinates, speeds, modes, states of networks, algebraic unknowns.
     n_network_states: int = 0
     n_modes: int = 0
     events: tuple[EventRow, ...] = ()
@@ -332,11 +346,13 @@ class Equations:
     @property
     def n_speeds(self) -> int:
         """Number of speeds, whose rates are the first of the unknowns."""
+        # Each constraint has one multiplier among the unknowns.
         return len(self.unknowns) - len(self.constraints.rows)
 
     @property
     def n_coordinates(self) -> int:
         """Number of coordinates, which come first among the states."""
+        # Free rotations have four coordinates and three speeds, so that the numbers differ.
         others = self.n_speeds + self.n_network_states + self.n_algebraic
         return len(self.states) - others
 

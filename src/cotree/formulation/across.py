@@ -51,6 +51,8 @@ class Motion:
 
     def to(self, cluster: int) -> Geometry:
         """Give the branch that carries a cluster."""
+        # Every cluster but the ground, number 0, is carried by one branch, in the order of the
+        # clusters.
         return self.geometry[cluster - 1]
 
     @cached_property
@@ -69,6 +71,8 @@ class Motion:
 
     def _branch_velocity(self, branch: Branch) -> Vector:
         geometry = self.to(branch.child)
+        # The parent carries the whole offset; the motion space adds what the speeds move beyond
+        # that.
         result = vector.cross(self.omega[branch.parent], geometry.offset)
         for speed, shifting in zip(branch.speeds, geometry.shifting, strict=True):
             result = vector.add(result, vector.scale(self.frames.seen(speed.symbol), shifting))
@@ -132,6 +136,8 @@ def move(system: System, clusters: Clusters, frames: Frames, first: Motion | Non
     [1] eq. 2.
     """
     geometry = []
+    # The ground comes first: it does not turn. Branches come after those that carry them, so that
+    # each prefix sum adds one term (Eq. (2)).
     omega = [vector.zeros(system.dag)]
     for branch in clusters.branches[1:]:
         assert branch is not None
@@ -142,6 +148,8 @@ def move(system: System, clusters: Clusters, frames: Frames, first: Motion | Non
         with system.dag.labelled(f"f-circuits, geometry of {branch.edge}"):
             own = resolve_branch(system, frames, branch)
             geometry.append(own)
+            # Angular velocities add up along the rotation tree, positions along the translation
+            # tree.
             total = vector.add(omega[branch.turn_parent], relative_spin(frames, own))
             omega.append(frames.down(branch.child, total))
     return Motion(system, clusters, frames, tuple(geometry), tuple(omega), first)
@@ -181,6 +189,7 @@ def carrier_spin(motion: Motion, branch: Branch) -> Vector:
     """Give the angular velocity of a branch's carrier, in the basis of its parent."""
     if branch.carrier != branch.child:
         return motion.omega[branch.carrier]
+    # The carrier is the child, whose vectors are in its own basis.
     return motion.frames.up(branch.child, motion.omega[branch.child])
 
 
@@ -203,6 +212,8 @@ def accelerate(
     zero = vector.zeros(system.dag)
     alpha = [zero]
     matrix = [vector.angular_acceleration_matrix(zero, zero)]
+    # The ground accelerates against gravity (d'Alembert's principle), so that weight is part of
+    # every inertial force and needs no edge of its own.
     origin = [vector.neg(frames.resolved(0, system.gravity))]
     steps = []
     for geometry in motion.geometry:
@@ -212,10 +223,13 @@ def accelerate(
             alpha.append(first.alpha[child])
             matrix.append(first.matrix[child])
             steps.append(first.across[child - 1])
+            # The step across the branch is the same; the sum up to the origin is the same only if
+            # the sum up to the parent is.
             if origin[parent] == first.origin[parent]:
                 origin.append(first.origin[child])
                 continue
         with system.dag.labelled(f"f-circuits, acceleration of {branch.edge}"):
+            # Otherwise the step of the first graph was taken above, and only the sum is new.
             if len(steps) < child:
                 own = [rates[v.index] for v in branch.speeds]
                 spin = carrier_spin(motion, branch)
@@ -231,6 +245,7 @@ def accelerate(
 def _turn(frames: Frames, geometry: Geometry, rates: Sequence[Node], spin: Vector) -> Vector:
     """Form the angular acceleration across a branch whose carrier spins."""
     zero = vector.zeros(geometry.branch.anchor[0].dag)
+    # Axes of the motion space are constant in the carrier, so that their rate in space is spin x e.
     gyroscopic = vector.cross(spin, relative_spin(frames, geometry))
     return vector.add(weighted(zero, geometry.turning, rates), gyroscopic)
 
@@ -245,10 +260,14 @@ def _shift(
     """Form the acceleration of a branch's outer origin against the inner one."""
     branch = geometry.branch
     zero = vector.zeros(branch.anchor[0].dag)
+    # Tangential and centripetal acceleration of the arm that the parent carries.
     total = vector.times(matrix[branch.parent], geometry.from_parent)
     total = vector.add(total, weighted(zero, geometry.sliding, rates))
+    # 2 omega x v of what slides along axes that the carrier turns.
     coriolis = vector.cross(spin, _moving(frames, geometry, geometry.sliding))
     total = vector.add(total, vector.add(coriolis, coriolis))
+    # A joint that points inwards slides along axes of its child, which carries that part of the
+    # arm; its matrix is in the child's basis.
     if not vector.is_zero(geometry.from_child):
         outer = frames.down(branch.child, geometry.from_child)
         carried = vector.times(matrix[branch.child], outer)

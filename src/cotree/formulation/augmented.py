@@ -41,6 +41,7 @@ def augmented_mass_matrix(motion: Motion) -> list[list[Node]]:
     for geometry in motion.geometry:
         for i, speed in enumerate(geometry.branch.speeds):
             with dag.labelled(f"mass matrix, column of {speed.edge}"):
+                # Forces of the masses that are moved, then what turns and slides couple.
                 pull = _forces(motion, bodies, geometry, i)
                 rows = _own(motion, bodies, tensors, geometry, i)
                 for row, entry in enumerate(along_speeds(motion, pull)):
@@ -80,6 +81,7 @@ def _arm(branch: Branch) -> Vector:
 
 def _turned_together(motion: Motion, bodies: list[Inertia | None]) -> list[Matrix | None]:
     """Sum the inertia tensors of all that turns with each cluster."""
+    # A torque on a cluster reaches all that turns it, so that tensors add along the rotation tree.
     tensors = [None if body is None else body.tensor for body in bodies]
     for geometry in reversed(motion.geometry):
         parent, own = geometry.branch.turn_parent, tensors[geometry.branch.child]
@@ -93,6 +95,8 @@ def _forces(motion: Motion, bodies: list[Inertia | None], geometry: Geometry, i:
     """Form the forces that a unit acceleration needs, on the clusters where they act."""
     branch, zero = geometry.branch, vector.zeros(motion.system.dag)
     wrenches = []
+    # All clusters that turn with the branch: in the rotation tree parents come first, so one pass
+    # finds them.
     turned = {branch.child} if branch.turns else set()
     for other in motion.geometry:
         if other.branch.turn_parent in turned:
@@ -100,6 +104,7 @@ def _forces(motion: Motion, bodies: list[Inertia | None], geometry: Geometry, i:
     for cluster in sorted(turned):
         body = bodies[cluster]
         if body is not None:
+            # alpha x h: the augmented first moment holds all mass that this turn accelerates.
             wrenches.append((cluster, vector.cross(geometry.turning[i], body.moment), zero))
     body, shifting = bodies[branch.child], geometry.shifting[i]
     if body is not None and branch.parent and not vector.is_zero(shifting):
@@ -116,19 +121,22 @@ def _own(
     geometry: Geometry,
     i: int,
 ) -> dict[int, Node]:
-    """Form what a unit acceleration needs of itself, and of the turns that turn it, by speed."""
+    """Form the entries of a speed's column by itself and by the turns that carry it, by speed."""
     branch = geometry.branch
     found: dict[int, Node] = {}
     tensor, body = tensors[branch.child], bodies[branch.child]
     if branch.turns and tensor is not None:
+        # J alpha, felt by every turn between the ground and the branch.
         torque = vector.times(tensor, geometry.turning[i])
         for other in motion.clusters.turning_path(branch.child):
             outer = motion.to(other.child).turning
             for k, speed in enumerate(other.speeds):
+                # Entries within one branch are formed once; the caller fills in the transpose.
                 if other is not branch or k <= i:
                     found[speed.index] = vector.dot(outer[k], torque)
     if body is not None and not vector.is_zero(geometry.shifting[i]):
         at, shifting = branch.speeds[i].index, geometry.shifting[i]
+        # The carried mass resists its own slide; what lies further inwards is in _forces.
         push = body.mass * vector.dot(shifting, shifting)
         found[at] = found[at] + push if at in found else push
     return found

@@ -161,6 +161,7 @@ def _rotation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
         yield _named(edge, "turn", "", Composite((Cosine(ends, a, b),), held, motion.system.time))
         return
     axis = _axis_of(edge)
+    # The axis stays perpendicular to two directions that the second node carries.
     a = carried_by(motion, ends, 0, axis)
     for i, direction in enumerate(plane_axes(axis)):
         b = carried_by(motion, ends, 1, direction)
@@ -221,6 +222,7 @@ def _plane_angle(motion: Motion, edge: BoundEdge, axis: Vector) -> Node | None:
     points = motion.clusters.points
     turned = node_angle(motion, points[edge.second], system.plane)
     turned = turned - node_angle(motion, points[edge.first], system.plane)
+    # The axis may point against the normal: plus or minus one.
     return axis["xyz".index(system.plane)] * turned
 
 
@@ -275,6 +277,7 @@ def named_measure(motion: Motion, name: str) -> Measure | None:
     edge = system.edges.get(first)
     if edge is not None and edge.component.role is Role.JOINT:
         found = chord_measure(motion, edge, last)
+        # An expression must not jump where an angle passes half a turn.
         if isinstance(found, Angle):
             return whole_angle(motion, edge)
         if found is not None:
@@ -359,6 +362,7 @@ def _knife_edge(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
 
 def _rolling_disc(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
     ends, normal = chord_ends(motion, edge), edge.vectors["normal"]
+    # The height is a holonomic constraint, the two slips have rates only.
     up = carried_by(motion, ends, 0, normal)
     axle = carried_by(motion, ends, 1, edge.vectors["axis"])
     for place, direction in zip(

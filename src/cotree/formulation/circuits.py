@@ -53,8 +53,11 @@ class Circuits:
             return self.known.between(ancestor, cluster, zero)
         total = zero
         for branch in self.clusters.path(cluster, ancestor):
+            # Paths from one ancestor share their beginnings, so that each sum extends a known one
+            # by one term.
             key = (ancestor, branch.child)
             if key not in self._sums:
+                # Sums are formed in the basis of the ancestor, not in that of the branch's parent.
                 step = inwards(
                     self.clusters, self.frames, self.across(branch), branch.parent, ancestor
                 )
@@ -76,6 +79,8 @@ def inwards(clusters: Clusters, frames: Frames, a: Vector, cluster: int, ancesto
         The bases before and after.
     """
     while cluster != ancestor:
+        # Bases change one branch at a time; where a cluster shares its parent's basis nothing is
+        # formed.
         a = frames.up(cluster, a)
         branch = clusters.branches[cluster]
         assert branch is not None

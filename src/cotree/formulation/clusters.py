@@ -42,6 +42,7 @@ class Point:
 
     def resolved(self, a: Vector) -> Vector:
         """Resolve a vector of the node's axes in the cluster's."""
+        # Most nodes have the axes of their cluster, for which no product is formed.
         return a if self.turn is None else vector.times(self.turn, a)
 
 
@@ -102,12 +103,13 @@ class Branch:
 
     @property
     def turns(self) -> bool:
-        """Whether it rotates its child."""
+        """Tell whether it rotates its child."""
         return self.step is not None and self.step.kind.rotates
 
     @property
     def position(self) -> Node:
         """The only coordinate of a branch along one axis."""
+        # A free rotation has four coordinates, which `quaternion` gives.
         return self.coordinates[0].symbol
 
     @property
@@ -120,7 +122,7 @@ class Branch:
 
 @dataclass(frozen=True)
 class EdgeEntry:
-    """The way by which a tree reaches a cluster from another.
+    """The branches by which an edge leads a tree from one cluster to another.
 
     Attributes
     ----------
@@ -157,7 +159,7 @@ class Clusters:
     inertias : tuple of Inertia or None
         The lumped inertia of each cluster; None where there is none.
     entries : mapping of str to mapping of str to EdgeEntry
-        Of each graph: where the branches of an edge with a motion space are.
+        For each graph, the branches that belong to every edge with a motion space.
     """
 
     points: dict[str, Point]
@@ -166,7 +168,7 @@ class Clusters:
     entries: Mapping[str, Mapping[str, EdgeEntry]]
 
     def path(self, cluster: int, ancestor: int = 0) -> list[Branch]:
-        """List the branches from an ancestor out to a cluster."""
+        """List the branches of the translation tree from an ancestor out to a cluster."""
         found: list[Branch] = []
         while cluster != ancestor:
             branch = self.branches[cluster]
@@ -176,11 +178,12 @@ class Clusters:
         return found[::-1]
 
     def turning_path(self, cluster: int) -> list[Branch]:
-        """List the branches that turn a cluster, from the ground out."""
+        """List the branches of the rotation tree that turn a cluster, from the ground out."""
         found: list[Branch] = []
         while cluster:
             branch = self.branches[cluster]
             assert branch is not None
+            # Branches that only slide leave the axes as they are.
             if branch.turns:
                 found.append(branch)
             cluster = branch.turn_parent
@@ -191,6 +194,8 @@ class Clusters:
         while a != b:  # parents have smaller numbers than their children
             branch = self.branches[max(a, b)]
             assert branch is not None
+            # The cluster of the larger number cannot lead to the other, so that it is the one to
+            # step inwards.
             a, b = min(a, b), branch.parent
         return a
 
@@ -208,12 +213,14 @@ def shifted(mass: Node, offset: Vector, tensor: Matrix | None) -> Inertia:
         Inertia about the centre of mass, [kg m^2]; None of a particle.
     """
     moment = vector.scale(mass, offset)
+    # A particle has no inertia about its own centre, but has one about the origin.
     steiner = _steiner(moment, offset)
     return Inertia(mass, moment, steiner if tensor is None else vector.matadd(tensor, steiner))
 
 
 def _steiner(moment: Vector, offset: Vector) -> Matrix:
     """Form m (c.c 1 - c c^T) from m c and c."""
+    # Each product m c_i c_j is formed once, and stands in two entries of the tensor.
     xx, yy, zz = (moment[i] * offset[i] for i in range(3))
     xy, xz, yz = moment[0] * offset[1], moment[0] * offset[2], moment[1] * offset[2]
     return ((yy + zz, -xy, -xz), (-xy, xx + zz, -yz), (-xz, -yz, xx + yy))
@@ -223,6 +230,7 @@ def combined(a: Inertia | None, b: Inertia) -> Inertia:
     """Add two inertias about the same origin."""
     if a is None:
         return b
+    # Mass and both moments refer to one origin and one set of axes, so that they simply add.
     return Inertia(
         a.mass + b.mass, vector.add(a.moment, b.moment), vector.matadd(a.tensor, b.tensor)
     )

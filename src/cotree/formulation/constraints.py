@@ -84,17 +84,22 @@ def form_constraints(motion: Motion, view: View, baumgarte: float) -> tuple[Cons
     for row in constraint_rows(motion):
         with dag.labelled(f"constraint of {row.edge}"):
             pull = row.measure.pull(view)
+            # The power of the pull at a unit of each speed is the derivative of the rate by that
+            # speed: a row of G, without differentiating the value.
             gradient = tuple(along_speeds(motion, pull))
+        # No multiplier could act on any speed: the row would only make the matrix singular.
         if all(entry.is_zero for entry in gradient):
             idle.append(row)
         else:
             kept.append((row, pull, gradient))
+    # Multipliers are numbered on from the accelerations: both are unknowns of one system.
     symbols = [dag.symbol("w", len(speeds) + i) for i in range(len(kept))]
     values, rates, biases = [], [], []
     for row, _, _ in kept:
         with dag.labelled(f"constraint of {row.edge}"):
             values.append(row.measure.value(view))
             rates.append(row.measure.rate(view))
+            # The view has zero accelerations, so that c'' = G v' + b leaves b alone.
             biases.append(stabilised(row.measure, view, baumgarte))
     constraints = Constraints(
         tuple(row for row, _, _ in kept),
@@ -114,7 +119,7 @@ def form_constraints(motion: Motion, view: View, baumgarte: float) -> tuple[Cons
 
 
 def _sizes(motion: Motion, pull: Pull, gradient: Sequence[Node]) -> tuple[Node, ...]:
-    """Give the sizes of the entries that are there at all."""
+    """Give the sizes of the entries of the gradient that are not structurally zero."""
     with motion.system.dag.labelled("sizes of constraints"):
         sizes = sizes_along_speeds(motion, pull)
     return tuple(
@@ -138,6 +143,7 @@ def stabilised(measure: Measure, view: View, rate: float) -> Any:
     ----------
     J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1.
     """
+    # With rate b a violation decays like exp(-b t), critically damped; without, it may grow.
     total = measure.acceleration(view)
     if rate:
         total = total + (2.0 * rate) * measure.rate(view)
@@ -158,6 +164,7 @@ def sizes_along_speeds(motion: Motion, pull: Pull) -> list[Node]:
 
 def _projected_size(geometry: Geometry, i: int, wrench: Wrench) -> Node:
     turning, shifting = geometry.turning[i], geometry.shifting[i]
+    # |e|^2 |T|^2 bounds (e.T)^2: where entries are far smaller than that they consist of rounding.
     turned = vector.dot(turning, turning) * vector.dot(wrench.torque, wrench.torque)
     return turned + vector.dot(shifting, shifting) * vector.dot(wrench.force, wrench.force)
 
@@ -172,8 +179,11 @@ def _along_speeds(
     dag, frames = motion.system.dag, motion.frames
     totals = [dag.zero] * len(motion.system.speeds)
     for index, effort in pull.efforts.items():
+        # Efforts act along speeds themselves and need no projection.
         totals[index] = totals[index] + of_effort(effort)
     for pulled, force, torque in pull.wrenches:
+        # Each wrench walks alone, since sizes add squares term by term. Parents have smaller
+        # numbers, so that no sum beyond its own cluster is touched.
         sums = Sums(pulled + 1)
         sums.gather(pulled, Wrench(force, torque))
         for cluster in range(pulled, 0, -1):
@@ -188,5 +198,5 @@ def _along_speeds(
 
 
 def multiplier_loads(applied: Sequence[Applied]) -> list[Pull]:
-    """Scale the pulls by what there is of them."""
+    """Scale each pull by the value of its through variable."""
     return [row.pull.scaled(row.magnitude) for row in applied]

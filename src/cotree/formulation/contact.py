@@ -32,6 +32,7 @@ class Slip:
 
     def _velocity(self, view: View) -> Any:
         omega, _ = _against_first(self.ends, view)
+        # The rate in space of r less the part by which the first body's turn carries it.
         return vector.sub(self.ends.closing(view), vector.cross(omega, self.ends.reach(view)))
 
     def rate(self, view: View) -> Any:
@@ -45,6 +46,7 @@ class Slip:
             vector.cross(alpha, self.ends.reach(view)),
             vector.cross(omega, self.ends.closing(view)),
         )
+        # Product rule of e.(r' - omega x r), with omega' = alpha; a term for e' follows.
         own = vector.sub(self.ends.opening(view), carried)
         return vector.dot(self.axis.value(view), own) + vector.dot(
             self.axis.rate(view), self._velocity(view)
@@ -85,6 +87,8 @@ class Rolling:
     def _down(self, view: View) -> tuple[Any, Any, Any]:
         """Give the part of the normal within the disc, its length, and its direction."""
         n, d = self.normal.value(view), self.axle.value(view)
+        # The contact lies on the rim, furthest down: opposite to the normal's projection on the
+        # disc. Where the disc lies flat the projection vanishes, and no point is lowest.
         part = vector.sub(n, vector.scale(vector.dot(n, d), d))
         return part, *vector.polar(part)
 
@@ -96,9 +100,11 @@ class Rolling:
         _, length, up = self._down(view)
         n, d = self.normal.value(view), self.axle.value(view)
         n_rate, d_rate = self.normal.rate(view), self.axle.rate(view)
+        # Rate of n - (n.d) d, by the product rule.
         along = vector.dot(n_rate, d) + vector.dot(n, d_rate)
         turned = vector.add(vector.scale(along, d), vector.scale(vector.dot(n, d), d_rate))
         part_rate = vector.sub(n_rate, turned)
+        # The rate of a unit vector p / |p| is the part of p' across it, over |p|.
         across = vector.sub(part_rate, vector.scale(vector.dot(up, part_rate), up))
         return vector.scale(-(view.scalar(self.radius) / length), across)
 
@@ -106,6 +112,8 @@ class Rolling:
         """Give the height of the contact, for the normal."""
         if not self.has_value:
             return None
+        # The rim reaches down by r |p|, since n.up is |p|, the sine of the angle between normal and
+        # axle.
         height = vector.dot(self.normal.value(view), self.ends.reach(view))
         return height - view.scalar(self.radius) * self._down(view)[1]
 
@@ -114,6 +122,7 @@ class Rolling:
         contact = self._contact(view)
         omega, _ = _against_first(self.ends, view)
         spin = view.omega(self.ends.second.cluster, self.ends.ancestor)
+        # The material point of the disc at the contact; pure rolling means that it stands still.
         own = vector.add(self.ends.closing(view), vector.cross(spin, contact))
         carried = vector.cross(omega, vector.add(self.ends.reach(view), contact))
         return vector.sub(own, carried)
@@ -131,6 +140,7 @@ class Rolling:
         turn = view.alpha(cluster, self.ends.ancestor)
         own = vector.add(self.ends.opening(view), vector.cross(turn, contact))
         own = vector.add(own, vector.cross(spin, contact_rate))
+        # Product rule of omega x (r + contact), where the contact moves along rim and plane.
         place = vector.add(self.ends.reach(view), contact)
         moving = vector.add(self.ends.closing(view), contact_rate)
         carried = vector.add(vector.cross(alpha, place), vector.cross(omega, moving))

@@ -43,6 +43,7 @@ def guards_of(
         if may_jump(value, moving, time):
             raise FormulationError(f"{what} {breach}")
         return
+    # A margin is negative where the value jumps; one that is a number is known now.
     for margin in margins(time.dag, value, time):
         if margin.value is None:
             yield Guard(margin, what, False, breach)
@@ -76,5 +77,6 @@ def motion_guards(edge: BoundEdge, time: Node) -> Iterator[Guard]:
         if edge.component.role is Role.JOINT and name != "motion":
             continue
         (rate,) = tangents([value], {time: time.dag.one})
+        # A jump of the position, or of the speed, would take an impulse.
         for node in (value, rate):
             yield from guards_of(node, [time], time, f"{name} of edge '{edge.name}'", _BREACH)

@@ -32,7 +32,7 @@ _N_TRIED = 3
 
 
 def check_numbers(first: FirstGraph) -> None:
-    """Refuse what no state can help: wrong values of parameters, motions without inertia.
+    """Refuse what is wrong at every state: values of parameters, motions without inertia.
 
     Raises
     ------
@@ -47,6 +47,7 @@ def check_numbers(first: FirstGraph) -> None:
         number = system.at_scene(guard.value)
         # Infinities, too, are mistakes here, and no guard accepts nan.
         guard.named(names).check(number if np.isfinite(number) else np.nan)
+    # Certain pivots need no trial.
     if all(first.is_safe[: len(system.speeds)]):
         return
     motion = _motion_without_inertia(first)
@@ -75,8 +76,10 @@ def _motion_without_inertia(first: FirstGraph) -> Array | None:
     random tell. The parameters have the scene's values.
     """
     n = len(first.system.speeds)
+    # The mass matrix above the gradients: speeds in the null space of both are resisted by nothing.
     entries = [entry for row in first.matrix for entry in row[:n]]
     symbols = sorted(symbols_in(entries), key=lambda symbol: symbol.data)
+    # A fixed seed: the same scene is always judged alike.
     random = np.random.default_rng(0)
     motion = None
     for _ in range(_N_TRIED):
@@ -85,6 +88,7 @@ def _motion_without_inertia(first: FirstGraph) -> Array | None:
             found = np.array(evaluate(entries, _random_state(first, symbols, random)), dtype=float)
         if not (np.all(np.isfinite(found)) and np.all(np.isfinite(least))):
             return None
+        # One configuration that resists all speeds settles it.
         motion = _null_vector(found.reshape(-1, n), least)
         if motion is None:
             return None
@@ -100,6 +104,7 @@ def _random_state(
     values |= {s: first.scene.parameters[name].value for name, s in system.parameters.items()}
     for step in chain(*system.steps.values()):
         if isinstance(step.kind, FreeRotation):
+            # A normal distribution has no preferred direction.
             turn = random.normal(size=len(step.coordinates))
             turn /= np.linalg.norm(turn)
             values |= {c.symbol: x for c, x in zip(step.coordinates, turn.tolist(), strict=True)}
@@ -107,7 +112,7 @@ def _random_state(
 
 
 def _carried(first: FirstGraph) -> Array:
-    """Sum what uncertain speeds carry, whatever the axis: beside it, rounding is small."""
+    """Sum the inertia that uncertain speeds carry, whatever the axis, as a measure of rounding."""
     n_clusters = len(first.motion.clusters.branches)
     masses, moments = np.zeros(n_clusters), np.zeros(n_clusters)
     found = np.zeros(len(first.system.speeds))
@@ -126,13 +131,14 @@ def _carried(first: FirstGraph) -> Array:
 
 
 def _null_vector(rows: Array, least: Array) -> Array | None:
-    """Find what the mass matrix, above, and the constraints below leave alone but for rounding.
+    """Find a vector that the mass matrix and the constraints below it map to rounding.
 
-    ``least`` has the sizes that diagonal entries are at least measured by.
+    ``least`` holds lower bounds of the sizes by which the entries of the diagonal are scaled.
     """
     if not np.all(np.isfinite(rows)):
         return None
     n = len(least)
+    # Scaled to a unit diagonal, so that the bound does not depend on units.
     sizes = np.sqrt(np.maximum(np.abs(np.diag(rows)), least))
     sizes[sizes == 0.0] = 1.0
     scaled = rows / sizes

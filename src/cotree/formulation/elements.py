@@ -59,7 +59,7 @@ class Sums:
         return self._on_cluster[cluster]
 
     def takes(self, cluster: int, *parts: Any) -> bool:
-        """Whether a wrench of a cluster that is formed of some parts counts."""
+        """Tell whether a wrench on a cluster, formed of some parts, has to be summed."""
         return True
 
 
@@ -113,6 +113,7 @@ def act(motion: Motion, edge: BoundEdge) -> Action:
     """Form the terminal equation of a force element."""
     clusters, frames = motion.clusters, motion.frames
     first, second = clusters.points[edge.first], clusters.points[edge.second]
+    # What moves the ancestor moves both nodes, and drops out of the circuit between them.
     ancestor = clusters.common_ancestor(first.cluster, second.cluster)
     zero = vector.zeros(motion.system.dag)
     arms = (
@@ -177,6 +178,8 @@ def _line(
     # The rate costs velocities: form it only where the law really depends on it.
     if "rate" in law.arguments and not _is_inert(edge):
         closing = vector.sub(motion.velocity(second, ancestor), motion.velocity(first, ancestor))
+        # Rate of e.r is e.r' + e'.r; along the line of the nodes e'.r vanishes, since e' is across
+        # it.
         arguments["rate"] = vector.dot(direction, closing)
         if not is_central:
             turn = axis_spin(motion, first, ancestor, direction)
@@ -230,11 +233,14 @@ def wrenches(motion: Motion, action: Action) -> list[tuple[int, Wrench]]:
     # The reaction acts where the force does, so that the pair has no moment of its own.
     reaction_arm = action.arms[0]
     if not action.is_central:
+        # A force along an axis need not point through the first node; a central one does.
         reaction_arm = vector.add(reaction_arm, action.reach)
     moved.append((action.first, -1, reaction_arm))
     for point, sign, arm in moved:
+        # The ground takes any load.
         if point.cluster == 0:
             continue
+        # Wrenches of a cluster are summed at its origin, hence the moment of the arm.
         torque = vector.add(vector.cross(arm, action.force), action.torque)
         found.append(
             (
@@ -265,6 +271,7 @@ def settled(
     """
     clusters, frames = motion.clusters, motion.frames
     return Wrench(
+        # Formed once in the ancestor's basis, and resolved outwards for each node.
         outwards(clusters, frames, vector.signed(sign, force), ancestor, point.cluster),
         outwards(clusters, frames, vector.signed(sign, torque), ancestor, point.cluster),
     )

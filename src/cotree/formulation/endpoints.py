@@ -52,6 +52,8 @@ class Pull:
     def plus(self, other: Pull) -> Pull:
         """Add another pull."""
         efforts = dict(self.efforts)
+        # Wrenches are listed, since they are summed on their clusters anyway; efforts of one speed
+        # add.
         for index, effort in other.efforts.items():
             efforts[index] = efforts[index] + effort if index in efforts else effort
         return Pull((*self.wrenches, *other.wrenches), efforts)
@@ -76,6 +78,7 @@ class Ends:
         first, second : Point
             The nodes.
         """
+        # The ancestor moves both nodes alike: what lies within it cancels, and is never formed.
         return cls(first, second, clusters.common_ancestor(first.cluster, second.cluster))
 
     def _between(self, see: Any) -> Any:
@@ -138,6 +141,8 @@ class Carried:
     def rate(self, view: View) -> Any:
         """Give the rate of the vector."""
         omega = view.omega(self.point.cluster, self.ancestor)
+        # Transport theorem: the rate in space is omega x e plus the explicit rate in the node's
+        # axes.
         carried = vector.cross(omega, self.value(view))
         return vector.add(carried, self._explicit(view, 1))
 
@@ -177,6 +182,7 @@ def pair_pull(
         # The ground takes any load.
         if point.cluster == 0:
             continue
+        # Moment about the origin of the cluster, where its wrenches are summed.
         whole = torque if force is None else vector.cross(arm, force)
         if force is not None and torque is not None:
             whole = vector.add(whole, torque)
@@ -206,6 +212,7 @@ def pull_in_place(view: View, ends: Ends, axis: Carried, beyond: Any | None = No
     beyond : Vector, optional
         From the second node to the place; none where the node is the place.
     """
+    # The place is the second node, as seen from the origins of both clusters.
     arms = vector.add(ends.arm(view, 0), ends.reach(view)), ends.arm(view, 1)
     if beyond is not None:
         arms = vector.add(arms[0], beyond), vector.add(arms[1], beyond)

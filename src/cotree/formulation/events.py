@@ -30,7 +30,7 @@ def bind_events(
     scene : SceneDescription
         The scene.
     system : System
-        It bound to nodes.
+        The scene bound to nodes.
     states : sequence of State
         All states, in their order.
 
@@ -44,6 +44,8 @@ def bind_events(
     speeds = {speed.name: places[speed.name] for speed in system.speeds}
     rows: list[EventRow] = []
     # Values that events look at come first; see event_expressions.
+    # Results are ordered as outputs, one expression for each event, then new values and
+    # restitutions event by event.
     place, result = len(scene.outputs) + len(scene.events), 0
     for i, event in enumerate(scene.events.values(), start=len(scene.outputs)):
         _check(event, system, states, places, speeds)
@@ -51,6 +53,7 @@ def bind_events(
         targets = tuple(places[target] for target in event.set)
         new_values = range(place, place + len(targets))
         if has_impact:
+            # An impact may change every speed of the mechanism, through its constraints.
             targets += tuple(speeds.values())
         rows.append(
             EventRow(
@@ -66,6 +69,7 @@ def bind_events(
                 event.is_jump and any(target in event.when.names for target in event.set),
             )
         )
+        # The restitution takes one more place after the new values.
         place, result = new_values.stop + has_impact, result + len(targets)
     return tuple(rows)
 
@@ -124,6 +128,7 @@ def started(
     known = {state.symbol: state.initial for state in states} | {system.time: system.dag.zero}
     for state in states:
         if state.name in jumps:
+            # In order, so that a jump may depend on modes of jumps before it.
             known[state.symbol] = _at_start(jumps[state.name], of_time, known)
     return tuple(
         replace(state, initial=known[state.symbol]) if state.name in jumps else state

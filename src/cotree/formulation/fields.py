@@ -156,6 +156,7 @@ def _unit(axis: Vector, square: Node, where: str) -> Vector:
     """Scale an axis of known squared length to unit length; numbers fold."""
     if square.is_zero:
         raise ParameterError(f"{where} has no direction: give a vector that is not zero")
+    # A length of one but for rounding needs no division, and axes of numbers stay as given.
     if square.value is not None and math.isclose(square.value, 1.0, rel_tol=1e-15):
         return axis
     length = square.dag.function("sqrt", square)
@@ -170,6 +171,7 @@ def _guards(edge: Edge, bound: BoundEdge, at_scene: Callable[[Node], float]) -> 
         if row.sign and row.name in bound.scalars and not is_varying(bound.scalars[row.name]):
             found.append(Guard(bound.scalars[row.name], what, is_strict))
         elif row.sign and row.name == "inertia" and bound.inertia is not None:
+            # The diagonal has the sign of the field; its minors limit the other entries.
             entries = (bound.inertia[i][i] for i in range(3))
             found += [
                 Guard(entry, f"entry {i + 1} of {what}", is_strict)
@@ -202,6 +204,7 @@ def _minors(tensor: Matrix, what: str, at_scene: Callable[[Node], float]) -> lis
         if not tensor[i][j].is_zero:
             minor = (tensor[i][i] + room) * (tensor[j][j] + room) - tensor[i][j] * tensor[i][j]
             found.append(Guard(minor, f"minor of rows {i + 1} and {j + 1} of {what}", False))
+    # Guards that the scene itself violates would refuse it.
     return found if all(_is_met(guard, at_scene) for guard in found) else []
 
 
@@ -232,6 +235,7 @@ def rotation_matrix(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
     if isinstance(cast("Sequence[Any]", value)[0], Expression):
         angles = lower_vector(value, dag, resolve)
         matrix = vector.identity(dag)
+        # Fixed axes: each later rotation multiplies from the left.
         for axis, angle in zip(vector.identity(dag), angles, strict=True):
             if not angle.is_zero:
                 matrix = vector.matmul(about(axis, angle).matrix, matrix)
@@ -250,6 +254,7 @@ def plane_axes(normal: Vector) -> tuple[Vector, Vector]:
     # An entry of parameters has no size here; any choice is valid where it is no pole.
     sizes = [abs(entry.value) if entry.value is not None else 0.5 for entry in normal]
     start = vector.identity(dag)[(sizes.index(max(sizes)) + 1) % 3]
+    # Gram-Schmidt; the start is not the axis of the largest entry, so never parallel to the normal.
     along = vector.dot(normal, start)
     first = vector.sub(start, vector.scale(along, normal))
     if not along.is_zero:

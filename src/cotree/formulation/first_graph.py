@@ -161,17 +161,24 @@ def form_first_graph(
     """
     dag = Dag()
     whole, scene = scene, scene.mechanics
+    # Bodies in the tree start where the joints put them, as functions of parameters.
     starts = body_starts(scene, trees, motion_spaces(scene).of, dag)
     system = bind(scene, trees, dag, starts, names=_network_names(whole))
     clusters = lump(system)
     motion = move(system, clusters, choose_frames(system, clusters, own_axes))
+    # f-circuits (Eq. (2)), twice: at zero accelerations for the right-hand side, and at the symbols
+    # of the accelerations for balances and outputs.
     still = View(motion, accelerate(motion, [dag.zero] * len(system.speeds)))
     accelerations = tuple(v.acceleration for v in system.speeds)
     view = View(motion, accelerate(motion, accelerations))
+    # Networks come before the loads, since transducers put their through variables on the
+    # mechanism.
     attached = attach_network(whole, view)
     network, observed = attached.network, attached.observed
+    # Terminal equations (Eq. (3)): laws depend on positions and velocities only.
     laws = [*applied_laws(motion, still), *attached.loads]
     loads = loads_of(motion, actions(motion)).plus(multiplier_loads(laws))
+    # Chords: each closes an f-circuit and holds the across variables of its reaction space at zero.
     constraints, idle = form_constraints(motion, still, baumgarte)
     idle_guards = met_where_idle(idle, still)
 
@@ -181,11 +188,15 @@ def form_first_graph(
         check_inertia(system, mass, constraints.gradient)
         return mass
 
+    # Storages tied to joints add entries that elimination along the tree knows nothing of.
     may_wait = trees.is_one and not attached.slopes and is_deep(motion)
     mass = [] if may_wait else form_mass()
+    # f-cutsets projected on the motion spaces (Eqs. (1) and (5)): the residual is M v' - f - G^T
+    # lambda, so that -f is what is left at zero accelerations, without multipliers.
     at_rest = balance(motion, loads, still.across)
     applied = (*laws, *constraints.applied)
     is_safe, pivot_guards = safe_pivots(system, clusters)
+    # The same balance at the unknowns: reactions that outputs ask for are read from it.
     loaded = loads.plus(multiplier_loads(constraints.applied))
     balanced = balance(motion, loaded, view.across)
     observer = Observer(view, loaded, balanced, applied, observed)
@@ -211,6 +222,7 @@ def form_first_graph(
         if may_wait and all(is_safe)
         else _bordered(mass or form_mass(), constraints, dag),
         forcing=(*(-row for row in at_rest.residual), *constraints.biases),
+        # A multiplier has a zero on the diagonal: never a pivot that is positive for certain.
         is_safe=(*is_safe, *(False for _ in constraints.rows)),
         guards=(
             *system.guards,
@@ -222,6 +234,7 @@ def form_first_graph(
         rates=(
             *_kinematic_rates(system),
             *accelerations,
+            # Modes change at events only.
             *(dag.zero for _ in system.modes),
             *(network.rate_values if network else ()),
         ),
@@ -251,6 +264,8 @@ def _measured(motion: Motion, observed: Mapping[str, Node]) -> dict[Node, Node]:
     for name, symbol in motion.system.signals.gathered().items():
         value = observed.get(name)
         if value is None:
+            # A name that no network knows belongs to the mechanism. Its value acts on the motion,
+            # so that an angle must not jump at half a turn.
             value = observe_motion(motion, name, is_acting=True)
         if value is None:
             raise ExpressionError(
@@ -267,6 +282,7 @@ def tree_links(first: FirstGraph) -> tuple[TreeLink, ...]:
     Nothing where a pivot may vanish, or where translation and rotation have each their own.
     """
     n = len(first.system.speeds)
+    # Articulated inertias need one parent for each body, and all inertia within the tree.
     if first.has_far_inertia or not first.system.trees.is_one:
         return ()
     if not all(first.is_safe[:n]):
@@ -296,6 +312,7 @@ def _bordered(
 ) -> tuple[tuple[Node, ...], ...]:
     """Border the mass matrix with the constraints: symmetric, [M, -G^T; -G, 0]."""
     border = _border(constraints, dag)
+    # The signs make the matrix symmetric, as sensitivity graphs and L D L^T expect.
     upper = [(*row, *(b[i] for b in border)) for i, row in enumerate(mass)]
     return (*upper, *border)
 
@@ -319,6 +336,7 @@ def _is_given(scene: SceneDescription, name: str) -> bool:
     """Whether the scene gives the initial value of a state."""
     edge, _, short = name.partition(".")
     initial = scene.edges[edge].initial
+    # The four entries of a quaternion are given together, or none of them.
     turn = {"q0", "q1", "q2", "q3"}
     if short in turn:
         return not (turn | {"rotation"}).isdisjoint(initial)
@@ -332,6 +350,7 @@ def _kinematic_rates(system: System) -> tuple[Node, ...]:
         for step in steps:
             speeds = [speed.symbol for speed in step.speeds]
             if isinstance(step.kind, FreeRotation):
+                # q' = q o (0, omega) / 2: coordinates and speeds differ in number.
                 rates += quaternion_rates([c.symbol for c in step.coordinates], speeds)
             else:
                 rates += speeds

@@ -43,7 +43,7 @@ class Frames:
     steps: tuple[Matrix | None, ...]
 
     def is_kept(self, cluster: int) -> bool:
-        """Whether a cluster moves as in the first graph, so that its values serve again."""
+        """Tell whether a cluster moves as in the first graph, so that its values serve again."""
         return False
 
     def up(self, cluster: int, a: Vector) -> Vector:
@@ -54,6 +54,7 @@ class Frames:
     def down(self, cluster: int, a: Vector) -> Vector:
         """Resolve a vector of the parent's basis in the cluster's own."""
         step = self.steps[cluster]
+        # Steps are rotations, whose inverse is the transpose.
         return a if step is None else vector.transposed_times(step, a)
 
     def resolved(self, cluster: int, local: Vector) -> Vector:
@@ -72,12 +73,13 @@ class Frames:
         """Give the axes of a branch's carrier, resolved in the parent's basis."""
         if branch.carrier != branch.child:
             return self.rotations[branch.carrier].matrix
+        # From the child's axes to its basis, then to that of its parent.
         step = self.steps[branch.child]
         own = self.rotations[branch.child].matrix
         return own if step is None else vector.matmul(step, own)
 
     def seen(self, node: Node) -> Node:
-        """See a field, a coordinate or a speed."""
+        """Give a field, a coordinate or a speed as this graph sees it: the value itself here."""
         return node
 
     def formula(self, node: Node, arguments: Mapping[Node, Node]) -> Node:
@@ -85,7 +87,7 @@ class Frames:
         return substitute([node], arguments)[0]
 
     def within(self, cluster: int, form: Callable[..., Vector], *vectors: Vector) -> Vector:
-        """Form a vector of others with tensors that turn with a cluster."""
+        """Form a vector of others and of tensors that turn with a cluster; here nothing turns."""
         return form(*vectors)
 
 
@@ -107,11 +109,16 @@ def choose_frames(system: System, clusters: Clusters, own_axes: Collection[int])
     with system.dag.labelled("f-circuits, rotation"):
         for branch in clusters.branches[1:]:
             assert branch is not None
+            # From the child's axes to the basis of its turn parent.
             relative = _turned(rotations[branch.turn_parent], branch)
             if branch.turns and branch.child in own_axes:
                 rotations.append(no_rotation(system.dag))
+                # The child is its own basis: its fields are constant there, and the turn is a step
+                # to the parent's.
                 steps.append(relative.matrix)
             else:
+                # The child shares its parent's basis: no step between the two, but its fields have
+                # to be turned.
                 rotations.append(relative)
                 steps.append(None)
     return Frames(tuple(rotations), tuple(steps))
@@ -122,11 +129,16 @@ def _turned(parent: Rotation, branch: Branch) -> Rotation:
     if not branch.turns:
         return parent
     if branch.quaternion is None:
+        # Angles about one axis add up before their sine and cosine are formed; `then` takes care of
+        # that.
         angle = branch.position
         return parent.then(branch.axes[0], angle if branch.sign > 0 else -angle)
     own = of_quaternion(branch.quaternion)
+    # The quaternion turns the axes of the edge's second node to those of its first, so that an edge
+    # that points inwards needs the inverse.
     matrix = own if branch.sign > 0 else vector.transpose(own)
     if branch.mount is not None:
+        # The inner node may be turned within its cluster, by a weld or an arm.
         matrix = vector.matmul(branch.mount, matrix)
     return Rotation(matrix if parent.is_identity else vector.matmul(parent.matrix, matrix))
 
@@ -179,19 +191,23 @@ def resolve_branch(system: System, frames: Frames, branch: Branch) -> Geometry:
     """
     zero = vector.zeros(system.dag)
     axes = tuple(frames.carried(branch, axis) for axis in branch.axes)
+    # Translations of a motion space are coordinates along axes that the carrier turns.
     slide = zero  # in the carrier's axes
     for axis, length in zip(branch.axes, branch.slides, strict=True):
         if not length.is_zero:
             slide = vector.add(slide, vector.scale(length * branch.position, axis))
     if branch.sign > 0:
+        # The edge begins at the inner node: its parent carries the anchor and the slide.
         from_parent = frames.resolved(branch.parent, vector.add(branch.anchor, slide))
         from_child = zero
     else:
+        # The edge begins at the outer node: the child carries the slide, which counts inwards.
         from_parent = frames.resolved(branch.parent, branch.anchor)
         from_child = vector.neg(frames.carried(branch, slide))
     turning, shifting, sliding = [], [], []
     for axis, length in zip(axes, branch.slides, strict=True):
         along = vector.signed(branch.sign, axis)
+        # Speeds count along the edge; the sums run outwards, hence the sign.
         turning.append(along if branch.turns else zero)
         sliding.append(vector.scale(frames.seen(length), along))
         # A child that turns about its parent's point takes along what it carries itself.

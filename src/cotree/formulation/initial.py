@@ -54,6 +54,7 @@ def initial_values(
     # Without a rotation the quaternion is one, not zero.
     if "q0" in values:
         values["q0"] = dag.one
+    # What the scene says itself, below, has the last word.
     values |= start
     for name, given in edge.initial.items():
         if name == "rotation" and "q0" in values:
@@ -65,6 +66,7 @@ def initial_values(
                 f"so it has no initial '{name}'{nearest(name, values)}"
             )
         else:
+            # All but rotations are single expressions; the scene has checked their shape.
             assert isinstance(given, Expression)
             values[name] = given.lower(dag, resolve)
     return values

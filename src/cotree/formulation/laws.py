@@ -35,11 +35,11 @@ class Applied:
     edge, name : str
         What it belongs to, and its own name.
     measure : Measure
-        What it is dual to.
+        The across variable that it is dual to.
     pull : Pull
-        What a unit of it does.
+        The wrenches and efforts of a unit of it.
     magnitude : Node
-        How much there is.
+        Its value.
     formula : Node or None
         Its law over the symbols of ``arguments``; None for a multiplier.
     arguments : mapping of Node to (Measure, bool)
@@ -115,6 +115,7 @@ def _chord_joint(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applie
         return
     step = edge.component.motion_space[0]
     assert isinstance(step, Freedom)
+    # The law of a branch acts along its speed, and is evaluated in through._joint_efforts.
     if motion.system.trees.is_branch(edge.name, step.rotates):
         return
     measure = chord_measure(motion, edge, step.name)
@@ -125,6 +126,7 @@ def _chord_joint(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applie
     formula = law.value(motion.system.dag, {**scalars, step.name: value, f"{step.name}_dot": rate})
     if formula.is_zero:
         return
+    # A law that depends on the angle, and not on its rate only, would jump at half a turn.
     if isinstance(measure, Angle) and not tangents([formula], {value: value.dag.one})[0].is_zero:
         measure = whole_angle(motion, edge)
     stored = stored_energy(scalars, value) if "stiffness" in scalars else None
@@ -135,6 +137,7 @@ def _chord_joint(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applie
 def stored_energy(scalars: Mapping[str, Node], at: Node) -> Node:
     """Form the energy of a linear spring at a length or an angle."""
     rest = scalars.get("free_angle", scalars.get("free_length"))
+    # Zero where the edge has no free length or angle.
     stretch = at if rest is None else at - rest
     return 0.5 * scalars["stiffness"] * (stretch * stretch)
 
@@ -146,6 +149,8 @@ def _bushing(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
     b = [carried_by(motion, ends, 1, unit) for unit in units]
     value, rate = _symbols(motion)
     dag = motion.system.dag
+    # (a_k.b_j - a_j.b_k) / 2, the sine for one axis, is smooth at every orientation, in contrast
+    # to three successive angles.
     twist = 0.5 * (dag.symbol("measure", 0) - dag.symbol("measure", 1))
     for i, letter in enumerate("xyz"):
         j, k = (i + 1) % 3, (i + 2) % 3
@@ -157,6 +162,7 @@ def _bushing(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
         for prefix, measure in measures:
             stiffness = edge.vectors.get(f"{prefix}stiffness", vector.zeros(dag))[i]
             damping = edge.vectors.get(f"{prefix}damping", vector.zeros(dag))[i]
+            # The through variable on the second node points against the measure and its rate.
             formula = -(stiffness * value + damping * rate)
             if not formula.is_zero:
                 arguments = {value: (measure, False), rate: (measure, True)}
@@ -172,6 +178,7 @@ def _user_law(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
         yield from _against_motion(motion, edge, view)
         return
     measure: Measure = Distance(ends)
+    # With an axis the length is signed; the distance of two nodes never is.
     if "axis" in edge.vectors:
         measure = AxisLength(ends, carried_by(motion, ends, 0, edge.vectors["axis"]))
     value, rate = _symbols(motion)
@@ -201,11 +208,14 @@ def _against_motion(motion: Motion, edge: BoundEdge, view: View) -> Iterator[App
     dag, ends = motion.system.dag, chord_ends(motion, edge)
     law = edge.component.law
     assert law is not None
+    # Along the axes of the nodes' common ancestor: three through variables, one factor.
     parts = [Coincidence(ends, unit) for unit in vector.identity(dag)]
     rates = [dag.symbol("measure rate", i) for i in range(3)]
     arguments = {rate: (part, True) for rate, part in zip(rates, parts, strict=True)}
     square = rates[0] * rates[0] + rates[1] * rates[1] + rates[2] * rates[2]
     known = {**edge.scalars, "speed": dag.function("sqrt", square), "t": motion.system.time}
+    # The law is divided by the speed in symbols, so that no 0 / 0 arises at rest where it has a
+    # limit.
     factor = law.over("speed").value(dag, known)
     for letter, part, rate in zip("xyz", parts, rates, strict=True):
         yield _act(edge, f"{edge.name}.{letter}", part, factor * rate, arguments, view)

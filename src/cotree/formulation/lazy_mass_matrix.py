@@ -25,6 +25,7 @@ def is_deep(motion: Motion) -> bool:
         branch = geometry.branch
         below = depths[branch.parent]
         depths[branch.child] = below + len(branch.speeds)
+        # A speed at depth d couples with all d above it; eliminating it touches d^2 entries.
         squares += [depth**2 for depth in range(below + 1, depths[branch.child] + 1)]
     return sum(squares) > _DEEP * len(squares)
 

@@ -41,18 +41,22 @@ def lump(system: System) -> Clusters:
 
 
 class _Walks:
-    """TreeStep over both trees from the ground outwards, with all that they have reached so far."""
+    """A walk over both trees from the ground outwards, with all that it has reached so far."""
 
     def __init__(self, system: System) -> None:
         self.system = system
         self.points = {"ground": Point(0, vector.zeros(system.dag))}
         self.branches: list[Branch | None] = [None]
         self.entries: dict[str, dict[str, EdgeEntry]] = {"translation": {}, "rotation": {}}
+        # The step of the rotation tree into each node, and the node's axes in its cluster's (None
+        # where they are the same).
         self._to = {step.child: step for step in tree_walk(system.trees.rotation)}
         self._turns: dict[str, Matrix | None] = {"ground": None}
 
     def walk(self) -> None:
         """Follow the translation tree, each body once the rotation tree has reached it too."""
+        # Each round places what both trees have reached. A round that places nothing means that
+        # each tree waits for the other, so that no order of the clusters exists.
         rest = list(tree_walk(self.system.trees.translation))
         while rest:
             waiting = [step for step in rest if not self._is_done(step)]
@@ -67,6 +71,8 @@ class _Walks:
             return False
         edge = self.system.edges[step.edge]
         if edge.component.role is Role.ARM:
+            # Arms and welds are branches of both trees or of neither, so that the rotation tree
+            # agrees.
             self.points[step.child] = self._fixed_point(edge, step, inner)
             return True
         turning = self._entering(step.child)
@@ -90,12 +96,14 @@ class _Walks:
     def _entering(self, node: str) -> TreeStep:
         """Find the step of the rotation tree into a node's cluster."""
         step = self._to[node]
+        # Arms stay within a cluster, which is entered by the nearest edge inwards that is no arm.
         while self.system.edges[step.edge].component.role is Role.ARM:
             step = self._to[step.parent]
         return step
 
     def _turn(self, node: str) -> Matrix | None:
         """Give a node's own axes in its cluster's; the rotation tree alone decides on them."""
+        # Walk inwards to a node whose turn is known, then compose the turns outwards.
         unknown = []
         while node not in self._turns:
             unknown.append(self._to[node])
@@ -109,6 +117,7 @@ class _Walks:
     def _turned(self, step: TreeStep, turn: Matrix | None) -> Matrix | None:
         edge = self.system.edges[step.edge]
         if edge.component.role is Role.ARM:
+            # The rotation of an arm or a weld gives the second node's axes in the first's.
             own = edge.rotation
             if step.sign < 0 and own is not None:
                 own = vector.transpose(own)
@@ -121,8 +130,11 @@ class _Walks:
         """Place the other node of an arm or a weld."""
         arm = edge.vectors.get("vector")
         if step.sign > 0:
+            # The arm is given in the axes of the edge's first node: that is the inner node here.
             local = inner.local if arm is None else vector.add(inner.local, inner.resolved(arm))
             return Point(inner.cluster, local, self._turn(step.child))
+        # The first node is the outer one, whose axes have to be known before the arm can be
+        # resolved.
         first = replace(inner, turn=self._turn(step.child))
         if arm is None:
             return first
@@ -133,6 +145,7 @@ class _Walks:
         first = len(self.branches)
         if turning == step:
             place = self._along(step, inner, inner)
+            # An edge with an empty motion space makes no branch.
             if len(self.branches) > first:
                 entry = EdgeEntry(step.sign, first, place.cluster)
                 self.entries["translation"][step.edge] = entry
@@ -147,6 +160,8 @@ class _Walks:
         if self.system.steps.get(turning.edge):
             place = self._along(turning, place, turned)
         else:
+            # The rotation tree leads here by an edge without a step: the branch only joins origin
+            # and axes.
             place = self._add(turning, None, place, turned)
         self.entries["rotation"][turning.edge] = EdgeEntry(turning.sign, first_turn, place.cluster)
         if step.sign < 0:
@@ -157,6 +172,7 @@ class _Walks:
 
     def _along(self, step: TreeStep, place: Point, turned: Point) -> Point:
         """Make a branch of each step of an edge's motion space."""
+        # An edge that points inwards is walked from its second node: its last step comes first.
         for own in self.system.steps.get(step.edge, ())[:: step.sign]:
             place = turned = self._add(step, own, place, turned)
         return place
@@ -184,6 +200,8 @@ def _branch(
     """
     dag = place.local[0].dag
     zero, units = vector.zeros(dag), vector.identity(dag)
+    # At zero coordinates the child's axes are those of the turn parent, so that the inner node's
+    # turn holds for the outer node too.
     inner, outer = turned.cluster, Point(child, zero, turned.turn)
     carrier = inner if sign > 0 else child
     mount: Matrix | None = None
@@ -192,9 +210,12 @@ def _branch(
     if own is not None and isinstance(own.kind, Freedom):
         axis = {**dict(zip("xyz", units, strict=True)), **edge.vectors}
         slide = dag.zero if own.kind.rotates else dag.one
+        # The axis is the same in both clusters, since a turn about it leaves it in place.
         axes = (turned.resolved(axis[own.kind.axis]),)
         slides = (edge.scalars[own.kind.pitch] if own.kind.pitch else slide,)
     elif own is not None:
+        # Angular velocities of a free rotation are in the axes of the edge's second node, which
+        # become the child's axes where the edge points outwards.
         axes = units if sign > 0 else tuple(turned.resolved(unit) for unit in units)
         slides = (dag.zero, dag.zero, dag.zero)
         carrier = child if sign > 0 else inner
@@ -229,6 +250,7 @@ def _inertias(
         with system.dag.labelled(f"inertia of {body.name}"):
             tensor = body.inertia
             if tensor is not None and point.turn is not None:
+                # Given in the axes of the body's node; lumped tensors are in those of the cluster.
                 tensor = vector.congruence(point.turn, tensor)
             own = shifted(body.scalars["mass"], point.local, tensor)
             inertias[point.cluster] = combined(inertias[point.cluster], own)

@@ -42,7 +42,7 @@ class Measure(Protocol):
         ...
 
     def pull(self, view: View) -> Pull:
-        """Form the dual through variable's unit."""
+        """Form the wrenches and efforts of a dual through variable of size one."""
         ...
 
 
@@ -54,6 +54,7 @@ class CoordinateMeasure:
 
     def value(self, view: View) -> Any:
         """Give the coordinate."""
+        # Angular velocities of a free rotation are speeds without a coordinate of their own.
         return None if self.speed.coordinate is None else view.scalar(self.speed.coordinate.symbol)
 
     def rate(self, view: View) -> Any:
@@ -66,6 +67,7 @@ class CoordinateMeasure:
 
     def pull(self, view: View) -> Pull:
         """Act along the coordinate."""
+        # The power of the pull must be the rate, which is the speed itself.
         return Pull(efforts={self.speed.index: view.scalar(self.speed.symbol.dag.one)})
 
 
@@ -94,6 +96,8 @@ class Coincidence:
 
     def pull(self, view: View) -> Pull:
         """Act with a force along the direction."""
+        # Both nodes are at one place on the constraint, so that opposite forces at the nodes have
+        # no moment.
         return pair_pull(view, self.ends, self.direction, None)
 
 
@@ -128,6 +132,8 @@ class AxisLength:
 
     def pull(self, view: View) -> Pull:
         """Act with a force along the axis at the second node, and its reaction there too."""
+        # The axis turns with its node: the power of e'.r comes from the moment of the reaction,
+        # which acts on the first body at the place of the second node.
         return pull_in_place(view, self.ends, self.axis)
 
 
@@ -152,11 +158,14 @@ class Distance:
         """Give e.r'' + (r'.r' - (e.r')^2) / |r|."""
         length, direction = self._polar(view)
         closing, rate = self.ends.closing(view), self.rate(view)
+        # The square of the velocity across the line, over its length: the centripetal part, which
+        # grows without bound as the nodes meet.
         across = (vector.dot(closing, closing) - rate * rate) / length
         return vector.dot(direction, self.ends.opening(view)) + across
 
     def pull(self, view: View) -> Pull:
         """Push the nodes apart."""
+        # The line passes through both nodes, so that opposite forces at the nodes have no moment.
         return pair_pull(view, self.ends, self._polar(view)[1], None)
 
 
@@ -173,6 +182,7 @@ class Cosine:
         return vector.dot(self.a.value(view), self.b.value(view))
 
     def _moment(self, view: View) -> Any:
+        # From a' = omega_a x a and b' = omega_b x b follows (a.b)' = (b x a).(omega_b - omega_a).
         return vector.cross(self.b.value(view), self.a.value(view))
 
     def rate(self, view: View) -> Any:
@@ -185,6 +195,8 @@ class Cosine:
             vector.cross(self.b.rate(view), self.a.value(view)),
             vector.cross(self.b.value(view), self.a.rate(view)),
         )
+        # The moment arm moves with both bodies, hence a term beside that of the angular
+        # acceleration.
         return vector.dot(self._moment(view), self.ends.turn(view)) + vector.dot(
             moving, self.ends.spin(view)
         )
@@ -224,6 +236,9 @@ class Spin:
 class Angle(Spin):
     """The angle of the second node about a unit axis of the first that is an axis of both.
 
+    Since the axis is fixed in both nodes, the rate, the acceleration and the pull are those of the
+    spin.
+
     Attributes
     ----------
     reference, mark : Carried
@@ -243,6 +258,7 @@ class Angle(Spin):
         if self.sum is not None:
             return view.scalar(self.sum)
         reference, mark = self.reference.value(view), self.mark.value(view)
+        # Both directions are perpendicular to the axis, so that sine and cosine tell the quadrant.
         sine = vector.dot(self.axis.value(view), vector.cross(reference, mark))
         return function("atan2", sine, vector.dot(reference, mark))
 
@@ -282,12 +298,15 @@ class Composite:
     def _acceleration(self) -> Node:
         values, rates, second = self._symbols
         seed = dict(zip(values, rates, strict=True)) | {self.time: self.time.dag.one}
+        # A rate depends on values, rates and time: the chain rule runs along all three at once.
         return tangents([self._rate], seed | dict(zip(rates, second, strict=True)))[0]
 
     def _arguments(self, view: View, order: int) -> dict[Node, Any]:
         forms = ("value", "rate", "acceleration")[: order + 1]
         return {
             symbol: getattr(part, form)(view)
+            # Values and rates suffice where no acceleration is asked for, so there may be fewer
+            # forms.
             for form, symbols in zip(forms, self._symbols, strict=False)
             for part, symbol in zip(self.parts, symbols, strict=True)
         }
@@ -307,6 +326,7 @@ class Composite:
     def pull(self, view: View) -> Pull:
         """Sum what the measures pull, each by its partial derivative."""
         total = Pull()
+        # An explicit part of time does no work through the pull, so that only the measures count.
         values = self._symbols[0]
         for part, symbol in zip(self.parts, values, strict=True):
             partial = tangents([self.expression], {symbol: symbol.dag.one})[0]

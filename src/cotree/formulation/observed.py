@@ -103,6 +103,7 @@ def _chord_coordinate(motion: Motion, edge: BoundEdge, name: str, is_acting: boo
     measure = chord_measure(motion, edge, name)
     if measure is None:
         return None
+    # A measure gives both; the name tells which is meant.
     is_value = any(name == n for step in edge.component.motion_space for n, _ in step.coordinates)
     if is_acting and is_value and isinstance(measure, Angle):
         measure = whole_angle(motion, edge)
@@ -119,6 +120,7 @@ def _axes(motion: Motion, point: Point) -> Matrix:
     """Give the axes of a node, resolved in ground axes."""
     units = vector.identity(motion.system.dag)
     columns = [
+        # From the node's axes to the cluster's, to its basis, to the ground.
         _in_ground(motion, motion.frames.resolved(point.cluster, point.resolved(e)), point.cluster)
         for e in units
     ]
@@ -133,6 +135,8 @@ def _orientation(axes: Matrix, name: str) -> Node:
     if name == "yaw":
         return dag.function("atan2", axes[1][0], axes[0][0])
     if name == "pitch":
+        # R = Rz(yaw) Ry(pitch) Rx(roll): the last row is (-sin p, cos p sin r, cos p cos r). The
+        # root is |cos p|, so that pitch lies between -pi/2 and pi/2.
         flat = dag.function("sqrt", axes[2][1] * axes[2][1] + axes[2][2] * axes[2][2])
         return dag.function("atan2", -axes[2][0], flat)
     return axes[int(name[1]) - 1][int(name[2]) - 1]
@@ -140,7 +144,7 @@ def _orientation(axes: Matrix, name: str) -> Node:
 
 @dataclass(frozen=True)
 class Observer:
-    """Gives what an output names, at the accelerations and multipliers of the first graph.
+    """Forms the values that outputs name, at the accelerations and multipliers of the first graph.
 
     Attributes
     ----------
@@ -218,6 +222,7 @@ class Observer:
         if edge is None:
             return None
         if last == DRIVE:
+            # A prescribed motion is a constraint row, whose multiplier is the drive.
             own = [row for row in self.applied if row.name == f"{first}.motion"]
             return own[0].magnitude if own else None
         if last not in EDGE_VARIABLES:
@@ -235,6 +240,7 @@ class Observer:
         spins = [_in_ground(motion, motion.omega[p.cluster], p.cluster) for p in (first, second)]
         reach = vector.sub(motion.position(second), motion.position(first))
         closing = vector.sub(motion.velocity(second), motion.velocity(first))
+        # The reaction acts on the first body at the place of the second node, hence w1 x r.
         against = vector.sub(closing, vector.cross(spins[0], reach))
         turning = vector.dot(wrench.torque, vector.sub(spins[1], spins[0]))
         return vector.dot(wrench.force, against) + turning
@@ -248,9 +254,11 @@ class Observer:
             )
         pushing = self._transmitted(edge, "translation")
         turning = self._transmitted(edge, "rotation")
+        # A branch of both trees: what it transmits is the whole cutset sum, its own law included.
         if pushing is not None and turning is not None:
             return Wrench(pushing.force, turning.torque)
         second = self.motion.clusters.points[edge.second]
+        # Otherwise it is a chord of one graph at least: multipliers and laws act along measures.
         total = self._pulled(edge, second)
         zero = vector.zeros(self.motion.system.dag)
         if pushing is not None:
@@ -298,6 +306,8 @@ class Observer:
         entry = self.motion.clusters.entries[domain].get(edge.name)
         if entry is None:
             return None
+        # The second node lies at the outer end of an edge that points outwards, else at the inner
+        # end.
         geometry = self.motion.to(entry.last if entry.sign > 0 else entry.first)
         branch = geometry.branch
         wrench = self.balance.beyond[branch.child - 1]
@@ -319,6 +329,8 @@ class Observer:
             if inertia is None or cluster == 0:
                 continue
             omega = motion.omega[cluster]
+            # h and J refer to the origin of the cluster, not to its centre of mass: hence the mixed
+            # term.
             v = motion.velocities.between(0, cluster, zero)
             carried = _in_ground(motion, vector.cross(omega, inertia.moment), cluster)
             spin = vector.dot(omega, vector.times(inertia.tensor, omega))
@@ -333,6 +345,7 @@ class Observer:
         for cluster, inertia in enumerate(self.loads.inertias):
             if inertia is None or cluster == 0:
                 continue
+            # First moment about the ground's origin: m r + h.
             place = vector.scale(inertia.mass, motion.positions.between(0, cluster, zero))
             first = vector.add(place, _in_ground(motion, inertia.moment, cluster))
             total = total - vector.dot(system.gravity, first)
@@ -343,6 +356,7 @@ class Observer:
             total = total + (row.potential or system.dag.zero)
         for arguments in (effort.arguments for effort in self.loads.efforts):
             if "stiffness" in arguments:
+                # Tree joints with a spring turn or slide along one coordinate.
                 at = arguments["theta"] if "theta" in arguments else arguments["s"]
                 total = total + stored_energy(arguments, at)
         return total

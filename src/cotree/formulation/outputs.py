@@ -58,7 +58,10 @@ def form_outputs(observer: Observer, scene: SceneDescription) -> Outputs:
 
     def resolve(name: str) -> Node:
         if name not in known:
+            # Formed once and only for names that occur: reactions and energies are expensive.
             known[name] = observer.value(name)
+            # Positions and velocities have tangents from the motion of a sensitivity graph;
+            # differentiating their long expressions would form all of it again.
             if _place(name) is not None and name.partition(".")[0] in motion.clusters.points:
                 across[name] = known[name]
         return known[name]

@@ -58,6 +58,8 @@ def check_inertia(
     SingularSystemError
         If a row of the mass matrix is structurally zero.
     """
+    # A structural test, for the message: rows that vanish for some states only are found at run
+    # time.
     for speed, row in zip(system.speeds, matrix, strict=True):
         held = (constraint[speed.index] for constraint in gradient)
         if all(entry.is_zero for entry in (*row, *held)):
@@ -91,6 +93,7 @@ def met_where_idle(rows: Sequence[Row], view: View) -> list[Guard]:
             breach="is not met and nothing moves along it: change the vectors, axes or prescribed "
             f"motion that place the nodes of edge '{row.edge}', or give a joint this direction",
         )
+        # A guard is a function of parameters only, which a gap that varies with time is not.
         if "t" in kinds:
             raise ParameterError(guard.demand)
         if guard.value.value is None:
@@ -117,9 +120,11 @@ def safe_pivots(system: System, clusters: Clusters) -> tuple[tuple[bool, ...], l
     """
     safe: dict[str, bool] = {}
     guards: list[Guard] = []
+    # A tensor of negative energy takes inertia away from every joint that moves it.
     unsafe = _below(clusters, _unreal(system, clusters))
     for branches in _by_cluster(clusters):
         own = _own_inertias(system, clusters, branches)
+        # At the scene's values now; guards keep it so when parameters change.
         is_safe = bool(own) and all(_is_positive(node, system.at_scene) for node in own)
         is_safe = is_safe and unsafe.isdisjoint(branch.child for branch in branches)
         if is_safe:
@@ -160,8 +165,11 @@ def _is_real(system: System, tensor: Matrix, inertia: Inertia | None = None) -> 
         mass = 0.0 if inertia is None else system.at_scene(inertia.mass)
         if inertia is not None and mass:
             moment = np.array([system.at_scene(entry) for entry in inertia.moment])
+            # Steiner: about the centre of mass, where a real body's tensor has no negative
+            # eigenvalue.
             central -= (moment @ moment * np.eye(3) - np.outer(moment, moment)) / mass
         if system.plane:
+            # In a plane only turns about its normal occur.
             axis = "xyz".index(system.plane)
             return bool(mass >= 0.0 and central[axis, axis] >= -room)
         return bool(mass >= 0.0 and np.linalg.eigvalsh(central)[0] >= -room)
@@ -178,6 +186,7 @@ def _below(clusters: Clusters, outer: Sequence[int]) -> set[int]:
         branch = clusters.branches[cluster]
         if branch is not None and cluster not in found:
             found.add(cluster)
+            # Whatever carries or turns the cluster gives it kinetic energy.
             waiting += [branch.parent, branch.turn_parent]
     return found
 
@@ -194,6 +203,7 @@ def _by_cluster(clusters: Clusters) -> list[list[Branch]]:
     for branch in clusters.branches[1:]:
         assert branch is not None
         own.append(branch)
+        # A joint of several steps is one motion: its massless clusters in between carry no nodes.
         if branch.child in held:
             found.append(own)
             own = []
@@ -217,11 +227,15 @@ def _own_inertias(system: System, clusters: Clusters, branches: Sequence[Branch]
         if not turning:
             return sliding
         central = _central(inertia)
+        # Several axes may reach any direction: the central tensor has to be positive definite,
+        # which leading minors tell.
         if len(turning) > 1 or turning[0].quaternion is not None:
             return [*sliding, *_minors(central)]
         if turning[0] is not branches[-1]:
             return []  # the axis turns in the cluster's frame
         axis = turning[0].axes[0]
+        # Where translations are free the kinetic energy of a turn is at least that about the
+        # centre of mass.
         return [*sliding, vector.dot(axis, vector.times(central, axis))]
 
 
@@ -230,6 +244,7 @@ def _along(system: System, inertia: Inertia, branch: Branch) -> Node:
     axis, zero = branch.axes[0], vector.zeros(system.dag)
     turning = axis if branch.turns else zero
     shifting = vector.scale(branch.slides[0], axis)
+    # Inertia about the axis through the origin of the cluster, which is the joint's outer node.
     wrench = unit_wrench(inertia, turning, shifting)
     return vector.dot(turning, wrench.torque) + vector.dot(shifting, wrench.force)
 

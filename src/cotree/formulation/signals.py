@@ -34,6 +34,7 @@ def resolver_of(
     def resolve(name: str) -> Node:
         if name in by_name:
             return by_name[name]
+        # Known elsewhere but not allowed here: that is another mistake than a misspelt name.
         if allowed and (name == "t" or "." in name or name in refused):
             told = f"uses '{name}', but may depend on {allowed} only"
             if name in refused:
@@ -84,8 +85,10 @@ class FieldNames:
         ExpressionError
             If the name is unknown, or that of an output that is made of itself.
         """
+        # Parameters hide outputs of the same name.
         if name in self._scene.outputs and name not in self._scene.parameters:
             return self._output(name)
+        # States have dots in their names too: they are known, and need no symbol of a measure.
         is_across = "." in name and name.partition(".")[0] in self._places
         if not is_across or name in self._known:
             return self._of_known(name)
@@ -97,6 +100,7 @@ class FieldNames:
     def _output(self, name: str) -> Node:
         if name in self._pending:
             raise ExpressionError(f"uses output '{name}', which is made of itself")
+        # Outputs may name outputs; a name that is pending has led back to itself.
         self._pending.append(name)
         found = self._scene.outputs[name].lower(self._dag, self.node)
         self._pending.remove(name)

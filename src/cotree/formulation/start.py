@@ -64,13 +64,16 @@ def body_starts(
     dict of str to dict of str to Node
         By body: values of parameters, by short names.
     """
+    # Bodies in the tree have absolute coordinates, for which a scene need not give initial values.
     placed = [name for name in trees.branches if _is_body(scene, name)]
     if not placed:
         return {}
+    # Bodies that are branches in the joints' own tree are reached by no joint.
     reference = joint_branches(scene)
     placed = [name for name in placed if name not in reference.branches]
     if not placed:
         return {}
+    # The formulation's own walks, over nodes of initial values instead of coordinates.
     system = bind(scene, reference, dag, is_start=True)
     clusters = lump(system)
     motion = move(system, clusters, choose_frames(system, clusters, ()))
@@ -111,8 +114,10 @@ def _start(
         axes = frames.rotations[point.cluster].matrix
         if point.turn is not None:
             axes = vector.matmul(axes, point.turn)
+        # Numbers decide which entry is the largest; the values stay functions of parameters.
         quaternion = quaternion_of_nodes(axes, lambda n: float(evaluate([n], values)[0]))
         found |= {name: node for (name, _), node in zip(step.coordinates, quaternion, strict=True)}
+        # Speeds of a free rotation are in the axes of the body's node.
         own = vector.transposed_times(axes, omega)
         found |= {name: node for (name, _), node in zip(step.rates, own, strict=True)}
     return found
@@ -175,6 +180,7 @@ def start_conditions(scene: SceneDescription, motion: Motion, view: View) -> tup
     for edge, name, value in given:
         if name in _TURN and edge.name in placing:
             continue  # the bodies start there
+        # Bodies and joints measure by the steps that they would have as branches.
         steps = spaces[edge.name]
         measure = chord_measure(motion, system.edges[edge.name], name, steps)
         if measure is None or name in _TURN or not isinstance(value, Expression):
@@ -185,6 +191,7 @@ def start_conditions(scene: SceneDescription, motion: Motion, view: View) -> tup
             )
         rates = {n: unit for step in steps for n, unit in step.rates}
         units = {n: unit for step in steps for n, unit in step.coordinates} | rates
+        # Newton's method of the start needs derivatives of the measure: its pull gives them.
         gradient = tuple(along_speeds(motion, measure.pull(view)))
         node = value.lower(system.dag, system.of_parameters)
         own = f"{edge.name}.{name}"
@@ -194,5 +201,6 @@ def start_conditions(scene: SceneDescription, motion: Motion, view: View) -> tup
 
 def _is_state(system: System, edge: str, name: str) -> bool:
     """Whether an initial value is that of a state, or of the four of a rotation."""
+    # A rotation is given as one field, which sets all four entries of the quaternion.
     state = "q0" if name == "rotation" else name
     return f"{edge}.{state}" in system.names

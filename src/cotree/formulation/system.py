@@ -202,6 +202,7 @@ def bind(
         If an axis has no direction.
     """
     time = dag.symbol(TIME, 0)
+    # Parameters that are not tunable are numbers, which fold into the expressions.
     tunable = [name for name, parameter in scene.parameters.items() if parameter.tunable]
     places = {name: i for i, name in enumerate(tunable)}
     parameters = {
@@ -210,6 +211,7 @@ def bind(
     }
     at_scene = partial(_at, {parameters[name]: scene.parameters[name].value for name in tunable})
     inputs = {name: dag.symbol(INPUT, i) for i, name in enumerate(scene.inputs)}
+    # Three scopes: fields of parameters only, of time too, and of everything that changes.
     of_parameters = resolver_of([parameters], "parameters", scene.modes)
     of_time = resolver_of([parameters, {"t": time}], "parameters and t", scene.modes)
     spaces = motion_spaces(scene)
@@ -218,8 +220,10 @@ def bind(
     if is_start:
         steps = {name: tuple(_at_start(step) for step in own) for name, own in steps.items()}
     kept = [step for own in steps.values() for step in own]
+    # All coordinates, then all speeds, then modes: the order of the state vector.
     states = {c.name: c.symbol for step in kept for c in step.coordinates}
     states |= {v.name: v.symbol for step in kept for v in step.speeds}
+    # Modes are numbered after coordinates and speeds, before the states of the networks.
     modes = _modes(scene, dag, len(states), of_parameters)
     states |= {mode.name: mode.symbol for mode in modes}
     everything = {**parameters, "t": time, **inputs, **states}
@@ -230,6 +234,8 @@ def bind(
     for edge in scene.edges.values():
         with dag.labelled(f"parameters of {edge.name}"):
             edges[edge.name], own = bind_edge(edge, dag, resolvers, at_scene)
+            # Prescribed motions enter the equations with two time derivatives, so that they must
+            # not jump.
             guards += [*own, *motion_guards(edges[edge.name], time)]
     return System(
         dag=dag,
@@ -245,6 +251,7 @@ def bind(
         guards=tuple(guards),
         at_scene=at_scene,
         input_values=tuple(
+            # Inputs from a table are piecewise linear in time; others are expressions.
             table(dag, row.value, time)[0]
             if isinstance(row.value, Table)
             else row.value.lower(dag, of_time)
@@ -258,6 +265,7 @@ def bind(
 def _at_start(step: Step) -> Step:
     """Put initial values in the place of the symbols."""
     coordinates = tuple(replace(c, symbol=c.initial) for c in step.coordinates)
+    # A freedom has one coordinate; the speeds of a free rotation have none of their own.
     own = coordinates[0]
     return replace(
         step,
@@ -309,6 +317,8 @@ def _steps(
     i = j = 0
     for edge in moving:
         start = starts.get(edge.name, {})
+        # The whole motion space, so that an initial value of the part that is a chord is no
+        # mistake.
         initial = initial_values(edge, spaces[edge.name], dag, resolve, start)
         own = []
         for kind in kept[edge.name]:
@@ -320,6 +330,7 @@ def _steps(
             speeds = []
             for name, unit in kind.rates:
                 of = None if isinstance(kind, FreeRotation) else coordinates[0]
+                # i counts coordinates and j speeds, which differ where bodies turn freely.
                 symbol = dag.symbol(STATE, n_coordinates + j)
                 full, w = f"{edge.name}.{name}", dag.symbol(UNKNOWN, j)
                 speeds.append(Speed(full, unit, j, edge.name, of, symbol, w, initial[name]))

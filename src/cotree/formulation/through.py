@@ -167,7 +167,7 @@ def inertial_wrench(
     """Form the terminal equation of a lumped inertia, at its cluster's origin.
 
     Force ``m a + A h``; torque ``h x a + J alpha + omega x (J omega)``, with first moment h and
-    second moment J about the origin, whose acceleration is a.
+    second moment J about the origin, whose acceleration is a ([1] eq. 3).
 
     Parameters
     ----------
@@ -175,10 +175,6 @@ def inertial_wrench(
         Velocities and accelerations of the clusters.
     cluster, inertia : int, Inertia
         The cluster, and its inertia in its basis.
-
-    References
-    ----------
-    [1] eq. 3.
     """
     origin, matrix = across.origin[cluster], across.matrix[cluster]
     force = vector.add(vector.scale(inertia.mass, origin), vector.times(matrix, inertia.moment))
@@ -192,16 +188,12 @@ def inertial_wrench(
 
 
 def balance(motion: Motion, loads: Loads, across: Accelerations) -> Balance:
-    """Form the f-cutset equations of the branches and project them on their motion spaces.
+    """Form the f-cutset equations of the branches ([1] eq. 1) and project them ([1] eq. 5).
 
     Parameters
     ----------
     motion, loads, across : Motion, Loads, Accelerations
         Velocities, applied through variables and accelerations.
-
-    References
-    ----------
-    [1] eq. 1, 5.
     """
     zero = vector.zeros(motion.system.dag)
     nothing = Wrench(zero, zero)
@@ -243,6 +235,7 @@ def gather_chords(motion: Motion, loads: Loads, across: Accelerations, sums: Sum
                 sums.gather(cluster, inertial_wrench(motion, across, cluster, inertia))
             applied = loads.on_cluster[cluster]
             if applied is not None:
+                # Inertia less load: the cutset equation then reads total = 0.
                 sums.gather(cluster, applied.minus())
 
 
@@ -263,6 +256,8 @@ def project_cutsets(motion: Motion, loads: Loads, sums: Sums) -> tuple[Node, ...
         total = sums.at(branch.child)
         if total is None:
             continue
+        # All that hangs from the child has been handed on to it, since children follow their
+        # parents.
         with system.dag.labelled(f"f-cutset of {branch.edge}"):
             wrench = carried(frames, branch.child, total)
             for i, speed in enumerate(branch.speeds):
@@ -295,8 +290,6 @@ def shifted(wrench: Wrench, arm: Vector) -> Wrench:
 def hand_on(sums: Sums, geometry: Geometry, wrench: Wrench) -> None:
     """Add what a branch transmits to its parents: the force with its moment, and the torque.
 
-    Where the trees differ the torque goes the way of the rotation graph.
-
     Parameters
     ----------
     sums : Sums
@@ -309,6 +302,8 @@ def hand_on(sums: Sums, geometry: Geometry, wrench: Wrench) -> None:
         if branch.parent:  # nobody asks what the ground feels
             sums.gather(branch.parent, shifted(wrench, geometry.offset))
         return
+    # Where the trees differ the torque goes the way of the rotation graph, the force that of the
+    # translation graph; its moment is carried by the parent of the arm.
     zero = vector.zeros(branch.anchor[0].dag)
     sums.gather(branch.turn_parent, Wrench(zero, wrench.torque))
     sums.gather(branch.parent, shifted(Wrench(wrench.force, zero), geometry.offset))
@@ -317,13 +312,11 @@ def hand_on(sums: Sums, geometry: Geometry, wrench: Wrench) -> None:
 def mass_matrix(motion: Motion, loads: Loads) -> list[list[Node]]:
     """Form the mass matrix from composite inertias, by suffix sums over the tree.
 
-    Returns
-    -------
-    list of rows of Node
-        Symmetric, one row for each speed.
+    It is symmetric, with one row for each speed.
     """
     system = motion.system
     n = len(system.speeds)
+    # Composite rigid bodies (R. Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 6).
     matrix = [[system.dag.zero] * n for _ in range(n)]
     composites = list(loads.inertias)
     for geometry in reversed(motion.geometry):
@@ -335,6 +328,7 @@ def mass_matrix(motion: Motion, loads: Loads) -> list[list[Node]]:
             composite = _up(motion, branch.child, composite)
             at_parent = carried_inertia(composite, geometry.offset)
             known = composites[branch.parent]
+            # Nothing needs the composite of the ground.
             composites[branch.parent] = combined(known, at_parent) if branch.parent else None
         with system.dag.labelled(f"mass matrix, column of {branch.edge}"):
             for i, speed in enumerate(branch.speeds):
@@ -353,6 +347,7 @@ def carried_inertia(inertia: Inertia, arm: Vector) -> Inertia:
     """Move an inertia's reference point back along an arm."""
     first = vector.add(inertia.moment, vector.scale(inertia.mass, arm))
     both = vector.add(first, inertia.moment)
+    # With x = arm + p, the sum of m x x^T is that of m p p^T plus m a a^T + a h^T + h a^T.
     xx, yy, zz = (arm[i] * both[i] for i in range(3))
 
     def off(i: int, j: int) -> Node:
@@ -396,5 +391,6 @@ def _project_column(
             matrix[row][column] = matrix[column][row] = project(geometry, i, wrench)
         if branch.parent == 0:
             return
+        # Entries of speeds that are not on one path to the ground stay zero.
         wrench = carried(frames, branch.parent, shifted(wrench, geometry.offset))
         geometry = motion.to(branch.parent)

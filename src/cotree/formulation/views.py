@@ -42,7 +42,7 @@ class View:
     @property
     def across(self) -> Accelerations:
         """The accelerations."""
-        assert self.accelerations is not None  # nobody asks a view without any
+        assert self.accelerations is not None  # views without them are for values and rates
         return self.accelerations
 
     @cached_property
@@ -57,14 +57,16 @@ class View:
     @cached_property
     def _rates(self) -> dict[Node, Node]:
         speeds = self.motion.system.speeds
+        # Zeros in the view for the right-hand side, symbols in that for the balances.
         return {v.acceleration: rate for v, rate in zip(speeds, self.across.rates, strict=True)}
 
     def _inwards(self, a: Vector, cluster: int, ancestor: int) -> Vector:
         return inwards(self.motion.clusters, self.motion.frames, a, cluster, ancestor)
 
     def scalar(self, node: Node) -> Node:
-        """See a field, a coordinate, a speed or an acceleration of this view."""
+        """Give a field, a coordinate, a speed or an acceleration as this view sees it."""
         if self.accelerations is not None:
+            # The symbol of an acceleration stands for the value that this view was formed at.
             node = self._rates.get(node, node)
         return self.motion.frames.seen(node)
 
@@ -93,6 +95,7 @@ class View:
     def acceleration(self, point: Point, ancestor: int) -> Vector:
         """See a point's acceleration less that of an ancestor's origin."""
         zero = vector.zeros(self.motion.system.dag)
+        # Gravity enters at the ground's origin only; a sum from an ancestor on is free of it.
         own = vector.times(self.across.matrix[point.cluster], self.motion.arm(point))
         own = self._inwards(own, point.cluster, ancestor)
         return vector.add(self._accelerations.between(ancestor, point.cluster, zero), own)
@@ -119,4 +122,5 @@ class View:
         ancestor, cluster : int
             The bases before and after.
         """
+        # Pulls are formed once, in the basis of the ancestor, for both clusters.
         return outwards(self.motion.clusters, self.motion.frames, a, ancestor, cluster)

@@ -33,6 +33,7 @@ def check_spanned(graph: LinearGraph, names: Collection[str], what: str, remedy:
         If a node is not reached.
     """
     steps = walk_edges(graph, names, graph.reference)
+    # Each step reaches one more node; the reference is reached by none.
     if len(steps) + 1 < graph.n_nodes:
         reached = {graph.reference, *(step.child for step in steps)}
         floating = [node for node in graph.nodes if node not in reached]
@@ -41,6 +42,7 @@ def check_spanned(graph: LinearGraph, names: Collection[str], what: str, remedy:
 
 def _floating_message(graph: LinearGraph, floating: list[str], what: str, remedy: str) -> str:
     inside = set(floating)
+    # Edges of any kind: the message also names those that cannot be branches.
     touching = [edge.name for edge in graph.edges if edge.tail in inside or edge.head in inside]
     subject, verb, them = (
         ("node", "is", "it") if len(floating) == 1 else ("nodes", "are", "one of them")

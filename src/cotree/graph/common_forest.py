@@ -43,12 +43,14 @@ class Contracted:
                 raise TopologyError(
                     f"edge '{name}' closes a circuit of edges that must be branches"
                 )
+        # A branch identifies its two nodes, so that one node stands for each part of the branches.
         self.ends = {name: (parts.top(a), parts.top(b)) for name, (a, b) in ends.items()}
 
     def lightest(self, names: Iterable[str], costs: Mapping[str, int]) -> list[str]:
         """Select a forest of least cost from some edges, the first among equals."""
         parts = self._parts()
         cheapest = sorted(names, key=costs.__getitem__)
+        # Kruskal's algorithm; the sort is stable, so that the first of equal edges is taken.
         return [name for name in cheapest if parts.join(*self.ends[name])]
 
     def extended(self, forest: Iterable[str]) -> Parts:
@@ -70,6 +72,7 @@ class Contracted:
             a, b = self.ends[name]
             neighbours.setdefault(a, []).append((b, name))
             neighbours.setdefault(b, []).append((a, name))
+        # A forest may have several trees: each gets a root, from which depths are counted.
         places: dict[str, tuple[int, str, str]] = {}  # depth, node above, edge to it
         for root in neighbours:
             if root not in places:
@@ -85,12 +88,14 @@ class Contracted:
         found: dict[str, Sequence[str] | None] = {}
         for name in others:
             a, b = self.ends[name]
+            # An edge between two trees closes no circuit, so that the forest can take it as it is.
             found[name] = None if parts.top(a) != parts.top(b) else _between(places, a, b)
         return found
 
 
 def _between(places: Mapping[str, tuple[int, str, str]], a: str, b: str) -> list[str]:
     """Name the edges between two nodes of a rooted tree."""
+    # Climb from the deeper end until the two paths meet.
     route = []
     while a != b:
         if places[a][0] < places[b][0]:
@@ -129,6 +134,7 @@ def common_forest(first: Contracted, second: Contracted, costs: Mapping[str, int
         path = _exchange(first, second, costs, shared)
         if path is None:
             return shared
+        # Along the path edges enter and leave by turns; one more enters than leaves.
         shared ^= set(path)
         # No later edge adds less than this path: what is free in both graphs and costs no more
         # needs no search.
@@ -161,6 +167,8 @@ def _exchange(
         for leaving in enters[name] or ():
             arcs[leaving].append(name)
         arcs[name] += leaves[name] or ()
+    # Bellman and Ford's algorithm, since edges that leave count with negative cost. No cycle has
+    # negative cost while the shared set is the cheapest of its size, so that the search ends.
     length: dict[str, _Length] = {n: (costs[n], 0) for n in others if enters[n] is None}
     before: dict[str, str] = {}
     waiting = list(length)

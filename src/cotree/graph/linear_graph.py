@@ -72,8 +72,10 @@ class LinearGraph:
 
     def __post_init__(self) -> None:
         _check_unique("node", self.nodes, self.domain)
+        # Two domains may use one name; within a graph it names a row or a column of the matrices.
         _check_unique("edge", (edge.name for edge in self.edges), self.domain)
         known = set(self.nodes)
+        # Across variables of nodes are differences to the reference, and walks begin there.
         if self.reference not in known:
             raise TopologyError(
                 f"the {self.domain} graph has no node '{self.reference}' to be its reference; "
@@ -85,6 +87,7 @@ class LinearGraph:
                     raise TopologyError(
                         f"edge '{edge.name}' ends at unknown node '{node}'{nearest(node, known)}"
                     )
+            # Such an edge is a circuit of its own: never a branch, and its across variable is zero.
             if edge.tail == edge.head:
                 raise TopologyError(
                     f"edge '{edge.name}' joins node '{edge.tail}' to itself; give it two nodes"
@@ -107,6 +110,7 @@ class LinearGraph:
     @cached_property
     def edge_names(self) -> tuple[str, ...]:
         """Names of the edges, in their order."""
+        # Dictionaries keep the order of insertion, which is that of the edges.
         return tuple(self._edge_by_name)
 
     def edge(self, name: str) -> GraphEdge:

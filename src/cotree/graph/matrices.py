@@ -80,6 +80,7 @@ def incidence(graph: LinearGraph) -> TopologyMatrix:
     matrix = np.zeros((graph.n_nodes, graph.n_edges), dtype=np.int64)
     row_of = {node: i for i, node in enumerate(graph.nodes)}
     for j, edge in enumerate(graph.edges):
+        # Through variables flow from tail to head, so that a row sums what leaves its node.
         matrix[row_of[edge.tail], j] = 1
         matrix[row_of[edge.head], j] = -1
     return TopologyMatrix(matrix, graph.nodes, graph.edge_names)
@@ -130,6 +131,7 @@ def f_circuit(tree: Tree) -> TopologyMatrix:
     ----------
     [1] eq. 2
     """
+    # Each chord closes exactly one f-circuit, so that its own column has a single entry.
     matrix, column_of = _with_identity(tree, tree.chords)
     row_of = {name: i for i, name in enumerate(tree.chords)}
     for chord, branch, sign in _circuit_terms(tree):
@@ -158,12 +160,14 @@ def _circuit_terms(tree: Tree) -> Iterator[tuple[str, str, int]]:
     step_to = {step.child: step for step in tree_walk(tree)}
     depth = {tree.graph.reference: 0}
     for step in step_to.values():
+        # The walk lists parents before children, so that the depth of the parent is known.
         depth[step.child] = depth[step.parent] + 1
     for chord in tree.chords:
         edge = tree.graph.edge(chord)
         # Up from the head is against the path from the reference, hence the minus sign.
         tail, head = edge.tail, edge.head
         while tail != head:
+            # The deeper end cannot be on the path of the other, so that it is the one to move.
             if depth[head] >= depth[tail]:
                 step = step_to[head]
                 head = step.parent

@@ -56,12 +56,15 @@ def walk_edges(graph: LinearGraph, names: Collection[str], start: str) -> tuple[
     for edge in reversed(graph.edges):
         if edge.name in allowed:
             leaving[edge.tail].append(TreeStep(edge.name, edge.tail, edge.head, 1))
+            # A walk ignores the direction of edges, and notes it in the sign.
             leaving[edge.head].append(TreeStep(edge.name, edge.head, edge.tail, -1))
     steps: list[TreeStep] = []
     reached = {start}
     stack = list(leaving[start])
     while stack:
         step = stack.pop()
+        # An edge of a circuit may lead to a node that was reached since the edge was put on the
+        # stack.
         if step.child not in reached:
             reached.add(step.child)
             steps.append(step)

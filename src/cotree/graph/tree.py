@@ -43,6 +43,7 @@ class Tree:
     @cached_property
     def chords(self) -> tuple[str, ...]:
         """Names of the edges of the cotree, in edge order."""
+        # Edges that could never be branches are chords too, such as springs and loads.
         return tuple(name for name in self.graph.edge_names if name not in self._branch_set)
 
     def is_branch(self, name: str) -> bool:
@@ -53,6 +54,7 @@ class Tree:
         TopologyError
             If the graph has no such edge.
         """
+        # By way of the graph, which refuses unknown names.
         return self.graph.edge(name).name in self._branch_set
 
     def summary(self) -> str:
@@ -94,6 +96,7 @@ def select_tree(graph: LinearGraph, weights: Mapping[str, float]) -> Tree:
     """
     for name in weights:
         graph.edge(name)
+    # In edge order, which the stable sort below keeps among equal weights.
     candidates = [name for name in graph.edge_names if math.isfinite(weights.get(name, math.inf))]
     check_spanned(
         graph,
@@ -140,6 +143,7 @@ def named_tree(graph: LinearGraph, names: Iterable[str]) -> Tree:
             raise TopologyError(
                 f"the tree of the {graph.domain} graph names edge '{name}' twice; name it once"
             )
+        # Checked edge by edge, so that the message can name the circuit.
         if not parts.join(edge.tail, edge.head):
             # The edges named so far already join the two nodes; the path between them closes the
             # circuit.
@@ -180,6 +184,7 @@ class Parts:
     def join(self, a: str, b: str) -> bool:
         """Join the parts of two nodes; False if they are in one part already."""
         top, other = self.top(a), self.top(b)
+        # Where both are in one part this changes nothing.
         self._above[other] = top
         return top != other
 
@@ -207,6 +212,7 @@ def path_between(graph: LinearGraph, names: set[str], start: str, end: str) -> l
     start, end : str
         The nodes.
     """
+    # From the end back to the start, since each node has one step that leads to it.
     step_to = {step.child: step for step in walk_edges(graph, names, start)}
     path: list[str] = []
     node = end

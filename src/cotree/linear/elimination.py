@@ -109,6 +109,8 @@ def eliminate(
     left = Remainder(rows, rows if is_symmetric else columns)
     pivots, inverses, lower, upper = [], [], [], []
     less = arithmetic.less
+    # Right-looking elimination: each pivot updates all that remains, so that counts are current
+    # when the next is chosen.
     while (pivot := choose(left)) is not None:
         i, j = pivot
         row = rows.pop(i)
@@ -116,20 +118,25 @@ def eliminate(
         if not is_symmetric:
             for k in (j, *row):
                 columns[k].discard(i)
+        # Sorted, so that the code that is generated does not depend on the order of sets.
         below = sorted(row if is_symmetric else columns.pop(j))
+        # By the reciprocal, so that each pivot costs one division.
         multipliers = {k: arithmetic.scaled(rows[k].pop(j), inverse) for k in below}
         for k, multiplier in multipliers.items():
             own = rows[k]
             for other, entry in row.items():
+                # The entry across the diagonal is computed once and put in both places.
                 if is_symmetric and other > k:
                     continue
                 before = own.get(other)
                 updated = less(before, multiplier, entry)
+                # The same object: an unchanged node, or a sum that was extended in place.
                 if updated is before:
                     continue
                 _put(own, columns, k, other, updated)
                 if is_symmetric and other != k:
                     _put(rows[other], columns, other, k, updated)
+        # Only rows and columns that the pivot touched have other counts now.
         left.below, left.beside = below, row
         pivots.append(pivot)
         inverses.append(inverse)

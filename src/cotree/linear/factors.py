@@ -81,6 +81,7 @@ class Core:
         if all(value.is_zero for value in rest):
             return {}
         dag, shape = rest[0].dag, SolveShape(len(rest), self.n_determined, tolerance)
+        # Scaled to a unit diagonal, so that entries are compared with one.
         found = solve(dag, self.matrix, rest, dag.one, shape, self.sizes)
         return dict(zip(self.places, found, strict=False))  # the rank stands behind them
 
@@ -112,6 +113,7 @@ class SparseFactors:
         found = [self.dag.zero] * len(right)
         # Substitution in unsymmetric factors belongs to the item that asks for it.
         with self.dag.labelled("substitution" if self.is_symmetric else self.dag.section):
+            # Forwards with L, the core in between, then backwards.
             for (i, _), below in zip(own.pivots, own.lower, strict=True):
                 for k, multiplier in below.items():
                     right[k] = right[k] - multiplier * right[i]
@@ -141,6 +143,7 @@ class _OfNodes:
     def less(self, entry: Node | None, multiplier: Node, other: Node) -> Node | None:
         product = multiplier * other
         left = -product if entry is None else entry - product
+        # An entry that cancels identically leaves the pattern, and causes no fill-in.
         return None if left.is_zero else left
 
 
@@ -166,6 +169,7 @@ def factorise(
     """
     rows = _nonzeros([dict(enumerate(row)) for row in matrix])
     with dag.labelled("elimination"):
+        # Certain pivots only: what `eliminate` leaves in `rows` is the core.
         choose = FewestCouplings(rows, [i for i in rows if is_safe[i]])
         factors = eliminate(rows, _OfNodes(), choose, is_symmetric=True)
         core = _core(dag, matrix, rows, sizes) if rows else None
@@ -204,9 +208,12 @@ def _core(
         sizes[i] = dag.function("abs", rows[i].get(i, dag.zero))
         for j, entry in rows[i].items():
             if j != i and matrix[j][i] is not dag.zero:
+                # Couplings to unknowns of the core that are not eliminated, over their own
+                # diagonal.
                 sizes[i] = sizes[i] + entry * entry * squares.get(j, dag.one)
         if i >= n:
             parts = [
+                # G_j^2 / M_jj: what the diagonal of G M^-1 G^T would be if M were diagonal.
                 size / matrix[j][j]
                 for j, size in enumerate(natural[i - n])
                 if not size.is_zero and not matrix[j][j].is_zero
@@ -216,12 +223,13 @@ def _core(
         tuple(core),
         tuple(tuple(rows[i].get(j, dag.zero) for j in core) for i in core),
         tuple(dag.one if size.is_zero else size for size in sizes.values()),
+        # Accelerations in the core come before the multipliers, and must be unique.
         sum(i < n for i in core),
     )
 
 
 def kept_size(size: Node, parts: Sequence[Node]) -> Node:
-    """Keep the size of a multiplier's equation from vanishing with the sum that its diagonal is.
+    """Keep the size of a multiplier's equation above zero where its diagonal cancels.
 
     The sum may vanish where a constraint loses its gradient, or be what rounding leaves of it where
     constraints are redundant: a share of what it would be if nothing cancelled keeps such a row
@@ -252,6 +260,7 @@ def factorise_unsymmetric(
         is singular whatever the values, or where that takes more.
     """
     rows = _nonzeros(matrix)
+    # Rows that are left over have no pivot, or none that is cheap enough.
     factors = eliminate(rows, _OfNodes(), FewestUpdates(most_updates))
     if rows:
         return None
@@ -259,14 +268,17 @@ def factorise_unsymmetric(
 
 
 def _doubt(dag: Dag, matrix: Sequence[Mapping[int, Node]], factors: Factors[Node]) -> Node:
-    """Compare pivots with what they are sums of."""
+    """Compare each pivot with the sizes of the terms that it is the sum of."""
     doubt = dag.zero
     for n, ((i, j), inverse) in enumerate(zip(factors.pivots, factors.inverses, strict=True)):
         parts = [
+            # The pivot is the entry less these products; a size far above the pivot is
+            # cancellation.
             lower[i] * upper[j]
             for lower, upper in zip(factors.lower[:n], factors.upper[:n], strict=True)
             if i in lower and j in upper
         ]
+        # A pivot that is an entry of the matrix itself cannot have lost anything.
         if not parts:
             continue
         size = dag.function("abs", matrix[i].get(j, dag.zero))

@@ -29,6 +29,7 @@ class FewestCouplings:
 
     def __init__(self, rows: Mapping[int, Collection[int]], allowed: Iterable[int]) -> None:
         self._left = set(allowed)
+        # By degree, and by the negative number among equals, which takes the last first.
         self._waiting = [(len(rows[i]), -i) for i in self._left]
         heapify(self._waiting)
 
@@ -63,9 +64,12 @@ class FewestUpdates:
 
     def __call__(self, left: Remainder) -> Place | None:
         """Choose the next pivot."""
+        # Nothing is left, or a row without entries: singular whatever the values are.
         if not left.rows or not all(left.rows.values()):
             return None
         best = min(
+            # Off the diagonal only for free, else by the number of updates; then the diagonal, then
+            # order.
             (i != j and cost > 0, cost, i != j, i, j)
             for i, row in left.rows.items()
             for j in row
@@ -95,6 +99,7 @@ class FewestUpdatesOfMatched:
 
     def __call__(self, left: Remainder) -> Place | None:
         """Choose the next pivot."""
+        # Costs of the others have not changed; stale entries of the heap are skipped below.
         for j in {self._column_of[i] for i in left.below}.union(left.beside):
             heappush(self._waiting, (_n_updates(left, self._row_of[j], j), j))
         while self._left:
@@ -117,6 +122,8 @@ def match(columns: Sequence[Collection[int]]) -> list[int] | None:
     """
     row_of = [j if j in rows else -1 for j, rows in enumerate(columns)]
     column_of = {row: j for j, row in enumerate(row_of) if row >= 0}
+    # Augmenting paths of a bipartite matching: a column without a row takes one from another, which
+    # takes the next, until a free row is found.
     for start in [j for j, row in enumerate(row_of) if row < 0]:
         # Breadth first, so that as few of the others as possible leave their own rows.
         came_from: dict[int, int] = {}
@@ -136,6 +143,7 @@ def match(columns: Sequence[Collection[int]]) -> list[int] | None:
             return None
         row = free
         while True:
+            # Shift the rows back along the path.
             j = came_from[row]
             row_of[j], row = row, row_of[j]
             column_of[row_of[j]] = j

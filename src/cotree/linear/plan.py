@@ -102,8 +102,11 @@ def plan_elimination(
         for at in range(column_starts[j], column_starts[j + 1]):
             rows[row_indices[at]][j] = _Sum(at)
     for i in range(n_shifted):
+        # The shift makes an entry of the diagonal even where J has none; algebraic unknowns have
+        # none.
         rows[i].setdefault(i, _Sum()).has_shift = True
     columns = columns_of(rows)
+    # Algebraic unknowns may have no entry on the diagonal: a matching finds pivots for all.
     row_of = match([columns[j] for j in range(n)])
     if row_of is None:
         return None
@@ -127,6 +130,7 @@ class _OfSums:
     """Elimination on paper: what is subtracted is noted down, and nothing vanishes."""
 
     def inverse(self, pivot: _Sum) -> _Sum:
+        # The reciprocal is kept in place of the pivot, since solutions multiply by it.
         pivot.is_pivot = True
         return pivot
 
@@ -136,6 +140,7 @@ class _OfSums:
 
     def less(self, entry: _Sum | None, multiplier: _Sum, other: _Sum) -> _Sum:
         if entry is None:
+            # Fill-in: no place in J.
             entry = _Sum()
         entry.products += multiplier, other
         return entry
@@ -144,18 +149,22 @@ class _OfSums:
 def _listed(plan: Factors[_Sum]) -> Elimination:
     """Give the factors their numbers: pivot by pivot, each in the order of the other pivots."""
     rows, columns = [i for i, _ in plan.pivots], [j for _, j in plan.pivots]
+    # From here on rows and columns go by the rank of their pivot.
     rank_of_row = {row: k for k, row in enumerate(rows)}
     rank_of_column = {column: k for k, column in enumerate(columns)}
     below = [sorted((rank_of_row[i], entry) for i, entry in own.items()) for own in plan.lower]
     beside = [sorted((rank_of_column[j], entry) for j, entry in own.items()) for own in plan.upper]
     factors: list[_Sum] = []
     for pivot, down, along in zip(plan.inverses, below, beside, strict=True):
+        # A factor uses products of factors of earlier pivots only, so that this order can be
+        # computed.
         factors += [pivot, *(entry for _, entry in down), *(entry for _, entry in along)]
     for number, entry in enumerate(factors):
         entry.number = number
     lower: list[list[tuple[int, int]]] = [[] for _ in rows]
     for m, down in enumerate(below):
         for k, entry in down:
+            # By rows for substitution forwards, where the elimination has them by columns.
             lower[k].append((m, entry.number))
     return Elimination(
         tuple(map(_entry, factors)),
@@ -168,6 +177,7 @@ def _listed(plan: Factors[_Sum]) -> Elimination:
 
 
 def _entry(own: _Sum) -> FactorStep:
+    # Pairs were stored one factor after the other.
     numbers = [factor.number for factor in own.products]
     products = tuple(zip(numbers[::2], numbers[1::2], strict=True))
     pivot = -1 if own.pivot is None else own.pivot.number

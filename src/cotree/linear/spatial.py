@@ -63,11 +63,12 @@ def rigid(mass: Node, moment: Vector, tensor: Matrix) -> Spatial:
     """
     zero = mass.dag.zero
     unit = ((mass, zero, zero), (zero, mass, zero), (zero, zero, mass))
+    # F = m a + alpha x h = m a - [h]x alpha, and T = h x a + J alpha with h x a = (-[h]x)^T a.
     return Spatial(unit, _skew(vector.neg(moment)), tensor)
 
 
 def total(a: Spatial | None, b: Spatial | None) -> Spatial | None:
-    """Add the inertias of what moves as one; None has none."""
+    """Add two inertias that move as one body; None stands for no inertia."""
     if a is None or b is None:
         return a if b is None else b
     return Spatial(
@@ -82,6 +83,7 @@ def resolved(a: Spatial, step: Matrix) -> Spatial:
     """Resolve an inertia in another basis."""
     return Spatial(
         vector.congruence(step, a.force),
+        # The coupling is no symmetric tensor, so that no half of it can be saved.
         vector.matmul(vector.matmul(step, a.coupling), vector.transpose(step)),
         vector.congruence(step, a.torque),
         tuple(
@@ -117,19 +119,23 @@ def released(
     ----------
     R. Featherstone, Int. J. Robotics Research 2 (1983) 13.
     """
+    # w = I s, the wrench of a unit of the speed; its power along s itself is the pivot d.
     force = vector.add(vector.times(a.force, shifting), vector.times(a.coupling, turning))
     torque = vector.add(
         vector.transposed_times(a.coupling, shifting), vector.times(a.torque, turning)
     )
     pivot = vector.dot(shifting, force) + vector.dot(turning, torque)
     for w in a.taken:
+        # Deferred terms: (s.w)^2 / d of each lowers the pivot, and w (s.w) / d the wrench.
         along = vector.dot(shifting, w.force) + vector.dot(turning, w.torque)
         pivot = pivot - w.inverse * (along * along)
         force = _less_scaled(force, w.inverse, along, w.force)
         torque = _less_scaled(torque, w.inverse, along, w.torque)
+        # Behind the arm the deferred term is subtracted from the inertia after all.
         a = _less_product(a, w, w, w.inverse)
     inverse = 1.0 / pivot
     wrench = Gate(force, torque, inverse)
+    # Over the pivot, as substitutions need it: both directions multiply by w / d.
     gate = Gate(vector.scale(inverse, force), vector.scale(inverse, torque), inverse)
     if is_deferred:
         return gate, _struck(a, wrench, turning, shifting)
@@ -163,9 +169,11 @@ def _less(m: Matrix, a: Vector, b: Vector, scale: Node, is_symmetric: bool) -> M
 
 
 def _struck(a: Spatial, wrench: Gate, turning: Vector, shifting: Vector) -> Spatial:
-    """Defer what a speed takes; where it goes along an axis, its row and column vanish at once."""
+    """Defer the term of a speed; along a coordinate axis its row and column vanish at once."""
     zero, parts = wrench.inverse.dag.zero, (*shifting, *turning)
     axis, *others = (i for i, part in enumerate(parts) if not part.is_zero)
+    # w w^T / d removes the row and the column of s from the inertia exactly; along a coordinate
+    # axis these are known entries, which become structural zeros.
     if others or parts[axis].value not in (1.0, -1.0):
         axis = _NO_AXIS
 
@@ -177,6 +185,7 @@ def _struck(a: Spatial, wrench: Gate, turning: Vector, shifting: Vector) -> Spat
             ]
         )
 
+    # What has been struck out must not be subtracted a second time.
     left = [zero if i == axis else x for i, x in enumerate((*wrench.force, *wrench.torque))]
     taken = Gate((left[0], left[1], left[2]), (left[3], left[4], left[5]), wrench.inverse)
     return Spatial(
@@ -201,6 +210,7 @@ def shifted(a: Spatial, arm: Vector) -> Spatial:
     torque = vector.matadd(_minus(a.torque, across), vector.matmul(skew, coupling))
     x, y, z = torque
     symmetric = (x, (x[1], y[1], y[2]), (x[2], y[2], z[2]))
+    # Deferred wrenches move with the point of reference, as any wrench does.
     taken = tuple(
         replace(w, torque=vector.add(w.torque, vector.cross(arm, w.force))) for w in a.taken
     )

@@ -48,7 +48,7 @@ class TreeLink:
     mass, moment, tensor : Node, Vector and Matrix, or None
         Inertia about the link's origin, in its own basis.
     is_deferred : bool
-        Whether what its speeds take is subtracted behind its offset only.
+        Whether the terms w w^T / d of its speeds are subtracted behind its offset only.
     """
 
     parent: int
@@ -124,7 +124,9 @@ class TreeFactors:
                 force, torque = (_up(link, part) for part in loads[i + 1])
                 for speed, gate in zip(_outwards(link), gates, strict=True):
                     at = link.speeds[speed]
+                    # u = tau - s.p: what is left to accelerate this speed.
                     rest[at] = rest[at] - _power(link, speed, force, torque)
+                    # p + w u / d goes on to the parent.
                     force = vector.add(force, vector.scale(rest[at], gate.force))
                     torque = vector.add(torque, vector.scale(rest[at], gate.torque))
                 if link.parent:
@@ -140,7 +142,9 @@ class TreeFactors:
                 if still and all(rest[at].is_zero for at in link.speeds):
                     moved.append(nothing)
                     continue
+                # Outwards: with the parent's acceleration known, each speed has (u - w.a) / d.
                 linear, angular = moved[link.parent]
+                # Velocity terms are in the right-hand side, so that arms add alpha x r only.
                 linear = vector.add(linear, vector.cross(angular, link.offset))
                 for speed, gate in zip(reversed(_outwards(link)), reversed(gates), strict=True):
                     at = link.speeds[speed]
@@ -212,6 +216,7 @@ def factorise_tree(
             if own is None:
                 own = nothing(dag)
             if link.step is not None:
+                # Motion spaces are in the parent's basis.
                 own = resolved(own, link.step)
             found = []
             for speed in _outwards(link):
@@ -225,14 +230,18 @@ def factorise_tree(
     bare = TreeFactors(dag, tuple(links), tuple(gates), n_speeds)
     if not border:
         return bare
+    # M^-1 of each column of the border: what is left for the multipliers is minus G M^-1 G^T.
     responses = tuple(tuple(bare.solve(row)) for row in border)
+    # A constraint acts between two bodies, so that its row is zero for most speeds.
     entries = [_entries(row) for row in border]
     n = range(len(border))
     with dag.labelled("elimination"):
         core = [[dag.zero for _ in n] for _ in n]
         for i in n:
             for j in range(i + 1):
+                # Symmetric, since M^-1 is: one half is formed.
                 core[i][j] = core[j][i] = -_dot(entries[i], responses[j])
+        # Squares of the gradient over the pivots: what the diagonal would be if nothing cancelled.
         inverses = [dag.zero] * n_speeds
         for link, opened in zip(links, gates, strict=True):
             for speed, gate in zip(_outwards(link), opened, strict=True):
@@ -248,6 +257,7 @@ def factorise_tree(
         bare,
         border=tuple(map(tuple, border)),
         responses=responses,
+        # Multipliers need not be unique (redundant constraints), hence no determined unknowns.
         core=Core(tuple(n), tuple(map(tuple, core)), diagonal, 0),
     )
 

@@ -46,6 +46,8 @@ def gather_constraints(first: FirstGraph) -> ConstraintSet:
         ),
         start_rows=tuple(Quantity(row.name, row.unit) for row in first.conditions),
         start_is_rate=tuple(row.is_rate for row in first.conditions),
+        # Three blocks, in an order that the start relies on: conditions on chords, what redundant
+        # initial values follow to, and what the scene gives for them.
         start_values=(
             *(
                 (row.measure.rate(first.view) if row.is_rate else row.measure.value(first.view))
@@ -81,6 +83,7 @@ def start_tangents(
     """
     network = first.network
     redundant = network.redundant if network else ()
+    # The same three blocks as in `start_values`.
     values = [network.solved.values[row.variable] for row in redundant] if network else []
     return (
         *(
@@ -98,10 +101,13 @@ def _followed(first: FirstGraph, redundant: Sequence[Redundant]) -> list[Node]:
     if first.network is None or not redundant:
         return []
     measured = first.measured
+    # Measured values may use other measured ones: one substitution into themselves, then one into
+    # the values of the networks.
     known = dict(zip(measured, substitute(list(measured.values()), measured), strict=True))
     values = substitute([first.network.solved.values[row.variable] for row in redundant], known)
     unknowns = set(first.unknowns)
     for row, value in zip(redundant, values, strict=True):
+        # A start knows states and parameters; accelerations follow from it later.
         if not unknowns.isdisjoint(symbols_in([value])):
             raise ParameterError(
                 f"'{row.name}' follows from accelerations, so that its initial value cannot be "

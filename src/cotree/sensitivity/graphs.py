@@ -56,6 +56,7 @@ def differentiate(
     support : Support
         Shared by all directions.
     """
+    # Sparse: a direction visits only values that depend on what it changes.
     reach = Reach.of(first, {symbol for row in directions.values() for symbol in row})
     if first.network is None:
         return [
@@ -63,6 +64,7 @@ def differentiate(
         ]
     # Fields of the networks may use across variables of the multibody system.
     ahead = [{**row, **_measured_tangents(first, row)} for row in directions.values()]
+    # Mechanics to networks by the measures of ports, networks to mechanics by `seeds`.
     couplings = coupling_tangents(first, ahead, support)
     networks = network_tangents(first.network, ahead, couplings, support)
     return [
@@ -99,6 +101,7 @@ def _along(
 ) -> Derivative:
     """Run the multibody formulation over one sensitivity graph, beside that of the networks."""
     dag = first.system.dag
+    # Fields use across variables by symbols: these change with the states.
     symbols = {**symbols, **_measured_tangents(first, {**symbols, **of_networks})}
     seed = Seed(dag, symbols, support)
     with derivatives_labelled(dag):
@@ -106,14 +109,18 @@ def _along(
         pulled = [first.applied[i] for i in rows_touched(reach.pulled, symbols)]
         residual = residual_tangents(view, first.loads, first.balance, pulled)
         rate = first.constraints.baumgarte
+        # Constraints that the direction does not reach stay zero at all three levels.
         held = [(dag.zero, dag.zero, dag.zero)] * len(first.constraints.rows)
         for i in rows_touched(reach.held, symbols):
             held[i] = _held_tangents(view, first.constraints.rows[i].measure, rate)
     with dag.labelled("derivatives of rates and outputs"):
         of_unknowns = dict(zip(first.unknowns, unknown_tangents(first), strict=True))
+        # Rates of the networks come last, and from their own graphs.
         n = len(first.rates) - (len(first.network.rates) if first.network else 0)
         rates = _tangents_at(first.rates, range(n), {**symbols, **of_unknowns})
         rates |= {n + i: changed for i, changed in network_rates.items()}
+        # Positions and velocities in outputs are not differentiated again: the graph has their
+        # tangents.
         of_nodes = {**of_networks, **output_tangents(view.motion, first.outputs)}
         touched = [i for symbol in symbols for i in reach.outputs.get(symbol, ())]
         outputs = _tangents_at(
@@ -121,11 +128,15 @@ def _along(
             [*touched, *reach.moving],
             {**symbols, **of_unknowns, **of_nodes},
         )
+        # Initial values depend on parameters only, so that no state along the direction reaches
+        # them.
         started = [i for symbol in symbols for i in reach.initial.get(symbol, ())]
         initial = _tangents_at(reach.starts, started, symbols)
     return Derivative(
         name,
         dict(symbols),
+        # A w_p = b_p - A_p w: the residual of the balances is A w - b, and the rows below hold -G,
+        # so that the two parts have opposite signs.
         (*(-row for row in residual), *(acceleration for _, _, acceleration in held)),
         rates,
         outputs,
@@ -156,6 +167,7 @@ def _held_tangents(view: View, measure: Measure, baumgarte: float) -> tuple[Node
 def state_columns(first: FirstGraph, support: Support) -> tuple[Derivative, ...]:
     """Differentiate along each state: the columns of the Jacobian."""
     one = first.system.dag.one
+    # The seed of a column is one unit of one state.
     directions = {state.name: {state.symbol: one} for state in first.states}
     return tuple(differentiate(first, directions, support))
 
@@ -171,7 +183,7 @@ def input_columns(first: FirstGraph) -> tuple[Derivative, ...]:
 def form_derivatives(
     first: FirstGraph, wanted: Sequence[str], support: Support | None = None
 ) -> tuple[Derivative, ...]:
-    """Differentiate along parameters or initial values, states taken along.
+    """Differentiate along parameters or initial values, with the sensitivities of the states.
 
     Parameters
     ----------
@@ -198,6 +210,7 @@ def form_derivatives(
     support = support or Support()
     directions = {}
     for j, name in enumerate(wanted):
+        # States change too, each by its own sensitivity: a state of the extended system.
         directions[name] = {
             state.symbol: dag.symbol(SENSITIVITY, j * n + i) for i, state in enumerate(first.states)
         }
@@ -212,6 +225,7 @@ def form_derivatives(
 def _of_parameters(first: FirstGraph, changes: Mapping[Node, Node]) -> dict[Node, Node]:
     """Seed parameters, and the scene's inputs that depend on them."""
     system = first.system
+    # Inputs that the scene gives as functions of parameters carry their change along.
     along = tangents(system.input_values, changes)
     inputs = zip(system.inputs.values(), along, strict=True)
     return {**changes, **{symbol: tangent for symbol, tangent in inputs if not tangent.is_zero}}
@@ -220,6 +234,7 @@ def _of_parameters(first: FirstGraph, changes: Mapping[Node, Node]) -> dict[Node
 def _initial_value(direction: Derivative, first: FirstGraph) -> Derivative:
     """Start a direction with one in its own state and zero elsewhere."""
     own = next(i for i, state in enumerate(first.states) if state.name == direction.name)
+    # An initial value enters through the start alone, where its own state has the derivative one.
     return replace(direction, initial={own: first.system.dag.one})
 
 
@@ -276,6 +291,7 @@ def form_equations(
         sensitivities=form_derivatives(first, sensitivities, support),
         columns=state_columns(first, support) if with_columns else (),
         guards=first.guards,
+        # Modes stand between the speeds and the states of the networks.
         n_network_states=len(system.modes) + (first.network.n_differential if first.network else 0),
         n_modes=len(system.modes),
         events=first.events,
@@ -332,6 +348,8 @@ def _closed(equations: Equations, measured: Mapping[Node, Node]) -> Equations:
     still = {unknown: equations.dag.zero for unknown in equations.unknowns}
     return replace(
         equations,
+        # What fields put into the right-hand side may contain accelerations, whose terms the matrix
+        # has.
         forcing=tuple(substitute(closed(equations.forcing), still)),
         rates=closed(equations.rates),
         balances=closed(equations.balances),

@@ -73,16 +73,19 @@ class _Seeds:
         for i, symbols in enumerate(self.directions):
             for symbol, d in symbols.items():
                 if not d.is_zero:
+                    # Sorted by symbol, so that a field looks only at directions that change it.
                     self._by_symbol[symbol][i] = d
 
     def __call__(self, node: Node) -> Tangent:
         """Differentiate a node along all directions that it depends on."""
         if node.op == "symbol":
             return self._by_symbol.get(node, {})
+        # Across variables of the mechanism come from its own sensitivity graphs.
         if node in self.couplings:
             return self.couplings[node]
         if node.value is not None:
             return {}
+        # Directions in which some symbol of the field changes, with the tangents of these symbols.
         touched: dict[Hashable, dict[Node, Node]] = defaultdict(dict)
         for symbol in self.support.of(node):
             for i, d in self._by_symbol.get(symbol, {}).items():
@@ -110,12 +113,14 @@ def network_tangents(
     support : Support
         Shared with other directions.
     """
+    # All directions in one pass over the plan: partial derivatives of laws are formed once for all.
     d = differentiate_plan(network.solved, _Seeds(directions, couplings, support))
     return NetworkTangents(
         tuple(d[variable] for variable in network.rates),
         {
             network.solved.values[variable]: d[variable]
             for variable in network.watched
+            # Constants have no derivative, and could stand for several variables.
             if network.solved.values[variable].value is None
         },
     )
@@ -145,8 +150,10 @@ def coupling_tangents(
         for coupling in first.couplings
         for form in ("value", "rate", "acceleration")
     }
+    # Values that are symbols or constants are differentiated by the seed itself.
     found: dict[Node, Tangent] = {node: {} for node in measured if node is not None and node.args}
     for i, symbols in enumerate(directions):
+        # A graph for a direction is formed only where a port measures something that changes.
         touched = [node for node in found if not support.of(node).isdisjoint(symbols)]
         if touched:
             with derivatives_labelled(first.system.dag):

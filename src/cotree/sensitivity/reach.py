@@ -43,12 +43,15 @@ class Reach:
     @classmethod
     def of(cls, first: FirstGraph, changing: Iterable[Node]) -> Reach:
         """Look at everything that the equations are made of, for symbols that may change."""
+        # Only symbols that some direction changes are worth an index.
         among = {*changing, *first.unknowns, *first.measured}
         outputs = _by_symbol(first.outputs.values, among)
         moving = {i for symbol in first.unknowns for i in outputs.get(symbol, ())}
         starts = tuple(state.initial for state in first.states)
         rows = first.constraints
         held = [
+            # All levels of a constraint: any of them may depend on a symbol that the others do not
+            # have.
             [*gradient, rate, bias, *([] if value is None else [value])]
             for gradient, rate, bias, value in zip(
                 rows.gradient, rows.rates, rows.biases, rows.values, strict=True
@@ -71,6 +74,7 @@ def _by_symbol(nodes: Sequence[Node], among: set[Node]) -> dict[Node, list[int]]
 
 def _rows_by_symbol(rows: Sequence[Sequence[Node]], among: set[Node]) -> dict[Node, list[int]]:
     found: defaultdict[Node, dict[int, None]] = defaultdict(dict)
+    # One pass over all nodes of all rows; `places` tells the row of each.
     places = [i for i, row in enumerate(rows) for _ in row]
     for i, symbols in zip(places, symbols_of_each([*chain(*rows)], among), strict=True):
         for symbol in symbols:

@@ -54,6 +54,7 @@ class Seed:
         """Differentiate a coordinate, or an expression of fields."""
         if node.op == "symbol":
             return self.symbols.get(node, self.dag.zero)
+        # Most fields depend on no symbol of the seed: two sets tell, without a walk over the field.
         if node.value is not None or self.support.of(node).isdisjoint(self.symbols):
             return self.dag.zero
         return tangents([node], self.symbols)[0]

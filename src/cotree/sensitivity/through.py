@@ -33,12 +33,16 @@ class Changes(Sums):
     def gather(self, cluster: int, wrench: Wrench) -> None:
         """Add how a wrench changes."""
         if is_varied(wrench.force, wrench.torque):
+            # The value is in the first graph's total already; only the tangent is summed anew.
             super().gather(cluster, Wrench(tangent_of(wrench.force), tangent_of(wrench.torque)))
 
     def at(self, cluster: int) -> Wrench | None:
         """Give the sum on a cluster; None where neither it nor the cluster's motion changes."""
+        # Projection and arms are products, whose tangent needs the value of the sum too.
         first, change = self._first[cluster], super().at(cluster)
         if change is None:
+            # Nothing on the cluster changes, but its directions do: the total of the first graph is
+            # projected on motion spaces that turn.
             return None if self._frames.is_kept(cluster) else first
         return Wrench(varied(first.force, change.force), varied(first.torque, change.torque))
 
@@ -67,9 +71,12 @@ def residual_tangents(
         Derivative of each coordinate's equation, accelerations of coordinates held fixed.
     """
     motion = view.motion
+    # The same walk as in the first graph, over duals: terminal equations (Eq. (4)), then f-cutsets
+    # (Eq. (1)), then the projection on the motion spaces (Eq. (5)).
     changes, loaded = Changes(motion, balance), _loads(view, loads, applied)
     gather_chords(motion, loaded, view.across, changes)
     rows = project_cutsets(motion, loaded, changes)
+    # Only tangents are wanted: the values are the balances of the first graph, which vanish.
     return [tangent_of(row) for row in rows]
 
 
@@ -85,9 +92,10 @@ def _loads(view: View, first: Loads, applied: Sequence[Applied]) -> Loads:
 
 
 def _is_reached(motion: Motion, action: Action) -> bool:
-    """Whether the seed reaches a node or a field of the element."""
+    """Tell whether the seed reaches a node or a field of the element."""
     frames, edge = motion.frames, action.edge
     points = (action.first, action.second)
+    # A moved node changes the circuit between the two, even where no field does.
     if not all(frames.is_kept(point.cluster) for point in points):
         return True
     if is_varied(*(frames.seen(value) for value in edge.scalars.values())):
@@ -100,5 +108,7 @@ def _pulls(view: View, applied: Sequence[Applied]) -> Iterator[Pull]:
     """Form the pulls of the through variables that change; a multiplier itself is held fixed."""
     for row in applied:
         with view.motion.system.dag.labelled(f"through variable of {row.edge}"):
+            # The derivative of a multiplier is an unknown of the sensitivity graph, on the
+            # left-hand side; here only its pull changes.
             amount = row.magnitude if row.formula is None else row.amount(view)
             yield row.measure.pull(view).scaled(amount)

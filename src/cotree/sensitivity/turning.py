@@ -69,6 +69,7 @@ class Turning(Frames):
     def _turned(self, axes: Matrix, local: Vector, phi: Vector) -> Vector:
         value = formed(vector.times, axes, local)
         d_local = self.seed.vector(local)
+        # d(R a) = phi x (R a) + R da, since dR = [phi]x R.
         d = phi if vector.is_zero(phi) else vector.cross(phi, value)
         if not vector.is_zero(d_local):
             d = vector.add(d, vector.times(axes, d_local))
@@ -78,6 +79,7 @@ class Turning(Frames):
         """Resolve a tensor field, as seen from the turning cluster; see :meth:`within`."""
         axes = self.rotations[cluster].matrix
         value, d_local = formed(vector.congruence, axes, local), self.seed.matrix(local)
+        # A tensor that is constant in the cluster is no dual: `within` supplies its turn.
         if all(vector.is_zero(row) for row in d_local):
             return value
         return varied(value, vector.congruence(axes, d_local))
@@ -102,7 +104,10 @@ class Turning(Frames):
         seen = []
         for a in vectors:
             value = value_of(a)
+            # Derivative as seen from the cluster: da - phi x a.
             seen.append(varied(value, vector.sub(tangent_of(a), vector.cross(phi, value))))
+        # Seen from outside the result turns along: d = phi x r + what changes within. The turn of
+        # the tensor itself, [phi]x J - J [phi]x, is never formed.
         result = form(*seen)
         value = value_of(result)
         return varied(value, vector.add(vector.cross(phi, value), tangent_of(result)))
@@ -121,6 +126,8 @@ def derivatives_labelled(dag: Dag) -> Iterator[None]:
 def view_along(first: FirstGraph, seed: Seed) -> View:
     """Form the across variables of a sensitivity graph, accelerations of coordinates held fixed."""
     motion, across = first.motion, first.view.across
+    # The walks of the first graph, over duals. Tangents of accelerations are unknowns on the
+    # left-hand side, so that the accelerations themselves are held fixed.
     moved = move(first.system, motion.clusters, turn_axes(motion, seed), motion)
     return View(moved, accelerate(moved, across.rates, across), first.view)
 
@@ -129,6 +136,8 @@ def turn_axes(first: Motion, seed: Seed) -> Turning:
     """Find the clusters that a seed reaches, and how it turns them."""
     frames, zero = first.frames, vector.zeros(first.system.dag)
     n = len(first.omega)
+    # Parents come first, so that what a seed reaches grows outwards: all that a reached cluster
+    # carries or turns is reached too.
     reached: set[int] = set()
     phi, inwards = [zero] * n, [zero] * n
     for geometry in first.geometry:
@@ -137,6 +146,7 @@ def turn_axes(first: Motion, seed: Seed) -> Turning:
             continue
         reached.add(branch.child)
         with first.system.dag.labelled(f"f-circuits, geometry of {branch.edge}"):
+            # Prefix sums along the rotation tree, as those of angular velocities (Eq. (2)).
             turn = vector.add(phi[branch.turn_parent], _turn(frames, seed, geometry))
             inwards[branch.child] = turn
             phi[branch.child] = frames.down(branch.child, turn)
@@ -150,6 +160,7 @@ def _is_seeded(branch: Branch, seed: Seed) -> bool:
     symbols = [c.symbol for c in branch.coordinates] + [v.symbol for v in branch.speeds]
     if any(not seed.of(node).is_zero for node in (*symbols, *branch.slides)):
         return True
+    # Arms and axes may depend on parameters, whatever the coordinates do.
     fields = (branch.anchor, *branch.axes, *(branch.mount or ()))
     return not all(vector.is_zero(seed.vector(local)) for local in fields)
 
@@ -161,11 +172,14 @@ def _turn(frames: Frames, seed: Seed, first: Geometry) -> Vector:
         return vector.zeros(seed.dag)
     if branch.quaternion is None:
         d_axis = frames.resolved(branch.turn_parent, seed.vector(branch.axes[0]))
+        # A turn about the axis by the tangent of the angle, as a speed turns the child by omega.
         own = vector.scale(seed.of(branch.position), first.turning[0])
         return vector.add(own, _tilt(first, d_axis))
     d = [seed.of(entry) for entry in branch.quaternion]
     own = vector.zeros(seed.dag)
     if any(not entry.is_zero for entry in d):
+        # An edge that points inwards turns by the inverse rotation: resolved in its own axes, and
+        # with the opposite sign.
         own = quaternion_turn(branch.quaternion, d, is_own=branch.sign < 0)
         own = vector.signed(branch.sign, own)
     if branch.mount is not None:
@@ -189,6 +203,8 @@ def _tilt(first: Geometry, d_axis: Vector) -> Vector:
         return d_axis
     position = first.branch.position
     angle = position if first.branch.sign > 0 else -position
+    # The angle counts from the parent outwards, hence the sign of the edge.
     sine, cosine = (position.dag.function(name, angle) for name in ("sin", "cos"))
+    # The axis keeps its length one, so that its change is across it.
     across = vector.cross(first.axes[0], d_axis)
     return vector.add(vector.scale(sine, d_axis), vector.scale(1.0 - cosine, across))

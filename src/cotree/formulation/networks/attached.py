@@ -67,6 +67,8 @@ class Attached:
             pull = along_speeds(motion, self.couplings[name].pull)
             for i, gradient in enumerate(pull):
                 for j, slope in slopes.items():
+                    # A through variable tau = s_j v_j' + ... acts along its pull p: the balance
+                    # gains p_i s_j.
                     rows[i][j] = rows[i][j] + gradient * slope
         return tuple(tuple(row) for row in rows)
 
@@ -91,6 +93,7 @@ def attach_network(scene: SceneDescription, view: View) -> Attached:
         for name, coupling in couplings.items()
     }
     observing = (*scene.outputs.values(), *event_expressions(scene.events.values()))
+    # Networks are formed as far as outputs, events and fields of the mechanism ask for them.
     names = {name for expression in observing for name in expression.names}
     wanted = sorted(names.union(system.signals.measured))
     network, observed = form_network(scene, system, couplings, wanted)
@@ -110,6 +113,8 @@ def _slopes(through: Node, system: System) -> dict[int, Node]:
         # Only storages that are tied to joints react to accelerations: as inertia.
         if speed.acceleration not in occurring:
             continue
+        # Through variables are affine in accelerations, so that the slope goes into the mass matrix
+        # and the rest is a load.
         (slope,) = tangents([through], {speed.acceleration: through.dag.one})
         if not slope.is_zero:
             found[speed.index] = slope

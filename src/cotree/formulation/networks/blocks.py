@@ -21,7 +21,7 @@ _TINY = 1e-290
 
 @dataclass(frozen=True)
 class _AtRunTime:
-    """Equations whose pivots are chosen at run time, with rows and columns of one size each."""
+    """Equations whose pivots are chosen at run time, with scaled rows and columns."""
 
     dag: Dag
     matrix: tuple[tuple[Node, ...], ...]
@@ -42,6 +42,8 @@ class _AtRunTime:
 def _at_run_time(dag: Dag, matrix: Sequence[Sequence[Node]]) -> _AtRunTime:
     """Divide rows, then columns, by the sums of their sizes, which makes pivots comparable."""
     n = range(len(matrix))
+    # Units differ from row to row (volts, amperes, newtons): without scales the largest pivot would
+    # be a matter of units, and so would the decision on the rank.
     rows = tuple(1.0 / _size(dag, row) for row in matrix)
     scaled = [[matrix[i][j] * rows[i] for j in n] for i in n]
     columns = tuple(1.0 / _size(dag, [scaled[i][j] for i in n]) for j in n)

@@ -37,11 +37,11 @@ class Coupling:
     port : Port
         The port.
     measure : Measure
-        What it acts along.
+        The measure that it acts along.
     value, rate, acceleration : Node
         The integral of its across variable, that itself, and its rate.
     pull : Pull
-        What a unit of its through variable does.
+        The wrenches and efforts of a unit of its through variable.
     """
 
     port: Port
@@ -53,7 +53,7 @@ class Coupling:
 
 
 def form_couplings(ports: Mapping[str, Port], view: View) -> dict[str, Coupling]:
-    """Find what transducers act along.
+    """Find the measures that transducers act along.
 
     Parameters
     ----------
@@ -76,6 +76,8 @@ def form_couplings(ports: Mapping[str, Port], view: View) -> dict[str, Coupling]
                 measure,
                 measure.value(view),
                 measure.rate(view),
+                # At the symbols of the accelerations, since storages tied to the joint need this
+                # rate.
                 measure.acceleration(view),
                 measure.pull(view),
             )
@@ -98,6 +100,7 @@ def _measure(port: Port, motion: Motion) -> Measure:
     names = [
         step.name
         for step in edge.component.motion_space
+        # A free rotation has no single angle to act about.
         if isinstance(step, Freedom) and step.rotates is turns and wanted in ("", step.name)
     ]
     if len(names) != 1:
@@ -130,6 +133,7 @@ def _line(port: Port, motion: Motion) -> Measure:
             f"edge '{port.edge.name}' turns, so that it cannot act along a line: name a joint"
         )
     first, second = (points[node] for node in port.ends.acts_on)
+    # Power is force times the rate of the distance, as across times through asks for.
     return Distance(Ends.of(motion.clusters, first, second))
 
 
@@ -147,6 +151,8 @@ def coupling_loads(
     """
     return [
         Applied(
+            # A port takes power in where across and through have one sign: the mechanism feels the
+            # reaction.
             coupling.port.edge.name,
             f"{name}.law",
             coupling.measure,

@@ -36,13 +36,14 @@ def stored_rate(terminal: Terminal, is_across: bool) -> Law:
     ``rate = (across - drop) / inertance``.
     """
     assert terminal.storage is not None
+    # Dual cases share one formula: through flows into a capacity, across acts on an inertance.
     given, loss = _sides(terminal, is_across)
     return Law.of((given - loss) / terminal.storage.expression)
 
 
 @lru_cache(maxsize=1024)
 def stored_value(terminal: Terminal, is_across: bool) -> Law:
-    """Give what a storage without a state takes: ``storage * rate``, or what its content does."""
+    """Give the law of a storage without a state: ``storage * rate``, or the rate of its content."""
     return Law.of(_stored(terminal, is_across))
 
 
@@ -54,9 +55,10 @@ def stored_residual(terminal: Terminal, is_across: bool) -> Law:
 
 @lru_cache(maxsize=1024)
 def linear_content(terminal: Terminal) -> Law | None:
-    """Give what a storage holds whose capacity or inertance is constant; None where others add."""
+    """Give the content of a storage of constant capacity; None where its loss stores too."""
     is_across = terminal.kind is Kind.ACROSS_STORAGE
     loss = terminal.through if is_across else terminal.across
+    # A loss that contains rates stores something itself, so that the content is not all there is.
     if terminal.storage is None or (loss is not None and any("_rate" in a for a in loss.arguments)):
         return None
     return Law.of(terminal.storage.expression * _symbol("across" if is_across else "through"))
@@ -85,6 +87,7 @@ def across_residual(terminal: Terminal) -> Law:
         # Symmetric, where the laws are.
         return Law.of(terminal.through.expression - _symbol("through"))
     assert terminal.across is not None
+    # The variable less its law, with the slope one where the law does not depend on it.
     return Law.of(_symbol("across") - terminal.across.expression)
 
 

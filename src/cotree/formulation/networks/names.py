@@ -33,6 +33,7 @@ class Names:
         for port in self.ports.values():
             for quantity, symbol in _symbols(port).items():
                 found[f"{port.name}.{symbol}"] = (quantity, port.name)
+                # Both the full name with the port and the short one, where the edge alone is clear.
                 found[state_name(port, symbol)] = (quantity, port.name)
             # A total of several contents has a name besides those of its parts.
             store = self.stores.get(port.name)
@@ -46,6 +47,7 @@ class Names:
         """Find the variable of ``edge.symbol``, ``edge.port.symbol`` or ``node.symbol``."""
         if name in self._of_ports:
             return self._of_ports[name]
+        # Names of ports contain a dot themselves, so that the symbol is what follows the last.
         first, _, symbol = name.rpartition(".")
         # A node may belong to several domains; the symbol tells which is meant.
         for domain, topology in self.topologies.items():

@@ -147,6 +147,8 @@ def form_network(
     names = Names(ports, topologies, stores)
     held = held_variables(ports, topologies, stores, {*wanted, *_used_by_fields(ports)})
     dag = system.dag
+    # The state vector holds coordinates, speeds and modes of the mechanism, then the states of the
+    # networks, then the algebraic unknowns.
     n_before = len(system.coordinates) + len(system.speeds) + len(system.modes)
     symbols = {item.variable: dag.symbol(STATE, n_before + i) for i, item in enumerate(held)}
     fields, measured, guards = _bind_fields(ports, symbols, names, system)
@@ -163,6 +165,8 @@ def form_network(
         contents,
         frozenset(mode.symbol for mode in system.modes if mode.symbol.op == "symbol"),
     )
+    # The plan follows only what is asked for: rates of states, names in outputs and fields, and
+    # redundant initial values, which have to be compared.
     rates = tuple(item.rate for item in held)
     observed = {name: found for name in wanted if (found := names.variable(name)) is not None}
     at = dag, system.of_parameters
@@ -192,6 +196,7 @@ def form_network(
         (*rates, *solved.residuals),
         (*guards, *terminals.guards.values()),
         observed,
+        # An initial value of an algebraic unknown is a guess of the start, not a condition.
         tuple(row for row in redundant if row.variable not in solved.algebraic),
         terminals.corners,
     )
@@ -243,6 +248,7 @@ def _bind_fields(
         if variable in symbols:
             return symbols[variable]
         if variable not in standing:
+            # Its value is not known yet: a symbol stands for it until the plan is carried out.
             standing[variable] = system.dag.symbol("network", len(standing))
         return standing[variable]
 
@@ -257,6 +263,7 @@ def _bind_fields(
         for field, value in edge.fields.items():
             row = edge.component.field(field)
             assert row is not None  # the scene accepted only fields of its component
+            # Constant fields may enter preparations and starts, which know parameters only.
             resolver = system.of_parameters if row.constant else resolve
             node = value.lower(system.dag, resolver)  # type: ignore[union-attr]
             fields[edge.name, field] = node
@@ -266,6 +273,7 @@ def _bind_fields(
         for demand in edge.component.demands:
             arguments = {name: fields[edge.name, name] for name in demand.law.arguments}
             node = demand.law.value(system.dag, arguments)
+            # Values that change during a run cannot be checked before it.
             if not is_varying(node):
                 ask(Guard(node, f"edge '{edge.name}'", True, demand.breach))
     # Fields that use a variable of the networks make it an argument, by its symbol.

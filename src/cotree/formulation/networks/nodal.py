@@ -57,6 +57,7 @@ class _Nodal:
         potentials = self.factors.solve(balances)
         found = []
         for potential, (sign, parent) in zip(potentials, self.above, strict=True):
+            # Back from potentials of parts to across variables of the branches between them.
             across = potential - potentials[parent] if parent >= 0 else potential
             found.append(across if sign > 0 else -across)
         return found
@@ -94,6 +95,8 @@ def factorise_nodal(
         return None
     linear = [unknown for unknown in block.unknowns if unknown in conductances]
     names = [name for _, name in linear]
+    # Cut at the unknown branches, the tree falls apart; within a part potentials differ by known
+    # amounts. The part of the reference has the number -1 and potential zero.
     parts = terminals.parts(names) if linear else {}
     rows: list[dict[int, Node]] = [{} for _ in linear]
     for (_, name), conductance in conductances.items():
@@ -126,6 +129,7 @@ def _conductances(
     symbols = {values[unknown] for unknown in unknowns}
     found: dict[Variable, Node] = {}
     for quantity, name in (*block.unknowns, *block.inner):
+        # Sums and equations carry no conductance of their own.
         if quantity in ("path", "flow", "residual_across"):
             continue
         port = terminals.ports[name] if quantity in ("across", "through") else None
@@ -134,12 +138,16 @@ def _conductances(
         if quantity == "through":
             continue
         is_unknown = (quantity, name) in unknowns
+        # Potentials determine across variables of branches; any other unknown has no place among
+        # them.
         if is_unknown != terminals.is_branch(name):
             return None
         law = ("residual_across" if is_unknown else "through", name)
         conductance = _conductance(rules[law], values)
         if conductance is None:
             return None
+        # Linear where the slope does not depend on the unknowns. A branch that is not stays
+        # unknown; a chord that is not would couple parts nonlinearly, and rules out potentials.
         if symbols.isdisjoint(symbols_in([conductance])):
             found[quantity, name] = conductance
         elif not is_unknown:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Block:
-    """Variables that only follow together.
+    """Variables that depend on each other, and are solved for together.
 
     Attributes
     ----------
@@ -70,6 +70,7 @@ def make_plan(terminals: Terminals, roots: Iterable[Variable]) -> Plan:
         (first, *others) = part
         # A part of one variable that does not need itself follows from those before it.
         if not others and first not in rules[first].needs:
+            # An unknown outside every loop: its equation does not lead back to it.
             if isinstance(rules[first], Unknown):
                 raise FormulationError(_undetermined(terminals, first))
             steps.append(first)
@@ -122,6 +123,8 @@ def _parts(needs: Mapping[Variable, Sequence[Variable]]) -> list[list[Variable]]
 def _rank(variable: Variable, terminals: Terminals) -> int:
     """Say how soon a variable is torn: what gives symmetric equations before couplings."""
     quantity, name = variable
+    # Rates of states have the matrix of capacities or inertances, which is symmetric, as is that of
+    # resistive branches in terms of conductances.
     if quantity.endswith("_rate") and (quantity.removesuffix("_rate"), name) in terminals.states:
         return 0
     if not terminals.is_branch(name):
@@ -134,6 +137,7 @@ def _tear(terminals: Terminals, rules: dict[Variable, Rule], part: Sequence[Vari
     torn = {v: rules[v] for v in part if isinstance(rules[v], Unknown)}
     could = {v: unknown for v in part if v not in torn and (unknown := terminals.torn(v))}
     # Tear variables of one rank after another until the rest follows one by one.
+    # Rank -1 is of none: at first only what is an unknown in any case is torn.
     for rank in (-1, 0, 1, 2):
         torn |= {v: unknown for v, unknown in could.items() if _rank(v, terminals) == rank}
         residuals = [rule.residual for rule in torn.values()]  # type: ignore[attr-defined]

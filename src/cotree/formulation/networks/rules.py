@@ -108,7 +108,7 @@ class Sum(Rule):
         return tuple(variable for _, variable in self.terms)
 
     def value(self, dag: Dag, values: Mapping[Variable, Node]) -> Node:
-        """Sum."""
+        """Form the sum."""
         total = dag.zero
         for sign, variable in self.terms:
             total = total + values[variable] if sign > 0 else total - values[variable]
@@ -118,6 +118,7 @@ class Sum(Rule):
         self, values: Mapping[Variable, Node], changing: Collection[Variable]
     ) -> Iterable[tuple[Variable, Node]]:
         """Give the signs."""
+        # Topology has no parameters: the sensitivity graph sums with the same signs.
         one = values[self.terms[0][1]].dag.one
         return ((variable, one if sign > 0 else -one) for sign, variable in self.terms)
 
@@ -146,6 +147,7 @@ class Lawful(Rule):
         dag = next(iter(known.values())).dag
         for name, variable in self.arguments:
             if variable in changing:
+                # Pre-formed with the component: the constitutive equation of the sensitivity graph.
                 partial = self.law.partial_value(dag, known, name)
                 if partial is not None:
                     yield variable, partial
@@ -181,6 +183,8 @@ class FieldRule(Rule):
 
     def explicit(self, values: Mapping[Variable, Node], given: Given) -> Tangent:
         """Differentiate by the other symbols."""
+        # Derivatives may contain symbols of variables too, which get their values as in the field
+        # itself.
         found = given(self.node)
         if not self.variables:
             return dict(found)
@@ -192,6 +196,8 @@ class FieldRule(Rule):
         """Differentiate by the symbols of variables."""
         for symbol, variable in self.variables:
             if variable in changing:
+                # A field is an expression of the scene, so that its partial derivatives are formed
+                # here.
                 along = tangents([self.node], {symbol: symbol.dag.one})
                 yield variable, self._put(along, values)[0]
 

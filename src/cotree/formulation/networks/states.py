@@ -90,6 +90,8 @@ def held_variables(
             continue
         is_branch = port.name in topologies[port.terminal.domain].branches
         _check_content(port, stores.get(port.name))
+        # Normal trees hold across storages as branches and through storages as chords; one outside
+        # its place shares the state of others.
         if port.name in stores:
             found.append(Held(port, "total", *stores[port.name].symbol))
         elif port.kind is Kind.ACROSS_STORAGE and is_branch:
@@ -100,6 +102,7 @@ def held_variables(
         # The stretch of a spring in a cutset of its like follows from theirs.
         if integral is not None and not (port.kind is Kind.SPRING and is_branch):
             item = _held(port, "stretch")
+            # A stretch may be named in short or with its port.
             names = {item.name, f"{port.name}.{item.short}"}
             if _uses_stretch(port) or names & used or item.short in port.initial:
                 found.append(item)
@@ -109,6 +112,7 @@ def held_variables(
 def _check_content(port: Port, store: Store | None) -> None:
     """Refuse the initial value of a content that is held together with others."""
     content = content_of(port.terminal)
+    # A content of one storage alone is a state, and takes its initial value as such.
     if content is None or content[0] not in port.initial or (store and store.is_alone):
         return
     row, is_across = DOMAINS[port.terminal.domain], port.kind is Kind.ACROSS_STORAGE
@@ -163,6 +167,7 @@ def state_of(item: Held, symbol: Node, dag: Dag, of_parameters: Resolver) -> Sta
     """
     initial = _initial(item, dag, of_parameters)
     is_given = item.short in item.port.initial
+    # Other states have no second name under which they could be given.
     if item.quantity != "total":
         return State(item.name, item.unit, symbol, initial, is_given=is_given)
     quantity = "across" if item.port.kind is Kind.ACROSS_STORAGE else "through"
@@ -194,6 +199,7 @@ def algebraic_state(
     of_parameters : callable
         From names of parameters to nodes.
     """
+    # The unknown may be a rate, whose name and unit scenes do not know: it goes by the variable's.
     item = _held(port, quantity.removesuffix("_rate"))
     guess = _initial(item, dag, of_parameters)
     return State(item.name, item.unit, symbol, guess, is_given=False, is_algebraic=True)
@@ -241,6 +247,7 @@ def redundant_values(
     of_parameters : callable
         From names of parameters to nodes.
     """
+    # States take their initial values directly; the others must follow from them.
     known = {item.variable for item in held}
     return [
         Redundant(item.name, item.variable, _initial(item, dag, of_parameters))
@@ -272,5 +279,6 @@ _FOLLOWING = {
 
 def _may_be_guess(item: Held) -> bool:
     kind = item.port.kind
+    # A nonlinear spring in a cutset of its like is an unknown of an equation.
     is_bent = kind is Kind.SPRING and item.port.terminal.storage is None
     return is_bent or item.quantity not in _FOLLOWING.get(kind, ())

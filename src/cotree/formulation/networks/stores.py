@@ -139,6 +139,8 @@ def _store(
     flows: list[tuple[int, Variable]] = [
         (sign, ("loss" if n in within else flow, n))
         for n, sign in around.items()
+        # Storages within the total exchange charge among themselves; only what leaks from them
+        # counts.
         if n not in within or _has_loss(ports[n])
     ]
     if _has_loss(port):

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Terminals:
-    """Gives the rule of a variable.
+    """The topological and terminal equations of all networks, as the rule of each variable.
 
     Attributes
     ----------
@@ -109,11 +109,13 @@ class Terminals:
     def rule(self, variable: Variable) -> Rule:
         """Give the rule of a variable."""
         quantity, name = variable
+        # With the suffix _rate a quantity is the time derivative of that without.
         base, _, rate = quantity.partition("_")
         rate = f"_{rate}" if rate else ""
         if base == "residual":
             return self._residual(rate[1:], name)
         if base in ("path", "potential"):
+            # Sums along the tree belong to no port: their names say where they begin and end.
             domain, ancestor, node = name.split("|")
             if base == "potential":
                 return self.topologies[domain].potential(node, rate)
@@ -137,6 +139,7 @@ class Terminals:
         ports = (port for port in self.ports.values() if port.edge.name == edge)
         port = next(ports)
         row = next(row for row in port.edge.component.measures if row.name == own)
+        # A component with several ports may name sums of their variables, with signs.
         return Sum(tuple((sign, (kind, port.sibling(at))) for sign, kind, at in row.terms))
 
     def _stretch(self, variable: Variable) -> Rule:
@@ -145,6 +148,7 @@ class Terminals:
         if name in self.couplings:
             motion = self.couplings[name]
             return FieldRule(motion.value if quantity == "stretch" else motion.rate)
+        # The stretch is the time integral of what the terminal names: its rate needs no state.
         if quantity != "stretch":
             integral = integral_of(port.terminal)
             assert integral is not None
@@ -163,6 +167,7 @@ class Terminals:
             base = "total" if store is not None and store.is_alone else "stored"
         if base == "total":
             assert store is not None
+            # The total is a state; its rate is what flows in from outside.
             return Sum(store.flows) if rate else FieldRule(self.states[base, name])
         if base == "stored":
             law = self.contents[name]
@@ -180,10 +185,13 @@ class Terminals:
         port = self.ports[name]
         if name in self.couplings:
             motion = self.couplings[name]
+            # The mechanism gives the across variable: that of a chord beside the joint (Eq. (2)).
             return FieldRule(motion.acceleration if rate else motion.rate)
         if port.is_short:
+            # Both ends at one node: an empty circuit.
             return Sum(())
         if not self.is_branch(name):
+            # Chord: the f-circuit gives the across variable, the law the through variable.
             return self._topology(name).circuit(name, rate)
         if port.kind is Kind.ACROSS_STORAGE:
             if name in self.stores:
@@ -195,6 +203,7 @@ class Terminals:
         if port.kind is Kind.SPRING and not rate:
             if port.terminal.storage is None:
                 return Unknown(("residual_across", name))
+            # Stretches in a cutset of springs depend on each other: this one is no state.
             law = spring_rate(port.terminal)
         elif port.kind is Kind.THROUGH_STORAGE and not rate:
             law = stored_value(port.terminal, False)
@@ -209,6 +218,7 @@ class Terminals:
     def _through(self, name: str, rate: str) -> Rule:
         port = self.ports[name]
         if name not in self.couplings and name in self._cutset(name).branches:
+            # Branch: the f-cutset gives the through variable (Eq. (1)).
             return self._cutset(name).cutset(name, rate)
         if port.kind is Kind.THROUGH_STORAGE:
             if name in self.stores:
@@ -240,6 +250,8 @@ class Terminals:
         terminal = port.terminal
         is_storage = port.kind in (Kind.ACROSS_STORAGE, Kind.THROUGH_STORAGE)
         if name in self.stores and quantity in ("across", "through"):
+            # Contents by their laws less the total that is the state: zero at the right voltages or
+            # currents.
             parts = ((sign, ("stored", part)) for sign, part in self.stores[name].parts)
             return Sum((*parts, (-1, ("total", name))))
         if name in self.stores and quantity in ("across_rate", "through_rate"):
@@ -318,6 +330,7 @@ class Terminals:
         for symbol in symbols_in([node]):
             if symbol in self._changing:
                 quantity, name = self._changing[symbol]
+                # Chain rule: rates of variables are variables, by symbols of their own.
                 moving[symbol] = self.time.dag.symbol("network_rate", symbol.index)
                 rates[moving[symbol]] = (f"{quantity}_rate", name)
             elif symbol in self.modes and is_of_content(self.ports.values(), edge, field):

@@ -51,6 +51,7 @@ class Topology:
     def _places(self) -> dict[str, _Place]:
         places = {self.tree.graph.reference: _Place(0, "", "", 1)}
         for step in tree_walk(self.tree):
+            # The walk runs outwards from the reference, so that parents have their places first.
             depth = places[step.parent].depth + 1
             places[step.child] = _Place(depth, step.parent, step.edge, step.sign)
         return places
@@ -91,11 +92,13 @@ class Topology:
             if places[tops[a]].depth < places[tops[b]].depth:
                 a, b = b, a
             a = places[tops[a]].parent
+        # On one path the nearer one leads to the other.
         return a if places[a].depth < places[b].depth else b
 
     def _toward(self, ancestor: str, node: str) -> str:
         """Name the branch by which another node's ancestor leads to it."""
         tops, following = self._tops
+        # Climb path by path until the node's path is the ancestor's, remembering where it was left.
         child = following[ancestor]
         while tops[node] != tops[ancestor]:
             child = tops[node]
@@ -108,6 +111,8 @@ class Topology:
         ancestor = self._ancestor(edge.tail, edge.head)
         terms: list[tuple[int, Variable]] = []
         for sign, node in ((1, edge.head), (-1, edge.tail)):
+            # The potential of the head less that of the tail, both counted from their nearest
+            # ancestor.
             terms += [(sign * own, variable) for own, variable in self._along(ancestor, node, rate)]
         return Sum(tuple(terms))
 
@@ -141,6 +146,7 @@ class Topology:
         [1] eq. 2.
         """
         place = self._places[node]
+        # One variable for each prefix: circuits through the same nodes share it.
         before = self._along(ancestor, place.parent, rate)
         return Sum((*before, (place.sign, (f"across{rate}", place.branch))))
 
@@ -156,10 +162,13 @@ class Topology:
 
     @cached_property
     def _cuts(self) -> tuple[dict[str, tuple[int, int, int]], set[str]]:
-        """Sum over the chords in the f-cutset of each branch: one, their numbers, their directions.
+        """Sum over the chords in the f-cutset of each branch: their count, numbers and directions.
 
-        Then the branches of which some chords end there, seen from the branch before.
+        The second result holds the branches with a chord in their cutset that the branch before
+        does not have, since its circuit closes at the node between the two.
         """
+        # Of each node: how many ends of chords, the sum of their numbers, the sum of their
+        # directions; a suffix sum turns them into those of the part beyond a branch.
         totals = {node: (0, 0, 0) for node in self._places}
         open_branches: set[str] = set()
 
@@ -261,6 +270,8 @@ class Topology:
         # The cut of a single chord needs no sum of its own.
         if n == 1:
             chord = self.tree.chords[number]
+            # The cutset sums to zero: the branch takes in what the chords carry out, hence the
+            # sign.
             return Sum(((-self._signs[branch] * sign, (f"through{rate}", chord)),))
         return Sum(((-self._signs[branch], (f"flow{rate}", branch)),))
 
@@ -272,6 +283,8 @@ class Topology:
         own = list(self._ends[self._outer[branch]])
         for other in self._beyond[branch]:
             n, number, sign = cuts[other]
+            # A sum beyond serves here only if all of its chords cross this branch too. A chord
+            # whose circuit closes at this node would be added there and taken away here.
             if n > 1 and other not in open_branches:
                 terms.append((1, (f"flow{rate}", other)))
             elif n == 1:
@@ -286,6 +299,8 @@ def _once(ends: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
     """List the chords that occur with one end only, in order."""
     found: dict[int, int] = {}
     for number, sign in ends:
+        # A chord with both ends beyond the branch does not cross it: its second end removes the
+        # first.
         if found.pop(number, None) is None:
             found[number] = sign
     return sorted(found.items())
