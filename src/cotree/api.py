@@ -94,10 +94,13 @@ class Scene(SceneDescription):
             If the C text cannot be compiled.
         """
         begun = time.perf_counter()
+        # The pipeline is imported at the first call, which counts as time to formulate.
         from cotree.pipeline import compile_scene
 
         names = listed_names(sensitivities, "sensitivities")
+        # Parameters that no run may change become numbers, which fold into the code.
         described = keep_tunable(self, tunable, names)
+        # At a negative rate violated constraints would be driven further away.
         rate = check_number(baumgarte, "baumgarte")
         if rate < 0.0:
             raise ParameterError(f"baumgarte is {rate}: it must not be negative")
@@ -105,6 +108,7 @@ class Scene(SceneDescription):
         prepared = time.perf_counter() - begun
         model = Model(compile_scene(described, names, tree, options, rate), described)
         model.times["formulate"] += prepared
+        # Faults that only numbers show, such as a motion without inertia, are refused here.
         check_start(model)
         for name in model.unreached:
             warnings.warn(
@@ -112,6 +116,7 @@ class Scene(SceneDescription):
                 RuntimeWarning,
                 stacklevel=2,
             )
+        # What the other stages leave of the time.
         model.times["start"] = time.perf_counter() - begun - sum(model.times.values())
         return model
 
@@ -127,6 +132,8 @@ class Scene(SceneDescription):
         from cotree.pipeline import count_trees, draw_graphs
 
         costs = count_trees(self)
+        # The report shows the tree that compile() would take. A scene whose equations cannot be
+        # formed has no costs, and its trees are chosen without them.
         if tree is None and costs:
             tree = list(costs[0].trees.branches)
         return graph_report(*draw_graphs(self, tree), costs)

@@ -47,7 +47,7 @@ class Alternative:
     is_along_tree : bool
         Whether unknowns are eliminated along the tree.
     is_deferred : bool
-        Whether that defers what they take; see :mod:`cotree.linear.tree`.
+        Whether elimination along the tree is deferred; see :mod:`cotree.linear.tree`.
     n_states, n_multipliers : int
         Size of the equations.
     n_operations : int
@@ -83,7 +83,7 @@ class Operations(dict[str, OperationCount]):
     Attributes
     ----------
     alternatives : tuple of Alternative
-        What the equations would have cost, the fewest estimated cycles first, which was taken.
+        The formulations that were tried, the one with the fewest estimated cycles first.
     """
 
     def __init__(
@@ -123,7 +123,7 @@ def choose_first_graph(
     trees : sequence of Trees
         The trees to try.
     sensitivities : sequence of str
-        What sensitivities are wanted to.
+        Parameters and states to take sensitivities to.
     baumgarte : float
         Rate, [1/s], at which violated constraints decay.
     check : callable, optional
@@ -139,7 +139,7 @@ def choose_first_graph(
     Raises
     ------
     ModelError, FormulationError
-        What the first tree raises, or the check.
+        If the first tree, or the check, raises it.
     """
     first, *others = trees
     found = _tried(scene, first, sensitivities, baumgarte, check)
@@ -147,6 +147,7 @@ def choose_first_graph(
         # What only another tree cannot do is no fault of the scene.
         with contextlib.suppress(ModelError, FormulationError):
             found += _tried(scene, other, sensitivities, baumgarte)
+    # Cycles decide, not operations: operations that wait for each other take longer.
     found.sort(key=lambda item: item[0].n_cycles)
     return found[0][1], tuple(item[0] for item in found)
 
@@ -162,6 +163,7 @@ def _tried(
     found: list[tuple[Alternative, FirstGraph]] = []
     for own_axes in _choices(scene, trees):
         formed = form_first_graph(scene, trees, own_axes, baumgarte)
+        # What the check refuses does not depend on the axes.
         if check is not None and not found:
             check(formed)
         eliminations = _eliminations(formed, may_defer=not sensitivities)
@@ -186,6 +188,7 @@ def _eliminations(first: FirstGraph, *, may_defer: bool) -> list[tuple[TreeLink,
     Sensitivities do not wait for each other, so that a shorter path to the factors is not worth
     more operations.
     """
+    # For few bodies, elimination along the tree only adds operations.
     if len(first.motion.geometry) < _LONG:
         return [()]
     links = tree_links(first)
@@ -198,12 +201,14 @@ def _eliminations(first: FirstGraph, *, may_defer: bool) -> list[tuple[TreeLink,
 
 def _choices(scene: SceneDescription, trees: Trees) -> Iterator[tuple[int, ...]]:
     """List sets of clusters: all sets of a few, else none and all; none where the trees differ."""
+    # Axes belong to clusters of one tree, in which translation and rotation are walked together.
     if not trees.is_one:
         yield ()
         return
     turning, spaces = [], motion_spaces(scene.mechanics).of
     cluster = 0  # numbered as the walk meets the freedoms that carry them
     for step in tree_walk(trees.translation):
+        # An edge that is walked against its direction has its freedoms in reverse order.
         for kind in spaces[step.edge][:: step.sign]:
             cluster += 1
             if kind.rotates:
@@ -228,6 +233,7 @@ def _estimates(
     middle = [names[len(names) // 2] for names in (sensitivities, states) if names][:1]
     direction: Derivative | None = None
     for first in ways:
+        # Gradients of constraints border the mass matrix; multipliers follow the accelerations.
         dag = first.system.dag
         factors = factorise_bordered(
             dag, first.matrix, first.is_safe, first.constraints.sizes, first.links
@@ -244,8 +250,10 @@ def _estimates(
         solved = SolvedSystem(dag, first.matrix, factors, known, unknown_tangents(first))
         (derivative,) = solved.along([direction])
         shared = set(alone)
+        # Nodes that the right-hand side has formed are not computed a second time.
         apart = [node for node in reachable(derivative.unknowns) if node not in shared]
         along = count_operations(apart).total
         # Derivatives along several directions do not wait for one another.
+        # A Jacobian has a column for each state, and is formed in a share of the evaluations.
         times = n + _SHARE_OF_JACOBIANS * len(states)
         yield n_alone + n * along, time_alone + _PER_OPERATION * times * along

@@ -41,6 +41,7 @@ class Model(CompiledModel):
 
     def __init__(self, compiled: Compiled, scene: SceneDescription) -> None:
         begins_at_rest = scene.defaults.start == OPERATING_POINT
+        # Only bound here: the network at rest is formed when a start is first asked for.
         rest = OperatingPoint(self, scene) if begins_at_rest else None
         super().__init__(compiled.program, compiled.kernels, rest)
         self._compiled, self._scene = compiled, scene
@@ -71,6 +72,7 @@ class Model(CompiledModel):
             lines.append(f"pass {report.name}: operations of each kernel alone, before -> after")
             counts = [(name, n, report.after[name]) for name, n in report.before.items()]
             rows = [f"  {name:20} {n} -> {m}" for name, n, m in counts if n != m]
+            # Kernels that a pass leaves as they are have no row.
             lines += rows or ["  none changed"]
         return "\n".join(lines)
 
@@ -116,6 +118,7 @@ class Model(CompiledModel):
             If the algebraic equations do not determine them.
         """
         u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
+        # Guards look at the parameters as soon as a kernel is called.
         return find_start(Moment(self, t, self.parameter_array(p), u), initial or {})
 
     @formed_once
@@ -160,10 +163,12 @@ class Model(CompiledModel):
             If the mass matrix is singular there.
         """
         p = self.parameter_array(p)
+        # Deviations are evaluated as nodes, without the kernels whose guards look at parameters.
         self.check_parameters(p)
         u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
         at = Moment(self, float(t), p, u)
         y = self.start(t, p).y if y is None else as_array(y, (len(self.states),), "the states")
+        # Derivatives along the motion hold at solutions of the algebraic equations only.
         return self._linearizer.about(at, solve_states(at, y), reduced=reduced)
 
     def simulate(
@@ -243,6 +248,7 @@ class Model(CompiledModel):
         0.526045
         """
         defaults = self._scene.defaults
+        # What the caller leaves open is taken from the scene.
         settings = Settings(
             t_span=(0.0, defaults.t_end) if t_span is None else t_span,
             t_eval=t_eval,
@@ -262,8 +268,10 @@ class Model(CompiledModel):
             project=project,
         )
         run = simulate(self, settings, self.layout.units)
+        # The model's library was compiled before; the first run of a method compiles its engine.
         built = self.times.get("compile", 0.0) + run.times["compile"]
         times = {**self.times, **run.times, "compile": built}
+        # The record belongs to a room below, which knows neither pictures nor this model.
         return Result(**{**vars(run), "times": times}, model=self)
 
     def write(
@@ -274,7 +282,7 @@ class Model(CompiledModel):
         Parameters
         ----------
         directory : str or Path
-            Where to; made if it does not exist.
+            The target folder; made if it does not exist.
         integrator : str
             ``dopri5``, ``rkf45``, ``dop853``; if stiff ``rodas5``, ``rodas4``; of one step length
             ``rk4``, if stiff ``euler``.
@@ -295,6 +303,8 @@ class Model(CompiledModel):
 
         d, to = self._scene.defaults, Path(directory)
         numbers = {"t_end": d.t_end, "rtol": d.rtol, "atol": d.atol}
+        # A C project has no search for operating points: it begins with the numbers found here.
         start = self.start() if self.begins_at_rest else None
+        # Kernels of the project alone are new nodes of the program's arena, which threads share.
         with forming:
             return write_c_project(self._program, to, integrator, **numbers, step=step, start=start)

@@ -71,7 +71,7 @@ class BuildError(Error, RuntimeError):
     command : str
         The compiler's command line, empty if no compiler was started.
     output : str
-        What the compiler said.
+        The compiler's output.
     source : str
         Path of the kept C file, empty if none was written.
     """
@@ -95,6 +95,7 @@ _MOST_IN_SENTENCE = 8
 def nearest(name: object, known: Iterable[str]) -> str:
     """Say which known name was probably meant, for the end of a message."""
     choices = sorted(known)
+    # Names come from files: they may be many and long, and every pair takes time to compare.
     close = difflib.get_close_matches(str(name)[:80], choices[:_MOST_COMPARED], n=1)
     if close:
         return f"; did you mean '{brief(close[0])}'?"
@@ -114,7 +115,7 @@ def check_known(given: Iterable[object], known: Iterable[str], what: str) -> Non
     known : iterable of str
         The names that are accepted.
     what : str
-        How the message begins, before the name: ``"edge 'k' has no field"``.
+        The beginning of the message, before the name: ``"edge 'k' has no field"``.
 
     Raises
     ------

@@ -55,7 +55,7 @@ def check_suffix(path: Path, known: Sequence[str], act: str) -> str:
     known : sequence of str
         Suffixes that can be written: ``.svg``.
     act : str
-        What cannot be done otherwise, for the message: ``draw``.
+        The act that a wrong suffix prevents, for the message: ``draw``.
 
     Raises
     ------
@@ -88,6 +88,7 @@ def target_path(path: str | os.PathLike[str], what: str = "the file") -> Path:
     """
     target = Path(path)
     try:
+        # The system would raise other errors for these, some only when the file is written.
         is_possible = b"\0" not in os.fsencode(target)
     except UnicodeEncodeError:
         is_possible = False
@@ -115,6 +116,7 @@ def written_whole(path: str | os.PathLike[str], what: str = "the file") -> Itera
         If it cannot be written.
     """
     target = target_path(path, what)
+    # In the same folder, since a file takes another one's place at once only within a file system.
     draft = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     try:
         yield draft
@@ -122,5 +124,6 @@ def written_whole(path: str | os.PathLike[str], what: str = "the file") -> Itera
     except OSError as error:
         raise SceneError(f"cannot write {what} '{target}': {error.strerror or error}") from None
     finally:
+        # A draft that has taken the file's place is gone; one of a failed write must not stay.
         with contextlib.suppress(OSError):
             draft.unlink(missing_ok=True)

@@ -43,10 +43,11 @@ class OperatingPoint:
 
     @formed_once
     def at_rest(self) -> CompiledModel:
-        """The network at rest; its outputs are the model's states, but for contents."""
+        """The network at rest, whose outputs are the model's states except for contents."""
         from cotree.pipeline import formulate, generate
 
         model = self._model
+        # Sensitivities to initial values are the model's own: a scene at rest has none of these.
         given = [name for name in model.sensitivities if name in self._scene.parameters]
         wanted = list(model.states)
         for total, _ in model.layout.followers:  # which a start finds from what follows from it
@@ -72,6 +73,7 @@ class OperatingPoint:
         """
         model, rest = self._model, self.at_rest
         known = dict(zip(model.parameters, p.tolist(), strict=True))
+        # Its parameters are some of the model's, whose values count.
         own = rest.parameter_array({name: known[name] for name in rest.parameters})
         inputs = None
         if u is not None:
@@ -81,6 +83,7 @@ class OperatingPoint:
             start = find_start(Moment(rest, t, own, inputs), {})
         except Error as error:
             raise type(error)(f"the operating point: {error}") from None
+        # Outputs of the scene at rest are the states of the model, in their order.
         y = rest.output_values(t, start.y, own, inputs)
         if rest.sensitivities:
             found = rest.output_sensitivity(t, start.y, start.s, own, inputs)

@@ -62,7 +62,7 @@ class Compiled:
     program : Program
         The program after its passes.
     reports : tuple of PassReport
-        What each pass did.
+        Operation counts before and after each pass.
     alternatives : tuple of Alternative
         The formulations tried, the cheapest first.
     context : ModelContext
@@ -104,9 +104,12 @@ def draw_graphs(
     mechanics = scene.mechanics
     graphs = linear_graphs(mechanics)
     trees = choose_trees(mechanics, graphs, tree)
+    # A scene of networks alone has no mechanical graphs.
     if not mechanics.edges:
         graphs, trees = {}, {}
+    # Networks have a graph and a normal tree for each domain.
     _, networks, normal = draw_networks(scene)
+    # Of a network the tree of across variables is shown, as of a mechanism.
     across = {domain: tree.across for domain, tree in normal.items()}
     return {**graphs, **networks}, {**trees, **across}
 
@@ -155,15 +158,18 @@ def formulate(
         If the scene is wrong, or its equations cannot be formed.
     """
     trees = trees_to_try(scene, tree)
+    # Walks, elimination and derivatives along one parameter are done for every alternative; the
+    # full set of sensitivity graphs (Eq. (4) of the paper) is formed for the chosen one alone.
     first, alternatives = choose_first_graph(scene, trees, sensitivities, baumgarte, check)
     _check_corners(first, sensitivities)
     return first, form_equations(first, sensitivities), alternatives
 
 
 def _check_corners(first: FirstGraph, sensitivities: Sequence[str]) -> None:
-    """Refuse sensitivities that would jump at a corner whose time nothing knows."""
+    """Refuse sensitivities that would jump at a corner whose time is not known beforehand."""
     parameters = first.system.parameters
     for what, symbols in (first.network.corners if first.network else {}).items():
+        # A corner that depends on states or inputs moves with every parameter.
         of_time = all(symbol.data[0] in ("p", "t") for symbol in symbols)
         for name in sensitivities:
             if of_time and parameters.get(name) not in symbols:
@@ -180,6 +186,8 @@ def trees_to_try(scene: SceneDescription, tree: TreeChoice) -> list[Trees]:
     """List the trees that are named, or those among which operations are counted."""
     check_edges(scene)
     mechanics = scene.mechanics
+    # The tree decides which across variables become coordinates (Section 3 of the paper), and so
+    # the number and the length of the equations.
     if tree is None:
         return candidate_trees(mechanics)
     return [joint_tree(mechanics, choose_trees(mechanics, linear_graphs(mechanics), tree))]
@@ -207,6 +215,7 @@ def count_trees(scene: SceneDescription) -> tuple[Alternative, ...]:
             alternatives += choose_first_graph(scene, [pair], ())[1]
     cheapest: dict[str, Alternative] = {}
     for row in alternatives:
+        # Rows are sorted by cost, so that the first one of a tree is its cheapest.
         cheapest.setdefault(row.trees.listed(), row)
     return tuple(cheapest.values())
 
@@ -219,6 +228,7 @@ def equations_of_deviations(first: FirstGraph) -> tuple[Equations, tuple[Derivat
 @without_collection()
 def generate(equations: Equations) -> tuple[Program, tuple[PassReport, ...]]:
     """Lower equations to a program and run the passes."""
+    # Lowering eliminates the accelerations; passes then change operations, never values.
     return run_passes(lower(equations))
 
 
@@ -240,7 +250,7 @@ def compile_scene(
     tree : None, sequence of str, or mapping of domain to sequence of str
         The branches; None chooses them.
     options : BuildOptions
-        How to compile.
+        The user's choices for the compiler.
     baumgarte : float
         Rate, [1/s], at which violated constraints decay; zero leaves them to projection.
 
@@ -255,7 +265,8 @@ def compile_scene(
         If no body has the inertia of an edge, or there is no compiler.
     """
     marks = [time.perf_counter()]
-    # Equations for people, and those of operating points, keep jumps as they are.
+    # Jumps inside expressions become events here, which the engine locates. Equations for people,
+    # and those of operating points, keep jumps as they are.
     acting = with_jumps(scene, has_sensitivities=bool(sensitivities))
     first, equations, alternatives = formulate(
         acting, sensitivities, tree, baumgarte, check_numbers
@@ -292,6 +303,7 @@ def _load(
             RuntimeWarning,
             stacklevel=4,  # whoever asked for the model
         )
+        # The same nodes without C: a model always runs, if slowly.
         return PythonKernels(program), False
     library, loaded = obtain_library(
         files,

@@ -37,8 +37,10 @@ def without_warnings(
         As of ``warnings.filterwarnings``.
     """
     pattern = re.compile(message, re.IGNORECASE) if message else None
+    # As `warnings` keeps its filters: action, message, category, module, line; 0 is any line.
     entry = ("ignore", pattern, category, re.compile(module) if module else None, 0)
     with _lock:
+        # Only the first of those who ask adds the filter, and none if the program has it already.
         count, filters = _ignored.get(entry, (0, []))
         if not count and entry not in warnings.filters:
             filters = _filters()
@@ -67,7 +69,7 @@ def _filters() -> list[Any]:
 def without_collection() -> Iterator[None]:
     """Pause the cycle collector: an arena is one large structure that lives as a whole.
 
-    Where it runs, it looks through all nodes and statements again and again, and frees nothing.
+    Otherwise it looks through all nodes and statements again and again, and frees nothing.
     """
     was_enabled = gc.isenabled()
     gc.disable()

@@ -34,6 +34,7 @@ class Result(RunRecord):
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave the model behind, which is a library in memory."""
+        # Another process could not use its pointers.
         return {**self.__dict__, "model": None}
 
     def plot(self, names: str | Sequence[str | tuple[str, str]] | None = None) -> Figure:

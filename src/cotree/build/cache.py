@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 _VARIABLE = "COTREE_CACHE_DIR"
 _FAILED = "failed"
 _PRIVATE_PREFIX = "cotree-build-"
+# Only these names are ever removed from the folder, which may hold other things.
 _KEY = re.compile(r"[0-9a-f]{64}")
 _PUBLISHED = re.compile(r"[0-9a-f]{64}\.(so|o|sha256|lock)")
 #: The end of the name of a library in the cache, and of an object file that several ones link.
@@ -73,6 +74,7 @@ def cache_directory() -> Path:
             f"The cache folder '{directory}' cannot be created ({error.strerror}); name another "
             f"one with the environment variable {_VARIABLE}."
         ) from error
+    # A folder that existed before has the rights it was given then.
     _check_private(directory, status)
     return directory
 
@@ -122,6 +124,7 @@ def cache_key(
         # Home folders are shared between machines whose C libraries differ.
         "platform": [sysconfig.get_platform(), *platform.libc_ver()],
     }
+    # Sorted, so that the order in which a mapping was filled does not matter.
     return hashlib.sha256(json.dumps(ingredients, sort_keys=True).encode()).hexdigest()
 
 
@@ -129,6 +132,7 @@ def find_published(key: str, end: str = LIBRARY) -> Path | None:
     """Give the library or object of a key, or None if it is absent or not what was published."""
     library, checksum = _published_paths(key, end)
     try:
+        # A damaged library would crash the process when it is loaded, not raise.
         is_intact = checksum.read_bytes() == _digest(library)
     except OSError:
         return None
@@ -181,7 +185,7 @@ def building(key: str, time_limit: float) -> Iterator[None]:
     key : str
         The library's, from :func:`cache_key`.
     time_limit : float
-        How long to wait for another process that builds it, [s]; after that both build it.
+        Longest wait for another process that builds it, [s]; after that both build it.
     """
     import filelock
 
@@ -291,6 +295,7 @@ def _check_private(directory: Path, status: os.stat_result) -> None:
 
 def _published_paths(key: str, end: str) -> tuple[Path, Path]:
     directory = cache_directory()
+    # The suffix is the same on all systems, since libraries are loaded by their full path.
     return directory / f"{key}{end}", directory / f"{key}.sha256"
 
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 _FILE_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\.[ch]")
 _OUTPUT = "library.so"
-# How often a library is begun anew that another process's clear_cache() takes away.
+# The most attempts at a library that another process's clear_cache() keeps removing.
 ATTEMPTS = 3
 _FULL = re.compile("no space left on device|disk quota exceeded", re.IGNORECASE)
 # Less room than this for a compiler's temporary files is none.
@@ -131,6 +131,7 @@ def build_library(
         if name in shared
     }
     steps = _steps((*toolchain.command, *flags), sources, levels, kept)
+    # Levels of single files change the bytes of the library, so they belong to its key.
     key = key_of(files, *(f"{name} {level}" for name, level in sorted(levels.items())))
     found = find_published(key)
     path = found
@@ -173,7 +174,9 @@ def _steps(
     kept: Mapping[str, str],
 ) -> list[_Step]:
     """Write the commands: one for a single file, else one for each file and one that links."""
+    # The library comes last: linkers take from it only what the files before it ask for.
     to = ("-o", _OUTPUT, "-lm")
+    # The level of a single file comes after the common one: of several levels the last one counts.
     own = {source: (*compiler, *filter(None, [levels.get(source)])) for source in sources}
     if len(sources) == 1:
         return [_Step(source, (*command, source, *to)) for source, command in own.items()]
@@ -181,6 +184,7 @@ def _steps(
         _Step(source, (*command, "-c", source, "-o", f"{source}.o"), kept.get(source, ""))
         for source, command in own.items()
     ]
+    # The common flags hold -shared, which matters only to this last step, the one that links.
     objects = [f"{source}.o" for source in sources]
     return [*steps, _Step(sources[0], (*compiler, *objects, *to))]
 
@@ -221,13 +225,16 @@ def _attempt(
             if outcome.status == 0 and (directory / _OUTPUT).is_file():
                 return publish(directory / _OUTPUT, key)
         except FileNotFoundError:
+            # With its sources still there the folder was not taken away: something else is missing.
             if _is_complete(directory, files):
                 raise
             return None
+        # The compiler failed because another process cleared the cache, not because of the text.
         if not _is_complete(directory, files):
             return None
         if _is_full(directory, outcome):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    # The private folder is gone by now, so the user gets sources of his own to look at.
     source = keep_failed(files, key) / step.source
     raise BuildError(
         _failure(outcome, source, time_limit),
@@ -269,6 +276,7 @@ def _run(steps: Sequence[_Step], directory: Path, time_limit: float) -> tuple[_S
             publish(copy, step.key, OBJECT)
         return outcome
 
+    # Threads suffice, as each waits for a process. The first file that fails is reported.
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for step, outcome in zip(first, pool.map(run, first), strict=True):
             if outcome.status != 0:

@@ -58,6 +58,7 @@ def load_library(path: str | os.PathLike[str], cdef: str) -> LoadedLibrary:
 def _load(path: str, cdef: str) -> LoadedLibrary:
     import cffi
 
+    # Each library has types of its own, so that equal names in two of them never meet.
     ffi = cffi.FFI()
     ffi.cdef(cdef)
     try:

@@ -31,7 +31,7 @@ def obtain_library(
     Returns
     -------
     tuple of BuiltLibrary and LoadedLibrary
-        Where it is, and its functions.
+        The library's file, and its functions.
 
     Raises
     ------
@@ -43,6 +43,7 @@ def obtain_library(
         try:
             return built, load_library(built.path, declarations)
         except BuildError:
+            # A file that is still there is itself at fault, and would be again.
             if built.path.exists() or attempt == ATTEMPTS:
                 raise
     raise AssertionError("the last attempt returns or raises")

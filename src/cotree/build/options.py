@@ -102,11 +102,13 @@ def compiler_flags(
     # Code on Windows is always relocatable, and clang refuses the flag there.
     if sys.platform != "win32":
         flags.append("-fPIC")
+    # Fused products and sums round once instead of twice, which changes last digits.
     contract = "fast" if options.native else "off"
+    # Without errno, square roots are single instructions.
     flags += ["-shared", f"-ffp-contract={contract}", "-fno-math-errno"]
     if toolchain.kind == "zig":
         # Zig adds debug information and traps on signed overflow unless told otherwise.
-        # What tells processors apart at run time is missing there.
+        # Its runtime lacks the functions that tell processors apart.
         flags += ["-g0", "-fno-sanitize=all", "-DCOTREE_NO_DISPATCH"]
     flags += _processor_flags(toolchain, options)
     return tuple(flags)
@@ -129,6 +131,7 @@ def _level(toolchain: Toolchain, options: BuildOptions, n_operations: int, n_all
     if options.optimize != "auto":
         return options.optimize
     limit = _STATEMENT_LIMIT_CLANG if toolchain.is_clang else _STATEMENT_LIMIT_GCC
+    # One function too long for the register allocator decides for the whole library.
     if n_operations > limit:
         return "-O0"
     # Fused products and sums come with -O2 only; it takes the compiler twice as long.

@@ -63,10 +63,12 @@ def run_limited(command: Sequence[str], directory: Path, time_limit: float) -> O
     process = subprocess.Popen(
         _with_memory_limit(command),
         cwd=folder,
+        # Messages are searched for English words.
         env={**os.environ, "LC_ALL": "C", "TMPDIR": folder, "TMP": folder, "TEMP": folder},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
+        # One signal to the session's group then reaches the passes that a compiler starts, too.
         start_new_session=True,
     )
     with process:
@@ -75,8 +77,10 @@ def run_limited(command: Sequence[str], directory: Path, time_limit: float) -> O
             status: int | None = process.returncode
         except subprocess.TimeoutExpired:
             _kill_group(process)
+            # The pipe is emptied, and the killed process waited for.
             output, _ = process.communicate()
             status = None
+        # Ctrl-C ends the compiler with the caller.
         except BaseException:
             _kill_group(process)
             raise

@@ -74,6 +74,7 @@ def find_toolchain() -> Toolchain | None:
     if requested:
         return _requested_toolchain(requested)
     for command in _candidate_commands():
+        # A name on PATH that does not answer is passed over; only CC is taken or refused.
         with contextlib.suppress(BuildError):
             return _toolchain(command)
     return None
@@ -92,6 +93,7 @@ def _is_switched_off() -> bool:
 def _requested_toolchain(requested: str) -> Toolchain:
     """Accept the compiler that the user names, or raise: never take another in its place."""
     try:
+        # CC may hold arguments, as in `ccache gcc`; they are part of every call.
         program, *arguments = _split(requested)
         found = _find_program(program)
         if found is None:
@@ -135,6 +137,7 @@ def _find_program(name: str) -> str | None:
 
 
 def _toolchain(command: tuple[str, ...]) -> Toolchain:
+    # Zig is a program of its own, or a module that Python runs.
     is_zig = Path(command[0]).stem == "zig" or "ziglang" in command
     return Toolchain(command, _version_text(command), "zig" if is_zig else "cc")
 
@@ -149,6 +152,7 @@ def _version_text(command: tuple[str, ...]) -> str:
             stdin=subprocess.DEVNULL,
             capture_output=True,
             timeout=_ANSWER_TIME,
+            # The text is part of cache keys and must not depend on the user's language.
             env={**os.environ, "LC_ALL": "C"},
             check=False,
         )

@@ -1,1 +1,1 @@
-"""The compiled model: kernels with buffers bound once, and what they compute as numpy arrays."""
+"""The compiled model: kernels with buffers bound once, and their results as numpy arrays."""

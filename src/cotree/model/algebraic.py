@@ -45,7 +45,7 @@ class Algebraic:
     names : sequence of str
         Names of y.
     n_algebraic : int
-        How many of these, which come last, are algebraic unknowns.
+        Number of algebraic unknowns, which come last.
     improve : callable, optional
         ``improve(t, y)`` gives unknowns that Newton's method may begin with where it fails from
         those of y, or None.
@@ -86,7 +86,7 @@ class Algebraic:
         return self._taken(t, y, root)
 
     def approach(self, t: float, y: Array) -> Array:
-        """Solve for them from values less near, by damped steps; see :meth:`follow`."""
+        """Solve for the unknowns from a poorer guess, by damped steps; see :meth:`follow`."""
         with np.errstate(all="ignore"):
             return self._taken(t, y, iterate(self._equation(t, y), y[self.cut :], NEAR))
 
@@ -108,6 +108,8 @@ class Algebraic:
             return self._taken(t, y, root)
         except UnsolvedError as error:
             with np.errstate(all="ignore"):
+                # A matrix may be singular at one point by chance; equations that leave unknowns
+                # free are singular everywhere.
                 points = (root.z, guess[self.cut :], *_aside(root.z))
                 self._check_index(equation.by_unknowns(z) for z in points)
                 if not np.any(root.g):  # a double root: it holds, but nothing follows from it
@@ -115,8 +117,10 @@ class Algebraic:
             raise SolveError(str(error)) from None
 
     def _taken(self, t: float, y: Array, root: Root) -> Array:
-        """Take a root's unknowns, in place, and its matrix; give its rates."""
+        """Store a root's unknowns in y and keep its matrix; return its rates."""
         y[self.cut :] = root.z
+        # The next point is close to a root, and this matrix will do there; one of a failed search
+        # is of no use.
         self._linear = root.linear if root.is_found else None
         if not root.is_found:
             raise UnsolvedError(self._complaint(t, root.g))
@@ -140,6 +144,7 @@ class Algebraic:
 
     def _equation(self, t: float, point: Array) -> Equation:
         """Give the equations at a time and at the states of a point."""
+        # One buffer serves all evaluations: only the unknowns, its last entries, change.
         point = point.copy()
 
         def at(z: Array) -> Array:
@@ -148,6 +153,7 @@ class Algebraic:
 
         return Equation(
             lambda z: np.array(self._rates(t, at(z))),
+            # Rows of g: derivatives by the held states, then by the unknowns.
             lambda z: self._jacobian(t, at(z))[self.cut :],
             point[: self.cut],
             self.cut,
@@ -181,7 +187,7 @@ class Algebraic:
         return eliminated(matrix, linear.solve, self.cut)
 
     def residual(self, t: float, y: Array) -> Array:
-        """Give what is left of the equations at a point, a fresh array."""
+        """Return the residuals of the algebraic equations at a point, a fresh array."""
         return np.array(self._rates(t, y)[self.cut :])
 
     def _check_index(self, slopes: Iterable[Matrix]) -> None:
@@ -200,6 +206,7 @@ class Algebraic:
         return ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
 
     def _complaint(self, t: float, g: Array) -> str:
+        # A residual that is not finite counts as the largest.
         order = np.argsort(-np.nan_to_num(np.abs(g), nan=np.inf), kind="stable")
         worst = int(order[0])
         return (
@@ -225,7 +232,7 @@ def eliminated(matrix: Matrix, solve: Callable[[Array], Array], cut: int) -> Arr
     solve : callable
         ``solve(b)`` for the block of shape (n, n) and columns of shape (n, m).
     cut : int
-        How many rows come before the block.
+        Number of rows before the block.
 
     Returns
     -------
@@ -233,5 +240,6 @@ def eliminated(matrix: Matrix, solve: Callable[[Array], Array], cut: int) -> Arr
     """
     full: Array = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
     n = len(full) - cut
+    # The Schur complement of the last block D: A - B D^-1 C.
     found: Array = full[:cut, :-n] - full[:cut, -n:] @ solve(full[cut:, :-n])
     return found

@@ -23,7 +23,7 @@ def as_array(value: Any, shape: Sequence[int], what: str) -> Array:
     Parameters
     ----------
     value : array_like
-        What a user gives.
+        The user's value.
     shape : sequence of int
         The shape that it has to have.
     what : str
@@ -53,7 +53,7 @@ def as_parameters(values: Any, names: Sequence[str], defaults: Array) -> Array:
     Parameters
     ----------
     values : mapping of str to float, array_like of shape (n_parameters,), or None
-        What a user gives.
+        The user's value.
     names : sequence of str
         Of all parameters.
     defaults : ndarray, shape (n_parameters,)

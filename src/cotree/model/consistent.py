@@ -38,14 +38,14 @@ _ROUNDING = 1e-15
 #: of the scene, or shares of the largest speed.
 _FARTHEST = 0.1
 
-#: Given values that change by more than this are worth a word.
+#: Given values that change by more than this are named in a warning.
 _NOTICED = 1e-4
 
 #: How far, and how often, to look aside where constraints have no gradient.
 _ASIDE, _TRIES = 0.1, 4
 
-#: Derivatives of residuals below this share of themselves, and this of what they are sums of, are
-#: made up for.
+#: A derivative of a residual counts as made up for when what is left of it is below the first share
+#: of the largest one, or below the second share of the terms that it sums.
 _FOLLOWED, _ROUNDING_OF_SUMS = 1e-8, 1e-13
 
 _LEVELS = ("positions", "velocities")
@@ -134,6 +134,7 @@ class _Search:
         finder, size = self.finder, self.finder.size(y, level)
         found, residual = self._iterate(y, level)
         rng, free = np.random.default_rng(0), finder.columns[level]
+        # Constraints of velocities are linear in the speeds: only positions may need another start.
         for _ in range(_TRIES if level == 0 and free else 0):
             if residual <= _MET * size:
                 break
@@ -141,7 +142,7 @@ class _Search:
             aside = np.zeros(finder.n_speeds)
             aside[free] = _ASIDE * rng.standard_normal(len(free))
             other = self._iterate(finder.moved(y, aside, 0), 0)
-            # What is less by rounding is the same, perhaps a turn away.
+            # A residual that is smaller only by rounding is the same one, perhaps a full turn away.
             if other[1] < (1.0 - SMALL) * residual:
                 found, residual = other
         if residual <= _MET * size:
@@ -166,7 +167,7 @@ class _Search:
         return root.z, float(np.max(np.abs(root.g), initial=0.0))
 
     def _check_mended(self, y: Array, found: Array, mended: Array, level: int) -> None:
-        """Say what was given and had to change; refuse what is no small change."""
+        """Warn of given values that had to change; refuse changes that are not small."""
         finder = self.finder
         places = range(finder.own[level].start, finder.own[level].stop)
         change = np.abs(finder.scaled(mended, level) - finder.scaled(y, level))
@@ -202,7 +203,7 @@ class _Search:
         )
 
     def is_chosen(self, given: Array, y: Array) -> bool:
-        """Whether the least of several moves was taken."""
+        """Tell whether the start was chosen as the least of several possible moves."""
         finder = self.finder
         for level in (0, 1):
             change = finder.scaled(y, level) - finder.scaled(given, level)
@@ -213,6 +214,7 @@ class _Search:
                 return True
             rows = finder.gradient(y, level)[:, columns]
             size = max(1.0, float(np.max(np.abs(rows), initial=0.0)))
+            # More directions may move than constraints decide, and the least step chose among them.
             if len(columns) > np.linalg.matrix_rank(rows, tol=RANK * size):
                 return True
         return False
@@ -228,9 +230,11 @@ class _Search:
         s, finder = s.copy(), self.finder
         for first in self.model.layout.quaternions:
             q = y[first : first + 4]
-            # A quaternion of norm one changes across itself alone.
+            # Changes of a quaternion of norm one are orthogonal to it.
             s[first : first + 4] -= np.outer(q, q @ s[first : first + 4])
         for level in (0, 1):
+            # From C(y(p), p) = 0 follows C_y s + C_p = 0. With s as it is given, d is what is left
+            # of that, and a motion makes up for it.
             d, rows = finder.residual_sensitivity(y, s, level), finder.gradient(y, level)
             # Without residuals at this level sensitivities stay as they are given.
             if not d.size:
@@ -250,11 +254,12 @@ class _Search:
     def _columns(self, level: int) -> list[tuple[list[int], int]]:
         """List the columns of sensitivities, each group with the number of rows that hold for it.
 
-        Where the initial value of a state is what changes, what the scene gives of joints that are
-        no states gives way; constraints do not.
+        Along the initial value of a state, initial values that the scene gives of joints that are
+        no states give way; constraints do not.
         """
         finder, names = self.finder, self.model.sensitivities
         n = len(finder.rows[level])
+        # Rows of joints that are no states come last, and the second group leaves them out.
         groups: list[tuple[list[int], int]] = [([], n), ([], n - len(finder.conditions[level]))]
         for j, name in enumerate(names):
             groups[name in self.model.states][0].append(j)
@@ -265,7 +270,7 @@ class _Search:
     ) -> Array:
         """Find the motions that make up for derivatives of residuals.
 
-        What was given moves, too, along parameters that the rest cannot follow.
+        Given values move, too, along parameters that the others cannot follow.
         """
         step = self.finder.step(rows, d, level, mends=False)
         if not self._mends or not d.size:
@@ -277,19 +282,21 @@ class _Search:
         step = np.where(missed, self.finder.step(rows, d, level, mends=True), step)
         left = d + rows @ step
         shares = np.max(np.abs(left), axis=0) / allowed
+        # Above one, no motion follows this parameter: constraints depend on each other.
         if np.any(shares > 1.0):
             j = int(np.argmax(shares))
             self._refuse_derivative(left[:, j], level, columns[j])
         return step
 
     def _rounding(self, rows: Array, s: Array) -> Array:
-        """Bound what rounding leaves of residuals' derivatives that vanish, shape (m,)."""
+        """Bound the rounding errors of residuals' derivatives that should vanish, shape (m,)."""
         finder = self.finder
         largest = [
             np.max(np.abs(np.array([finder.scaled(column, level) for column in s.T])), axis=1)
             for level in (0, 1)
         ]
         values = dict(zip(self.model.parameters, np.abs(finder.at.p), strict=True))
+        # A length or an angle of one, divided by a parameter, is the size of a derivative by it.
         own = np.array([1.0 / (values.get(name) or 1.0) for name in self.model.sensitivities])
         reach = max(1.0, float(np.max(np.abs(rows), initial=0.0)))
         return np.asarray(_ROUNDING_OF_SUMS * (reach * np.maximum(*largest) + own))

@@ -37,6 +37,7 @@ def held_followers(model: CompiledModel, initial: Mapping[str, float]) -> list[P
         Initial values of a run in place of the scene's. Where both are given, the state counts.
     """
     layout, names = model.layout, model.states
+    # At an operating point all contents follow from voltages; else those that are not given.
     is_found = [model.begins_at_rest or not is_given for is_given in layout.given]
     return [
         (total, follower)
@@ -87,6 +88,7 @@ def check_followers(model: CompiledModel, initial: Mapping[str, float], y: Array
     for total, follower in model.layout.followers:
         if names[total] in initial and names[follower] in initial:
             given, found = initial[names[follower]], float(y[follower])
+            # Written so that nan is refused, too.
             if not abs(given - found) <= _AGREE * max(abs(given), abs(found)):
                 raise ParameterError(
                     f"initial values contradict each other: '{names[follower]}' is given as "
@@ -105,6 +107,8 @@ def content_sizes(at: Moment, y: Array) -> Array | None:
         return None
     sizes, jacobian = np.ones(len(y)), np.abs(at.model.jacobian(at.t, y, at.p, at.u))
     for total, follower in followers:
+        # This row holds the derivatives of the storage's law. Where the law has none by its own
+        # variable at this point, the largest by another one stands in for the capacitance.
         own = jacobian[follower, follower] or np.max(np.delete(jacobian[follower], total))
         if own > 0.0 and np.isfinite(own):
             sizes[total] = own

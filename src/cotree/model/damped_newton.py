@@ -49,7 +49,7 @@ class Residuals(Protocol):
     Attributes
     ----------
     n_carried : int
-        How many of the values, which come first, are no residuals.
+        Number of values that are no residuals; they come first.
     """
 
     n_carried: int
@@ -59,11 +59,11 @@ class Residuals(Protocol):
         ...
 
     def linearised(self, z: Array) -> Linear:
-        """Give what solves for a step from the last point evaluated; raise LinAlgError if none."""
+        """Give the linear equations of the last point evaluated; raise LinAlgError if singular."""
         ...
 
     def moved(self, z: Array, step: Array) -> Array:
-        """Give the point where a step leads, a limit included."""
+        """Give the point that a step leads to, after limiting the step."""
         ...
 
 
@@ -80,7 +80,7 @@ class Equation:
     held : ndarray, shape (m,)
         The held values, which add to the size of the terms that cancel.
     n_carried : int
-        How many of the values are no residuals.
+        Number of values that are no residuals.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class Equation:
         self.n_carried = n_carried
 
     def linearised(self, z: Array) -> Linear:
-        """Give what solves for a Newton step; see :class:`Residuals`."""
+        """Give the linear equations of a Newton step; see :class:`Residuals`."""
         return linearise(self.slope(z), np.concatenate([self.held, z]))
 
     def moved(self, z: Array, step: Array) -> Array:
@@ -122,13 +122,13 @@ class Root(NamedTuple):
     z : ndarray, shape (n,)
         The point.
     values : ndarray, shape (n_carried + n,)
-        What the equations give there.
+        Values of the equations there.
     is_found : bool
         Whether the residual is nothing but rounding.
     linear : Linear, optional
-        What solved last: a matrix of this point or of one nearby.
+        The linear equations solved last, of this point or of one nearby.
     n_carried : int
-        How many of the values are no residuals.
+        Number of values that are no residuals.
     """
 
     z: Array
@@ -150,7 +150,7 @@ class Root(NamedTuple):
 
 
 class _Following(NamedTuple):
-    """The matrix that an accepted step lets the iteration keep, and the next step, or neither."""
+    """The matrix and the next step that an iteration may keep after a step; None for a new one."""
 
     linear: Linear | None = None
     step: Array | None = None
@@ -165,7 +165,7 @@ class NaturalTest:
     Attributes
     ----------
     share : float
-        How much shorter: this share of what the step was damped to.
+        The step must be shorter by this share of the damping factor.
     """
 
     share = 0.25  # as Deuflhard has it
@@ -184,6 +184,7 @@ class NaturalTest:
         if not after <= (1.0 - self.share * damping) * self._before:
             return None
         ratio = after / self._before  # by which further steps with this matrix would shrink, too
+        # A few further steps with this matrix reach rounding, so no new one is formed.
         is_fast = damping == 1.0 and after * min(ratio, 1.0) ** _FEW <= ROUNDING
         return _Following(self._linear, step) if is_fast else _ANEW
 
@@ -200,6 +201,7 @@ class ResidualTest:
     def __init__(
         self, equation: Equation, point: Root, linear: Linear, units: Array, length: float
     ) -> None:
+        # Each row is divided by the largest change that a unit of any unknown makes in it.
         largest = np.max(np.abs(equation.square(point.z) * units), axis=1)
         self._weights = 1.0 / np.maximum(largest, TINY)
         self._before = float(np.linalg.norm(self._weights * point.g))
@@ -212,14 +214,14 @@ class ResidualTest:
 
 @dataclass(frozen=True)
 class NewtonLimits:
-    """NewtonLimits of an iteration.
+    """Limits of an iteration.
 
     Attributes
     ----------
     most_steps : int
-        Its budget.
+        The most steps that are taken.
     test : type, optional
-        What accepts a step; whole steps are taken where absent.
+        The test that accepts a step; whole steps are taken where absent.
     least_damping : float
         The least share of a step that is tried.
     settled : float
@@ -247,13 +249,13 @@ def iterate(
     Parameters
     ----------
     equations : Residuals
-        What is to vanish; limits with a test asks for an :class:`Equation`.
+        The equations to solve; with a test they have to be an :class:`Equation`.
     z : ndarray, shape (n,)
         The point to begin from.
     limits : NewtonLimits
-        NewtonLimits of the iteration.
+        Its budget, its damping and its test of steps.
     linear : Linear, optional
-        What solves with a matrix of a point nearby; it is kept for as long as that is fast.
+        Linear equations of a point nearby, kept for as long as they converge fast.
 
     Returns
     -------
@@ -281,6 +283,7 @@ def iterate(
         size = length
         ratio = math.inf
         if before is not None:
+            # Both steps are measured in the same units, those of the newer one.
             ratio = size / max(longest(before / units), TINY)
         # Newton's method squares its errors: a small step that no longer halves is rounding.
         is_slow = size < limits.slow and 0.5 < ratio < math.inf
@@ -289,6 +292,7 @@ def iterate(
         # What a kept matrix leaves of a step adds up along chains.
         allowed = limits.settled if kept.step is None else 0.25 * limits.settled
         if (is_slow or size <= allowed) and linear.is_met(point.g):
+            # The last step is still taken, and it is its residuals that decide.
             last = _at(equations, equations.moved(point.z, step))
             if linear.is_met(last.g):
                 return last._replace(is_found=True, linear=linear)
@@ -302,8 +306,10 @@ def iterate(
         found = _damped(equations, point, limits.least_damping, test, linear, step, is_old=is_old)
         if found is not None:
             point, kept = found
+            # A test only accepts points that are better than those before.
             best = point
         elif is_old:
+            # An old matrix may be to blame, so the step is tried again with one of this point.
             kept = _ANEW
         else:
             # A whole step that is refused leads to what is not finite: that says nothing.
@@ -326,7 +332,7 @@ def _damped(
     *,
     is_old: bool,
 ) -> tuple[Root, _Following] | None:
-    """Take as much of a step as is accepted, ``least`` of it or more; None where nothing is."""
+    """Take the largest accepted share of a step, at least ``least``; None if none is accepted."""
     damping = 1.0
     while damping >= least:
         trial = _at(equation, equation.moved(point.z, damping * step))
@@ -335,6 +341,7 @@ def _damped(
             return trial, following
         if is_old or _is_stalled(point, linear, step):
             break
+        # Exponentials may need shares of 1e-20, which halving alone would take long to reach.
         damping *= 0.5 if damping > 1e-3 else 0.1
     return None
 
@@ -345,7 +352,7 @@ def _is_stalled(point: Root, linear: Linear, step: Array) -> bool:
 
 
 def _is_last(equations: Residuals, point: Root, linear: Linear, step: Array) -> bool:
-    """Say whether a point from which no step is accepted is as good as its digits."""
+    """Say whether a point from which no step is accepted is exact up to rounding."""
     if _is_stalled(point, linear, step):
         return True
     size = max(1.0, float(np.max(np.maximum(np.abs(point.z), linear.scale))))

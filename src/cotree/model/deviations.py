@@ -51,7 +51,7 @@ class Slopes:
     held, held_rates : ndarray, shapes (n_values, n_states) and (n_constraints, n_states)
         Slopes of what constraints hold, and of its rates; norms of quaternions do not count.
     n_coordinates, n_speeds : int
-        How many of the states, which come first, are coordinates, and how many follow as speeds.
+        Numbers of coordinates, which are the first states, and of speeds, which follow them.
     turns : mapping of int to int
         The first of three angular velocities by the first of the four places of its quaternion.
     """
@@ -80,7 +80,7 @@ class Reduced:
     basis : ndarray, shape (n_states, n_z)
         The deviation of every state for a unit of each.
     rates : ndarray, shape (n_z,)
-        How fast the motion itself goes along each.
+        Rates of the motion itself along each.
     names : tuple of str
         The states, or rotations ``EDGE.turn_x`` and their rates ``EDGE.turn_x_dot``.
     """
@@ -104,9 +104,10 @@ def reduce(point: Slopes, names: Sequence[str], chosen: Sequence[str] | None = N
     names : sequence of str
         Of its states.
     chosen : sequence of str, optional
-        Which deviations are independent; as the constraints leave them best where absent.
+        The independent deviations; those that determine the others best where absent.
     """
     if not point.turns and not len(point.held_rates):
+        # Without constraints and quaternions all states are independent.
         unit = np.eye(len(point.y))
         return Reduced(point.A, point.B, point.C, point.D, unit, point.rates, tuple(names))
     turn, turn_rate, back, own_names = _deviations(point, names)
@@ -130,10 +131,12 @@ def reduce(point: Slopes, names: Sequence[str], chosen: Sequence[str] | None = N
     spread = np.zeros((n, len(free)))
     spread[free] = np.eye(len(free))
     if len(bound):
+        # S: dependent deviations from independent ones by held_bound z_bound = -held_free z_free.
         spread[bound] = -least_step(held[:, bound], held[:, free], held)
     basis = turn @ spread
     along = back[free]
     return Reduced(
+        # N^+ (A N - N') with N = T S and N' = T' S, in the independent rows.
         A=along @ (point.A @ basis - turn_rate @ spread),
         B=along @ point.B,
         C=point.C @ basis,
@@ -182,7 +185,10 @@ def _rotation(point: Slopes, at: int, edge: str) -> list[tuple[Array, Array, Arr
     found = []
     for k, axis in enumerate("xyz"):
         along, change, back = (np.zeros(len(point.y)) for _ in range(3))
+        # A small rotation vector e changes q by (0, e) q / 2, e being along axes that do not turn.
         along[own], change[own] = 0.5 * _premultiplied(k, q), 0.5 * _premultiplied(k, rate)
+        # The three columns are orthogonal and have the length |q| / 2, which makes their transpose,
+        # scaled, a left inverse.
         back[own] = 4.0 * along[own] / (q @ q)
         found.append((along, change, back, f"{edge}.turn_{axis}"))
     return found
@@ -212,6 +218,7 @@ def _premultiplied(axis: int, q: Array) -> Array:
 def _matrix(q: Array) -> Array:
     """Give the axes of the turned frame, in columns, by those of the frame it turns against."""
     q = q / np.linalg.norm(q)
+    # The formula of Euler and Rodrigues.
     a, v = q[0], q[1:]
     across = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
     found: Array = (a * a - v @ v) * np.eye(3) + 2.0 * np.outer(v, v) + 2.0 * a * across
@@ -228,6 +235,7 @@ def core(system: Reduced) -> npt.NDArray[np.int_]:
         _ROUNDING * np.max(np.abs(system.A), axis=1, initial=0.0),
         1e-3 * _ROUNDING * np.max(np.abs(system.A), initial=0.0),
     )
+    # Column j matters while a row that is still kept has an entry in it.
     matters = np.abs(system.A) > scale[:, None]
     kept = np.arange(len(system.A))
     while True:
@@ -238,7 +246,7 @@ def core(system: Reduced) -> npt.NDArray[np.int_]:
 
 
 def is_still(system: Reduced, point: Slopes) -> bool:
-    """Whether a motion stays where it is, but for what nothing depends on."""
+    """Tell whether all deviations that others depend on are at rest."""
     rates = np.abs(system.rates[core(system)])
     return bool(
         np.max(rates, initial=0.0) <= _STILL * max(1.0, np.max(np.abs(point.rates), initial=0.0))
@@ -246,7 +254,8 @@ def is_still(system: Reduced, point: Slopes) -> bool:
 
 
 def is_same(first: Reduced, second: Reduced) -> bool:
-    """Whether two linear systems are the same in what others depend on."""
+    """Tell whether two linear systems agree in all deviations that others depend on."""
+    # Deviations that nothing depends on, such as a heading, may differ.
     own = np.ix_(core(first), core(first))
     size = np.max(np.abs(first.A[own]), initial=0.0)
     change = np.max(np.abs(first.A[own] - second.A[own]), initial=0.0)

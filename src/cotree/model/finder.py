@@ -61,6 +61,9 @@ class Finder:
             slice(0, self.n_coordinates),
             slice(self.n_coordinates, self.n_coordinates + self.n_speeds),
         )
+        # The kernel `constraints` gives positions, then rates of all constraints, then the norms of
+        # quaternions. Constraints of speeds alone, such as rolling, have no row among the
+        # positions.
         self.n_rows = len(layout.constraint_edges)
         self.n_values = len(layout.constraints) - self.n_rows - len(layout.quaternions)
         # A run that gives every coordinate, or every speed, says where all that is no state begins.
@@ -76,7 +79,7 @@ class Finder:
             for level in (0, 1)
         ]
         start = [Quantity(*row) for row in zip(layout.start_rows, layout.start_units, strict=True)]
-        #: What is to be zero at each level.
+        #: Residuals at each level, by name and unit.
         self.rows = [
             [*layout.constraints[self._places(level)], *(start[i] for i in self.conditions[level])]
             for level in (0, 1)
@@ -85,17 +88,18 @@ class Finder:
         self.turns = turning_speeds(layout)
         # Events settle in metres and radians, as their C does.
         self.length = self._length(y) if is_initial else 1.0
-        #: What one of each speed, or of each coordinate's change, is in the states' units.
+        #: Units of speeds, and of changes of coordinates, in the units of the states.
         self.units = np.where(self.turns, 1.0, self.length)
-        #: What one of each residual is in its own unit.
+        #: Units of residuals, in the residuals' own units.
         self.sizes = [
             np.array([self.length if row.unit.startswith("m") else 1.0 for row in rows])
             for rows in self.rows
         ]
 
     def _length(self, y: Array) -> float:
-        """Give what lengths of the scene are measured by, [m]."""
+        """Return the unit of lengths in the scene, [m]."""
         layout = self.model.layout
+        # Names of these rows begin with their edge; rows of one edge form a group.
         names = [name.partition(".")[0] for name in layout.start_rows]
         groups = [*gradient_groups(layout), *zip(names, layout.start_units, strict=True)]
         of_length = [row.unit.startswith("m") for row in self.rows[0]]
@@ -119,6 +123,7 @@ class Finder:
         state = 0
         while state < self.n_coordinates:
             if state in self.model.layout.quaternions:
+                # Three angular velocities move the four entries of a quaternion together.
                 found += [tuple(range(state, state + 4))] * 3
                 state += 4
             else:
@@ -144,7 +149,7 @@ class Finder:
         return 1.0 + float(np.max(np.abs(np.concatenate(found)), initial=0.0))
 
     def residual(self, y: Array, level: int) -> Array:
-        """Evaluate what is to be zero at a level, each in its own unit."""
+        """Evaluate the residuals of a level, each in its own unit."""
         held = self.at.call("constraints", y) if self.model.layout.constraints else np.zeros(0)
         own = held[self._places(level)]
         start = self.at.call("start", y) if self.model.layout.start_rows else np.zeros(0)
@@ -162,8 +167,10 @@ class Finder:
     def gradient(self, y: Array, level: int) -> Array:
         """Evaluate the derivatives of residuals by the directions of motion, free of units."""
         rows = self._gradient(y)
+        # A position's gradient by speeds is that of its rate, so rows of rates are taken.
         values = list(self.model.layout.value_rows) if level == 0 else list(range(self.n_rows))
         rows = rows[[*values, *(self.n_rows + i for i in self.conditions[level])]]
+        # Columns become derivatives by unit-free directions, rows those of unit-free residuals.
         return np.asarray(rows * self.units / self.sizes[level][:, None])
 
     def normalised(self, y: Array) -> Array:
@@ -193,7 +200,7 @@ class Finder:
         y : ndarray, shape (n_states,)
             States.
         step : ndarray, shape (n_speeds,)
-            How far along each direction, free of units.
+            The move along each direction, free of units.
         level : int
             0 moves coordinates, 1 speeds.
         """
@@ -214,6 +221,7 @@ class Finder:
                 change[group[0]] = step[i]
                 i += 1
                 continue
+            # dq = q (0, e) / 2, a product of quaternions; the rotation e is along turned axes.
             q0, q1, q2, q3 = y[list(group)]
             turn = np.array([[-q1, -q2, -q3], [q0, -q3, q2], [q3, q0, -q1], [-q2, q1, q0]])
             change[list(group)] = 0.5 * turn @ step[i : i + 3]
@@ -230,14 +238,15 @@ class Finder:
         target : ndarray, shape (n_rows,) or (n_rows, m)
             The residuals.
         level : int
-            Whose.
+            0 for positions, 1 for velocities.
         mends : bool
-            Whether what was given moves, too: the least of that, whatever the rest does.
+            Whether given values move, too: as little as they can, however far the others move.
 
         Returns
         -------
         ndarray, shape (n_speeds,) or (n_speeds, m)
         """
+        # Newton's step solves rows @ step = -target in the sense of least squares, of least length.
         step = np.zeros((self.n_speeds, *target.shape[1:]))
         free = self.columns[level]
         # First what is given makes up for what no free motion can; then the free ones follow.
@@ -279,7 +288,7 @@ class Level:
     finder : Finder
         The residuals.
     level : int
-        Which of them.
+        0 for positions, 1 for velocities.
     mends : bool
         Whether what was given moves, too.
     """
@@ -301,13 +310,14 @@ class Level:
             raise np.linalg.LinAlgError("nothing may move")
         rows = finder.gradient(y, level)
         moving = np.abs(rows if mends else rows[:, finder.columns[level]])
+        # Without a gradient to speak of, the pseudo-inverse would only enlarge rounding.
         if not np.all(np.isfinite(rows)) or np.max(moving) < RANK:
             raise np.linalg.LinAlgError("nothing moves what is left")
         scale = np.full(finder.n_speeds, finder.size(y, level))
         return Linear(lambda g: -finder.step(rows, g, level, mends=mends), scale)
 
     def moved(self, y: Array, step: Array) -> Array:
-        """Move along a step, or along as much of it as keeps to the branch."""
+        """Move along a step, shortened so that positions stay on their branch."""
         length = float(np.max(np.abs(step)))
         if self._level == 0 and length > _LONGEST:
             step = step * (_LONGEST / length)

@@ -136,12 +136,14 @@ class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
         self.x, self.s, self.u = np.zeros(n), np.zeros(n * max(m, 1)), np.zeros(len(layout.inputs))
         self.p, self.k = np.zeros(len(layout.parameters)), np.zeros(model.n_prepared)
         self._pointers = {key: self._pointer(getattr(self, key)) for key in "xsupk"}
+        # The arguments of `prepare`: the parameters that it reads, and the values that it writes.
         self.prepared = (self._pointers["p"], self._pointers["k"])
 
     def __missing__(self, name: str) -> tuple[Any, tuple[Any, ...], Array, bool]:
         kernel = self._program.kernels[name]
         if not kernel.is_present:
             raise KeyError(name)
+        # Pointers to all arguments are bound here once; time is passed by value.
         spec, result = KERNELS[name], np.zeros(len(kernel.results))
         arguments = [self._pointers[key] for key in spec.arguments if key != "t"]
         function = getattr(self._model, spec.field)
@@ -168,6 +170,7 @@ class CKernels:
     def __init__(self, program: Program, library: LoadedLibrary, prefix: str) -> None:
         layout = program.layout
         model = getattr(library.lib, f"{prefix}_abi")()
+        # Structures of another version have other fields, and none of them could be trusted.
         if model.abi_version != ABI_VERSION or model.n_states != len(layout.states):
             raise BuildError("the loaded library belongs to another model: clear the cache")
         self._library = library  # keeps the code loaded
@@ -182,6 +185,7 @@ class CKernels:
         bound = self._own.bound
         bound.p[:] = p
         status = self._model.prepare(*bound.prepared)
+        # C only tells that a guard refuses. Python evaluates the guards again, to name the value.
         if status < 0:
             check_guards(self._guards, p)
         if status:
@@ -210,6 +214,7 @@ class CKernels:
         """Give the model and the parameters that this thread last prepared."""
         ffi = self._library.ffi
         address = int(ffi.cast("uintptr_t", self._model))
+        # Copies, since a run outlives what this thread may prepare next.
         p, k = self._own.bound.p.copy(), self._own.bound.k.copy()
         return NativeModel(address, p, k, self._library, self._can_extend, self._newton)
 
@@ -253,12 +258,14 @@ class PythonKernels:
         """Take parameters for all calls of this thread that follow; see :class:`Kernels`."""
         check_guards(self._program.guards, p)
         own = self._own
+        # Nothing is prepared yet, or values of other parameters would be taken as known.
         own.p, own.prepared = np.array(p, dtype=float), {}
         values = self._evaluate("prepare", {})
+        # Other kernels then find the values of these nodes, and do not evaluate below them.
         own.prepared = dict(zip(self._program.kernels["prepare"].results, values, strict=True))
 
     def native(self) -> None:
-        """There is no C; see :class:`Kernels`."""
+        """Return None, as there is no C; see :class:`Kernels`."""
         return
 
     def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
@@ -291,9 +298,12 @@ class _Plan:
 
     @classmethod
     def of(cls, kernel: Kernel) -> _Plan:
+        # The last result of a `solve` tells whether its matrix was regular; no result of the kernel
+        # depends on it, so it is evaluated along.
         accepted = tuple(
             results(node, node.data.size + 2)[-1] for node in kernel.order if node.op == "solve"
         )
+        # What `prepare` gives is known, and the walk ends there.
         order = reachable([*kernel.results, *accepted], stop=kernel.prepared)
         symbols = tuple(node for node in order if node.op == "symbol")
         return cls(kernel.results, accepted, symbols, order)

@@ -39,6 +39,7 @@ def turning_speeds(layout: Layout) -> npt.NDArray[np.bool_]:
 def gradient_groups(layout: Layout) -> list[tuple[str, str]]:
     """Give edge and unit of each row of the kernel ``gradient``."""
     n = len(layout.constraint_edges)
+    # Rates stand before the norms of quaternions, which come last.
     first = len(layout.constraints) - len(layout.quaternions) - n
     rates = layout.constraints[first : first + n]
     return [(edge, row.unit) for edge, row in zip(layout.constraint_edges, rates, strict=True)]
@@ -64,7 +65,7 @@ def scene_length(
     y : ndarray, shape (n_states,)
         States to look around at.
     gaps : array_like
-        How far constraints are from being satisfied, [m].
+        Residuals of constraints, [m].
 
     Returns
     -------
@@ -72,6 +73,7 @@ def scene_length(
         [m]; where no constraint has turns and shifts, the longest lever, or how far things are.
     """
     rng, turns = np.random.default_rng(0), turning_speeds(layout)
+    # The gradients of several positions are stacked, with the position as part of each row's group.
     rows = np.vstack([gradient(turned(layout, y, rng)) for _ in range(_POSITIONS)])
     places = [(i, *group) for i in range(_POSITIONS) for group in groups]
     shifts = np.array([row.unit == "m" for row in layout.states[: layout.n_coordinates]])
@@ -79,6 +81,7 @@ def scene_length(
     found = length_of_turns(rows, places, turns)
     if found > _ROUNDING_PART * far:
         return found
+    # No row has both turns and shifts: the longest lever stands in, or the farthest distance.
     of_length = [unit.startswith("m") for *_, unit in places]
     longest = max(float(np.max(np.abs(rows[of_length][:, turns]), initial=0.0)), far)
     return longest if longest > _NO_LENGTH else 1.0
@@ -117,7 +120,7 @@ def length_of_turns(rows: Array, groups: Sequence[object], turns: npt.NDArray[np
     groups : sequence, one for each row
         Rows of the same are taken together.
     turns : ndarray of bool, shape (n_speeds,)
-        Which speeds are angular.
+        True for angular speeds.
 
     Returns
     -------
@@ -129,7 +132,9 @@ def length_of_turns(rows: Array, groups: Sequence[object], turns: npt.NDArray[np
         parts = np.array([np.sum(row[turns] ** 2), np.sum(row[~turns] ** 2)])
         squares[group] = squares.get(group, np.zeros(2)) + parts
     parts = np.array(list(squares.values())).reshape(-1, 2)
+    # Squares are compared, hence the square of the share.
     seen = parts > _ROUNDING_PART**2 * np.max(parts, axis=0, initial=0.0)
     turned, shifted = parts[np.all(seen, axis=1)].T
+    # The median: a single lever, however long or short, does not decide.
     lengths = np.sort(np.sqrt(turned / shifted))
     return float(lengths[len(lengths) // 2]) if lengths.size else 0.0

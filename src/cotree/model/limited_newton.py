@@ -33,11 +33,12 @@ if TYPE_CHECKING:
     from cotree.program import Program
 
 
-#: Exponents rise by as much as this without a limit, and are forgotten beyond the other.
+#: Exponents rise by the first number without a limit. A guess that makes one larger than the second
+#: number is not used for it.
 _FREE, _FAR = 2.0, 40.0
 
-#: Along a chain what one junction does reaches the next ones step by step. Newton's method polishes
-#: what has settled to this share.
+#: Along a chain of junctions a change travels from one to the next, so the budget of steps grows
+#: with their number. What has settled to this share is polished by Newton's method.
 _MOST_STEPS, _JUNCTIONS_A_STEP, _SETTLED = 100, 4, 1e-9
 
 #: Conductances beside junctions, in units of saturation current by thermal voltage: 1e15 times a
@@ -53,7 +54,7 @@ class Junctions:
     Attributes
     ----------
     equations : tuple of Node
-        What is to vanish, g.
+        The residuals g, which are to vanish.
     unknowns : tuple of Node
         Symbols of z.
     exponentials : tuple of Node
@@ -73,6 +74,7 @@ class Junctions:
         """Find the exponentials of a program and differentiate."""
         dag, layout = program.dag, program.layout
         n, cut = len(layout.states), len(layout.states) - layout.n_algebraic
+        # Algebraic equations are the last rows, and their unknowns the last states.
         equations = program.kernels["rhs"].results[cut:]
         unknowns = tuple(dag.symbol("x", i) for i in range(cut, n))
         order = reachable(equations)
@@ -81,6 +83,7 @@ class Junctions:
         if not exponentials:
             return cls(equations, unknowns, (), ())
         roots = [*equations, *(node.args[0] for node in exponentials)]
+        # Exponentials are variables of their own: derivatives by z do not go through them.
         seeds = [{symbol: dag.one} for symbol in (*unknowns, *exponentials)]
         return cls(equations, unknowns, exponentials, tuple(tangents_along(roots, seeds)))
 
@@ -121,6 +124,7 @@ class HeldEquations:
         edge = {a for node in order if node in moving for a in node.args if a not in moving}
         fixed = list(edge.union(roots) - moving)
         self._values = values | dict(zip(fixed, evaluate(fixed, values), strict=True))
+        # What is fixed stands here once; evaluations only overwrite the entries in `_places`.
         self._results = np.array([self._values.get(node, 0.0) for node in roots])
         self._places = [i for i, node in enumerate(roots) if node in moving]
         self._roots = [roots[i] for i in self._places]
@@ -128,11 +132,12 @@ class HeldEquations:
         self._conductance, self._entries = 0.0, np.zeros(0)
 
     def search(self, z: Array) -> Array | None:
-        """Look for a root; give a point that Newton's method need only polish."""
+        """Look for a root; return a point next to it, or None."""
         m = len(self._free) - self._n
         if not m:
             return None
         exponents = self._evaluate(z, np.ones(m))[0][self._n :]
+        # Exponents that a poor guess makes huge begin at zero, as if there were no voltage.
         w = np.where(np.abs(exponents) < _FAR, exponents, 0.0)
         found = self._iterate(z, w, 0.0)
         return self._lower(z, np.zeros(m)) if found is None else found[0]
@@ -144,6 +149,7 @@ class HeldEquations:
             lower = conductance / factor if conductance > _LEAST else 0.0
             found = self._iterate(z, w, lower)
             if found is not None:
+                # Each success lets the next factor be larger; a failure takes its root.
                 (z, w), conductance, factor = found, lower, min(factor**2, most)
             elif factor < least:
                 return None
@@ -159,8 +165,10 @@ class HeldEquations:
         return (root.z[: self._n], root.z[self._n :]) if root.is_found else None
 
     def value(self, z: Array) -> Array:
-        """Give equations, and what exponents differ by from those that they are unknowns for."""
+        """Return the residuals of the equations, then a(z) - w of the exponents."""
         unknowns, w = np.split(z, [self._n])
+        # Residuals are g(z, e) and a(z) - w with e = exp(w) + c w, so derivatives by e become those
+        # by w with the factor de/dw = exp(w) + c.
         slope = np.exp(w) + self._conductance
         values, entries = self._evaluate(unknowns, np.exp(w) + self._conductance * w)
         values[self._n :] -= w
@@ -169,7 +177,7 @@ class HeldEquations:
         return values
 
     def linearised(self, z: Array) -> Linear:
-        """Give what solves for a step from the point that was evaluated last."""
+        """Give the linear equations of the point that was evaluated last."""
         own, entries = np.arange(self._n, len(z)), self._entries
         rows, columns = np.append(self._rows, own), np.append(self._columns, own)
         scale = np.maximum(1.0, np.abs(z))
@@ -180,6 +188,7 @@ class HeldEquations:
         wanted, own = z + step, slice(self._n, None)
         base = np.maximum(z[own], 0.0)
         rise = np.maximum(wanted[own] - base, 0.0)
+        # A tangent promises exp(w) (1 + rise), which exp(w + log(1 + rise)) is.
         wanted[own] = np.where(rise > _FREE, base + np.log1p(rise), wanted[own])
         return wanted
 

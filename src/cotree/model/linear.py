@@ -32,6 +32,8 @@ ROUNDING = 4 * float(np.finfo(np.float64).eps)
 SMALL = LIMITS.small_correction
 _STALLED = 1e4 * float(np.finfo(np.float64).eps)
 
+#: Residuals below this share of their terms are what these leave of each other. No divisor is less
+#: than the other number.
 _MET = 1e-3
 TINY = 1e-290
 
@@ -75,7 +77,7 @@ class Linear(NamedTuple):
     sizes: Array | float = math.inf
 
     def measured(self, step: Array) -> tuple[Array, float]:
-        """Give what a step is measured by, and its largest entry in that measure, 1 at the most."""
+        """Return the sizes that a step is divided by, and its largest entry then, at most 1."""
         size: Array = np.maximum(self.scale, TINY)
         length = longest(step / size)
         if length <= 1.0:
@@ -97,7 +99,10 @@ class Linear(NamedTuple):
 
 
 def longest(step: Array) -> float:
-    """Give the size of the largest entry; nan where one is, as ``max`` does, which takes longer."""
+    """Give the size of the largest entry; nan where an entry is nan.
+
+    ``numpy.max`` gives the same, but its call takes longer.
+    """
     return float(np.maximum.reduce(np.abs(step), initial=0.0))
 
 
@@ -110,11 +115,13 @@ def linearise(slope: Matrix, y: Array) -> Linear:
         If the matrix is singular or not finite.
     """
     n = slope.shape[0]
+    # The sum of the absolute terms of each equation, of which rounding is a share.
     sizes: Array = abs(slope).dot(np.abs(y))
     # A sum is infinite or nan where one of its terms is, a product with zero, too.
     if not math.isfinite(np.add.reduce(sizes)):
         raise np.linalg.LinAlgError("not finite")
     if isinstance(slope, np.ndarray):
+        # Full systems are small, and the inverse also bounds what rounding of each equation does.
         inverse = _inverse(slope[:, -n:])
         return Linear(inverse.dot, np.abs(y[-n:]) + np.abs(inverse).dot(sizes), sizes)
     solve = _factorised(slope[:, -n:])
@@ -177,7 +184,7 @@ def _inverse(matrix: Array) -> Array:
 
 @functools.cache
 def _solver(n: int) -> tuple[Callable[..., tuple[Array, Array, Array, int]], Array]:
-    """Give LAPACK's solver, which NumPy takes four times as long to call, and the unit matrix."""
+    """Return LAPACK's solver, called four times faster than through NumPy, and a unit matrix."""
     from scipy.linalg.lapack import dgesv
 
     return dgesv, np.eye(n, order="F")
@@ -190,7 +197,7 @@ def _signs(n: int) -> Array:
 
 
 def _factorised(matrix: Matrix) -> Callable[..., Array]:
-    """Factorise a sparse matrix; give what solves with it, or with its transpose by ``"T"``."""
+    """Factorise a sparse matrix; return its solver, which takes ``"T"`` for the transpose."""
     from scipy.sparse import diags
     from scipy.sparse.linalg import splu
 
@@ -203,6 +210,7 @@ def _factorised(matrix: Matrix) -> Callable[..., Array]:
         raise np.linalg.LinAlgError("singular") from None
 
     def solve(b: Array, way: str = "N") -> Array:
+        # D A is factorised, D being the scale of rows: A^-1 = (D A)^-1 D and A^-T = D (D A)^-T.
         if way == "T":
             return np.asarray((factors.solve(b, way).T * scale).T)
         return np.asarray(factors.solve((b.T * scale).T))
@@ -218,7 +226,7 @@ def least_step(rows: Array, target: Array, whole: Array) -> Array:
     rows : ndarray, shape (n_rows, n)
         Columns of a gradient, of which some may be redundant.
     target : ndarray, shape (n_rows,) or (n_rows, m)
-        What is wanted.
+        The right-hand side.
     whole : ndarray, shape (n_rows, n_all)
         The gradient: what is rounding beside it moves nothing, even where nothing else is free.
 
@@ -233,6 +241,7 @@ def least_step(rows: Array, target: Array, whole: Array) -> Array:
     largest = sizes[0] if rows.shape == whole.shape else np.linalg.norm(whole, 2)
     kept = sizes > RANK * max(largest, sizes[0])
     along = (left[:, kept].T @ target).T / sizes[kept]
+    # The pseudo-inverse without singular values that are nothing but rounding.
     return np.asarray(right[kept].T @ along.T, dtype=np.float64)
 
 
@@ -246,16 +255,18 @@ def vanishing_combinations(rows: Array, whole: Array) -> Array:
     if not rows.size:
         return np.eye(len(rows))
     left, values, _ = np.linalg.svd(rows)
+    # Left singular vectors beyond the rank span what vanishes.
     rank = int(np.sum(values > RANK * np.linalg.norm(whole, 2)))
     return np.asarray(left[:, rank:].T, dtype=np.float64)
 
 
 def independent_columns(rows: Array) -> list[int]:
-    """List the columns that may be chosen freely so that the others follow from them best."""
+    """List the free columns, chosen so that the others follow from them best."""
     if not rows.size:
         return list(range(rows.shape[1]))
     from scipy.linalg import qr
 
+    # Pivoting takes those columns first that are best solved for; the rest may be chosen.
     triangle, order = qr(rows, mode="r", pivoting=True)
     diagonal = np.abs(np.diag(triangle))
     rank = int(np.count_nonzero(diagonal > RANK * diagonal[0]))
@@ -285,6 +296,7 @@ def _is_clearly_regular(slope: Matrix) -> bool:
     if not np.all(np.isfinite(matrix.data)):
         return False
     for _ in range(3):
+        # Each round brings the largest entry of every row, then of every column, to one.
         for place in (matrix.row, matrix.col):
             size = np.zeros(len(slope.indptr) - 1)
             np.maximum.at(size, place, np.abs(matrix.data))
@@ -298,6 +310,7 @@ def _is_clearly_regular(slope: Matrix) -> bool:
     x = np.random.default_rng(0).standard_normal(matrix.shape[0])
     growth = math.inf
     for _ in range(_ROUNDS):
+        # Inverse iteration with A A^T: x grows by the inverse square of the least singular value.
         x = solve(solve(x / np.linalg.norm(x)), "T")
         growth = float(np.linalg.norm(x))
         if not math.isfinite(growth):

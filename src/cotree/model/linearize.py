@@ -96,6 +96,7 @@ class Linearizer:
         self._nodes, rates = _solved(equations, (*equations.columns, *input_columns))
         rows = equations.constraints
         with_value = [i for i, value in enumerate(rows.values) if value is not None]
+        # Column by column: slopes of the values of constraints, then of their rates.
         held = [
             node
             for column in equations.columns
@@ -105,6 +106,7 @@ class Linearizer:
         self._others = [*rates, *held]
         found = reachable([*self._nodes, *self._others])
         solves = [node for node in found if node.op == "solve"]
+        # The last result of a `solve` tells whether its matrix was regular.
         self._accepted = [results(node, node.data.size + 2)[-1] for node in solves]
         self._symbols = symbols_in([*self._nodes, *self._others, *self._accepted])
         #: Whether time itself stands in the equations, or in the scene's inputs.
@@ -142,10 +144,12 @@ class Linearizer:
         self._check_finite(numbers[: len(self._nodes)])
         n, m, k = len(equations.states), len(equations.inputs), len(equations.outputs)
         whole, others = np.split(numbers, [len(self._nodes)])
+        # The nodes go column by column, along each state and then each input: rates, then outputs.
         whole = whole.reshape(n + m, n + k).T
         rates, held = np.split(others, [n])
         held = held.reshape(n, -1).T if n else held.reshape(0, 0)
         if equations.n_algebraic:
+            # States with rates come first; the implicit function theorem eliminates the others.
             n -= equations.n_algebraic
             whole = _without_algebraic(whole, n, equations)
         return Slopes(
@@ -168,6 +172,7 @@ class Linearizer:
         equations, names = self._equations, list(self.states)
         symbols = [state.symbol for state in equations.states]
         return {
+            # The angular velocities of an edge are w1, w2 and w3, in this order.
             symbols.index(symbols_of_edge[0]): names.index(f"{edge}.w1")
             for edge, symbols_of_edge in equations.constraints.quaternions
         }
@@ -200,8 +205,9 @@ class Linearizer:
         )
 
     def _stays(self, at: Moment, y: Array, point: Slopes, here: Reduced) -> bool:
-        """Whether the equations remain the same along what moves, and as time goes by."""
+        """Tell whether the linear equations remain the same along the motion and in time."""
         fastest = float(np.max(np.abs(point.rates), initial=0.0))
+        # Nothing moves and nothing depends on time: an equilibrium.
         if not (fastest or self.is_timed or (self.has_timed_inputs and at.u is None)):
             return True
         # As far as the fastest state moves a tenth, and no longer than a tenth of a second.
@@ -211,6 +217,7 @@ class Linearizer:
         try:
             y = solve_states(later, y)
             there = self.at(later.t, y, at.p, later.inputs)
+        # A motion that cannot be followed has not been shown to be steady.
         except (Error, ArithmeticError, ValueError):
             return False
         moved = reduce(there, self.states, here.names)
@@ -224,6 +231,7 @@ class Linearizer:
             aside = y.copy()
             aside[:n] += share * step * slopes[-1]
             values = self._values(at.t + share * step, aside, at.p, u)
+            # Inputs and algebraic unknowns are held; the latter are solved for at the end.
             rates = evaluate(self._others[: len(self._equations.states)], values)
             slopes.append(np.array([float(np.real(v)) for v in rates[:n]]))
         a, b, c, d = slopes
@@ -231,7 +239,7 @@ class Linearizer:
         return moved
 
     def _check_finite(self, numbers: Array) -> None:
-        """Refuse derivatives that there are none of, by name."""
+        """Refuse derivatives that are not finite, by name."""
         wrong = np.flatnonzero(~np.isfinite(numbers))
         if wrong.size:
             equations = self._equations
@@ -261,6 +269,7 @@ class Linearizer:
 def _without_algebraic(whole: Array, cut: int, equations: Equations) -> Array:
     """Eliminate the algebraic unknowns, whose rows and columns are those from ``cut`` on."""
     own = range(cut, cut + equations.n_algebraic)
+    # Outputs follow the states, so the algebraic rows and columns are moved behind them.
     order = [*(i for i in range(len(whole)) if i not in own), *own]
     columns = [*(j for j in range(whole.shape[1]) if j not in own), *own]
     moved = whole[np.ix_(order, columns)]

@@ -85,6 +85,7 @@ class CompiledModel:
     def unreached(self) -> tuple[str, ...]:
         """Parameters among :attr:`sensitivities` that no state or output depends on."""
         kernels = self._program.kernels
+        # Kernels whose results all others follow from, derivatives left out.
         names = ("rhs", "initial", "inputs", "constraints", "start", "outputs", "events", "jumps")
         read = symbols_in([node for name in names for node in kernels[name].results])
         reached = {self.parameters[node.data[1]] for node in read if node.data[0] == "p"}
@@ -187,7 +188,10 @@ class CompiledModel:
         return Junctions.of(self._program)
 
     def constraint_values(self, t: float, y: Any, p: Any = None) -> Array:
-        """Evaluate the residuals of :attr:`constraints`, shape (n_constraints,)."""
+        """Evaluate the residuals of :attr:`constraints`, shape (n_constraints,).
+
+        Parameters as for :meth:`rhs`.
+        """
         return self._at("constraints", t, y, p, None)
 
     def parameter_array(self, values: Any = None) -> Array:
@@ -257,7 +261,10 @@ class CompiledModel:
         return self.structure.full(self._at("jacobian", t, y, p, u))
 
     def jacobian_sparse(self, t: float, y: Any, p: Any = None, u: Any = None) -> csc_matrix:
-        """Evaluate the Jacobian as a scipy CSC matrix; see :meth:`jacobian`."""
+        """Evaluate the Jacobian as a SciPy CSC matrix, shape (n_states, n_states).
+
+        Parameters and errors as for :meth:`rhs`.
+        """
         return self.structure.sparse(self._at("jacobian", t, y, p, u))
 
     def sensitivity_rhs(self, t: float, y: Any, s: Any, p: Any = None, u: Any = None) -> Array:
@@ -278,11 +285,17 @@ class CompiledModel:
         return self._by_parameter(self._at("sensitivity_rhs", t, y, p, u, s))
 
     def output_values(self, t: float, y: Any, p: Any = None, u: Any = None) -> Array:
-        """Evaluate the outputs, shape (n_outputs,); see :meth:`rhs`."""
+        """Evaluate the outputs, shape (n_outputs,).
+
+        Parameters and errors as for :meth:`rhs`.
+        """
         return self._at("outputs", t, y, p, u)
 
     def output_sensitivity(self, t: float, y: Any, s: Any, p: Any = None, u: Any = None) -> Array:
-        """Evaluate the sensitivities of the outputs, shape (n_outputs, n_parameters)."""
+        """Evaluate the sensitivities of the outputs, shape (n_outputs, n_parameters).
+
+        Parameters and errors as for :meth:`sensitivity_rhs`.
+        """
         flat = self._at("output_sensitivity", t, y, p, u, s)
         return flat.reshape(len(self.sensitivities), len(self.outputs)).T.copy()
 
@@ -298,6 +311,8 @@ class CompiledModel:
         kernel = whole_kernel(kernels, self.layout, name)
 
         def call(t: float, x: Array, s: Array, u: Array | None) -> Array:
+            # By identity: solvers hand over the same array at every call, and comparing values
+            # would take as long as a small kernel.
             if own.prepared is not p:
                 self._prepare(p)
                 own.prepared = p
@@ -350,6 +365,7 @@ class CompiledModel:
         self._prepare(p)
 
     def _by_parameter(self, flat: Array) -> Array:
+        # Kernels go parameter by parameter; users see a column for each parameter.
         return flat.reshape(len(self.sensitivities), len(self.states)).T.copy()
 
     def _at(self, name: str, t: float, y: Any, p: Any, u: Any, s: Any = None) -> Array:
@@ -376,6 +392,7 @@ class CompiledModel:
         if not np.all(np.isfinite(values)):
             name = self.parameters[int(np.flatnonzero(~np.isfinite(values))[0])]
             raise ParameterError(f"parameter '{name}' is not finite: give a finite number")
+        # Where a guard refuses the values, nothing counts as prepared any more.
         own.prepared = None
         self._kernels.prepare(values)
         own.prepared = values

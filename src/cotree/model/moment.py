@@ -1,4 +1,4 @@
-"""A model at one time: where values that satisfy its equations are sought."""
+"""A model at one time, at which values that satisfy its equations are sought."""
 
 from __future__ import annotations
 

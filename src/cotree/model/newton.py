@@ -46,6 +46,7 @@ def load_newton(program: Program) -> Newton | None:
     toolchain = find_toolchain()
     if toolchain is None:
         return None
+    # Second derivatives are new nodes of the model's arena, which threads share.
     with forming:
         model = newton_context(program)
         files = render_newton(model)

@@ -39,12 +39,14 @@ def whole_kernel(
         Its result is a buffer: copy it to keep it.
     """
     n_all = len(layout.states) * len(layout.sensitivities)
+    # Kernels without packed arguments are called as they are, at no cost.
     if not KERNELS[name].is_packed or len(layout.sensitivity_rows) == n_all:
         return lambda t, x, s, u: kernels(name, t, x, s, u)
     places = np.array(layout.sensitivity_places, dtype=np.intp)
 
     def call(t: float, x: Array, s: Array, u: Array) -> Array:
         packed = kernels(name, t, x, s[places], u)
+        # Augmented kernels give the rates of the states first, then those of sensitivities.
         n_lead = len(packed) - len(places)
         whole = np.zeros(n_lead + n_all)
         whole[:n_lead] = packed[:n_lead]

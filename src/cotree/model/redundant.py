@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from cotree.model.consistent import Start
     from cotree.model.moment import Moment
 
-#: Values agree that differ by less than this share of the largest that they are made of, as much as
-#: a plain run errs in a step,
+#: Values agree when they differ by less than this share of the largest value that they follow from:
+#: the error of a step at the default tolerance.
 _AGREE = 1e-8
 
-#: or by less than this: rounding of what cancels.
+#: They also agree when they differ by less than this, which rounding of larger terms leaves.
 _ROUNDING = 1e-12
 
-#: A parameter is no smaller than this to the sensitivities to it, or zero would have none.
+#: The least size of a parameter where derivatives by it are compared: with zero all would agree.
 _SMALLEST = 1e-3
 
 
@@ -58,8 +58,10 @@ def check_redundant(
     held = [
         (i, [names.index(name) for name in row.states])
         for i, row in enumerate(rows)
+        # A run that replaces a state contradicts nothing: what followed from it moves along.
         if not any(name in replaced for name in row.states)
     ]
+    # The kernel ends with these two rows: values as they follow, and as they are given.
     follows, given = at.call("start", start.y)[-2 * len(rows) :].reshape(2, -1)
     if apart := [
         f"'{rows[i].name}' is given as {given[i]:.6g} but is {follows[i]:.6g} by "
@@ -76,10 +78,11 @@ def check_redundant(
 
 
 def _check_sensitivities(at: Moment, start: Start, held: Sequence[tuple[int, list[int]]]) -> None:
-    """Refuse redundant values that change otherwise than what they follow from."""
+    """Refuse redundant values whose derivatives by a parameter contradict those of states."""
     model, s = at.model, start.s.T
     rows, m = model.layout.redundant, len(model.sensitivities)
     found = at.call("start_sensitivity", start.y, start.s).reshape(m, -1)
+    # For each parameter, the same two rows of derivatives come last.
     follows, given = np.moveaxis(found[:, -2 * len(rows) :].reshape(m, 2, -1), 1, 0)
     apart = []
     for j, name in enumerate(model.sensitivities):
@@ -90,6 +93,7 @@ def _check_sensitivities(at: Moment, start: Start, held: Sequence[tuple[int, lis
             f"d({rows[i].name})/d({name}) is {given[j, i]:.6g} as given but {follows[j, i]:.6g} by "
             f"{_origin(rows[i].states, at.t)}"
             for i, states in held
+            # As changes of the values for a change of the parameter by its own size.
             if not _agree(size * follows[j, i], size * given[j, i], size * s[j, states])
         ]
     if apart:
@@ -106,7 +110,7 @@ def _agree(follows: float, given: float, terms: Array) -> bool:
 
 
 def _origin(states: Sequence[str], t: float) -> str:
-    """Name what a value follows from."""
+    """Name the states, or sources, that a value follows from."""
     if not states:
         return f"the sources at t = {t:g}"
     return ", ".join(f"'{name}'" for name in states)

@@ -49,7 +49,7 @@ NEXT = NewtonLimits(20, WholeSteps)
 #: Close to a root little damping is needed; where there is none, that should be found out soon.
 NEAR = NewtonLimits(30, NaturalTest, 1.0 / 64.0)
 
-#: Continuation: a root is followed in few steps, and what it advances by is halved where not.
+#: Continuation: each root has to be found in few steps, or the advance is halved.
 _CORRECTION = NewtonLimits(8, NaturalTest, _LEAST_DAMPING)
 _LEAST_ADVANCE, _MOST_ADVANCES = 1e-6, 1000
 
@@ -74,7 +74,7 @@ def find_root(
     improve : callable, optional
         Gives a better guess, or None; it is asked where Newton's method fails from this one.
     linear : Linear, optional
-        What solves with a matrix of a point near the guess.
+        Linear equations of a point near the guess.
 
     Returns
     -------
@@ -106,6 +106,7 @@ def _attempts(
 
 def _starts(guess: Array) -> Iterator[Array]:
     yield guess
+    # Laws of networks mostly vanish at zero, where nothing overflows.
     if np.any(guess):
         yield np.zeros_like(guess)
     rng = np.random.default_rng(0)
@@ -130,6 +131,7 @@ def _falling(equation: Equation, z: Array) -> Root:
 def _continued(equation: Equation, z: Array) -> Root:
     """Follow the root of g(z) - (1 - l) g(z0) from l = 0 to 1."""
     first, cut = equation.value(z), equation.n_carried
+    # What is carried along is no residual and keeps its values.
     first[:cut] = 0.0
     reached, advance = 0.0, 0.1
     for _ in range(_MOST_ADVANCES):
@@ -142,6 +144,7 @@ def _continued(equation: Equation, z: Array) -> Root:
 
         root = iterate(Equation(value, equation.slope, equation.held, cut), z, _CORRECTION)
         if root.is_found:
+            # The next correction begins at this root, which is a constant predictor.
             z, reached, advance = root.z, goal, 2.0 * advance
         else:
             advance /= 2.0

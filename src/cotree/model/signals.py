@@ -89,6 +89,7 @@ def read_signals(
         else:
             used[name] = parsed.names
             if isinstance(value, (int, float)):
+                # A table of one point is constant, and C reads it without asking Python.
                 tables[names.index(name)] = np.zeros(1), np.array([float(value)])
         by_position[names.index(name)] = _function_of_time(parsed, parameters)
     return ReplacedInputs(by_position, tuple(breakpoints), used, tables)
@@ -96,6 +97,7 @@ def read_signals(
 
 def _function_of_time(value: Expression | Table, parameters: Mapping[str, float]) -> Signal:
     """Make a function of time by evaluating nodes."""
+    # An arena of its own: these nodes are evaluated in Python and never meet those of the model.
     dag = Dag()
     time = dag.symbol("t", 0)
 

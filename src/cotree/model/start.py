@@ -48,6 +48,7 @@ def find_start(at: Moment, initial: Mapping[str, float]) -> Start:
     start = constrained_start(at, initial)
     y, s = start.y, start.s
     if start.is_chosen and model.sensitivities:
+        # The sensitivities of a chosen start do not know how that choice depends on parameters.
         s = _by_differences(at, initial, start)
     y, s = solve_start(at, y, s, held)
     y, s = settle_jumps(at, y, s, held)
@@ -107,10 +108,11 @@ def constrained_start(at: Moment, initial: Mapping[str, float], *, is_probe: boo
             raise ParameterError(f"the model has no state '{name}'{nearest(name, names)}")
         i = names.index(name)
         y[i] = check_number(value, f"initial value of '{name}'")
+        # A run's own value depends on no parameter, only on itself.
         s[i] = [float(other == name) for other in wanted]
     anew = {names.index(name) for name in initial}
     kept = {i for i, is_given in enumerate(model.layout.given) if is_given} | anew
-    # An initial value that may change is an initial value.
+    # A state whose initial value has a sensitivity counts as given.
     kept |= {names.index(name) for name in wanted if name in names}
     # Constraints depend on time and the scene's own inputs alone.
     own = replace(at, u=None)
@@ -129,7 +131,9 @@ def _by_differences(at: Moment, initial: Mapping[str, float], start: Start) -> A
             size = max(1.0, abs(start.y[model.states.index(name)]))
         else:
             size = max(abs(p[model.parameters.index(name)]), 1e-3)
+        # h^4 of this step is about as small as what rounding leaves of the differences.
         step, total = 1e-3 * size, np.zeros(len(model.states))
+        # (f(-2h) - 8 f(-h) + 8 f(h) - f(2h)) / 12h, whose error is of order h^4.
         for place, weight in ((-2, 1.0), (-1, -8.0), (1, 8.0), (2, -1.0)):
             moved, given = p.copy(), dict(initial)
             if name in model.states:

@@ -85,11 +85,13 @@ class Structure:
         by_row: list[list[int]] = [[] for _ in range(n)]
         for row, column in zip(self._rows.tolist(), self._columns.tolist(), strict=True):
             by_row[row].append(column)
+        # A full row joins every pair of columns, and the graph would hold them all.
         if n in map(len, by_row):
             return np.arange(n)  # one row has them all
         graph = networkx.Graph()
         graph.add_nodes_from(range(n))
         for columns in by_row:
+            # Columns with an entry in the same row must not share a colour.
             graph.add_edges_from(itertools.combinations(columns, 2))
         colours = networkx.greedy_color(graph, "smallest_last")
         return np.array([colours[column] for column in range(n)], dtype=np.intp)
@@ -114,6 +116,7 @@ class Structure:
         n, m = len(self.layout.states), len(self.layout.sensitivities)
         pattern = np.zeros(m * n, dtype=np.bool_)
         pattern[list(self.layout.sensitivity_places)] = True
+        # Places go parameter by parameter, as sensitivities do in z.
         return pattern.reshape(m, n).T.copy()
 
     @cached_property

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Node
     from cotree.program import Layout, Program
 
-#: As many names as a message bears.
+#: The most names in a message.
 _MOST_NAMES = 6
 
 _SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "**"}
@@ -50,11 +50,13 @@ def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> st
         values = dict(zip(order, evaluate(order, given, order=order), strict=True))
     lost = {node for node, value in values.items() if not np.all(np.isfinite(value))}
     # An infinite intermediate value may do no harm; a nan does, wherever it goes.
+    # Nodes are in the order of evaluation, so the first nan has no nan among its arguments.
     wrong = next((node for node in order if np.any(np.isnan(values[node]))), None)
     if wrong is None:
         wrong = next((root for root in program.kernels[kernel].results if root in lost), None)
     if wrong is None:
         return ""
+    # Go down to the operation whose arguments are all finite: it is the first cause.
     while any(arg in lost for arg in wrong.args):
         wrong = next(arg for arg in wrong.args if arg in lost)
     return f"{_place(program, wrong)}{_operation(wrong, values)}{_point(program, wrong, given)}"

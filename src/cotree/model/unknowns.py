@@ -22,8 +22,9 @@ if TYPE_CHECKING:
     from cotree.model.contents import Pair
     from cotree.model.moment import Moment
 
-#: Jumps may decide each other, and what storages hold may change what it is found from, so many
-#: times; the latter to this share of the terms that it is made of.
+#: The most rounds in which jumps that decide each other may settle, and contents with unknowns that
+#: they depend on. Contents have settled when they change by less than this share of the terms of
+#: their equations.
 _MOST_ROUNDS, _SAME = 50, 1e-12
 
 
@@ -71,11 +72,13 @@ def _sensitivities(
     model, cut, s = at.model, algebraic.cut, s.copy()
     columns: dict[tuple[Pair, ...], list[int]] = {}
     for j, name in enumerate(model.sensitivities):
+        # Parameters with the same unknowns share one factorisation.
         columns.setdefault(tuple(held_along(model, held, name)), []).append(j)
     places = {pairs: _unknowns(range(cut, len(y)), pairs) for pairs in columns}
     for pairs, own in columns.items():
         for j in own:
             s[places[pairs], j] = 0.0
+    # With the sought sensitivities set to zero, the algebraic rows hold g_x S_x + g_p.
     residual = at.call("sensitivity_rhs", y, s).reshape(s.shape[::-1])[:, cut:].T
     matrix, linear = algebraic.linearised(at.t, y)
     for pairs, own in columns.items():
@@ -90,16 +93,18 @@ def _sensitivities(
 
 
 def _unknowns(algebraic: range, pairs: Iterable[Pair]) -> list[int]:
-    """List what the equations give where some states are found in place of unknowns."""
+    """List the unknowns of the equations, with contents in place of given unknowns."""
+    # The equation of a content then gives the content, and its voltage is known.
     instead = {follower: total for total, follower in pairs}
     return [instead.get(i, i) for i in algebraic]
 
 
 def _solve_held(at: Moment, algebraic: Algebraic, y: Array, held: Sequence[Pair]) -> None:
-    """Solve for algebraic unknowns and for some states, in place, others of them being given.
+    """Solve, in place, for algebraic unknowns and for the states that given unknowns determine.
 
-    Each of these states stands in one equation alone, less itself. With what it then has to be all
-    equations are solved as at any time; where something else in it moves with that, again.
+    Each of these states stands in one equation only, c(v) - q = 0, v being given. Its value follows
+    from that equation, and then all equations are solved as at any other time. This is repeated
+    where c depends on other unknowns, too.
 
     Raises
     ------
@@ -109,12 +114,14 @@ def _solve_held(at: Moment, algebraic: Algebraic, y: Array, held: Sequence[Pair]
     t, jacobian = at.t, at.model.bound_jacobian(at.p)
     totals, followers = (np.array(places) for places in zip(*held, strict=True))
     rows, given = followers - algebraic.cut, y[followers].copy()
+    # The equation of a content is c(v) - q = 0: adding its residual to q satisfies it.
     y[totals] += algebraic.residual(t, y)[rows]
     for _ in range(_MOST_ROUNDS):
         algebraic.solve(t, y)
         y[followers] = given
         left = algebraic.residual(t, y)[rows]
         y[totals] += left
+        # What is left is compared with the sizes of the terms that the equations sum.
         terms = np.abs(jacobian(t, y, at.u)[followers]) @ np.abs(y)
         if np.all(np.abs(left) <= _SAME * terms):
             return
@@ -148,6 +155,8 @@ def settle_jumps(at: Moment, y: Array, s: Array, held: Sequence[Pair] = ()) -> t
     if not any(row.is_jump for row in rows):
         return y, s
     for _ in range(_MOST_ROUNDS * len(rows)):
+        # `jumps` gives what each event sets. An event whose value is beyond zero in its direction
+        # has the point on its side.
         values, wanted = at.call("events", y), at.call("jumps", y)
         changed = False
         for row, value in zip(rows, values, strict=True):
@@ -183,6 +192,7 @@ def of_model(at: Moment) -> Algebraic:
     n_own = sum(row >= cut for row in layout.row_indices)
     jacobian = model.bound_jacobian(p, is_sparse=is_sparse(n_algebraic, n_own))
 
+    # Asked for only after Newton's method has failed from the guess itself.
     def improve(t: float, y: Array) -> Array | None:
         return model.junctions.at(t, y, p, replace(at, t=t).inputs).search(y[cut:])
 

@@ -27,7 +27,7 @@ _REMEMBERED, _NEAREST = 200, 3
 
 
 def solve_reduced(problem: Problem, solve: Callable[[Problem], Trajectory]) -> Trajectory:
-    """Integrate a checked problem with its algebraic unknowns, if there are any, eliminated."""
+    """Integrate a checked problem, after eliminating its algebraic unknowns if it has any."""
     if not problem.n_algebraic:
         return solve(problem)
     trajectory = solve(reduce_problem(problem))
@@ -43,20 +43,24 @@ def reduce_problem(problem: Problem) -> Problem:
     """
     reduction = _Reduction(problem)
     cut, project, singular = reduction.cut, problem.project, problem.singular
+    # A mask over z lets the positions be counted again in the shorter vector.
     is_left = np.zeros(problem.size)
     is_left[problem.integrated] = 1.0
     return replace(
         problem,
         rhs=reduction.rhs,
         jacobian=reduction.jacobian,
+        # Both take the full states, and the reduced problem has fewer.
         state_rhs=None,
         undefined=None,
         n_states=cut,
         n_algebraic=0,
+        # Entry by entry, the vectors lose the algebraic unknowns, which come last in each block.
         z0=reduction.without(problem.z0),
         atol=problem.atol if np.ndim(problem.atol) == 0 else np.asarray(problem.atol)[:cut],
         sizes=None if problem.sizes is None else problem.sizes[:cut],
         names=problem.names[:cut],
+        # The model's projection takes full states; unknowns that it moves are solved for again.
         project=None
         if project is None
         else lambda t, w: reduction.without(project(t, reduction.widened(w))),
@@ -64,6 +68,8 @@ def reduce_problem(problem: Problem) -> Problem:
         complete=reduction.complete,
         residual=reduction.residual,
         constraints=reduction.residual_names,
+        # Only methods in C integrate problems with events, and these keep the unknowns or eliminate
+        # them in C. Here such a problem is reduced only to examine its Jacobian.
         events=None,
         places=None if problem.places is None else np.flatnonzero(reduction.without(is_left)),
     )
@@ -93,12 +99,12 @@ class _Reduction:
         self.residual_names = (*problem.constraints, *names[self.cut :])
 
     def without(self, full: FloatArray) -> FloatArray:
-        """Leave the algebraic unknowns and their sensitivities out."""
+        """Return z without its algebraic unknowns and their sensitivities."""
         blocks: FloatArray = np.asarray(full).reshape(self._n_blocks, self.n)
         return blocks[:, : self.cut].ravel()
 
     def widened(self, w: FloatArray) -> FloatArray:
-        """Put the last algebraic unknowns in, and zero for their sensitivities."""
+        """Return the full z, with the unknowns found last and zeros for their sensitivities."""
         full = np.zeros((self._n_blocks, self.n))
         full[:, : self.cut] = w.reshape(self._n_blocks, self.cut)
         full[0, self.cut :] = self._z
@@ -114,14 +120,17 @@ class _Reduction:
         """
         full = self.widened(w)
         rates = self._follow(t, full[: self.n])
+        # Without sensitivities x' = f(t, x, z) is all there is.
         if self._n_blocks == 1:
             return rates[: self.cut]
         along, slopes, matrix = self._sensitivities(t, full)
+        # S_x' = f_x S_x + f_z S_z + f_p, of which `along` has all but the term with S_z.
         along[1:, : self.cut] += slopes @ matrix[: self.cut, self.cut :].T
         return along[:, : self.cut].ravel()
 
     def jacobian(self, t: float, x: FloatArray) -> FloatArray:
         """Give the Jacobian of the states with the algebraic unknowns eliminated."""
+        # By the implicit function theorem f_x - f_z g_z^-1 g_x, at solutions of g = 0 only.
         y = np.concatenate([x, self._z])
         self._follow(t, y)
         return self._algebraic.reduced(t, y)
@@ -140,6 +149,7 @@ class _Reduction:
         self._z = full[self.cut : self.n].copy()
         self._found.append((t, self._z))
         if self._n_blocks > 1:
+            # Sensitivities of z follow from those of x at each point and have no rates.
             slopes = self._sensitivities(t, full)[1]
             full.reshape(self._n_blocks, self.n)[1:, self.cut :] = slopes
         return full
@@ -153,7 +163,7 @@ class _Reduction:
         return np.concatenate([self._problem.residual(t, full), left])
 
     def _follow(self, t: float, y: FloatArray) -> FloatArray:
-        """Solve for the algebraic unknowns, in place; begin again where that leads nowhere."""
+        """Solve for the algebraic unknowns, in place, from other guesses if the first one fails."""
         try:
             rates = self._algebraic.follow(t, y)
         except UnsolvedError:
@@ -183,6 +193,7 @@ class _Reduction:
 
         The rates are blocks, shape (1 + m, n), a fresh array; the sensitivities, shape (m, n_z).
         """
+        # `widened` has set S_z to zero, so the last entries of each block are g_x S_x + g_p.
         along = np.array(self._problem.rhs(t, full)).reshape(self._n_blocks, self.n)
         matrix, linear = self._algebraic.linearised(t, full[: self.n])
         return along, -linear.solve(along[1:, self.cut :].T).T, matrix

@@ -51,6 +51,7 @@ def diagonal_blocks(matrix: FloatArray, n_states: int) -> FloatArray:
         A writeable view.
     """
     m = matrix.shape[0] // n_states
+    # The repeated index takes equal rows and columns of blocks, and einsum returns it as a view.
     blocks: FloatArray = np.einsum("iaib->iab", matrix.reshape(m, n_states, m, n_states))
     return blocks
 
@@ -84,6 +85,7 @@ def assemble_sparse(first: FloatArray, n_states: int) -> Any:
     size = first.shape[0]
     jacobian = first[:n_states]
     n_blocks = size // n_states - 1
+    # CSC form: n_states full columns, then columns that hold one of J in their own block.
     block_rows = np.arange(n_states, size).reshape(n_blocks, 1, n_states)
     rows = np.broadcast_to(block_rows, (n_blocks, n_states, n_states))
     data = np.broadcast_to(jacobian.T, (n_blocks, n_states, n_states))
@@ -110,7 +112,7 @@ def difference_columns(
     rhs : callable
         The derivative of z at a fixed time.
     z : ndarray, shape (size,)
-        Where to differentiate.
+        The point of differentiation.
 
     Returns
     -------
@@ -125,6 +127,7 @@ def difference_columns(
         y = abs(z[j])
         shifted = z.copy()
         shifted[j] += max(_ROOT_EPS * y, rtol * y + atol[j])
+        # The increment is taken as rounding left it in z.
         columns[:, j] = (rhs(shifted) - middle) / (shifted[j] - z[j])
     return columns
 
@@ -155,10 +158,12 @@ def augmented_tolerances(problem: Problem) -> tuple[float, FloatArray]:
         scales = np.ones(1 + problem.n_sensitivities)
         if problem.scales is not None:
             scales[1:] = problem.scales
+        # A parameter of tiny size must not make a tolerance infinite; see UNTESTED.
         return max(problem.rtol, RTOL_FLOOR), np.minimum(
             state_atol[states] / scales[blocks], UNTESTED
         )
     share = float(np.sqrt(max(1, len(places)) / max(1, problem.n_states)))
     atol = np.full(len(places), UNTESTED)
+    # States come first in `places`, and none of them is left out.
     atol[: problem.n_states] = state_atol / share
     return max(problem.rtol / share, RTOL_FLOOR), atol

@@ -110,7 +110,7 @@ class Trajectory:
     statistics : Statistics
         Work done.
     drift : Drift or None
-        How well the constraints are held; None where there are none.
+        Residuals of the constraints along the run; None where there are no constraints.
     events : tuple of Occurrence
         The events that happened, in order.
     """

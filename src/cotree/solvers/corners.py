@@ -24,6 +24,7 @@ def corner_times(problem: Problem) -> list[float]:
     """List start, breakpoints inside the span, and end, in the order of the run."""
     start, end = (float(t) for t in problem.t_span)
     low, high = min(start, end), max(start, end)
+    # Both ends are strict: a breakpoint there cuts nothing, but may make the end sharp.
     inside = sorted({float(b) for b in problem.breakpoints if low < b < high})
     if problem.direction < 0:
         inside.reverse()
@@ -36,7 +37,8 @@ def segments(problem: Problem) -> list[tuple[float, float]]:
 
 
 def turn_tolerances(problem: Problem) -> FloatArray:
-    """Give what sensitivities to each parameter are uncertain by where they are zero."""
+    """Return the absolute tolerance of sensitivities to each parameter, shape (m,)."""
+    # The tolerance of the state divided by the size of the parameter, as the error test has it.
     least = float(np.min(problem.state_atol, initial=np.inf))
     found: FloatArray = least / np.array(
         [1.0] * problem.n_sensitivities if problem.scales is None else problem.scales

@@ -61,12 +61,13 @@ def load_engine(stepper: str) -> Engine | str:
     if stepper not in SUNDIALS_FUNCTIONS:
         return _opened(stepper, "")
     found = library_path(stepper)
+    # The path is part of the key, since the environment may name another library the next time.
     return found.why_not or _opened(stepper, found.path)
 
 
 @made_once
 def _opened(stepper: str, path: str) -> Engine | str:
-    """Build an engine, with the library of SUNDIALS in a file where a path names one."""
+    """Build an engine, and open the library of SUNDIALS that a path names, if any."""
     files = engine_files(stepper)
     library = build_engine(files, engine_declarations(files, stepper))
     if library is None:
@@ -78,7 +79,7 @@ def _opened(stepper: str, path: str) -> Engine | str:
 
 
 def build_engine(files: Mapping[str, str], declarations: str) -> LoadedLibrary | None:
-    """Build and load C that is the same for every model; None where no compiler can."""
+    """Build and load C that is the same for every model; None if that is not possible."""
     toolchain = find_toolchain()
     if toolchain is None:
         return None
@@ -90,6 +91,7 @@ def build_engine(files: Mapping[str, str], declarations: str) -> LoadedLibrary |
             files,
             declarations,
             abi_version=ABI_VERSION,
+            # The level is given below, so that the count of operations decides nothing.
             n_operations=1,
             options=BuildOptions("-O1"),
             toolchain=toolchain,

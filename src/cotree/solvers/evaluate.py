@@ -42,15 +42,17 @@ class IntegrationStopError(Exception):
         self.reason = reason
 
 
-# At tighter tolerances what a singular position makes of rounding is as large as at this one.
+# Near singular positions the projection enlarges rounding, whose corrections do not shrink with the
+# tolerance. Below this relative tolerance more tolerances of correction are therefore allowed.
 _ROUNDED = 1e-8
 
+# Values of ``Trajectory.status``.
 FAILED = -1
 BUDGET_SPENT = -2
 
 
 class OffConstraintsError(IntegrationStopError):
-    """A step ended where no projection leads, or one that moves it too far: try a shorter one."""
+    """A step that no projection, or too large a one, brings to the constraints: shorten it."""
 
 
 class Evaluator:
@@ -61,7 +63,7 @@ class Evaluator:
     nfev, njev : int
         Calls of the right-hand side, those for differences included, and state Jacobians.
     not_finite : str
-        What was first not finite since ``progressed()``, as a phrase for a message; or empty.
+        The first value that was not finite since ``progressed()``, as a phrase; or empty.
     correction : float
         The largest relative change of a state by a projection; see ``Drift``.
     """
@@ -73,6 +75,7 @@ class Evaluator:
         self.not_finite = ""
         self.correction = 0.0
         self._last_jacobian: Any = None
+        # Of the whole span, until the first segment is opened.
         self._bounds = sorted(problem.t_span)
         self._deadline = math.inf
         if problem.time_limit is not None:
@@ -136,24 +139,27 @@ class Evaluator:
         if not np.all(np.isfinite(projected)):
             raise OffConstraintsError(FAILED, "the projection onto the constraints is not finite")
         state = point[: self.problem.n_states]
+        # Sizes below 1 count as 1, or a state that passes zero would decide.
         change = np.abs(projected[: self.problem.n_states] - state)
         largest = float(np.max(change / np.maximum(1.0, np.abs(state)), initial=0.0))
         self.correction = max(self.correction, largest)
         return projected
 
     def hold(self, t: float, z: FloatArray, before: float) -> tuple[FloatArray, float, float]:
-        """Return the end of a step on the constraints, and by how many tolerances it was moved.
+        """Return the end of a step on the constraints, and the size of the correction.
 
-        In the mean, and at the most.
+        The correction is measured as the error test measures errors, in tolerances: first its root
+        mean square over all entries, then its largest entry.
 
         Parameters
         ----------
         t : float
             Time, [s].
         z : ndarray
-            Where a step ended.
+            The end of a step.
         before : float
-            The mean for the end of the step before, where that was left off the constraints.
+            The mean correction that the end of the step before asked for, where that end was left
+            off the constraints; else zero.
 
         Raises
         ------
@@ -163,11 +169,14 @@ class Evaluator:
         known = self.correction
         projected = self.project(t, z)
         rtol, atol = augmented_tolerances(self.problem)
+        # Only entries that are integrated have a tolerance; the others are zero at all times.
         change, size = np.abs([projected - z, np.maximum(np.abs(z), np.abs(projected))])
         places = self.problem.integrated
         moved = change[places] / (rtol * size[places] + atol + np.finfo(np.float64).tiny)
         mean = math.sqrt(moved.dot(moved) / max(1, moved.size))
         allowed = FARTHEST_CORRECTION * max(1.0, _ROUNDED / rtol)
+        # A method with a memory goes on from unprojected points, so `before` is what earlier steps
+        # have left. Only what this step adds tells whether it is wrong.
         if mean - before > allowed:
             self.correction = known  # of steps that are taken
             raise OffConstraintsError(FAILED, MOVED_FAR)
@@ -191,6 +200,7 @@ class Evaluator:
         IntegrationStopError
             If they cannot be found.
         """
+        # Completing updates the guess that later solutions begin with; the values are not needed.
         self.complete(self.inside(t), z)
 
     def complete(self, t: float, z: FloatArray) -> FloatArray:
@@ -258,6 +268,7 @@ class Evaluator:
             columns[:n_states] = self._checked(t, columns[:n_states])
         else:
             columns[:n_states] = self.state_jacobian(t, z)
+        # In the other rows stand derivatives of J s_p + f_p by the states, from differences.
         # A second derivative that is not finite is left out: it would only speed the iteration up.
         columns[~np.isfinite(columns)] = 0.0
         return columns
@@ -270,6 +281,7 @@ class Evaluator:
         """Return the Jacobian of z, in SciPy's CSC form where that is cheaper."""
         if self.problem.is_sparse:
             return self.sparse_jacobian(t, z)
+        # A dense matrix of many blocks would be mostly zeros: J repeats along the diagonal.
         is_sparse = self.problem.n_sensitivities and self.problem.size > DENSE_LIMIT
         assemble = assemble_sparse if is_sparse else assemble_dense
         return assemble(self.first_columns(t, z), self.problem.n_states)
@@ -357,5 +369,6 @@ def _first_not_finite(matrix: Any) -> tuple[int, int]:
         row, column = np.argwhere(~np.isfinite(matrix))[0]
     else:
         place = np.flatnonzero(~np.isfinite(matrix.data))[0]
+        # In CSC form the column of an entry is the last one that does not start beyond it.
         row, column = matrix.indices[place], np.searchsorted(matrix.indptr, place, "right") - 1
     return int(row), int(column)

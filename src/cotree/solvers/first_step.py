@@ -54,16 +54,21 @@ def first_step(
     rtol, atol = tolerances
     weights = 1.0 / (atol + rtol * np.abs(z))
     rates = rates_at(t, z)
+    # d0, d1 and h0 of the reference: norms of values and rates in tolerances, and a step that
+    # changes the values by a hundredth of themselves.
     size, slope = _norm(z * weights), _norm(rates * weights)
+    # A shorter step would be lost in the rounding of t.
     least = 4.0 * float(np.spacing(max(abs(t), abs(t_end))))
     trial = 1e-6 if min(size, slope) < 1e-5 else _SHARE * size / slope
     trial = min(max(trial, least), longest)
     direction = 1.0 if t_end > t else -1.0
+    # An explicit Euler step of h0 gives the norm d2 of the second derivative.
     ahead = rates_at(t + direction * trial, z + direction * trial * rates)
     bend = _norm((ahead - rates) * weights) / trial
     steepest = max(slope, bend) if np.isfinite(bend) else slope
     if steepest <= 1e-15:
         return min(max(1e-6, 1e-3 * trial), longest)
+    # h1 of the reference, for order 1: the error of a step grows with its square.
     return min(100.0 * trial, max(float(np.sqrt(_SHARE / steepest)), least), longest)
 
 

@@ -94,7 +94,7 @@ def solve_with_scipy(problem: Problem, method: str) -> Trajectory:
 
 
 def beyond_scipy(problem: Problem) -> str:
-    """Name what a problem has that methods in C take, and SciPy's do not; empty for nothing."""
+    """Name a feature that only methods in C take; empty if the problem has none."""
     if problem.events is not None:
         return f"events, such as '{problem.events.rows[0].name}'"
     starts = [start for start, _ in segments(problem)]
@@ -128,6 +128,7 @@ def _drive(problem: Problem, method: str) -> Trajectory:
         n_steps=run.n_steps,
         seconds=time.perf_counter() - begin,
     )
+    # Completed points hold more values than are integrated.
     width = len(run.columns[0]) if run.columns else problem.size
     return Trajectory(
         t=np.array(run.times),
@@ -140,7 +141,7 @@ def _drive(problem: Problem, method: str) -> Trajectory:
 
 
 class _Run:
-    """The moving parts of one integration."""
+    """The mutable state of one integration."""
 
     def __init__(self, problem: Problem, method: str, progress: Progress) -> None:
         self.problem = problem
@@ -179,10 +180,12 @@ class _Run:
             while self.problem.direction * (end - self.t) > 0:
                 self._check_steps()
                 before = self.t
+                # Beyond the stretch of looser tolerance or shorter steps the run's own hold again.
                 if evaluator.problem is not self.problem and self.t == crossing:
                     evaluator.problem = self.problem
                     stepper, nlu_before = self._begin(self.t, self.z, end), self.nlu
                 limit = end if evaluator.problem is self.problem else crossing
+                # Methods with a weak interpolant step onto outputs; the others interpolate.
                 bound = self._bound(limit)
                 reason = stepper.step(bound if stepper.lands else limit)
                 self.nlu = nlu_before + stepper.nlu
@@ -198,6 +201,7 @@ class _Run:
                     nlu_before = self.nlu
                     continue
                 self._reach = abs(self.t - before)
+                # Steppers count time from the start of their segment, hence that spacing.
                 is_short = abs(self.t - before) <= _STALL_SPACINGS * np.spacing(abs(self.t - start))
                 short_steps = short_steps + 1 if is_short else 0
                 if not is_short:
@@ -220,6 +224,7 @@ class _Run:
     def _is_stuck(self, stepper: _Stepper, before: float, bound: float) -> bool:
         """Watch a step for a singular configuration; tell whether to cross it."""
         problem, passage = self.problem, self.passage
+        # A step that ends on its bound was cut there and says nothing of the step size control.
         if problem.singular is None or self.t == bound:
             return False
         passage.watch(abs(self.t - before), stepper.has_memory)
@@ -232,6 +237,7 @@ class _Run:
         atol = np.asarray(problem.atol)
         assert problem.singular is not None  # or nobody would have looked
         passage.cross(self.t, problem.singular(self.t, self.z))
+        # Never tighter than the run's own tolerance, and looser than LOOSEST only where that is.
         self.evaluator.problem = replace(
             problem,
             rtol=max(problem.rtol, min(problem.rtol * LOOSENED, LOOSEST)),
@@ -242,15 +248,18 @@ class _Run:
 
     def _retreat(self, stepper: _Stepper, end: float, stop: IntegrationStopError) -> float:
         """Shorten the steps after a failure, and say up to where."""
+        # A share of the step that failed, or of the last reach if the stepper did not move.
         self._reach = _RETREAT * (abs(stepper.t - self.t) or self._reach)
         least = _LEAST_REACH * abs(self.problem.t_span[1] - self.problem.t_span[0])
         # Methods with a memory give up where a trial step is not finite; others shorten it.
         is_known = stop.status == FAILED and stepper.has_memory and self.evaluator.not_finite
         if not (is_known or isinstance(stop, OffConstraintsError)) or self._reach <= least:
             raise stop
+        # The method begins anew anyway, so it may as well begin on the constraints.
         if stepper.has_memory:
             self.z, self._moved = self.evaluator.project(self.t, self.z), 0.0
         self.evaluator.problem = replace(self.evaluator.problem, max_step=self._reach)
+        # Up to as far as the failed step would have gone.
         ahead = self.t + self.problem.direction * self._reach / _RETREAT
         return ahead if self.problem.direction * (end - ahead) > 0 else end
 
@@ -270,6 +279,7 @@ class _Run:
         names = self.problem.constraints
         if self.problem.residual is None:
             return None
+        # The reshape keeps the axis of names where nothing was stored.
         residual = np.array(self.residuals).reshape(len(self.residuals), len(names)).T.copy()
         return Drift(names, residual, self.evaluator.correction)
 
@@ -288,6 +298,8 @@ class _Run:
         wanted = self._wanted_until(stepper.t)
         points = [(t, stepper.z if t == stepper.t else stepper.interpolate(t)) for t in wanted]
         try:
+            # All outputs of a step are found before one is stored, so that a step that fails here
+            # can be taken back with them.
             if self.problem.project is not None:
                 points = self._hold(stepper, points)
             columns = [(t, self.evaluator.complete(t, z)) for t, z in points]
@@ -300,8 +312,9 @@ class _Run:
             self._store(t, column)
 
     def _wanted_until(self, t: float) -> list[float]:
-        """Take the outputs up to a time from those still wanted; without any, each step is one."""
+        """Take the outputs up to a time from those still wanted; without t_eval, the step's end."""
         if self.problem.t_eval is None:
+            # A breakpoint ends one segment and starts the next, but is stored once.
             return [t] if not self.times or self.times[-1] != t else []
         first = self._next
         while self._next < len(self._wanted):
@@ -321,6 +334,7 @@ class _Run:
         if has_memory and self._steps_unheld < _STEPS_UNHELD:
             return held
         self._steps_unheld, self._moved = 0, 0.0
+        # A new start of a multistep method has to be worth it; a one-step method loses nothing.
         if largest > 1.0 if has_memory else not np.array_equal(z, end):
             stepper.replace(end, self._derivative(stepper.t, end, "it cannot go on"))
             if has_memory:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from cotree.solvers.methods import Method
     from cotree.solvers.problem import Native, Problem
 
-# What a status means.
+# Sentences by status.
 _SENTENCES = {row.number: row.sentence for row in STATUSES}
 
 
@@ -62,7 +62,7 @@ class Job:
     times, values : ndarray
         Rows that C writes values to; the first ``job.n_kept`` count.
     rescue : Rescue
-        What looks farther than C does.
+        Looks for points that the iterations in C do not find.
     is_wide : bool
         Whether a sparse factorisation would be much cheaper than the banded one of SUNDIALS' steps.
     """
@@ -102,11 +102,12 @@ class Job:
             c.aid, self.is_wide = aid.address, aid.is_wide
             self._kept.append(aid)
         # Last, since the size follows from the stepper, its aid and what is integrated.
+        # The size in bytes is rounded up to whole doubles.
         c.memory = self._doubles(np.zeros(-(-int(self._lib.cotree_job_memory(c)) // 8)))
         self._make_all_room(problem)
 
     def _set_model(self, problem: Problem, native: Native) -> None:
-        """Fill in the model, its inputs, and what Python is asked for."""
+        """Fill in the model, its inputs, and the functions by which C asks Python."""
         c = self.job
         c.model = self._ffi.cast("cotree_model *", native.model.address)
         c.p, c.k = self._doubles(native.model.p), self._doubles(native.model.k)
@@ -123,6 +124,8 @@ class Job:
         cut = problem.n_states - (0 if row.keeps_algebraic else problem.n_algebraic)
         # Sensitivities of algebraic unknowns are solved for even where these are integrated.
         lead = problem.n_states if is_extended else cut
+        # Among the entries that do not vanish, those of states that are integrated: of the states
+        # themselves up to `lead`, of their sensitivities up to `cut` in each block.
         is_left = places % problem.n_states < np.where(places < problem.n_states, lead, cut)
         tested = problem
         if row.corrector:
@@ -157,9 +160,11 @@ class Job:
         self._keeps_steps = problem.t_eval is None
         self._make_room(256 if problem.t_eval is None else len(problem.t_eval))
         self._at_once = 0
+        # A record holds time, event, sensitivities of the time, and states before and after.
         self._width = 2 + problem.n_sensitivities + 2 * problem.n_states
         self.records = np.zeros((0, self._width))
         if problem.events is not None:
+            # The most records of one step: C returns where there is no room for as many.
             self._at_once = len(problem.events.rows) + LIMITS.event_rounds
             self._make_records(4 * self._at_once)
             self.job.most_events = problem.max_events or 0
@@ -170,11 +175,13 @@ class Job:
         An exception of an input that is a Python function ends the job, and is raised here.
         """
         if self._keeps_steps:
+            # One row for each step, and one for the start.
             needed = int(self.job.n_kept) + most_steps + 1
             if needed > self._room:
                 self._make_room(max(needed, 2 * self._room))
         if self._at_once and self.job.n_records + self._at_once > self.job.most_records:
             self._make_records(2 * self.job.most_records)
+        # Steps before `_looks_from` are taken without asking whether the problem is stiff.
         if self._looks_from is not None:
             unwatched = self._looks_from - int(self.job.n_steps)
             self.job.is_waiting = int(unwatched <= 0)
@@ -241,6 +248,7 @@ class Job:
         """Say how the times of corners depend on the parameters, where any does."""
         if not problem.n_sensitivities or problem.shifts.keys().isdisjoint(corners[:-1]):
             return
+        # Corners that no parameter moves have slopes of zero.
         still = Corner(0.0, *((0.0,) * problem.n_sensitivities,) * 2)
         rows = [problem.shifts.get(t, still) for t in corners]
         self.job.slopes = self._doubles(np.array([row.slopes for row in rows]))
@@ -276,7 +284,7 @@ class Job:
         self.job.most_records = rows
 
     def _doubles(self, array: FloatArray) -> Any:
-        """Point to an array, which is kept."""
+        """Return a pointer to an array, and keep the array alive."""
         if not array.size:
             return self._ffi.NULL
         pointer = self._ffi.from_buffer("double[]", np.ascontiguousarray(array, dtype=np.float64))
@@ -297,7 +305,7 @@ class Job:
         return self._callback("cotree_input_function", ask)
 
     def _helper(self, n_states: int) -> Any:
-        """Give C what looks farther than it does."""
+        """Give C the functions that look for points where its own iterations fail."""
         rescue, ffi = self.rescue, self._ffi
 
         def find_unknowns(t: float, x: Any, context: Any) -> int:

@@ -61,7 +61,7 @@ class ModelEvents:
         return z[:n], z[n:].reshape(len(self._model.sensitivities), n).T
 
     def values(self, t: float, z: FloatArray) -> FloatArray:
-        """Evaluate what the events look at, shape (n_events,), a fresh array."""
+        """Evaluate the values that the events watch, shape (n_events,), a fresh array."""
         return self._at(t).call("events", *self._parts(z))
 
     def check_start(self, t: float, z: FloatArray) -> None:
@@ -76,9 +76,11 @@ class ModelEvents:
         if not wanted or not any(row.is_jump for row in self.rows):
             return
         values = self.values(t, z)
+        # One row for each parameter, with the derivative of what each event looks at.
         along = self._at(t).call("event_sensitivity", *self._parts(z)).reshape(len(wanted), -1)
         for i, row in enumerate(self.rows):
             moving = np.flatnonzero(along[:, i])
+            # There are two sides only where the start lies on a jump and a parameter moves it.
             if not row.is_jump or values[i] != 0.0 or not moving.size:
                 continue
             if self._has_jump(row.targets[0], t, z):
@@ -94,6 +96,7 @@ class ModelEvents:
         at, (y, s), rates = self._at(t), self._parts(z), []
         new = at.call("jumps", y, s)
         for row in self.rows:
+            # The events that set this mode stand for the sides of the jump, each with its rates.
             if row.targets == (mode,):
                 other = y.copy()
                 other[mode] = new[row.results.start]

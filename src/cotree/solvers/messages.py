@@ -39,9 +39,9 @@ def summary(problem: Problem, method: str, t: float, reason: str) -> list[str]:
     method : str
         The method that ran.
     t : float
-        How far it came, [s].
+        The last time that it reached, [s].
     reason : str
-        Why it stopped before the end, without a capital and a full stop; or empty.
+        The reason why it stopped early, without a capital and a full stop; or empty.
     """
     sentences = [f"{method} reached t = {t:.10g}."]
     if reason:
@@ -81,8 +81,10 @@ def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
     if why:
         return why
     rates = np.array(problem.state_rhs(t, y))
+    # Entries of algebraic unknowns are residuals, not rates: the unknowns stay where they are.
     rates[problem.n_states - problem.n_algebraic :] = 0.0
     reach = min(abs(end - t), _SOON * max(abs(t - start), _SOON * abs(end - start)))
+    # Distances grow fourfold from a few units in the last place, so the nearest fault is found.
     step = 4.0 * float(np.spacing(max(abs(t), float(np.finfo(np.float64).tiny))))
     while step <= reach and not why:
         ahead = math.copysign(step, end - start)
@@ -92,7 +94,7 @@ def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
 
 
 def _undefined(problem: Problem, t: float, y: FloatArray) -> str:
-    """Say why rates, or the algebraic unknowns that they take, have no value at a point."""
+    """Say why rates, or the algebraic unknowns in them, have no value at a point."""
     assert problem.undefined is not None  # or nobody would have asked
     why = problem.undefined(t, y)
     if why or not problem.n_algebraic:
@@ -120,7 +122,7 @@ def told(problem: Problem, method: str, t: float, reason: str, cause: str, passa
     problem, method, t, reason
         As for :func:`summary`.
     cause : str
-        What was first not finite, as a phrase; or empty.
+        The first value that was not finite, as a phrase; or empty.
     passage : str
         A sentence on singular configurations; or empty.
     """

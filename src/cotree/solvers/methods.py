@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from cotree.solvers.problem import Problem
 
 
-# What is left after an elimination of algebraic unknowns is dense: more states are none of C's.
+# Algebraic unknowns leave a dense Jacobian once eliminated: C takes none of more states than this.
 _MOST_REDUCED = 2000
 
 
@@ -67,6 +67,8 @@ class Method:
 
 
 _ROWS = (
+    # SciPy's RK45 is the pair of Dormand and Prince, too; of Fehlberg's pair, with which the paper
+    # integrates its example, SciPy has none.
     Method("dopri5", "cotree", False, False, "RK45", "dopri5"),
     Method("rkf45", "cotree", False, False, "RK45", "rkf45"),
     Method("dop853", "cotree", False, False, "DOP853", "dop853"),
@@ -81,6 +83,7 @@ _ROWS = (
     Method("cvode", "sundials", True, True, "BDF", "cvode"),
     # IDA's equations need not be solved for the rates.
     Method("ida", "sundials", True, True, "BDF", "ida", keeps_algebraic=True),
+    # SUNDIALS numbers its correctors: 1 is simultaneous, 2 is staggered.
     Method("cvodes", "correctors", True, True, "cvode", "cvodes", corrector=2),
     Method("cvodes-simultaneous", "correctors", True, True, "cvode", "cvodes", corrector=1),
     Method("idas", "correctors", True, True, "ida", "idas", keeps_algebraic=True, corrector=2),
@@ -122,13 +125,14 @@ def refusal(method: str, problem: Problem) -> str:
         return problem.not_native
     if row.family == "correctors" and problem.events is not None:
         return "there are events"
-    # An own method takes unknowns that are all algebraic; SUNDIALS needs a rate to integrate.
+    # Own methods take problems without any rate; SUNDIALS needs one to integrate.
     if row.family == "cotree":
         if problem.size == 0:
             return "there is nothing for C to do"
         return _dependent(problem) if row.implicit else ""
     if problem.n_states == problem.n_algebraic:
         return "there are no states"
+    # Methods that solve for the unknowns at each evaluation iterate with the reduced Jacobian.
     is_reduced = problem.n_algebraic > 0 and not row.keeps_algebraic
     if is_reduced and problem.n_states > _MOST_REDUCED:
         return f"more than {_MOST_REDUCED} states have algebraic unknowns beside them"

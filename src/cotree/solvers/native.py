@@ -65,7 +65,7 @@ def check_available(method: str) -> None:
 
 
 def is_available(method: str) -> bool:
-    """Tell whether a method's library can be used; true of those that need none here."""
+    """Tell whether a method's library can be used; true for methods that need none."""
     try:
         check_available(method)
     except SolveError:
@@ -74,12 +74,13 @@ def is_available(method: str) -> bool:
 
 
 def _can_extend(row: Method, problem: Problem) -> bool:
-    """Whether algebraic unknowns are integrated, too, and not solved for at each evaluation."""
+    """Tell whether algebraic unknowns are integrated instead of solved for at each evaluation."""
     native = problem.native
     return (
         native is not None
         and native.model.can_extend
         and not (native.replaced or native.functions)  # their own rates are not known
+        # Only explicit methods gain: each of their stages would solve for the unknowns.
         and not row.implicit
         and problem.project is None
         and problem.events is None
@@ -115,6 +116,7 @@ def solve_in_c(
     newton = None
     if row.family == "cotree" and row.implicit:
         assert problem.native is not None  # it was not refused
+        # Own implicit methods factorise by code that is written for the pattern of this model.
         newton = problem.native.model.newton()
         if newton is None:
             return "no compiler can build what it needs of the model"
@@ -130,6 +132,7 @@ def solve_in_c(
         problem = replace(problem, steps_taken=problem.steps_taken + int(job.job.n_steps))
         job = Job(engine, row, problem)
         ended = _run(job, problem, method, successor, ended.seconds)
+    # The successor has taken over: its trajectory is complete, message included.
     if isinstance(ended, Trajectory):
         return compiled_in(ended, ended.statistics.compile_seconds + compiling)
     trajectory = trajectory_of(job, problem, method, ended)
@@ -218,6 +221,7 @@ def _advance(job: Job, problem: Problem, begin: float, progress: Progress) -> tu
         progress.reached(float(job.job.t))
         if result == _FAILED:
             return FAILED, job.reason(problem), False
+        # The job waits with all that it remembers, and may still go on.
         if result == _STIFF:
             return 0, "", True
         if result == _STOPPED:
@@ -251,7 +255,7 @@ def trajectory_of(job: Job, problem: Problem, method: str, ended: Ended) -> Traj
     method : str
         Its method, for the message.
     ended : Ended
-        What became of it.
+        Its outcome.
     """
     c = job.job
     kept = int(c.n_kept)
@@ -278,6 +282,7 @@ def _drift(job: Job, problem: Problem, t: FloatArray, z: FloatArray) -> Drift | 
     n, cut = problem.n_states, problem.n_states - problem.n_algebraic
     if problem.residual is None and cut == n:
         return None
+    # C keeps no residuals of the points that it stores, so they are evaluated here.
     columns = []
     for j, at in enumerate(t.tolist()):
         point = np.ascontiguousarray(z[:, j])

@@ -93,7 +93,7 @@ class Problem:
     scale : float
         The largest time from which breakpoints are computed; they have its rounding error, [s].
     shifts : mapping of float to Corner
-        How times among these, and the start, depend on the parameters of sensitivity.
+        Derivatives of breakpoints, and of the start, by the parameters of sensitivity.
     names, parameters : tuple of str
         Names of the states and of the parameters of sensitivity, for messages; empty for none.
     max_step : float
@@ -103,7 +103,7 @@ class Problem:
     max_steps, max_events : int or None
         Budgets of steps, and of events that happen; what happens at one time happens together.
     steps_taken : int
-        How many steps of that budget other runs have taken before this one.
+        Steps of that budget that other runs have taken before this one.
     project : callable or None
         ``project(t, z)`` returns z on the constraints, states and sensitivities both, and raises
         SolveError or SingularSystemError where it cannot. None where nothing constrains z.
@@ -113,7 +113,7 @@ class Problem:
     constraints : tuple of str
         Names of the constraints' residuals.
     n_algebraic : int
-        How many of the states, which come last, are algebraic unknowns. Their initial values need
+        Number of algebraic unknowns, which are the last of the states. Their initial values need
         only be guesses.
     state_rhs : callable or None
         ``state_rhs(t, y)``, the first ``n_states`` entries of rhs, by which algebraic unknowns are
@@ -202,7 +202,8 @@ class Problem:
     def is_sparse(self) -> bool:
         """Return whether methods iterate with a sparse Jacobian.
 
-        Below the blocks of sensitivities stand differences, which are dense.
+        With sensitivities the first columns of the Jacobian of z are finite differences, which are
+        dense whatever the pattern of the state Jacobian is.
         """
         return self.sparse_jacobian is not None and self.n_sensitivities == 0
 
@@ -213,7 +214,8 @@ class Problem:
 
 
 def describe_entry(problem: Problem, index: int) -> str:
-    """Name one entry of z in the user's words."""
+    """Name one entry of z by its state, and by its parameter where it is a sensitivity."""
+    # Block 0 of z holds the states, block k the sensitivities to parameter k - 1.
     block, state = divmod(index, problem.n_states)
     name = f"'{problem.names[state]}'" if problem.names else f"state {state}"
     if block == 0:
@@ -254,6 +256,8 @@ def _check_sizes(problem: Problem) -> None:
         )
     if problem.names and len(problem.names) != problem.n_states:
         raise SolveError(f"{len(problem.names)} names are given for {problem.n_states} states.")
+    # A problem whose algebraic unknowns are eliminated has `complete`, and residuals of its
+    # algebraic equations with or without a projection.
     if (problem.project is None) != (problem.residual is None) and problem.complete is None:
         missing = "residual" if problem.residual is None else "project"
         raise SolveError(f"A constrained problem needs project and residual; {missing} is missing.")
@@ -261,6 +265,7 @@ def _check_sizes(problem: Problem) -> None:
         raise SolveError(
             f"{problem.n_algebraic} of {problem.n_states} states cannot be algebraic unknowns."
         )
+    # The matrix of Newton's method for the unknowns is a block of the Jacobian.
     if problem.n_algebraic and problem.jacobian is None:
         raise SolveError("A problem with algebraic unknowns needs a Jacobian.")
 
@@ -287,6 +292,7 @@ def _check_times(problem: Problem) -> None:
         raise SolveError(
             f"t_eval holds t = {outside[0]:g}, outside the time span ({start:g}, {end:g})."
         )
+    # Methods store the outputs in one pass along their steps, so the times follow the run.
     if np.any(problem.direction * np.diff(times) <= 0):
         order = "increase" if problem.direction > 0 else "decrease"
         raise SolveError(f"t_eval must strictly {order}, as the time span does.")
@@ -302,6 +308,7 @@ def _check_tolerances(problem: Problem) -> None:
             f"atol has shape {atol.shape}; give one number or one for each of the "
             f"{problem.n_states} states."
         )
+    # With an absolute tolerance of zero, a state that passes zero would have an infinite weight.
     wrong = np.flatnonzero(~(np.isfinite(atol) & (atol > 0)))
     if wrong.size:
         which = f" of {describe_entry(problem, int(wrong[0]))}" if atol.ndim else ""
@@ -309,6 +316,7 @@ def _check_tolerances(problem: Problem) -> None:
 
 
 def _check_budgets(problem: Problem) -> None:
+    # All comparisons are written so that nan is refused, too.
     if not problem.max_step > 0:
         raise SolveError(f"max_step is {problem.max_step}; give positive seconds, or inf for none.")
     if problem.time_limit is not None and not problem.time_limit > 0:

@@ -22,7 +22,7 @@ class Progress:
     Parameters
     ----------
     method : str
-        What is running.
+        Name of the method that runs.
     t_span : (float, float)
         Start and end, [s].
     """

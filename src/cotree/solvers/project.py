@@ -105,6 +105,7 @@ class Projection:
         rows = self._gradients(t, z)
         seen = np.linalg.norm(rows, axis=1) > _ROUNDING_ROW * np.max(np.abs(rows), initial=1.0)
         rows[~seen] = 0.0
+        # A derivative by an angle becomes one by the distance that the angle moves.
         rows[:, self._turns] /= self._length(t, z)
         groups, sizes = gradient_groups(self._layout), np.linalg.norm(rows, axis=1)
         longest: dict[tuple[str, str], float] = {}
@@ -114,10 +115,12 @@ class Projection:
         return rows
 
     def _weakest(self, t: float, z: FloatArray) -> float:
-        """Give the singular value of the gradients from which on a direction is nearly lost."""
+        """Return the singular value of the gradients below which a direction is nearly lost."""
         if not self._gap:
+            # The seed is fixed, so that the same run always finds the same.
             rng, n = np.random.default_rng(0), self._n_states
             others = [turned(self._layout, z[:n], rng) for _ in range(_POSITIONS)]
+            # The norm of order -2 is the smallest singular value.
             gaps = [np.linalg.norm(self._rows(t, np.concatenate([y, z[n:]])), -2) for y in others]
             self._gap = max(_NEAR * float(max(gaps)), _LEAST)
         return self._gap
@@ -129,7 +132,7 @@ class Projection:
         return np.array(self._gradient(t, x, s, self._u(t))).reshape(len(self._edges), -1)
 
     def _length(self, t: float, z: FloatArray) -> float:
-        """Give what a turn counts in shifts, [m], as found where this is asked for first."""
+        """Return the length by which a turn counts as a shift, [m], found at the first call."""
         if not self._reach:
             n, groups = self._n_states, gradient_groups(self._layout)
 
@@ -151,6 +154,7 @@ class Projection:
     def singular(self, t: float, z: FloatArray) -> tuple[str, ...]:
         """Name the edges whose constraints are dependent, or nearly so, at a point."""
         rows = self._rows(t, z)
+        # Eigenvalues of C C^T are squared singular values of C; eigenvectors combine constraints.
         squares, directions = np.linalg.eigh(rows @ rows.T)
         weak = directions[:, squares <= self._weakest(t, z) ** 2]
         involved = np.flatnonzero(np.max(np.abs(weak), axis=1, initial=0.0) > _INVOLVED)

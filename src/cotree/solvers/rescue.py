@@ -41,6 +41,7 @@ class Rescue:
     def is_needed(self) -> bool:
         """Tell whether there may be anything to look for."""
         problem = self._problem
+        # C asks for states after events that set them, and for algebraic unknowns anywhere.
         is_set = problem.events is not None and problem.settle is not None
         return is_set or problem.n_algebraic > 0
 
@@ -75,8 +76,9 @@ class Rescue:
         return settle is not None and self._find(lambda point: settle(t, point, kept), y)
 
     def _find(self, find: Callable[[FloatArray], FloatArray], y: FloatArray) -> bool:
-        """Put what is found from y in its place; tell whether it was, and remember why not."""
+        """Replace y by the point found from it; return False, and keep the reason, if none is."""
         try:
+            # The search works on a copy: where it fails, C keeps the point that it had.
             y[:] = find(y.copy())
         except Error as error:
             self.complaint = str(error).rstrip(".")

@@ -30,7 +30,7 @@ class UnknownNameError(ModelError, KeyError):
 
 @dataclass(frozen=True, eq=False)
 class EventTimes:
-    """When an event happened in a simulation, and what it changed.
+    """Times of an event in a simulation, and the states before and after it.
 
     Attributes
     ----------
@@ -79,18 +79,18 @@ class RunRecord:
     status : int
         0 for success, negative for an integration that stopped early.
     message : str
-        What the solver says.
+        The solver's report.
     statistics : Statistics
         Work done by the solver.
     times : mapping of str to float
         Seconds spent in each stage: formulate, generate, compile, start (of the
         model: its operating point, or its initial values), integrate.
     drift : Drift or None
-        How well the constraints are held; None where the model has none.
+        Residuals of the constraints along the run; None where the model has none.
     redundant : int
-        How many constraints follow from the others, at the most.
+        The largest number of constraints that follow from the others.
     events : mapping of str to EventTimes
-        What happened of each event of the scene.
+        Times and states of each event of the scene.
     parameter_values : mapping of str to float
         The tunable parameters of the run.
     """
@@ -167,6 +167,7 @@ class RunRecord:
             asked for.
         """
         column = self._column(parameter)
+        # Inputs are left out: their sensitivities are not stored.
         for names, values in (
             (self.states, self.s),
             (self.outputs, self.output_sensitivities),
@@ -265,6 +266,7 @@ class RunRecord:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(table)
             for row in zip(*table.values(), strict=True):
+                # 17 significant digits tell every double from its neighbours.
                 writer.writerow([f"{value:.17g}" for value in row])
 
     def summary(self) -> str:

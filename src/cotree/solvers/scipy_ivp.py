@@ -49,7 +49,7 @@ _FINE = 1e-2
 
 @contextlib.contextmanager
 def alone(method: str) -> Iterator[None]:
-    """Keep other threads out where a method has one state in the whole process."""
+    """Keep other threads out if a method has only one state in the whole process."""
     from scipy.integrate import _ode
 
     # LSODA was Fortran with common blocks once; SciPy counted its users then.
@@ -71,12 +71,12 @@ class Idle:
         self.t, self.z = t, z
 
     def step(self, t_bound: float) -> str:
-        """Arrive."""
+        """Move to the bound at once; see :meth:`ScipyStepper.step`."""
         self.t = t_bound
         return ""
 
     def interpolate(self, t: float) -> FloatArray:
-        """Return what never changes."""
+        """Return z, which never changes between replacements."""
         return self.z
 
     def replace(self, z: FloatArray, dz: FloatArray) -> None:
@@ -155,6 +155,7 @@ class ScipyStepper:
         if self._interpolant is None:
             self._interpolant = self._solver.dense_output()
         low, high = sorted((self._before, self._now))
+        # Subtracting the origin rounds, which may lead just outside of the step.
         inside = min(max(t - self._origin, low), high)
         return self._whole(np.asarray(self._interpolant(inside), dtype=np.float64))
 
@@ -163,6 +164,7 @@ class ScipyStepper:
 
         A method with a memory starts anew. The interpolant of the step before is lost.
         """
+        # The new values are those at the rounded time, so the solver's own time moves there.
         if self._is_felt():
             self._now = self.t - self._origin
         self.z, self._w = z, self._packed(z)
@@ -176,12 +178,12 @@ class ScipyStepper:
             solver.t, solver.y, solver.f = self._now, self._w, self._packed(dz)
 
     def _packed(self, z: FloatArray) -> FloatArray:
-        """Leave out what vanishes at all times."""
+        """Return z without the entries that vanish at all times."""
         left: FloatArray = z[self._places]
         return left
 
     def _whole(self, w: FloatArray) -> FloatArray:
-        """Put zeros in its places."""
+        """Return z with zeros in the places of these entries."""
         z = np.zeros(self._evaluator.problem.size)
         z[self._places] = w
         return z
@@ -191,7 +193,7 @@ class ScipyStepper:
         return self._packed(self._evaluator.rhs(self._origin + s, self._whole(w)))
 
     def _jacobian(self, s: float, w: FloatArray) -> Any:
-        """Give the derivatives of these rates, sparse where that is cheaper and LSODA not asked."""
+        """Give the derivatives of these rates, sparse if cheaper and the method takes that."""
         is_full = self._method == "LSODA"
         form = self._evaluator.dense_jacobian if is_full else self._evaluator.sized_jacobian
         matrix, places = form(self._origin + s, self._whole(w)), self._places
@@ -202,9 +204,11 @@ class ScipyStepper:
         return matrix[places][:, places]
 
     def _round(self, t_bound: float) -> None:
-        """Find the time of a step that ends before its bound."""
+        """Round the time of a step that ends before its bound."""
         origin = self._origin
         self.t = origin + self._now
+        # The rounded time must not lie beyond the step, where there is no value, nor at the bound,
+        # which the step has not reached.
         is_ahead = abs(self.t - origin) > abs(self._now) or (self.t - t_bound) * self._now >= 0.0
         if is_ahead:
             self.t = math.nextafter(self.t, origin)
@@ -217,7 +221,7 @@ class ScipyStepper:
         return rounding > _FINE * self._evaluator.problem.rtol * abs(self._now - self._before)
 
     def _step_on(self, bound: float) -> str:
-        """Have the solver take a step, and a shorter one where that cannot be right."""
+        """Have the solver take a step, and a shorter one if the first cannot be right."""
         while True:
             now, w = self._now, self._w
             reason = self._try_step(bound)
@@ -239,9 +243,11 @@ class ScipyStepper:
         """
         solver = self._solver
         step = self._now - now
+        # What the trapezoidal rule asks for beyond the step that was taken.
         left = 0.5 * step * (self._rates_before + solver.f) - (self._w - w)
         size = np.maximum(np.abs(w), np.abs(self._w))
         weights = 1.0 / (solver.atol + solver.rtol * size)
+        # What is below the tolerance may point anywhere.
         seen = np.abs(left * weights) > 1.0
         if not np.any(seen):
             return False
@@ -251,6 +257,7 @@ class ScipyStepper:
 
     def _try_step(self, bound: float) -> str:
         solver = self._solver
+        # Read for Radau only; LSODA and BDF keep no rates and get a placeholder.
         self._rates_before = getattr(solver, "f", self._w)
         self._interpolant = None
         if self.lands:
@@ -281,6 +288,7 @@ class ScipyStepper:
         options: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_step": longest}
         if METHODS[self._method].implicit:
             options |= {"jac": self._jacobian, "first_step": opening}
+        # Its own first step is a share of the span, which fails where nothing moves yet.
         if self._method == "LSODA":
             longest = min(longest, abs(self._length - self._now))
             begin = self._now, self._w, self._length

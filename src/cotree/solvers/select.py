@@ -48,7 +48,7 @@ def integrate(problem: Problem, method: str = "auto") -> Trajectory:
     Parameters
     ----------
     problem : Problem
-        What to integrate.
+        The problem to integrate.
     method : str
         A name in ``methods.METHODS``, or "auto".
 
@@ -80,6 +80,7 @@ def integrate(problem: Problem, method: str = "auto") -> Trajectory:
 def _solve_watched(problem: Problem, method: str) -> Trajectory:
     """Integrate, and let a method for stiff problems take over where one becomes stiff."""
     row = method_row(method)
+    # Only the explicit steppers of the engine watch the stability of their steps.
     if row.family != "cotree" or row.implicit:
         return _solve(problem, method)
     return _solve(problem, method, Succession(_solve))
@@ -117,6 +118,7 @@ def _stand_in(problem: Problem, row: Method, why: str) -> Trajectory:
             f"The method '{method}' cannot take this problem: {why}. "
             f"Use '{other}', which takes states and sensitivities as one vector."
         )
+    # Rosenbrock methods, for which "Radau" stands in, are the only ones with a substitute in C.
     if what and (problem.native is None or other != "Radau"):
         raise SolveError(
             f"The method '{method}' cannot run: {why}. '{other}', which stands in for it, cannot "
@@ -144,7 +146,7 @@ def choose_method(problem: Problem) -> tuple[str, str]:
     Parameters
     ----------
     problem : Problem
-        What to integrate.
+        The problem to integrate.
 
     Returns
     -------
@@ -161,11 +163,13 @@ def choose_method(problem: Problem) -> tuple[str, str]:
         If the problem cannot be accepted.
     """
     check_problem(problem)
+    # Any method does: only the algebraic unknowns are solved for at each stored time.
     if problem.n_states == problem.n_algebraic:
         return "DOP853", "There are no states to integrate."
     explicit = "DOP853" if refusal("dop853", problem) else "dop853"
     span = abs(problem.t_span[1] - problem.t_span[0])
     points = _probe(problem, explicit)
+    # The number of time constants of the fastest damped mode in the span.
     count = span * fastest_decay(problem, points)
     length = f"the span is {float(f'{count:.2g}'):.6g} times the shortest decay"
     if count <= _STIFF_TIME_CONSTANTS:
@@ -173,6 +177,8 @@ def choose_method(problem: Problem) -> tuple[str, str]:
         return explicit, f"{explicit} was chosen: {reason}."
     method = stiff_method(problem)
     growth = fastest_growth(problem, *points[0])
+    # A mode that begins at the tolerance and grows e-fold this often stays below one: an implicit
+    # method may damp it and the result is still as good as the tolerance.
     if span * growth <= math.log(1.0 / _smallest_tolerance(problem)):
         return method, f"{method} was chosen: stiff, {length}."
     grows = f"at the start a mode grows e-fold every {1.0 / growth:.3g} s"
@@ -201,6 +207,7 @@ def _probe(problem: Problem, method: str) -> list[tuple[float, FloatArray]]:
     trajectory = _solve(probe, method)
     if not trajectory.t.size:
         return []
+    # The examined problem is the reduced one, whose blocks end before the algebraic unknowns.
     n, cut = problem.n_states, problem.n_states - problem.n_algebraic
     points = trajectory.z.reshape(-1, n, trajectory.t.size)[:, :cut]
     return [(float(trajectory.t[i]), points[:, :, i].ravel()) for i in (0, -1)]

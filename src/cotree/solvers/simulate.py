@@ -107,6 +107,7 @@ def simulate(
     if events is not None:
         events.check_start(t_span[0], z0)
     problem = Problem(
+        # Governing and sensitivity equations together, as Eqs. (8) and (9) of the paper are solved.
         rhs=_rates(model, p, u, "augmented_rhs" if model.sensitivities else "rhs"),
         jacobian=lambda t, y: jacobian(t, y, u(t)),
         n_states=len(model.states),
@@ -121,6 +122,7 @@ def simulate(
         scales=_scales(model, values, settings.scales),
         breakpoints=tuple(corner.t for corner in corners),
         scale=max(*map(abs, t_span), *(corner.scale for corner in corners)),
+        # Sensitivities are continuous at corners that no parameter moves.
         shifts={corner.t: corner for corner in corners if any(corner.slopes + corner.spreads)},
         names=model.states,
         parameters=model.sensitivities,
@@ -142,6 +144,7 @@ def simulate(
         places=_places(model),
     )
     warn_of_tolerances(problem)
+    # A run may still be refused: by the rounding of t, then by its constraints.
     trajectory = timely(problem, integrate(problem, settings.method))
     # Redundancy may come and go along a motion, so a few points are looked at, not the start alone.
     redundant = _redundant(model, projection, trajectory)
@@ -153,6 +156,7 @@ def simulate(
     warn_of_result(problem, trajectory, model.layout.followers)
     n, m = len(model.states), len(model.sensitivities)
     y = trajectory.z[:n]
+    # z goes parameter by parameter, s by state, parameter and time.
     s = trajectory.z[n:].reshape(m, n, len(trajectory.t)).transpose(1, 0, 2)
     warn_of_redundancy(problem, trajectory, redundant)
     outputs, output_s, inputs = sweep(model, p, u, trajectory.t, trajectory.z)
@@ -185,6 +189,7 @@ def _places(model: CompiledModel) -> npt.NDArray[np.intp] | None:
     """Return positions of states and nonvanishing sensitivities; None where none vanishes."""
     n, m = len(model.states), len(model.sensitivities)
     places = np.array(model.layout.sensitivity_places, dtype=np.intp)
+    # The layout counts places among the sensitivities, which stand behind the n states in z.
     return None if len(places) == n * m else np.concatenate([np.arange(n), n + places])
 
 
@@ -192,6 +197,7 @@ def _event_times(model: CompiledModel, happened: Sequence[Occurrence]) -> dict[s
     """Group the occurrences by event."""
     n, m, found = len(model.states), len(model.sensitivities), {}
     for i, row in enumerate(model.layout.events):
+        # Shapes are given, since an event that never happened has no row to infer them from.
         own = [item for item in happened if item.event == i]
         found[row.name] = EventTimes(
             np.array([item.t for item in own]),
@@ -309,6 +315,7 @@ def _input_function(
     if not signals.by_position:
         return lambda t: None
     own = model.bound("inputs", p)
+    # The inputs of the scene are a buffer of the kernel, which the replaced ones must not change.
     return lambda t: signals.apply(t, own(t, nothing, nothing, nothing).copy())
 
 
@@ -323,7 +330,8 @@ def _rates(
 def _settle(
     model: CompiledModel, p: FloatArray
 ) -> Callable[[float, FloatArray, Sequence[int]], FloatArray]:
-    """Give what moves states that an event set onto the constraints."""
+    """Return the function that moves states set by an event onto the constraints."""
+    # Only states are wanted: C goes on from them with the sensitivities.
     none = np.zeros((len(model.states), len(model.sensitivities)))
     return lambda t, y, kept: (
         consistent_start(Moment(model, t, p), y, none, kept, is_initial=False, is_probe=True).y
@@ -335,6 +343,7 @@ def _sparse_jacobian(
 ) -> Callable[[float, FloatArray], csc_matrix] | None:
     """Give the Jacobian as a sparse matrix, where it is large and has few entries."""
     n = len(model.states)
+    # The Jacobian of what is left once algebraic unknowns are eliminated is dense.
     if model.layout.n_algebraic or n <= DENSE_LIMIT:
         return None
     # Dense factorisations are faster than sparse ones of matrices that fill in.
@@ -348,6 +357,7 @@ def _native(model: CompiledModel, p: FloatArray, signals: ReplacedInputs) -> dic
     native = model.native(p)
     if native is None:
         return {"not_native": "the model is evaluated in Python"}
+    # Tables are evaluated in C; only functions of Python have to be asked at each evaluation.
     others = {i: f for i, f in signals.by_position.items() if i not in signals.tables}
     return {"native": Native(native, len(model.inputs), signals.tables, others)}
 
@@ -362,7 +372,8 @@ def _redundant(model: CompiledModel, projection: Projection | None, trajectory: 
 
 
 def _leave_out(model: CompiledModel, sensitivities: FloatArray) -> None:
-    """Take out the sensitivities of reactions, which are not unique with redundant constraints."""
+    """Set sensitivities of reactions to nan: with redundant constraints they are not unique."""
+    # Of multipliers that share a load the least are taken, and that choice is not differentiated.
     taken = [i for i, uses in enumerate(model.layout.uses_multipliers) if uses]
     if not taken:
         return

@@ -51,9 +51,10 @@ class Passage:
         self._short = 0
 
     def watch(self, step: float, has_memory: bool) -> None:
-        """Look at a step."""
+        """Take note of the length of a step, [s]."""
         is_short = step < _SHORT[has_memory] * self.longest
         self._short = self._short + 1 if is_short else 0
+        # Short steps are left out, or `longest` would shrink along with them.
         if not is_short:
             self._steps.append(step)
 
@@ -68,7 +69,7 @@ class Passage:
         return self._short >= _MANY
 
     def cross(self, t: float, names: tuple[str, ...]) -> None:
-        """Note that a stretch is being crossed, and what loses rank there."""
+        """Note that a stretch is being crossed, and the edges whose constraints lose rank."""
         self.crossed.append(t)
         self.names = tuple(dict.fromkeys((*self.names, *names)))
         self._short = 0

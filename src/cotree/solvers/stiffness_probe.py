@@ -40,6 +40,7 @@ def fastest_decay(problem: Problem, points: Sequence[tuple[float, FloatArray]]) 
         Times, [s], and states with sensitivities there, all without algebraic unknowns.
     """
     modes = _modes(problem, points, problem.direction)
+    # Modes with |Im| > -Re oscillate faster than they decay.
     return float(np.max(-modes[np.abs(modes.imag) <= -modes.real].real, initial=0.0))
 
 
@@ -107,6 +108,8 @@ def _eigenvalues(matrix: Any, direction: float, is_bounded: bool) -> npt.NDArray
     import scipy.sparse.linalg
 
     start = np.random.default_rng(0).normal(size=matrix.shape[0])  # the same at every run
+    # ARPACK's names for the smallest and the largest real parts: forwards in time modes with the
+    # smallest ones decay fastest, backwards those with the largest.
     which = "SR" if direction > 0 else "LR"
     try:
         found = scipy.sparse.linalg.eigs(
@@ -121,6 +124,7 @@ def _eigenvalues(matrix: Any, direction: float, is_bounded: bool) -> npt.NDArray
     except scipy.sparse.linalg.ArpackNoConvergence:
         if not is_bounded:
             return np.zeros(0, dtype=np.complex128)
+        # Each of these norms is an upper bound of every eigenvalue's modulus.
         rows = abs(matrix).sum(axis=1).max()
         columns = abs(matrix).sum(axis=0).max()
         found = np.array([-direction * min(rows, columns)])

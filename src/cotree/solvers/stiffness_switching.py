@@ -32,8 +32,9 @@ _MOST_STATES = 150
 # where the Jacobian has a mode of at least this share of the bound of stability.
 _CONFIRMED = 0.5
 
-# Wherever a value that an event looks at is within so many absolute tolerances of zero, a method
-# that begins there might take what happened already, or never leaves zero, for an event.
+# Where the value that an event looks at is within so many absolute tolerances of zero, a method
+# that begins there might find an event that has already happened, or one of a value that rests at
+# zero.
 _AT_ZERO = 10.0
 
 
@@ -61,7 +62,7 @@ class Succession:
     solve : callable
         ``solve(problem, method)`` integrates with a named method.
     note : str
-        What came of it, as a sentence; empty while nothing was asked.
+        The outcome as a sentence; empty while no other method was asked for.
     """
 
     solve: Callable[[Problem, str], Trajectory]
@@ -76,7 +77,7 @@ class Succession:
         problem : Problem
             The whole problem.
         first : Trajectory
-            What the job has stored.
+            The values that the job has stored.
         job : Job
             It waits because it finds the problem stiff.
 
@@ -86,6 +87,7 @@ class Succession:
             That of both; None where the job is to go on by itself.
         """
         c, method = job.job, first.statistics.method
+        # A copy, since the job may go on from this point after all.
         t, z, since = float(c.t), job.z.copy(), float(c.stiff_since)
         if self._has_failed or not _is_confirmed(problem, t, z, float(c.last_step), method):
             return None
@@ -111,6 +113,7 @@ def _is_confirmed(problem: Problem, t: float, z: FloatArray, step: float, method
     """Tell whether there is a mode that limits a step."""
     cut, blocks = problem.n_states - problem.n_algebraic, 1 + problem.n_sensitivities
     w = z.reshape(blocks, problem.n_states)[:, :cut].ravel()
+    # The method is stable up to |lambda| h = bound; the modes that count are those that decay.
     bound = float(TABLEAUS[method].stable)
     return step * largest_decaying(problem, t, w) >= _CONFIRMED * bound
 
@@ -131,14 +134,16 @@ def _obstacle(problem: Problem, t: float, z: FloatArray, method: str) -> str:
 
 
 def _rest(problem: Problem, first: Trajectory, t: float, z: FloatArray) -> Problem | None:
-    """Give what is left of a problem; None where a budget is spent."""
+    """Return the problem of the rest of the run; None if a budget is spent."""
     wanted = problem.t_eval
     if wanted is not None:
+        # Points are stored in the order of t_eval, so the rest of it is still wanted.
         wanted = wanted[len(first.t) :]
         # Without any wanted point left the end is asked for, to have something to integrate to.
         wanted = wanted if len(wanted) else np.array([problem.t_span[1]])
     work, steps, events, limit = first.statistics, None, None, None
     taken = problem.steps_taken + work.n_steps
+    # Only to be checked: `steps_taken` counts these steps in the budget of the rest.
     if problem.max_steps is not None:
         steps = problem.max_steps - taken
     if problem.max_events is not None:
@@ -162,6 +167,7 @@ def _joined(problem: Problem, first: Trajectory, second: Trajectory) -> Trajecto
     """Put two trajectories together: the second begins where the first ends."""
     skipped = 0
     if problem.t_eval is None:
+        # Where every step is stored, the second run repeats the point where the first one ended.
         skipped = int(bool(first.t.size and second.t.size and first.t[-1] == second.t[0]))
     elif len(first.t) == len(problem.t_eval) and second.status == 0:
         skipped = len(second.t)  # the end of the run, which nobody asked for

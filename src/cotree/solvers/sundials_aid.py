@@ -1,4 +1,4 @@
-"""What the steppers of SUNDIALS need besides a job: functions, and the order of a banded Jacobian.
+"""Needs of SUNDIALS' steppers besides a job: functions, and the order of a banded Jacobian.
 
 The integrators are those of a library that :mod:`cotree.solvers.sundials_library` finds. Their
 nonlinear systems are solved by C of our own: the Newton matrix of the states is factorised once for
@@ -58,7 +58,8 @@ class SundialsAid:
         ffi, n = engine.library.ffi, problem.n_states
         c = self.address = ffi.new("cotree_sundials_aid *")
         c.sundials, c.corrector = engine.functions, row.corrector
-        # Nothing else would make the iteration go on for them.
+        # What is left of the sensitivities' equations changes with the states. Where no test sees
+        # it, the iteration takes at least a given number of corrections.
         c.are_followed = problem.n_sensitivities > 0 and not problem.error_test_sensitivities
         if problem.n_algebraic and not row.keeps_algebraic:
             # What is left after an elimination has no pattern.
@@ -67,6 +68,7 @@ class SundialsAid:
             c.lower, c.upper, order = _order(ffi, model)
             if order is not None:
                 self._order = c.places = ffi.new("int[]", order.tolist())
+        # A banded factorisation multiplies about n l (l + u) times.
         self.is_wide = bool(n * c.lower * (c.lower + c.upper) > _MOST_MULTIPLICATIONS)
 
 
@@ -83,10 +85,14 @@ def _order(ffi: Any, model: Any) -> tuple[int, int, Any]:
         starts = np.array(ffi.unpack(model.column_starts, n + 1))
         rows = np.array(ffi.unpack(model.row_indices, size), dtype=np.int64)
         pattern = csc_matrix((np.ones(size), rows, starts), shape=(n, n)).tocsr()
+        # The order lists states by their new places; its inverse gives the new place of each state.
         places = np.empty(n, dtype=np.intc)
         places[reverse_cuthill_mckee(pattern, symmetric_mode=False)] = np.arange(n)
+        # How far each entry stands below the diagonal once states are reordered.
         below = places[rows] - np.repeat(places, np.diff(starts))
         lower, upper = int(max(below.max(initial=0), 0)), int(max((-below).max(initial=0), 0))
+        # Banded storage with row pivoting has so many diagonals: from n on a dense matrix is
+        # smaller.
         if 2 * lower + upper + 1 < n:
             return lower, upper, places
     return n - 1, n - 1, None

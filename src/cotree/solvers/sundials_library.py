@@ -38,6 +38,7 @@ def check_installed(method: str) -> None:
         If scikit-sundae is not installed.
     """
     try:
+        # Imported and not only looked for, since a part of the package may be missing.
         importlib.import_module(f"sksundae.{method}")
     except ImportError as error:
         raise SolveError(
@@ -103,6 +104,7 @@ def open_sundials(ffi: Any, library: str, path: str) -> tuple[Any, Any] | str:
     try:
         # Lazily: of a module of Python nothing is called that needs Python.
         opened = ffi.dlopen(path, ffi.RTLD_LAZY)
+        # The engine declares the functions of one version; another might take other arguments.
         version = version_of(ffi, opened, path)
         if version != SUNDIALS_VERSION:
             here, known = (".".join(map(str, v)) or "unknown" for v in (version, SUNDIALS_VERSION))

@@ -76,8 +76,9 @@ def _in_c(
     t: FloatArray,
     z: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Evaluate all points at once; None where a kernel complains."""
+    """Evaluate all points at once; None if a kernel fails somewhere."""
     n_t, n_outputs, m = len(t), len(model.outputs), len(model.sensitivities)
+    # Inputs of the scene are evaluated in C, and written here; those of the run are handed over.
     inputs = np.zeros((n_t, len(model.inputs)))
     has_inputs = False
     if model.inputs and u(float(t[0])) is not None:
@@ -89,6 +90,7 @@ def _in_c(
     def pointer(array: FloatArray) -> object:
         return ffi.from_buffer("double[]", array) if array.size else ffi.NULL
 
+    # C reads point after point, hence the transpose of z, whose rows have the length len(z).
     status = library.lib.cotree_sweep(
         ffi.cast("cotree_model *", native.address),
         pointer(native.p),
@@ -102,8 +104,10 @@ def _in_c(
         pointer(outputs),
         pointer(slopes),
     )
+    # Python evaluates the points again, one by one, and its error names the culprit.
     if status != 0:
         return None
+    # C writes point after point, while time is the last axis of results.
     return outputs.T.copy(), slopes.transpose(2, 1, 0).copy(), inputs.T.copy()
 
 

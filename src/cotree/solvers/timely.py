@@ -1,7 +1,8 @@
-"""Whether the rounding of t decides a result.
+"""A check that the rounding of t does not decide a result.
 
-In: a ``Problem`` and its ``Trajectory``. Out: the trajectory, failed where rates depend on time and
-t is too large to tell the times of a step apart. A motion whose rates do not depend on t never is.
+In: a ``Problem`` and its ``Trajectory``. Out: the trajectory, marked as failed where rates depend
+on time and t is too large to tell the times of a step apart. Where rates do not depend on t, its
+rounding changes nothing.
 """
 
 from __future__ import annotations
@@ -21,10 +22,11 @@ if TYPE_CHECKING:
     from cotree.solvers.base import FloatArray, Trajectory
     from cotree.solvers.problem import Problem
 
-# Spacings of t below this share of what a tolerance lets pass of a step are not looked at.
+# A spacing of t below this share of rtol times a step is not looked at any further.
 _FINE = 0.1
 
-# Roundings are independent of each other: as errors of so many steps add up, they do.
+# Roundings of successive steps are independent, so their sum grows with the square root of the
+# number of steps, up to as many as this.
 _REMEMBERED = 100
 
 # So many points are looked at, and how far ahead and back, as a share of a step.
@@ -83,6 +85,7 @@ def _share(problem: Problem, t: float, z: FloatArray, step: float, allowed: Floa
     n = problem.n_states - problem.n_algebraic
     sizes = [float(np.sqrt(np.mean(np.square(c[:n] / allowed[:n])))) for c in changes]
     least = min((size for size in sizes if np.isfinite(size)), default=0.0)
+    # The change over the distance `ahead`, scaled to the rounding error of t: half a spacing.
     return 0.5 * least * _spacing(t) / ahead
 
 
@@ -94,9 +97,11 @@ def _rates(problem: Problem, t: float, y: FloatArray) -> FloatArray:
 def _over_step(
     problem: Problem, t: float, y: FloatArray, step: float, change: FloatArray
 ) -> FloatArray:
-    """Give what a change of the rates makes of an implicit step: stiff modes damp it."""
+    """Return the effect of a change of the rates on an implicit step, which damps stiff modes."""
     if not np.any(change):
         return change
+    # (M / h - J) x = change is an implicit Euler step of length h under a disturbance of the rates;
+    # M has zeros for algebraic unknowns. Without stiffness x is h times the change.
     shift = np.zeros(problem.n_states)
     shift[: problem.n_states - problem.n_algebraic] = 1.0 / step
     if problem.sparse_jacobian is not None:
@@ -109,4 +114,5 @@ def _over_step(
     try:
         return solve_with(matrix, change)
     except np.linalg.LinAlgError:
+        # Without a matrix that can be solved with, nothing is damped.
         return step * change

@@ -90,7 +90,7 @@ def held(problem: Problem, trajectory: Trajectory, redundant: int) -> Trajectory
     trajectory : Trajectory
         Its outcome.
     redundant : int
-        How many constraints follow from the others.
+        Number of constraints that follow from the others.
     """
     tolerance = max(problem.rtol, float(np.min(problem.atol)), _CORRECTED_RTOL)
     drift = trajectory.drift
@@ -120,16 +120,19 @@ def _loosest(method: str) -> float:
 def _left_free(
     problem: Problem, trajectory: Trajectory, followers: Sequence[tuple[int, int]]
 ) -> str:
-    """Report a variable that the tolerance of a content leaves freer than its own tolerance."""
+    """Report a variable whose error the tolerance of its content bounds too loosely."""
     if not followers or problem.jacobian is None:
         return ""
     totals, own = (list(places) for places in zip(*followers, strict=True))
+    # The largest size in the whole run counts: near zero no more digits are needed.
     y, atol = trajectory.z[: problem.n_states], problem.state_atol
     asked = atol[own] + problem.rtol * np.max(np.abs(y[own]), axis=1)
     worst, message = _LEFT_FREE, ""
     n = len(trajectory.t)
     for k in np.unique(np.linspace(0, n - 1, min(n, _N_LOOKED_AT)).astype(int)).tolist():
         t = float(trajectory.t[k])
+        # The algebraic equation of a variable holds its content, so this derivative is the change
+        # of the content per unit of the variable: a capacitance.
         capacity = np.abs(problem.jacobian(t, y[:, k])[own, own])
         allowed = atol[totals] + problem.rtol * np.abs(y[totals, k])
         left = allowed / np.maximum(capacity, np.finfo(np.float64).tiny)

@@ -162,13 +162,16 @@ def find_reference(run: Callable[[str, float], Result], is_stiff: bool) -> Refer
         except Error as error:
             notes.append(f"{method}: {error}")
             continue
+        # A part of a trajectory has not all the points to compare.
         if not result.success:
             notes.append(f"{method}: {result.message}")
             continue
         found = Solution(method, rtol, result.y, result.s)
+        # Any two methods may be the first to agree, so each new solution meets all earlier ones.
         pairs += _pairs(solutions, found)
         solutions.append(found)
         best = min(pairs, key=lambda pair: pair.agreement, default=None)
+        # Further methods would only cost time.
         if best is not None and best.agreement <= _ENOUGH:
             return best
     best = min(pairs, key=lambda pair: pair.agreement, default=None)
@@ -183,8 +186,9 @@ def find_reference(run: Callable[[str, float], Result], is_stiff: bool) -> Refer
 
 
 def _pairs(earlier: list[Solution], found: Solution) -> Iterator[Reference]:
-    """Confirm earlier solutions, better ones as their methods go, by a new one."""
+    """Pair each earlier solution, whose method ranks higher, with a new one."""
     for solution in earlier:
+        # The earlier solution is the reference, whose size errors are divided by.
         pair = Reference(solution, found, *solution.distance(found))
         if math.isfinite(pair.agreement):
             yield pair
@@ -196,9 +200,10 @@ def starts_implicit(method: str) -> bool:
 
 
 def _error(found: Array, reference: Array) -> float:
-    """Give the largest difference, the last axis that of the points, scaled row by row."""
+    """Return the largest difference, scaled row by row; points lie along the last axis."""
     if reference.size == 0:
         return math.nan
+    # Where a quantity never reaches one, its own unit is the scale.
     scale = np.maximum(1.0, np.max(np.abs(reference), axis=-1, keepdims=True))
     largest = float(np.max(np.abs(found - reference) / scale))
     # A value that is not finite is as wrong as can be; nan says that there is nothing to compare.

@@ -49,6 +49,7 @@ N_POINTS = 101
 _RTOL_PER_ATOL = 100.0
 # A reference may take this many times the limit of a run: it is made once, at tight tolerances.
 _PATIENCE = 12.0
+# The status of a run that has spent its budget.
 _SPENT = -2
 
 
@@ -135,6 +136,7 @@ def bench(
         runner = _Runner(model, t_end, dict(values or {}), limit)
         tell("a reference")
         reference = runner.reference()
+        # Method by method, which the search for slow methods relies on.
         trials = [_Trial(name, *pair) for name in names for pair in pairs]
         _try_all(runner, trials, reference, tell)
         _time_all(runner, trials, repeats, tell)
@@ -174,6 +176,7 @@ class _Trial:
             method=self.method,
             rtol=self.rtol,
             atol=self.atol,
+            # The median passes over single runs that the machine has delayed.
             seconds=statistics.median(self.seconds) if self.seconds else math.nan,
             n_runs=len(self.seconds),
             error_states=self.errors[0],
@@ -205,7 +208,9 @@ class _Runner:
             **self.settings,
         )
         self.t_end = float(probe.t[-1])
+        # A reference then begins with implicit methods.
         self.is_stiff = starts_implicit(probe.statistics.method)
+        # The same points for all methods, so that errors are compared without interpolation.
         self.points: npt.NDArray[np.float64] = np.linspace(0.0, self.t_end, N_POINTS)
 
     def run(self, method: str, rtol: float, atol: float, patience: float = 1.0) -> Result:
@@ -234,6 +239,7 @@ def _try_all(
         tell(method)
         slow = math.inf  # the loosest tolerance at which the time limit was met
         for trial in rows:
+            # Tolerances may come in any order; only tighter ones than the slow one are given up.
             if trial.rtol < slow < math.inf:
                 trial.status = _SPENT
                 trial.message = f"not run: over the time limit at rtol {slow:.0e} already"
@@ -254,7 +260,7 @@ def _try(runner: _Runner, trial: _Trial, reference: Reference) -> None:
 
 
 def _attempt(runner: _Runner, trial: _Trial) -> Result | None:
-    """Run; whatever a method raises becomes its message, since the others are to go on."""
+    """Run a trial; an exception becomes its message, so that the others go on."""
     try:
         return runner.run(trial.method, trial.rtol, trial.atol)
     except (Error, ArithmeticError, ValueError, RuntimeError) as error:
@@ -266,9 +272,11 @@ def _time_all(
     runner: _Runner, trials: Sequence[_Trial], repeats: int, tell: Callable[[str], None]
 ) -> None:
     """Time the runs that succeed, all in turn, slow ones fewer times."""
+    # Rows inside, repeats outside: what disturbs the machine for a while then hits all rows alike.
     for k in range(repeats):
         tell(f"times, {k + 1} of {repeats}")
         for trial in trials:
+            # A slow row keeps the median of fewer runs.
             if trial.status != 0 or sum(trial.seconds) > runner.time_limit:
                 continue
             start = time.perf_counter()
@@ -285,6 +293,7 @@ def _model(
     source: str | Path | Scene | Model, sensitivities: Sequence[str], tree: TreeChoice
 ) -> Model:
     if isinstance(source, Model):
+        # A single name is no sequence of its letters.
         names = (sensitivities,) if isinstance(sensitivities, str) else tuple(sensitivities)
         if names and names != source.sensitivities:
             raise ParameterError(

@@ -39,7 +39,7 @@ def plot_bench(
     rows : sequence of BenchRow
         The runs; those without a time or an error are left out.
     reference : Reference
-        What errors are measured against, with the agreement of its two solutions.
+        The reference of all errors, with the agreement of its two solutions.
 
     Returns
     -------
@@ -58,6 +58,7 @@ def plot_bench(
                 reference.agreement_sensitivities,
             )
         )
+    # Panels share the axis of seconds, so a method stands at the same height in both.
     figure = new_figure(1.6 + 4.8 * len(panels), 4.4)
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     for ax, (what, error, agreement) in zip(axes, panels, strict=True):
@@ -79,6 +80,7 @@ def _draw_methods(
     methods = list(dict.fromkeys(row.method for row in rows))
     for k, (method, color) in enumerate(zip(methods, curve_colors(len(methods)), strict=True)):
         found = [
+            # Errors that cannot be told are drawn at the border of what can be.
             (max(error(row), agreement), row.seconds, error(row) < agreement)
             for row in rows
             if row.method == method and math.isfinite(error(row)) and math.isfinite(row.seconds)
@@ -94,6 +96,7 @@ def _draw_methods(
             marker="none" if not found else marker,
             ms=5,
         )
+        # A second set of open markers on top of the curve's own.
         hidden = [(x, seconds) for x, seconds, is_below in found if is_below]
         ax.plot(
             [x for x, _ in hidden],
@@ -110,6 +113,7 @@ def _finish(ax: Axes, label: str, agreement: float) -> None:
     ax.set_xscale("log")
     ax.set_yscale("log")
     if ax.get_legend_handles_labels()[1] and agreement > 0.0:
+        # Limits are read before the span is drawn, which would widen them.
         left, right = ax.get_xlim()
         ax.axvspan(min(left, 0.3 * agreement), agreement, color="0.92", zorder=0)
         ax.set_xlim(min(left, 0.3 * agreement), right)

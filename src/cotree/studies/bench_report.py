@@ -39,11 +39,11 @@ class BenchReport:
     repeats : int
         The most runs that a time is the median of.
     reference : Reference
-        What errors are taken against.
+        The reference of all errors.
     rows : tuple of BenchRow
         A row for each method and tolerance.
     machine : mapping of str to str
-        Where times were taken, and with what.
+        The machine and the software that times were taken with.
     """
 
     scene: str
@@ -63,6 +63,7 @@ class BenchReport:
         """
         if self.reference.agreement > target:
             return None
+        # An error of nan, where there is nothing to compare, fails this test, too.
         able = [row for row in self.rows if row.success and row.error <= target]
         return min(able, key=lambda row: row.seconds, default=None)
 
@@ -102,6 +103,7 @@ class BenchReport:
             "recommended": {
                 f"{target:.0e}": None if row is None else {"method": row.method, "rtol": row.rtol}
                 for target in TARGETS
+                # A list of one gives the row a name inside the comprehension.
                 for row in [self.recommended(target)]
             },
         }
@@ -125,12 +127,14 @@ class BenchReport:
 
     def _table(self) -> list[str]:
         with_sensitivities = bool(self.sensitivities)
+        # Without sensitivities their column is left out.
         errors = ["states", "sensitivities"][: 1 + with_sensitivities]
         table = [["method", "rtol", "atol", "seconds", *errors, "steps", "evaluations"]]
         notes = [""]
         for row in self.rows:
             table.append(self._cells(row))
             notes.append("" if row.success else f"  {row.message}")
+        # Messages stand behind the columns and widen none.
         widths = [max(map(len, column)) for column in zip(*table, strict=True)]
         return [
             (
@@ -174,6 +178,7 @@ def _shown(error: float, agreement: float) -> str:
     """Write an error, or the bound that is known of it."""
     if math.isnan(error):
         return "-"
+    # Below the agreement of both references an error cannot be told from theirs.
     return f"< {agreement:.1e}" if error < agreement else f"{error:.1e}"
 
 

@@ -25,7 +25,7 @@ class BenchRow:
         Median time of a run on the clock, states and sensitivities together, [s]; nan where the
         run failed.
     n_runs : int
-        How many runs the median is of.
+        Number of runs that the median is taken of.
     error_states, error_sensitivities : float
         See :data:`cotree.studies.accuracy.ERROR`; nan where there is nothing to compare.
     statistics : Statistics or None
@@ -33,7 +33,7 @@ class BenchRow:
     status : int
         0 for success, else negative, as in a result.
     message : str
-        What the solver says, or why there is no run.
+        The solver's report, or the reason why there is no run.
     """
 
     method: str

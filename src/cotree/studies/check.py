@@ -77,6 +77,7 @@ class ParameterCheck:
     @property
     def passed(self) -> bool:
         """Tell whether the deviation is as small as it should be; False where it is not known."""
+        # A deviation that is not known is nan, which no comparison accepts.
         return self.deviation <= self.tolerance
 
     def summary(self) -> str:
@@ -164,7 +165,7 @@ def check_sensitivities(
     model : Model
         Compiled with sensitivities.
     parameters : sequence of str, optional
-        Which of its sensitivities; all of them where absent.
+        The sensitivities to check; all of them where absent.
     t_end : float, optional
         End of the runs, [s]; the scene's where absent.
     values : mapping of str to float, optional
@@ -263,6 +264,7 @@ class _Runs:
     def asked(self, array: Array) -> Array:
         """Return the accuracy asked for: atol + rtol times the largest size over time."""
         rtol = float(self.experiment.settings["rtol"])
+        # atol is a share of rtol, hence the common factor.
         return rtol * (_ATOL_SHARE + _largest(array))
 
 
@@ -271,6 +273,7 @@ def _reference_runs(
 ) -> _Runs:
     """Run at the values themselves, at the tolerances and at looser ones."""
     times = np.linspace(0.0, report.t_end, _N_TIMES)
+    # For each model two experiments: at the tolerances, and at looser ones.
     own, differenced = (
         tuple(
             _experiment(each, times, report.method, values, factor * report.rtol)
@@ -280,6 +283,7 @@ def _reference_runs(
     )
     tight, loose = (run.run() for run in own)
     runs = _Runs(differenced[0], tight, loose, tight, loose)
+    # Integration errors e_y are those of the model that is differenced, not of the one with S.
     if plain is None:
         return runs
     return replace(runs, tight=differenced[0].run(), loose=differenced[1].run())
@@ -313,12 +317,15 @@ def _check(runs: _Runs, name: str) -> ParameterCheck:
     size = experiment.size(name, runs.tight)
     steps = np.array([size * relative for relative in _RELATIVE_STEPS])
     differences, refusal = _differences(experiment, name, steps, y.shape)
+    # Over time; nan where a run at a step failed.
     deviations = np.max(np.abs(s - differences), axis=2)
+    # `scale`, e_S, e_y and h* of the notes of `check_sensitivities`, each by quantity.
     scale = np.maximum(_largest(s), _largest(y) / size)
     s_error = np.maximum(_largest(s - sensitivities(runs.with_s_loose, name)), runs.asked(s))
     y_error = np.maximum(_largest(y - quantities(runs.loose)), runs.asked(y))
     tolerance = _ROUNDING * scale + s_error + y_error / _best_steps(differences, steps)
     least = _least(deviations)
+    # The largest share of what is allowed; a quantity without any difference comes before all.
     closest = int(np.argmax(np.nan_to_num(least / tolerance, nan=np.inf)))
     is_known = math.isfinite(least[closest])
     note = ""
@@ -349,6 +356,7 @@ def _differences(
     experiment: Experiment, name: str, steps: Array, shape: tuple[int, ...]
 ) -> tuple[Array, str]:
     """Form the central differences at all steps, nan and the reason where a run fails."""
+    # Steps that fail stay nan, and the others are compared.
     found = np.full((len(steps), *shape), np.nan)
     refusal = ""
     for k, step in enumerate(steps.tolist()):
@@ -374,7 +382,10 @@ def _least(deviations: Array) -> Array:
 
 def _best_steps(differences: Array, steps: Array) -> Array:
     """Give, for each quantity, the smaller of the two neighbouring steps that agree best."""
+    # Neighbours differ by truncation where steps are long and by rounding where they are short; in
+    # between they agree best.
     spread = np.max(np.abs(np.diff(differences, axis=0)), axis=2)
     best = np.argmin(np.where(np.isnan(spread), np.inf, spread), axis=0)
+    # Steps fall, so the second of two neighbours is the smaller one.
     found: Array = steps[best + 1]
     return found

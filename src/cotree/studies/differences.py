@@ -27,7 +27,7 @@ class Experiment:
     Attributes
     ----------
     model : Model
-        What runs.
+        The model that runs.
     t_eval : ndarray, shape (n_t,)
         Times to report, [s]; the run goes from the first to the last.
     settings : mapping of str to object
@@ -55,10 +55,12 @@ class Experiment:
         """
         parameters, initial = self._values("parameters"), self._values("initial")
         for name, value in (changed or {}).items():
+            # A state stands for its initial value, as among sensitivities.
             (initial if name in self.model.states else parameters)[name] = value
         return self.model.simulate(
             (float(self.t_eval[0]), float(self.t_eval[-1])),
             self.t_eval,
+            # A run that stops early has not all the points.
             throw=True,
             **{**self.settings, "parameters": parameters, "initial": initial},
         )
@@ -67,6 +69,7 @@ class Experiment:
         """Give the parameter's value, or the initial value of a state."""
         p = self.model.parameter_array(self._values("parameters"))
         if name in self.model.states:
+            # The scene's own value, before constraints may have moved it.
             own = self.model.initial(p)[self.model.states.index(name)]
             return float(self._values("initial").get(name, own))
         return float(p[self.model.parameters.index(name)])
