@@ -122,6 +122,8 @@ def cut_into_blocks(
         return whole
     writer = _BlockCutter(names, arguments, statements)
     items = list(_items(statements))
+    # Blocks return nothing, so statements that leave the kernel stay in the kernel itself, behind
+    # the calls. A kernel that may be left elsewhere than at its end is not cut.
     n_exits = sum(item.is_exit for item in items)
     body, exits = items[: len(items) - n_exits], items[len(items) - n_exits :]
     if any(item.is_exit for item in body):
@@ -129,6 +131,7 @@ def cut_into_blocks(
     if results:
         body = _written_early(body, results, writer.arrays)
     cuts = _choose_cuts(body, exits, writer.arrays, longest)
+    # One block alone would only add a call.
     if len(cuts) < 3:
         return whole
     return writer.write([body[a:b] for a, b in pairwise(cuts)], exits)
@@ -140,6 +143,8 @@ def _items(statements: Iterable[Statement]) -> Iterable[_Item]:
     for row in statements:
         if isinstance(row, Comment):
             comment = row.text
+        # Declarations are made anew where they are needed: in a block, or in the kernel for what
+        # several blocks use.
         elif not isinstance(row, ConstantTable) and not (isinstance(row, Array) and not row.values):
             yield _Item(row, comment, uses(row), n_operations((row,)))
 
@@ -152,9 +157,11 @@ def _written_early(
     moved: list[list[_Item]] = [[] for _ in items]
     for i, item in enumerate(items):
         if isinstance(item.row, Assign) and item.row.to[0].form.name in results:
+            # The last value that it reads to become known decides.
             place = max((known.get(name, 0) for name in item.names), default=0)
             moved[place].append(item)
             continue
+        # A statement stands before the results that were moved to it.
         moved[i].insert(0, item)
         if item.makes:
             known[item.makes] = i
@@ -167,11 +174,13 @@ def _choose_cuts(
 ) -> list[int]:
     """Choose where blocks begin and end: each as long as may be, then where fewest values cross."""
     n = len(items)
+    # Counts of what is alive at each possible cut: plus one behind the first use of a name, minus
+    # one behind its last, summed up.
     crossing = np.zeros(n + 2, dtype=np.intp)
     last = {name: i for i, item in enumerate([*items, *exits]) for name in item.names}
     first = {name: i for i, item in reversed([*enumerate(items)]) for name in item.names}
-    # What is kept anyway takes no further place. An array that may be the block's own is better
-    # not shared.
+    # A temporary that is kept anyway takes no further place. An array that may be the block's own
+    # is better not shared.
     counted: list[str | Temporary] = [name for name in arrays if name in first]
     counted += [item.makes for item in items if item.makes and not item.is_kept]
     for name in counted:
@@ -181,6 +190,8 @@ def _choose_cuts(
     sums = np.array([0, *accumulate(item.n_operations for item in items)])
     cuts = [0]
     while sums[-1] - sums[cuts[-1]] > longest:
+        # A block has between half of the longest length and all of it. Among the cuts that
+        # fewest values cross, the latest is taken.
         start = cuts[-1]
         end = max(start + 1, int(np.searchsorted(sums, sums[start] + longest, "right")) - 1)
         begin = int(np.searchsorted(sums, sums[start] + longest // 2))
@@ -205,6 +216,7 @@ class _BlockCutter:
         self._shared: list[str] = []  # arrays that several blocks use
 
     def write(self, blocks: Sequence[Sequence[_Item]], exits: Sequence[_Item]) -> Blocks:
+        # The statements that stay in the kernel read what crosses as a further group.
         groups = [*blocks, exits]
         users: dict[str | Temporary, set[int]] = {}
         for number, items in enumerate(groups):
@@ -214,6 +226,8 @@ class _BlockCutter:
         self._shared = [name for name in self.arrays if len(users.get(name, ())) > 1]
         crossing = Crossing([[item.row for item in items] for items in groups])
         frames = [Array(FRAMES[kind], n, kind) for kind, n in crossing.lengths.items() if n]
+        # Values come with assignments in the block that computes them, so the kernel declares
+        # arrays only.
         shared = [replace(self.arrays[name], values=(), is_constant=False) for name in self._shared]
         arguments = [
             *self._arguments,
@@ -232,6 +246,7 @@ class _BlockCutter:
     def _body(self, items: Sequence[_Item], rows: Sequence[Statement]) -> list[Statement]:
         """Write the statements of one block, after the arrays and tables that are its own."""
         names = {name for item in items for name in item.names}
+        # An array with values is declared by its own statement.
         filled = {item.row.name for item in items if isinstance(item.row, Array)}
         body: list[Statement] = [
             array

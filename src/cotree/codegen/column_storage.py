@@ -48,6 +48,8 @@ class OwnRows:
     def _pieces(self) -> dict[tuple[int, int], int]:
         """Number the pieces that are not all zeros, by their columns and row, from one on."""
         given = self.linear.given
+        # Piece zero is the common copy of zeros, so that a place of 0 serves every row that
+        # vanishes.
         found = (
             (at, i)
             for at in range(0, len(given), _WIDEST)
@@ -102,6 +104,7 @@ def own_rows(node: Node) -> OwnRows:
     linear: LinearMap = node.data
     first = linear.n_sensitive(node.args)
     rows = OwnRows(linear, first, is_whole=True)
+    # Short rows of constants need neither filling nor a table of places.
     if rows.length <= _MOST_WHOLE and all(
         value.value is not None for value in rows.values(node).values()
     ):

@@ -114,8 +114,10 @@ def model_context(program: Program) -> ModelContext:
     nodes += reachable([guard.value for guard in program.guards])  # prepare checks them
     tables = name_tables(nodes)
     maps = list(dict.fromkeys(node for node in nodes if node.op == "map"))
+    # Applications of one map with equal storage share a function.
     applied = {own_rows(node): node for node in maps}
     functions_of = {rows: f"cotree_map{i}" for i, rows in enumerate(applied)}
+    # Applications whose columns are all constants read a table of the file.
     columns = {
         node: table
         for i, node in enumerate(maps)
@@ -125,11 +127,14 @@ def model_context(program: Program) -> ModelContext:
     packs_sines = any(node.op == "sines" for node in nodes)
     names: dict[Any, str] = {**tables, **functions_of}
     names |= {node: table.name for node, table in columns.items()}
+    # A kernel that keeps the tail of another writes no map itself.
     starts = name_starts(kernel for kernel in present if not kernel.spec.tail_of)
     names |= {places: table.name for places, table in starts.items()}
     if packs_sines:
         names[SINES] = "cotree_sines"
     contexts = [map_context(applied[rows], name) for rows, name in functions_of.items()]
+    # Kernels come in the order of the registry: one that calls another comes behind it, and knows
+    # the bytes of its stack.
     kernels, called = [], {row.name: row.n_stack for row in contexts}
     for kernel in present:
         own = kernel_context(prefix, kernel, program, names, called)
@@ -144,7 +149,9 @@ def model_context(program: Program) -> ModelContext:
         packs_sines=packs_sines,
         maps=contexts,
         constants=[*columns.values(), *starts.values()],
+        # Columns that are no constants are filled at each call, between zeros that are set before.
         clears_columns=any(node not in columns for node in maps),
+        # The structure of a model has a place for each kernel of the registry, in its order.
         kernel_pointers=[
             f"{prefix}_{k.spec.name}" if k in present else "NULL" for k in program.kernels.values()
         ],

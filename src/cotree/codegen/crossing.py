@@ -65,6 +65,7 @@ class Crossing:
         for i, group in enumerate(groups):
             for row in group:
                 made = declared_by(row)
+                # A temporary that only its own group reads needs no place.
                 if made is None or last[made] == i:
                     continue
                 if isinstance(row, Assign) and len(row.to) > 1:  # it is kept anyway
@@ -74,14 +75,17 @@ class Crossing:
                 if not free[kind]:
                     free[kind].append(self.lengths[kind])
                     self.lengths[kind] += 1
+                # The lowest free place keeps the array short.
                 slot = heappop(free[kind])
                 self.places[made] = element(FRAMES[kind], slot)
                 leaving.setdefault(last[made], []).append((kind, slot))
+            # A place is free behind the whole group, not behind the last reading statement: the
+            # group reads what crosses in from its array at any point.
             for kind, slot in leaving.pop(i, ()):
                 heappush(free[kind], slot)
 
     def written(self, number: int) -> list[Statement]:
-        """Write a group: what it makes and others read is kept, what others made is read there."""
+        """Write a group: it stores values that others read, and reads theirs from their places."""
         rows, reads = self._groups[number], self._reads[number]
         makes = set(map(declared_by, rows))
         places = {key: self.places[key] for key in reads - makes if key in self.places}
@@ -92,6 +96,7 @@ class Crossing:
         found: list[Statement] = []
         for row in rows:
             if isinstance(row, Assign) and (made := row.declares) in self.places:
+                # The temporary itself is declared only where statements of the same group read it.
                 own = row.to[:1] if made in reads else ()
                 found.append(Assign((*own, self.places[made]), placed(row.value)))
             else:

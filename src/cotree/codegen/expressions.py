@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 #: A temporary: its prefix and its number.
 Temporary = tuple[str, Any]
 
-#: What binds tightest: names, calls, elements.
+#: Names, calls and elements, which bind tightest.
 _ATOM = 9
-#: How tightly an operation binds, and how tightly its arguments must. The right operand binds
+#: Precedence of an operation, and the least one of its arguments. The right operand binds
 #: tighter, so that values are computed in the program's order and not regrouped.
 _BINDING: dict[str, tuple[int, tuple[int, ...]]] = {
     "add": (1, (1, 2)),
@@ -40,7 +40,7 @@ _BINDING: dict[str, tuple[int, tuple[int, ...]]] = {
 }
 #: A leaf's number, if it has one: a constant, a whole number, an index, a temporary's number.
 _SLOTS = {"number": "r", "whole": "w", "element": "i", "temporary": "t", "name": "", "zero": ""}
-#: Operations that count otherwise than as one: comparisons of a sign; what costs nothing.
+#: Operations that do not count as one: a sign has comparisons, conversions and leaves cost nothing.
 _COUNTS = {"sign": 3, "real": 0, "not": 0, "fails": 0} | dict.fromkeys(_SLOTS, 0)
 
 
@@ -70,9 +70,9 @@ class Form:
     name : str
         Of a name, an array or a function; the prefix of a temporary.
     args : tuple of Form
-        What an operation or a function is applied to.
+        The arguments of an operation or a function.
     level : int
-        How tightly it binds.
+        Its precedence.
     slots : str
         For each number, in the order of the text, what it is: ``r`` a constant, ``w`` a whole
         number, ``i`` an index, ``t`` the number of a temporary.
@@ -128,6 +128,7 @@ def _form(op: str, name: str, args: tuple[Form, ...] = ()) -> Form:
         width += _WIDTHS.get(op, len(name) + 2 * (op == "element"))
     names = frozenset(chain.from_iterable(arg.names for arg in args))
     temporaries: list[tuple[int, str]] = [(0, name)] if op == "temporary" else []
+    # Numbers of an argument stand behind those of all arguments before it.
     start = 0
     for arg in args:
         temporaries += [(start + place, prefix) for place, prefix in arg.temporaries]
@@ -183,6 +184,7 @@ _ZERO = CExpression(_form("zero", ""), (), 4)
 
 def number(value: float) -> CExpression:
     """Write a constant; the sign of a negative one is an operation."""
+    # With its sign as an operation, precedence decides on parentheses: -(-2.0), never --2.0.
     value = float(value)
     if value < 0.0:
         return apply("neg", number(-value))
@@ -221,6 +223,8 @@ def apply(op: str, *args: CExpression) -> CExpression:
     The latter are ``real``, a conversion; ``not``; and ``fails``, a comparison with 0.
     """
     if op in _ARRANGED:
+        # Numbers are listed in the order of the text, so arguments are, too, repeated ones as often
+        # as they are spelt.
         args = tuple(args[i] for i in _ARRANGED[op])
     return _joined(_form(op, "", tuple([arg.form for arg in args])), args)
 
@@ -235,6 +239,7 @@ def _joined(form: Form, args: Sequence[CExpression]) -> CExpression:
     width = form.width
     for arg in args:
         numbers += arg.numbers
+        # The width of the form is in that of the whole already; its numbers' widths are added.
         width += arg.width - arg.form.width
     return CExpression(form, numbers, width)
 
@@ -245,7 +250,7 @@ def read_from(expression: CExpression, places: Mapping[Temporary, CExpression]) 
     Parameters
     ----------
     expression : CExpression
-        What reads temporaries, or is one.
+        An expression that reads temporaries, or is one.
     places : mapping of Temporary to CExpression
         The element of an array that holds each.
     """
@@ -272,6 +277,7 @@ def _replaced(form: Form, found: tuple[tuple[int, Form], ...]) -> Form:
     if form.op == "temporary":
         return found[0][1]
     args: list[Form] = []
+    # The numbers of each argument have places of their own, counted from its start.
     start = 0
     for arg in form.args:
         end = start + len(arg.slots)

@@ -14,9 +14,9 @@ class FixedStep:
     name : str
         In C, after ``cotree_``.
     title : str
-        What it is, as a part of a sentence.
+        A description, as a part of a sentence.
     source : str
-        Where it is from.
+        Reference.
     order : int
         Of the error at the end.
     n_stages : int

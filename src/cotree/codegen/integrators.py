@@ -63,11 +63,13 @@ def integrator_files(name: str) -> Mapping[str, str]:
     mapping of str to str
         Text by file name.
     """
+    # C projects take methods with steps of one length, too, which no engine does.
     method: Tableau | RosenbrockTableau | FixedStep = {**INTEGRATORS, **FIXED}[name]
     files = {
         f"cotree_integrator{end}": render(f"{_FOLDER}/cotree_integrator{end}.jinja", **_COMMON)
         for end in (".h", ".c")
     }
+    # A header follows from whether steps are controlled, a source from the kind of the method.
     kinds = "variable", "rosenbrock" if method.is_implicit else "explicit"
     if isinstance(method, FixedStep):
         kinds = "fixed", "fixed"
@@ -97,6 +99,7 @@ def engine_files(name: str) -> Mapping[str, str]:
     if name in INTEGRATORS:
         files |= integrator_files(name)
         parts = [files.pop("cotree_history.c"), files.pop(f"cotree_{name}.c"), *parts]
+        # Implicit methods read the Jacobian and its elimination through an interface of their own.
         if INTEGRATORS[name].is_implicit:
             files |= stiff_files()
     files["cotree_integrator.h"] = render(f"{_FOLDER}/cotree_integrator.h.jinja", **_COMMON)
@@ -131,6 +134,7 @@ def driver_files(name: str) -> Mapping[str, str]:
     if name in INTEGRATORS:
         text = render("c/engine/own_stepper.c.jinja", method=INTEGRATORS[name], **_COMMON)
         return {**files, f"cotree_{name}_stepper.c": text}
+    # Functions have the names and flags of the library without sensitivities.
     method = WITH_SENSITIVITIES.get(name, name)
     about = {
         "library": name,
@@ -148,7 +152,7 @@ def driver_files(name: str) -> Mapping[str, str]:
 
 
 def engine_declarations(files: Mapping[str, str], name: str) -> str:
-    """Give the declarations that cffi reads of an engine, and of what it is to find at run time."""
+    """Give the declarations of an engine and of the library functions that it calls, for cffi."""
     headers = ["cotree_abi.h", "cotree_run.h", "cotree_job.h"]
     functions: Mapping[str, tuple[str, str]] = {}
     if name in SUNDIALS_FUNCTIONS:

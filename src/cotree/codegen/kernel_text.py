@@ -71,12 +71,12 @@ class KernelFile:
 
     @property
     def n_written(self) -> int:
-        """About how many operations the longest function has."""
+        """Number of operations of the longest function, for the choice of the compiler's flags."""
         return max((n for body in self.bodies for n in body.written), default=0)
 
     @property
     def n_written_in_all(self) -> int:
-        """About how many operations all functions have."""
+        """Number of operations of all functions together."""
         return sum(n for body in self.bodies for n in body.written)
 
 
@@ -153,16 +153,18 @@ def kernel_context(
     called : mapping of str to int
         Bytes of the stack that functions take which it may call.
     target : Target
-        What it computes with.
+        The type of numbers that it computes with.
     """
     spec = kernel.spec
     guards = program.guards if spec.name == "prepare" else ()
     if spec.tail_of and kernel.results:
+        # The whole kernel is called: to compute its tail alone would save next to nothing.
         whole_kernel = program.kernels[spec.tail_of]
         printed = Printed([_tail(prefix, kernel, whole_kernel)], [], 1, uses_status=True)
         unused, operations = [], whole_kernel.operations.total
     else:
         roots = [*kernel.results, *(guard.value for guard in guards)]
+        # Values of guards are computed in the kernel, too, and are not in its order of values.
         order = None if guards else [kernel.order]
         places, has_groups = starts_of_maps(kernel), not kernel.is_by_need
         printed = print_nodes(roots, kernel.prepared, names, order, places, has_groups=has_groups)
@@ -170,11 +172,14 @@ def kernel_context(
     n_results = len(kernel.results)
     results, checks = printed.values[:n_results], printed.values[n_results:]
     statements = [*printed.statements, *_written(spec.result, results)]
+    # Guards come last, behind all results: cut_into_blocks relies on that. They are numbered from
+    # one, since zero means success.
     statements += [
         LeaveUnless(value, whole(i), guard.is_strict)
         for i, (guard, value) in enumerate(zip(guards, checks, strict=True), 1)
     ]
     name, arguments = f"{prefix}_{spec.name}", _arguments(kernel)
+    # An array of loops must not have the name of an argument.
     rolled = roll(statements, "z" if "v" in spec.arguments else "v")
     cut = cut_into_blocks(f"{name}_{{}}", rolled, arguments, (spec.result, *printed.filled))
     heads = [target.declared(argument) for argument in arguments]
@@ -196,6 +201,7 @@ def _written(array: str, results: Sequence[CExpression]) -> Iterator[Statement]:
     """Write the results that are not in their places already."""
     for i, value in enumerate(results):
         place = element(array, i)
+        # A map may have written this result directly.
         if value != place:
             yield Assign((place,), value)
 
@@ -206,6 +212,7 @@ def _tail(prefix: str, kernel: Kernel, whole_kernel: Kernel) -> list[Statement]:
     given = map(named, (*kernel.spec.arguments, "whole"))
     first, kept = element("whole", Affine(1, n - n_kept)), element(kernel.spec.result, Affine(1, 0))
     return [
+        # All results are computed, and the last ones are copied.
         Array("whole", n),
         Assign((named("status"),), call(f"{prefix}_{whole_kernel.spec.name}", *given)),
         Loop(n_kept, (Assign((kept,), first),)),
@@ -214,12 +221,14 @@ def _tail(prefix: str, kernel: Kernel, whole_kernel: Kernel) -> list[Statement]:
 
 def _arguments(kernel: Kernel) -> list[Argument]:
     """List a kernel's arguments, the result last."""
+    # Time is the only argument that is no array.
     read = [Argument(key, is_array=key != "t") for key in kernel.spec.arguments]
     return [*read, Argument(kernel.spec.result, is_constant=False)]
 
 
 def _unused(kernel: Kernel, roots: Sequence[Node]) -> list[str]:
     """List the arguments that no statement reads or writes."""
+    # Compilers warn of arguments that nothing reads; templates cast these to void.
     nodes = reachable(roots, stop=kernel.prepared)
     read = {ARGUMENT_OF[node.data[0]] for node in nodes if node.op == "symbol"}
     if any(node in kernel.prepared for node in nodes):

@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from cotree.codegen.expressions import Number, Temporary
     from cotree.codegen.statements import Statement
 
-#: Up to so many statements a compiler takes little time; what loops leave of them runs slower
-#: by a fifth than they do, unless that is less than this share.
+#: A compiler takes little time for up to so many statements. Loops run a fifth slower than these,
+#: unless they leave less than this share of them.
 _SHORT, _MUCH_SHORTER = 8000, 0.25
 
 
@@ -68,6 +68,7 @@ def roll(statements: Sequence[Statement], array: str = "v") -> list[Statement]:
             writer.plain(rows[start:end], comments[start:end])
         else:
             writer.loop(rows[start:end], comments[start:end], period)
+    # Loops pay in long functions, or where they leave less than a quarter of the lines.
     if len(statements) <= _SHORT and writer.n_lines > _MUCH_SHORTER * len(statements):
         return list(statements)
     return writer.written()
@@ -89,7 +90,7 @@ def _apart(statements: Sequence[Statement]) -> tuple[list[Statement], list[str]]
 
 
 def _row(statement: Statement) -> StatementRow:
-    """Tell the form of a statement from its numbers, if it may stand in a loop."""
+    """Separate the form of a statement from its numbers, if it may stand in a loop."""
     form: Hashable
     if isinstance(statement, Assign):
         declared = statement.declares
@@ -111,6 +112,8 @@ def _row(statement: Statement) -> StatementRow:
         numbers += expression.numbers
     if "r" not in slots:
         return StatementRow(form, numbers)
+    # Whole numbers may grow from one repetition to the next, constants are the same or stand in a
+    # table: they are kept apart.
     pairs = list(zip(numbers, slots, strict=True))
     whole, real = ([n for n, slot in pairs if (slot == "r") == is_real] for is_real in (0, 1))
     return StatementRow(form, tuple(whole), tuple(real))
@@ -125,6 +128,8 @@ def _kept_in_array(
         if times > 1:
             for row in rows[start : start + period * times]:
                 kept.update(_temporaries(row))
+    # In the order of numbers: temporaries that are evenly spaced mostly have places that are, too,
+    # which a loop then computes instead of reading a table.
     return {key: element(array, place) for place, key in enumerate(sorted(kept))}
 
 
@@ -146,7 +151,7 @@ class _LoopWriter:
         self.n_lines = 0
 
     def written(self) -> list[Statement]:
-        """Give all: the array, the tables, the statements."""
+        """Give the array, the tables and the statements, in this order."""
         array = [Array(self._array, len(self._kept))] if self._kept else []
         return [*array, *self._tables, *self._statements]
 
@@ -183,7 +188,7 @@ class _LoopWriter:
         return changed(row, lambda expression: read_from(expression, self._kept))
 
     def _merged(self, rows: Sequence[Statement]) -> Statement:
-        """Make one statement of those that are the same but for their numbers."""
+        """Merge statements that differ in their numbers only into one."""
         merged = []
         for alike in zip(*(row.expressions for row in rows), strict=True):  # type: ignore[union-attr]
             columns = zip(*(expression.numbers for expression in alike), strict=True)
@@ -197,6 +202,7 @@ class _LoopWriter:
         first = column[0]
         if all(number == first for number in column):
             return first
+        # Constants are never computed from each other: that would round.
         if slot != "r":
             step = column[1] - first  # type: ignore[operator]
             if all(number == first + step * i for i, number in enumerate(column)):  # type: ignore[operator]
@@ -216,6 +222,7 @@ def _of_all(comments: Sequence[str]) -> str:
     first, last = comments[0], comments[-1]
     if first == last or not first or not last:
         return first
+    # The last one without the words that both begin with: "angle of link 1 to 9".
     words = last.split(" ")
     same = takewhile(lambda pair: pair[0] == pair[1], zip(first.split(" "), words, strict=False))
     return f"{first} to {' '.join(words[len(list(same)) :])}"

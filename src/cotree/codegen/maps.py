@@ -44,7 +44,7 @@ _LONGEST_BLOCK = 500
 _LONGEST_IN_TURN = 80
 _FEWEST_IN_TURN = 300  # statements; of fewer, what crosses between blocks is too much
 
-#: What statements name, as a function gets it.
+#: The names in statements, as arguments of a function.
 _ARGUMENTS = {
     argument.name: argument
     for argument in (
@@ -98,21 +98,22 @@ def map_context(node: Node, name: str) -> MapContext:
     Parameters
     ----------
     node : Node
-        Where it is applied.
+        An application of the map.
     name : str
         Its name in C.
     """
     linear: LinearMap = node.data
     own = own_rows(node)
     n_blocks = -(-linear.n_columns // BLOCK)
+    # Segments pay where many statements are skipped in some blocks of columns.
     skips = linear.n_times < (1.0 - _SKIPPED) * n_blocks * len(linear.statements)
     cut = _in_segments(own, name) if skips else _in_blocks(own, name)
     n_guards = len(cut.live[0]) if cut.live else 0
-    # Vectors wider than a block read two rows.
+    # Vectors wider than a block read two rows, so zeros follow the last of an odd number.
     rows = [*cut.live, *([[0] * n_guards] * (len(cut.live) % 2))]
     blocks, n_results = cut.blocks, len(linear.results)
     bodies = [blocks.statements, *(function.body for function in blocks.functions)]
-    # What the template declares besides.
+    # The arrays that the template declares besides.
     vectors = Array("column", cut.n_together * (own.first + n_results + cut.n_crossing))
     return MapContext(
         name=name,
@@ -155,11 +156,13 @@ def _in_segments(own: OwnRows, name: str) -> _Cut:
     """Write statements with many zeros as segments, each run only where it is not all zero."""
     linear = own.linear
     longest, together = (_LONGEST_IN_TURN, 2) if _is_waiting(linear) else (_LONGEST_BLOCK, 1)
+    # If one vector waits for its own values, two go through each part in turn, and parts are short.
     cut = cut_into_segments(linear, _symbols(own), longest)
     if len(cut.parts) == 1:
         return _Cut(Blocks([], cut.parts[0]), cut.live, cut.n_crossing)
     given = {}
     if together > 1:
+        # Each of the vectors that are taken in turn has its own share of these arrays.
         sizes = {"column": own.first, "w": cut.n_crossing, "result": len(linear.results)}
         given = {key: f"OF({key}, {size})" for key, size in sizes.items()} | {
             "here": "HERE(turn)",
@@ -176,6 +179,7 @@ def _in_segments(own: OwnRows, name: str) -> _Cut:
 def _in_blocks(own: OwnRows, name: str) -> _Cut:
     """Write statements that are run for all columns, repeated ones as loops."""
     linear = own.linear
+    # All columns run the same statements, so their order follows the longest path alone.
     order = by_need(linear.order)
     printed = print_nodes(linear.results, {}, {}, [order], has_groups=False, symbols=_symbols(own))
     statements = printed.statements + [
@@ -190,7 +194,7 @@ def _in_blocks(own: OwnRows, name: str) -> _Cut:
 
 
 def _symbols(own: OwnRows) -> Callable[[str, int], CExpression]:
-    """Say where the inputs of a map stand: sensitivities in their columns, others in rows."""
+    """Give the places of the inputs of a map: sensitivities in columns, others in rows."""
 
     def read(kind: str, i: int) -> CExpression:
         if kind != "column" or i < own.first:

@@ -119,6 +119,7 @@ def newton_context(program: Program) -> NewtonContext:
     names = name_tables(nodes)
     kernels = [kernel_context(prefix, kernel, program, names, {}) for kernel in made]
     places = [] if curvature is None else wrapped(map(str, curvature.places))
+    # The digest of the file follows the elimination, too: not only kernels change it.
     further = list(places)
     if elimination is not None:
         further += [*elimination.factor.text, *elimination.solve.text]
@@ -170,6 +171,8 @@ def _factor_rows(plan: Elimination) -> list[Statement]:
     read.update(entry.pivot for entry in plan.factors)
     rows: list[Statement] = []
     for i, entry in enumerate(plan.factors):
+        # An entry of shift M - J, less the products of factors before it. M is one on the diagonal
+        # for states with a rate, and zero for algebraic unknowns.
         total = named("shift") if entry.has_shift else None
         if entry.value >= 0:
             total = _less(total, element("v", entry.value))
@@ -177,9 +180,12 @@ def _factor_rows(plan: Elimination) -> list[Statement]:
             total = _less(total, temporary("f", a), temporary("f", b))
         assert total is not None
         if entry.is_pivot:
+            # A pivot is kept as its reciprocal, so that all else is done by products.
             total = apply("div", number(1.0), total)
         elif entry.pivot >= 0:
             total = apply("mul", total, temporary("f", entry.pivot))
+        # All factors are stored for the solutions; those that later factors read are constants
+        # besides, which compilers keep in registers.
         declared = [temporary("f", i)] if i in read else []
         rows.append(Assign((*declared, element("f", i)), total))
     return rows
@@ -195,6 +201,7 @@ def _less(total: CExpression | None, *factors: CExpression) -> CExpression:
 
 def _solve_rows(plan: Elimination) -> list[Statement]:
     rows: list[Statement] = []
+    # Forward with L, whose diagonal is one, then backward with U, whose pivots are kept inverted.
     for k, (row, pairs) in enumerate(zip(plan.rows, plan.lower, strict=True)):
         total = element("b", row)
         for m, factor in pairs:
@@ -212,6 +219,8 @@ def _solve_rows(plan: Elimination) -> list[Statement]:
 
 
 def _factor_steps(entry: FactorStep) -> Iterable[int]:
+    # For C, the third number is the place of a pivot to multiply with, -1 for none, -2 for a pivot
+    # itself, which is inverted.
     scale = -2 if entry.is_pivot else entry.pivot
     flat = [number for pair in entry.products for number in pair]
     return (entry.value, int(entry.has_shift), scale, len(entry.products), *flat)

@@ -108,12 +108,12 @@ def print_nodes(
         C name of each table, of each map by what its columns do not share, and of each table of
         places where columns of results begin.
     parts : sequence of sequence of Node, optional
-        What the values depend on, in order of evaluation, cut into the parts that are wanted; one
-        part where absent.
+        All nodes that the values depend on, in order of evaluation, cut into the parts that are
+        wanted; one part if absent.
     places : mapping of Node to Starts
-        Where the results of a map are to be written, if not to an array of its own.
+        Places for the results of a map, if they do not go to an array of its own.
     kept : collection of Node
-        What gets a statement even if it is used once.
+        Nodes that get a statement even if they are used once.
     has_groups : bool
         Whether values of a group stand together, so that comments name it.
     symbols : callable
@@ -163,9 +163,12 @@ class _StatementWriter:
         """Count how often each value is read."""
         uses = self._uses
         for node in order:
+            # A prepared value is read, and nothing that it depends on is.
             if node not in self.prepared:
                 for arg in node.args:
                     uses[arg] = uses.get(arg, 0) + 1
+        # A value that is wanted counts as read: what is read elsewhere, too, gets a statement of
+        # its own.
         for root in roots:
             uses[root] = uses.get(root, 0) + 1
 
@@ -192,10 +195,13 @@ class _StatementWriter:
 
     def _result(self, owner: Node, i: int) -> CExpression:
         """Read a result of a node with several."""
+        # A map that writes into the results of the kernel has no array.
         if owner in self.places:
             return self.places[owner].place(i, len(owner.data.results))
         if owner.op == "sines" and i >= owner.data:
             i += padded(owner.data) - owner.data  # cosines begin with a vector of their own
+        # C stores results row by row, each row padded to whole vectors; nodes number them column by
+        # column.
         if owner.op == "map":
             column, row = divmod(i, len(owner.data.results))
             i = row * padded(owner.data.n_columns) + column
@@ -211,6 +217,7 @@ class _StatementWriter:
 
     def _scalar(self, node: Node) -> None:
         value = apply(node.op, *[self._known[arg] for arg in node.args])
+        # A value that is read once stands there, unless the expression gets too long to follow.
         if self._uses[node] == 1 and value.width <= _LONGEST_INLINE:
             self._known[node] = value
             return
@@ -226,6 +233,7 @@ class _StatementWriter:
         n, at = node.data.size, self._declare(node)
         matrix, rhs = node.args[: n * n], node.args[n * n : n * n + n]
         sizes, is_apart = sizes_of(node), is_written_out(node)
+        # Solutions share factors only if the decisions on rank are the same as well.
         key = (matrix, sizes, node.args[-1], node.data)
         if key not in self._factors:
             self._factors[key] = at
@@ -235,6 +243,9 @@ class _StatementWriter:
         rank, accepted = temporary("rank", f), temporary("accepted", f)
         given = [named(f"s{f}")] if is_apart else []
         read = [rank, named(f"a{f}"), *given, named(f"r{f}"), named(f"c{f}"), x]
+        # Rows and columns are divided by the roots of the sizes: S A S y = S b and x = S y. The
+        # right-hand side is scaled before the substitution, the solution after it. Systems that are
+        # written out do both themselves.
         scaling = [Call(call("cotree_multiply", whole(n), named(f"s{f}"), x))]
         scaling = scaling if sizes and not is_apart else []
         values = (*self._values(rhs), apply("real", rank), apply("real", accepted))
@@ -289,6 +300,7 @@ class _StatementWriter:
         at, n, width = self._declare(node), node.data, padded(node.data)
         angles, v = self._values(node.args), f"v{at}"
         if SINES in self.names:
+            # Vectors read whole widths: the padding must hold numbers with a harmless sine.
             filled = (*angles, *[number(0.0)] * (width - n))
             cosines = apply("add", named(v), whole(width))
             given = [whole(n), named(f"a{at}"), named(v), cosines]
@@ -313,6 +325,7 @@ class _StatementWriter:
             Array(shared, max(1, linear.n_shared)), dict(enumerate(node.args[: linear.n_shared]))
         )
         if node not in self.names:
+            # An array of constants is written once, as a table of the file.
             self.statements.insert(0, Call(call("cotree_clear", named(given), whole(rows.length))))
             self._fill(Array(given, rows.length, is_aligned=True), rows.values(node))
         to, starts = f"v{at}", "NULL"
@@ -320,6 +333,7 @@ class _StatementWriter:
             to, starts = self.places[node].array, self.names[self.places[node].places]
         else:
             self.statements.append(Array(to, max(1, width * len(linear.results))))
+        # Sensitivities that stand in order in ``s`` are read in place.
         own = "s" if rows.first else given
         args = map(named, (shared, own, given, starts, to))
         self.statements.append(Call(call(self.names[rows], *args)))

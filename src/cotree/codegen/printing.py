@@ -116,13 +116,14 @@ def print_body(cut: Blocks, target: Target = DOUBLE) -> Body:
         heads = [target.declared(argument) for argument in function.arguments] or ["void"]
         head = function_head(target.function, target.name.format(function.name), heads)
         blocks.append(BlockText(head, list(printer.lines(function.body))))
+    # The caller's own statements come last, as Body.written says.
     counted = [*(function.body for function in cut.functions), cut.statements]
     lines = list(printer.lines(cut.statements))
     return Body(lines, blocks, [*map(n_operations, counted)])
 
 
 class _Printer:
-    """Prints statements for one target; forms that return are spelt once."""
+    """Prints statements for one target; forms that occur again are spelt once."""
 
     def __init__(self, target: Target) -> None:
         self._target = target
@@ -142,6 +143,7 @@ class _Printer:
     def expression(self, expression: CExpression) -> str:
         """Print an expression."""
         text, numbers = self._format(expression.form), expression.numbers
+        # Outside of loops all numbers are plain: the quick way for nearly all of the text.
         if self._is_in_loop:
             return text % tuple(map(_number, numbers, expression.form.slots))
         return text % numbers
@@ -153,12 +155,13 @@ class _Printer:
         return f"{head}{to} = {self.expression(row.value)};"
 
     def _simple(self, row: Simple) -> str:
-        """Print what stands on one line."""
+        """Print a statement that takes one line."""
         if isinstance(row, Assign):
             return self._assign(row)
         if isinstance(row, LeaveUnless):
             comparison = ">" if row.is_strict else ">="
             value, number = map(self.expression, row.expressions)
+            # Negated, so that nan leaves the function, too.
             return f"if (!({value} {comparison} 0.0{self._target.suffix})) return -{number};"
         if isinstance(row, Report):
             return (
@@ -170,13 +173,14 @@ class _Printer:
         head = f"{self._target.type_of(row.kind)} {row.name}[{row.length}]"
         if row.is_aligned:
             head = f"{self._target.aligned}{head}"
+        # An array without values is filled by what follows it, so it can be no constant.
         if not row.values:
             return f"{head};"
         constant = "const " if row.is_constant else ""
         return f"{constant}{head} = {{{', '.join(map(self.expression, row.values))}}};"
 
     def _compound(self, row: ConstantTable | Loop | When) -> Iterator[str]:
-        """Print what takes several lines."""
+        """Print a statement that takes several lines."""
         if isinstance(row, ConstantTable):
             kind = self._target.type_of(row.kind)
             yield f"static const {kind} {row.name}[{len(row.values)}] = {{"
@@ -188,6 +192,7 @@ class _Printer:
             yield f"for (int i = 0; i < {row.times}; ++i) {{"
             self._is_in_loop = True
             yield from self._indented(row.body)
+            # Loops do not nest, so no earlier state is restored.
             self._is_in_loop = False
             yield "}"
         else:
@@ -202,7 +207,7 @@ class _Printer:
         return (f"{_INDENT}{line}" for line in self.lines(rows))
 
     def _format(self, form: Form) -> str:
-        """Spell a form, with a mark in the place of each number, once for all that return."""
+        """Spell a form once, with a mark in the place of each number."""
         text = self._formats.get(form)
         if text is None:
             text = self._formats[form] = self._spelt(form)
@@ -221,6 +226,7 @@ class _Printer:
             parts.append(text)
             if place is not None:
                 spelt, arg, needed = next(given)
+                # Parentheses only where the argument binds less tightly than its place demands.
                 parts.append(spelt if arg.level >= needed else f"({spelt})")
         return "".join(parts)
 
@@ -231,6 +237,8 @@ def _number(number: Number, slot: str) -> str:
         return f"{number.table}[i]"
     if not isinstance(number, Affine):
         return str(number)
+    # Numbers of a loop are indices or counts, never negative, so that a falling one begins with its
+    # first value.
     step, first = number.step, number.first
     if step < 0:
         text = f"{first} - {'i' if step == -1 else f'{-step} * i'}"
@@ -246,7 +254,7 @@ def function_head(result: str, name: str, arguments: Collection[str]) -> str:
     Parameters
     ----------
     result : str
-        What stands before the name: what it returns, and how it is linked.
+        The text before the name: its linkage and the type of its result.
     name : str
         Its name.
     arguments : collection of str

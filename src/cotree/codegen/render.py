@@ -30,6 +30,7 @@ def template_folder() -> Path:
     CodegenError
         If they are in neither place.
     """
+    # An installed package holds a copy of the templates; the source tree has them beside ``src``.
     package = Path(__file__).resolve().parents[1]
     for folder in (package / "_templates", package.parents[1] / "templates"):
         if (folder / "c").is_dir():
@@ -39,11 +40,12 @@ def template_folder() -> Path:
 
 @cache
 def environment(*, is_html: bool = False) -> jinja2.Environment:
-    """Give what fills templates; of HTML, names and texts are escaped."""
+    """Give the environment that fills templates; it escapes names and texts in HTML."""
     import jinja2
 
     return jinja2.Environment(
         loader=jinja2.FileSystemLoader(template_folder()),
+        # A name that a context lacks is an error, never an empty text in C.
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -126,5 +128,7 @@ def cdef(header: str, prefix: str) -> str:
 
 def declared(header: str) -> str:
     """Give the declarations of a header that cffi reads."""
+    # cffi reads declarations, but no directives of the preprocessor, which stand outside these
+    # marks.
     begin = header.index("*/", header.index("begin of the part that cffi reads")) + 2
     return header[begin : header.index("/* cotree: end of the part that cffi reads")] + "\n"

@@ -25,7 +25,7 @@ _FEWEST_TIMES = 8
 
 @dataclass(frozen=True, slots=True)
 class StatementRow:
-    """A statement, split into what it does and the numbers that it does it to.
+    """A statement, split into its form and its numbers.
 
     Attributes
     ----------
@@ -57,6 +57,8 @@ def pieces(statements: Sequence[StatementRow]) -> Iterator[tuple[int, int, int]]
         Pieces that follow one another; those that are no loops are repeated once.
     """
     n = len(statements)
+    # From each place on: the statements of the longest loop whatever its numbers, and those of the
+    # longest even loop.
     labels = _labels([row.form for row in statements])
     reach = _form_reach(labels)
     even, period_of = _even_reach(statements, labels)
@@ -66,6 +68,7 @@ def pieces(statements: Sequence[StatementRow]) -> Iterator[tuple[int, int, int]]
         period, length = 0, int(reach[start])
         # A run may begin one line late, where it is then longer.
         is_longest = length > 0 and reach[start + 1] <= length
+        # Tables are taken only where even loops would cover less than half of these statements.
         if is_longest and 2 * (covered[start + length] - covered[start]) < length:
             period = _shortest_period(labels, start, length)
             length -= length % period
@@ -96,6 +99,8 @@ def _form_reach(labels: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
     n = len(labels)
     reach = np.zeros(n + 1, dtype=np.intp)
     for period in range(1, min(LONGEST_BODY, n - 1) + 1):
+        # So many statements agree with those one period later. The repetition that they agree with
+        # counts, too.
         agreed = _run_lengths(labels[:-period] == labels[period:])
         part = reach[: n - period]
         np.maximum(part, _worth(agreed // period + 1, period, FEWEST_LINES), out=part)
@@ -121,27 +126,34 @@ def _even_reach(
     n = len(labels)
     best, period_of = np.zeros(n + 1, dtype=np.intp), np.zeros(n + 1, dtype=np.intp)
     whole = _padded([row.whole for row in statements])
+    # Constants of an even loop must be equal: each is replaced by a number of its own, so that
+    # whole numbers are compared.
     names: dict[float, int] = {}
     real = _padded([tuple(names.setdefault(r, len(names)) for r in row.real) for row in statements])
     for period in range(1, min(LONGEST_BODY, (n - 1) // 2) + 1):
         is_same = labels[:-period] == labels[period:]
         agreed = _run_lengths(is_same)
         hoped = _worth(agreed // period + 1, period, _FEWEST_EVEN)
+        # Only runs that may beat what was found already are looked at further.
         rows = np.flatnonzero(hoped > best[: n - period])
         if not len(rows):
             continue
         # All places of the runs that are long enough.
+        # Plus one at the start of a run and minus one behind it, summed up, mark the places within.
         ends = np.zeros(n + 1, dtype=np.intp)
         ends[rows] += 1
         np.subtract.at(ends, rows + agreed[rows], 1)
         rows = np.flatnonzero(np.cumsum(ends)[: n - 2 * period] > 0)
         rows = rows[is_same[rows] & is_same[rows + period]]
         a, b, c = rows, rows + period, rows + 2 * period
+        # Whole numbers are in an even loop if their second differences over three repetitions
+        # vanish.
         is_even = np.all(whole[b] - whole[a] == whole[c] - whole[b], axis=1)
         is_even &= np.all((real[a] == real[b]) & (real[b] == real[c]), axis=1)
         holds = np.zeros(n - 2 * period, dtype=np.bool_)
         holds[rows[is_even]] = True
         length = _run_lengths(holds)
+        # A place that holds speaks for three repetitions, hence two more than periods in the run.
         found = _worth(np.where(length > 0, length // period + 2, 0), period, _FEWEST_EVEN)
         part = best[: n - 2 * period]
         is_better = found > part
@@ -159,6 +171,7 @@ def _covered_by_even(even: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
         at = int(np.searchsorted(begins, start))
         if at == len(begins):
             return marked
+        # A run may begin late, where it is then longer.
         start = int(begins[at])
         while even[start + 1] > even[start]:
             start += 1
@@ -173,7 +186,8 @@ def _worth(times: npt.NDArray[np.intp], period: int, fewest: int) -> npt.NDArray
 
 
 def _run_lengths(holds: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
-    """Count, from each place on, how long something holds."""
+    """Count the consecutive places, from each one on, where something holds."""
+    # From the next place where it does not hold, found backwards.
     places = np.arange(len(holds))
     breaks = np.where(holds, len(holds), places)
     nexts = np.minimum.accumulate(breaks[::-1])[::-1]
@@ -181,7 +195,7 @@ def _run_lengths(holds: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
 
 
 def _padded(rows: Sequence[tuple[int, ...]]) -> npt.NDArray[np.int64]:
-    """Make a matrix of rows of any length."""
+    """Make a matrix of rows of any length, with zeros behind the shorter ones."""
     lengths = np.array([len(row) for row in rows], dtype=np.intp)
     width = int(lengths.max(initial=0))
     matrix = np.zeros((len(rows), width), dtype=np.int64)

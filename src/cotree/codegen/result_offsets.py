@@ -26,6 +26,7 @@ class Starts:
 
     def place(self, i: int, n_rows: int) -> CExpression:
         """Give the element that holds a result of the map."""
+        # Nodes number the results of a map column by column.
         column, row = divmod(i, n_rows)
         return element(self.array, self.places[column] + row)
 
@@ -40,6 +41,7 @@ def starts_of_maps(kernel: Kernel) -> dict[Node, Starts]:
         if node.op != "map":
             continue
         n, own = len(node.data.results), results_of(node, node.data.n_results)
+        # The first result of each column; the others must follow it in the kernel's results.
         places = tuple(first.get(root, 0) for root in own[::n])
         if all(
             kernel.results[place : place + n] == own[n * j : n * (j + 1)]

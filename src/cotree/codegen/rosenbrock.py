@@ -10,7 +10,7 @@ class RosenbrockTableau:
     """A stiffly accurate Rosenbrock method, written without products of the Jacobian.
 
     Stages solve (I / (h gamma) - J) u_i = f(t + c_i h, y + sum_j a_ij u_j) + sum_j C_ij u_j / h
-    + h d_i f_t. The last one is the error of the sum before it, the new solution that sum with it.
+    + h d_i f_t. The last stage is the error estimate; the new solution is the sum that includes it.
 
     Attributes
     ----------
@@ -48,8 +48,11 @@ class RosenbrockTableau:
         return len(self.nodes)
 
 
+# The weights of stage 5. With stage 5 itself they make the embedded solution, where stage 6 is
+# evaluated; stage 6 is then the error estimate.
 _LAST = ("1.221224509226641", "6.019134481288629", "12.53708332932087", "-0.6878860361058950")
 
+# The coefficients are those of the transformed stages u of Hairer and Wanner, section IV.7.
 _RODAS4 = RosenbrockTableau(
     name="rodas4",
     title="the Rosenbrock method of Hairer and Wanner, order 4(3)",
@@ -97,6 +100,7 @@ _RODAS4 = RosenbrockTableau(
     ),
 )
 
+# The weights of stage 6. Stages 7 and 8 are evaluated at these with the stages before them added.
 _SIXTH = (
     "-7.502846399306121",
     "2.561846144803919",

@@ -75,6 +75,8 @@ def cut_into_segments(
     """
     segments = _shorter(_segments(linear), longest)
     number = {node: i for i, segment in enumerate(segments) for node in segment.nodes}
+    # A value that another segment reads gets a statement, even if it is read once: expressions do
+    # not reach across segments.
     crossing = {arg for node, i in number.items() for arg in node.args if number.get(arg, i) != i}
     leaves = [node for node in linear.order if not node.args]
     printed = print_nodes(
@@ -110,13 +112,14 @@ def _joined(
     everywhere = (1 << len(blocks)) - 1
     guarded: list[int] = []
     parts: list[list[Statement]] = []
-    length = longest
+    length = longest  # so that the first segment begins a part
     for number, segment in enumerate(segments):
         if length + len(segment.nodes) > longest:
             parts.append([])
             length = 0
         length += len(segment.nodes)
         rows = crossing.written(number)
+        # A segment that is run in all blocks needs no guard.
         if segment.blocks == everywhere:
             parts[-1] += rows
             continue
@@ -135,10 +138,11 @@ def _vanishing(rows: Sequence[Statement]) -> list[Statement]:
 
 
 def _segments(linear: LinearMap) -> list[_Segment]:
-    """Put statements in order: the next that may follow, with all that vanish as it does."""
+    """Order statements into segments: the next that is ready, with all that vanish alike."""
     readers: dict[Node, list[Node]] = {node: [] for node in linear.statements}
     waiting = {}
     for node in linear.statements:
+        # Topological order by counting: a statement is ready when none of its arguments is awaited.
         awaited = {arg for arg in node.args if arg in readers}
         waiting[node] = len(awaited)
         for arg in awaited:
@@ -152,6 +156,8 @@ def _segments(linear: LinearMap) -> list[_Segment]:
         heapify(heap)
     found = []
     while ready:
+        # The class whose next statement came first originally is taken, with all of it that is
+        # ready or gets ready meanwhile: segments are then few and long.
         chosen = min(ready, key=lambda key: ready[key][0][0])
         heap, nodes = ready[chosen], []
         while heap:
@@ -174,6 +180,7 @@ def _where_computed(linear: LinearMap, readers: Mapping[Node, Sequence[Node]]) -
     """
     blocks: dict[Node, int] = {}
     roots = set(linear.results)
+    # Backwards, so that the readers of each value have their blocks already.
     for node in reversed(linear.statements):
         around = {blocks[reader] for reader in readers[node]}
         moves = (
@@ -189,6 +196,7 @@ def _where_computed(linear: LinearMap, readers: Mapping[Node, Sequence[Node]]) -
 def _depth_first(nodes: Sequence[Node]) -> list[Node]:
     """Compute each value where it is first needed: few are then waiting at a time."""
     left = set(nodes)
+    # Values that no other of the segment reads are its ends, from which arguments are followed.
     read = {arg for node in nodes for arg in node.args}
     found: list[Node] = []
     stack = [node for node in reversed(nodes) if node not in read]

@@ -44,9 +44,11 @@ def n_bytes(blocks: Blocks, called: Mapping[str, int], real: int = NUMBER) -> in
         The bytes, without those of functions of the C library and of users.
     """
     inner = [function.body for function in blocks.functions]
+    # Functions are told by their names in the statements that call them.
     names = {key for rows in (blocks.statements, *inner) for row in rows for key in uses(row)}
     sizes = [size for name, size in called.items() if name in names]
     helper = any(isinstance(name, str) and name.startswith("cotree_") for name in names)
+    # Blocks are called one after another, so the largest of their frames counts.
     deepest = max((_frame(rows, real) for rows in inner), default=0)
     return _frame(blocks.statements, real) + deepest + max(_HELPER * helper, *sizes, 0)
 

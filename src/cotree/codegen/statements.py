@@ -31,11 +31,11 @@ class Simple:
 
     @property
     def expressions(self) -> tuple[CExpression, ...]:
-        """All that it is made of."""
+        """All expressions that it is made of, in the order of its text."""
         return tuple([getattr(self, part) for part in self.parts])
 
     def of(self, expressions: Sequence[CExpression]) -> Self:
-        """Say the same of other expressions."""
+        """Make the same statement of other expressions."""
         new: Any = dict(zip(self.parts, expressions, strict=True))
         return replace(self, **new)  # type: ignore[type-var]
 
@@ -50,16 +50,17 @@ class Assign(Simple):
     @property
     def declares(self) -> Temporary | None:
         """The temporary that it declares, if any."""
+        # A second place, if any, is an element of an array that keeps the same value.
         first = self.to[0]
         return (first.form.name, first.numbers[0]) if first.form.op == "temporary" else None
 
     @property
     def expressions(self) -> tuple[CExpression, ...]:
-        """All that it is made of."""
+        """All expressions that it is made of, in the order of its text."""
         return (*self.to, self.value)
 
     def of(self, expressions: Sequence[CExpression]) -> Assign:
-        """Say the same of other expressions."""
+        """Make the same statement of other expressions."""
         return Assign(tuple(expressions[:-1]), expressions[-1])
 
 
@@ -104,11 +105,11 @@ class Array(Simple):
 
     @property
     def expressions(self) -> tuple[CExpression, ...]:
-        """All that it is made of."""
+        """All expressions that it is made of, in the order of its text."""
         return (named(self.name), *self.values)
 
     def of(self, expressions: Sequence[CExpression]) -> Array:
-        """Say the same of other expressions."""
+        """Make the same statement of other expressions."""
         return replace(self, values=tuple(expressions[1:]))
 
 
@@ -165,7 +166,7 @@ class Argument:
     is_restricted : bool
         Whether the array is the only way to what it holds.
     given : str
-        What the caller gives, where that is not of the same name.
+        The caller's expression, if it does not have the same name.
     """
 
     name: str
@@ -197,7 +198,7 @@ def function_of(
     body : sequence of Statement
         Its statements.
     arguments : iterable of Argument
-        What it may be given; those are taken that it uses.
+        The arguments to choose from; those that it uses are taken.
     """
     used = set().union(*map(uses, body))
     taken = [argument for argument in arguments if argument.name in used]
@@ -218,6 +219,7 @@ def simple(statements: Iterable[Statement]) -> Iterator[Simple]:
         elif isinstance(row, Loop):
             yield from simple(row.body)
         elif isinstance(row, When):
+            # The condition is made of one expression, as a call is.
             yield from simple((Call(row.condition), *row.body, *row.otherwise))
 
 
@@ -235,13 +237,14 @@ def uses(statement: Statement) -> set[str | Temporary]:
             form, numbers = expression.form, expression.numbers
             found |= form.names
             found.update([(prefix, numbers[at]) for at, prefix in form.temporaries])
+            # Only loops read tables of numbers.
             if is_loop:
                 found.update(number.table for number in numbers if isinstance(number, TableEntry))
     return found
 
 
 def changed(statement: Statement, change: Callable[[CExpression], CExpression]) -> Statement:
-    """Say the same of other expressions, those inside of loops and conditions included."""
+    """Make the same statement of other expressions, inside of loops and conditions, too."""
     if isinstance(statement, Simple):
         return statement.of([change(expression) for expression in statement.expressions])
     if isinstance(statement, Loop):

@@ -20,9 +20,9 @@ class Status:
     number : int
         Its value there.
     sentence : str
-        What happened, without a capital and a full stop.
+        The event in words, without a capital and a full stop.
     meaning : str
-        What the header adds to that; may be empty.
+        A remark that the header adds; may be empty.
     """
 
     name: str
@@ -31,7 +31,7 @@ class Status:
     meaning: str = ""
 
 
-#: Of integrators and jobs: ``cotree_status``.
+#: Endings of integrators and jobs: ``cotree_status``.
 STATUSES = (
     Status("OK", 0, "all is well"),
     Status("BAD_ARGUMENT", 1, "a size, time, tolerance or initial value is out of range"),
@@ -81,7 +81,7 @@ STATUSES = (
     Status("FLAGGED", 17, "the integrator gives a flag of its own"),
 )
 
-#: Of events: ``cotree_events_status``, but for what is no failure. Python says more by name, in
+#: Failures of events, in ``cotree_events_status``. Python says more of them, by their names, in
 #: :mod:`cotree.solvers.event_messages`.
 EVENT_STATUSES = (
     Status(

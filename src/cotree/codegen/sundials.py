@@ -120,7 +120,7 @@ SUNDIALS_FUNCTIONS: dict[str, Mapping[str, tuple[str, str]]] = {
 #: Libraries with sensitivities, and their counterparts without.
 WITH_SENSITIVITIES: Mapping[str, str] = {"cvodes": "cvode", "idas": "ida"}
 
-#: What negative results mean, by their values, without sensitivities and with them: names of
+#: Meaning of negative results, without sensitivities and with them: names of
 #: :data:`cotree.codegen.statuses.STATUSES`.
 SUNDIALS_FLAGS: Mapping[str, Mapping[int, str]] = {
     "cvode": {

@@ -1,6 +1,6 @@
-"""Explicit Runge-Kutta methods, one row each: what the template of an integrator is told of it.
+"""Explicit Runge-Kutta methods, one row each: the data for the template of an integrator.
 
-Coefficients are C expressions by the number of the stage they stand before.
+Coefficients are C expressions, by the number of the stage that they multiply.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ class Tableau:
     name : str
         Its name, ``cotree_`` left out.
     title : str
-        What it is, as a part of a sentence.
+        A description, as a part of a sentence.
     source : str
-        Where its coefficients are from.
+        Reference of its coefficients.
     error_order : int
         Order of the error estimate.
     memory : str
@@ -61,17 +61,20 @@ class Tableau:
 
     @property
     def probe(self) -> int:
-        """Number of the last stage but that one at the end of a step."""
+        """Number of the other stage at the end of a step: the latest before the last one."""
+        # Both stages at the end of the step have nearly the same point. The difference of their
+        # rates, over that of their points, estimates the largest eigenvalue: a test of stiffness
+        # (Hairer and Wanner, section IV.2).
         return max(i for i, node in enumerate(self.nodes, 1) if node == "1.0")
 
     @property
     def probe_row(self) -> dict[int, str]:
-        """Weights of earlier stages in it."""
+        """Weights of earlier stages in the probe."""
         return self.stages[self.probe - 1]
 
     @property
     def needs_last(self) -> bool:
-        """Whether the error estimate uses that stage."""
+        """Whether the error estimate uses the last stage."""
         return any(self.last in row for row in self.errors)
 
 
@@ -104,6 +107,7 @@ _DOPRI5 = Tableau(
         5: "11.0 / 84.0",
     },
     errors=(
+        # The solution of order 5 less that of order 4.
         {
             0: "71.0 / 57600.0",
             2: "-71.0 / 16695.0",
@@ -154,6 +158,7 @@ _RKF45 = Tableau(
         5: "2.0 / 55.0",
     },
     errors=(
+        # Likewise.
         {
             0: "1.0 / 360.0",
             2: "-128.0 / 4275.0",
@@ -250,6 +255,7 @@ _DOP853 = Tableau(
         11: "0.04471061572777259",
     },
     errors=(
+        # The error of order 5, of which the program DOP853 names the weights er.
         {
             0: "0.01312004499419488",
             5: "-1.2251564463762044",
@@ -260,6 +266,7 @@ _DOP853 = Tableau(
             10: "0.08192320648511571",
             11: "-0.022355307863886294",
         },
+        # The solution less that of order 3, with the weights bhh of that program.
         {
             0: "-0.18980075407240762",
             5: "4.450312892752409",

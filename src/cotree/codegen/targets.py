@@ -28,15 +28,15 @@ class Target:
     zero : str
         A zero of type ``real``.
     suffix : str
-        What follows literals and the names of the C library's functions.
+        Ending of literals and of the names of the C library's functions.
     function : str
-        What stands before the name of a function that is part of another.
+        Qualifiers and result of a function that is part of another.
     name : str
         Name of such a function, its own left open.
     aligned : str
-        What stands before an array that vectors are read from.
+        Qualifier of an array that vectors are read from.
     restrict : str
-        What says of an argument that no other leads to the same array.
+        Qualifier of an argument that no other leads to the same array.
     """
 
     real: str = "double"
@@ -49,7 +49,7 @@ class Target:
     restrict: str = "COTREE_RESTRICT "
 
     def type_of(self, kind: str) -> str:
-        """Spell a type; one that is of C already stays."""
+        """Spell a type; a type of C stays as it is."""
         return {REAL: self.real, SCALAR: self.scalar, WHOLE: "int"}.get(kind, kind)
 
     def declared(self, argument: Argument) -> str:
@@ -67,6 +67,7 @@ class Target:
             text = _SPELLED[op]
         else:
             row = OPERATIONS[op]
+            # Functions of the C library have a suffix by type, sinf for float; operators have none.
             is_named = row.is_call and row.c[0].isalpha()
             text = row.c.replace("(", f"{self.suffix}(", 1) if is_named else row.c
         return text.replace("double", self.scalar).replace("0.0", f"0.0{self.suffix}")

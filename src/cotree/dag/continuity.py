@@ -21,18 +21,18 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
 
-#: What is compared: nodes of parameters, or numbers.
+#: Values that are compared: nodes of parameters, or numbers.
 _Value = TypeVar("_Value", "Node", float)
 
-# What may jump where it looks at zero or a whole number.
+# Operations that may jump where their argument is zero, or a whole number.
 _JUMPING = frozenset({"select", "sign", "floor"})
 
 # How far on both sides of its time a value is looked at, as a share of that time: some thousand
 # roundings, and less than any edge that double precision resolves well. At zero, [s].
 _NEAR, _NEAR_ZERO = 1e-12, 1e-18
 
-# A value that changes by as many times what it changes by beside as far a way is no slope, and one
-# that changes by less than this share of its size is rounding.
+# A change across a time is a jump if it exceeds this multiple of the changes on both sides of it,
+# which belong to a slope. Changes below this share of the value are rounding.
 _STEEP, _ROUNDING = 10.0, 1e-10
 
 # Times are sampled from the first to the last of these, on both sides of zero: neighbours differ by
@@ -63,12 +63,13 @@ def margins(dag: Dag, value: Node, time: Node) -> list[Node]:
             # Two values on each side: their difference is the slope that a jump must exceed.
             sides = [at - 3.0 * way, at - way, at + way, at + 3.0 * way]
             values = [substitute([value], {time: side})[0] for side in sides]
+            # A dictionary serves as an ordered set: equal margins are one node.
             found[_margin(values, lambda node: dag.function("abs", node))] = None
     return list(found)
 
 
 def _margin(values: Sequence[_Value], size: Callable[[_Value], _Value]) -> _Value:
-    """Compare the middle change of four values with those beside it, and with rounding."""
+    """Give the largest change that is no jump, less the middle change of four values."""
     a, b, c, d = values
     allowed = (size(b - a) + size(d - c)) * _STEEP + (size(b) + size(c)) * _ROUNDING
     return allowed - size(c - b)
@@ -102,9 +103,11 @@ def jumps_at_stops(dag: Dag, value: Node, time: Node) -> bool:
     time : Node
         The symbol of time.
     """
+    # A fixed seed gives the same answer at each run.
     found, numbers = margins(dag, value, time), random.Random(1)
     for _ in range(_N_MOTIONS if found else 0):
         place = _motion(found, (), time, numbers)
+        # Written so that nan, a value that does not exist there, counts as a jump.
         if not all(_value(margin, place, 0.0) >= 0.0 for margin in found):
             return True
     return False
@@ -138,6 +141,7 @@ def may_jump(value: Node, moving: Sequence[Node], time: Node) -> bool:
                 met.add(condition)
                 if _jumps(value, motion, t):
                     return True
+    # A condition that no motion has met cannot be judged, and counts as a jump.
     return len(met) < len(conditions)
 
 
@@ -187,6 +191,7 @@ def _crossings(
         a, b, before = times[i], times[i + 1], sides[i]
         if len(found) == most:
             break
+        # Next to a place without a value there is no side to compare with.
         if before == sides[i + 1] or math.isnan(before) or math.isnan(sides[i + 1]):
             continue
         # Bisection to neighbouring doubles.
@@ -200,6 +205,7 @@ def _jumps(value: Node, motion: Callable[[float], Mapping[Node, float]], t: floa
     """Compare the values on both sides of a time; see :func:`margins`."""
     way = _NEAR * abs(t) + _NEAR_ZERO
     values = [_value(value, motion, t + k * way) for k in (-3.0, -1.0, 1.0, 3.0)]
+    # Written so that nan counts as a jump.
     return not _margin(values, abs) >= 0.0
 
 

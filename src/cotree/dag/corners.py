@@ -35,9 +35,9 @@ class Corner:
     slopes : tuple of float
         Its derivative along each direction; empty where it changes along none.
     spreads : tuple of float
-        By how much those of all that stops at this time differ.
+        Largest difference of these derivatives among all stops that meet at this time.
     scale : float
-        The first of the times that it repeats, whose rounding it has, [s].
+        Size of the first time of a stop that repeats, whose rounding the corner has, [s].
     """
 
     t: float
@@ -75,8 +75,8 @@ def find_corners(
 ) -> list[Corner]:
     """List the times of some stops within a span, ascending, both ends included.
 
-    What cannot be told from another one is one corner. Its slopes are those of what comes first. At
-    an end, whose time is given, they are zero, and the spreads tell how what stops there moves.
+    Times that differ by rounding are one corner, with the slopes of the first of them. At an end of
+    the span, whose time is given, slopes are zero; the spreads tell how the stops there move.
 
     Parameters
     ----------
@@ -102,10 +102,13 @@ def find_corners(
     n = max((len(corner.slopes) for corner in found), default=0)
     still = (0.0,) * n
     kept: list[Corner] = []
+    # In ascending order each time is compared with the last one that was kept.
     for corner in sorted(found, key=lambda corner: corner.t):
         own = replace(corner, slopes=corner.slopes or still, spreads=still)
         end = next((end for end in (low, high) if _is_same(own.t, end)), None)
         if end is not None:
+            # An end stays where it is, whatever the parameters are. Met by a stop that moves, its
+            # spread is the slope of that stop.
             own = _met(Corner(end, still, still), own)
         elif not low < own.t < high:
             continue
@@ -143,6 +146,7 @@ def _corners_of(stop: Stop, values: Mapping[Node, float], low: float, high: floa
     along = [(value_of(a, values), value_of(b, values)) for a, b in stop.along]
     if stop.period is None or not math.isfinite(period) or period == 0.0:
         return [Corner(first, tuple(a for a, _ in along))]
+    # The times are first + k period. The period may be negative, so the ends are sorted.
     ends = sorted((at - first) / period for at in (low, high))
     start, end = math.ceil(ends[0]), math.floor(ends[1])
     # A source that starts at its first time does not repeat before it.

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Node
 
 Partial = Callable[["Node"], "Node"]
-#: Of each result, the partial derivatives by the arguments, by place, those that vanish left out.
+#: For each result its nonzero partial derivatives, by the place of the argument.
 Jacobian = list[dict[int, "Node"]]
 
 
@@ -29,6 +29,7 @@ def _d_abs(node: Node) -> Node:
 
 
 def _d_tan(node: Node) -> Node:
+    # 1 + tan^2, from the value itself, without a further call.
     return node * node + 1.0
 
 
@@ -39,6 +40,7 @@ def _d_asin(node: Node) -> Node:
 
 def _d_pow_base(node: Node) -> Node:
     base, exponent = node.args
+    # Not exponent * node / base, which has no value where the base is zero.
     return exponent * node.dag.pow(base, exponent - 1.0)
 
 
@@ -82,6 +84,7 @@ PARTIALS: dict[str, tuple[Partial | None, ...]] = {
     "atan2": (lambda n: n.args[1] / _norm2(n), lambda n: -(n.args[0] / _norm2(n))),
     "pow": (_d_pow_base, _d_pow_exponent),
     "select": (
+        # A condition has no derivative. What jumps where it changes is left to stops and events.
         None,
         lambda n: n.dag.select(n.args[0], n.dag.one, n.dag.zero),
         lambda n: n.dag.select(n.args[0], n.dag.zero, n.dag.one),
@@ -94,6 +97,7 @@ def _of_table(node: Node) -> Jacobian:
 
 
 def _of_sines(node: Node) -> Jacobian:
+    # The results are the sines, then the cosines: d sin = cos, d cos = -sin.
     n = len(node.args)
     values = results(node, 2 * n)
     return [*({i: values[n + i]} for i in range(n)), *({i: -values[i]} for i in range(n))]
@@ -103,6 +107,7 @@ def _of_call(node: Node) -> Jacobian:
     function: Function = node.data
     if function.partials is None:
         raise ArithmeticError(f"the function '{function.name}' has no partial derivatives")
+    # The matrix of partials is flat: one row of n_arguments entries for each result.
     flat, width = call(node.dag, function.partials, node.args), len(node.args)
     rows = (flat[width * i : width * (i + 1)] for i in range(function.n_results))
     return [dict(enumerate(row)) for row in rows]
@@ -146,12 +151,16 @@ def _adjoints_of_several(node: Node, weights: Sequence[Node]) -> list[Node]:
 def _tangents_of_solution(node: Node, along: Sequence[Node]) -> list[Node]:
     """Solve A dx = db - dA x, with the matrix of the node itself."""
     dag, n = node.dag, node.data.size
+    # The arguments are the matrix row by row, the right-hand side, sizes if any, and the reference;
+    # see cotree.dag.multi_output.solve.
     matrix = [node.args[n * i : n * (i + 1)] for i in range(n)]
     x = results(node, n)
     right = list(along[n * n : n * n + n])
     for i in range(n):
         for j in range(n):
             right[i] = right[i] - along[n * i + j] * x[j]
+    # Matrix, sizes and reference are the node's own: C then factorises once for the value and all
+    # its derivatives, and they agree on the rank.
     solved = solve(dag, matrix, right, node.args[-1], node.data, sizes_of(node))
     return [*solved[:n], dag.zero, dag.zero]  # neither rank nor acceptance change
 
@@ -167,9 +176,10 @@ def _adjoints_of_solution(node: Node, weights: Sequence[Node]) -> list[Node]:
 
 
 def _tangents_of_map(node: Node, along: Sequence[Node]) -> list[Node]:
-    """Differentiate the statements of one column, and put those of each in."""
+    """Differentiate the statements of one column, and substitute the values of each column."""
     linear: LinearMap = node.data
     changes = [node.dag.symbol(CHANGE, i) for i in range(len(linear.inputs))]
+    # The statements of one column are differentiated once, whatever the number of columns.
     once = tangents(linear.results, dict(zip(linear.inputs, changes, strict=True)))
     symbols, found = [*linear.inputs, *changes], []
     for own, d in zip(linear.given_to(node.args), linear.given_to(along), strict=True):
@@ -178,7 +188,7 @@ def _tangents_of_map(node: Node, along: Sequence[Node]) -> list[Node]:
 
 
 def _adjoints_of_map(node: Node, weights: Sequence[Node]) -> list[Node]:
-    """Differentiate the statements of one column in reverse, and put those of each in."""
+    """Differentiate the statements of one column in reverse, and substitute those of each."""
     linear: LinearMap = node.data
     n, n_shared = len(linear.results), linear.n_shared
     changes = [node.dag.symbol(CHANGE, i) for i in range(n)]
@@ -187,6 +197,7 @@ def _adjoints_of_map(node: Node, weights: Sequence[Node]) -> list[Node]:
     for j, own in enumerate(linear.given_to(node.args)):
         given = [*own, *weights[n * j : n * (j + 1)]]
         back = substitute(once, dict(zip(symbols, given, strict=True)))
+        # Shared values receive the sum of the adjoints that the columns pass back.
         shared = [a + b for a, b in zip(shared, back[:n_shared], strict=True)]
         rest += back[n_shared:]
     return [*shared, *rest]
@@ -222,15 +233,15 @@ def tangents(roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[Node]:
 def tangents_along(
     roots: Sequence[Node], seeds: Sequence[Mapping[Node, Node]]
 ) -> list[dict[int, Node]]:
-    """Differentiate forward along several directions at once, each where anything changes.
+    """Differentiate forward along several directions at once, and form only what changes.
 
     Parameters
     ----------
     roots : sequence of Node
         The values to differentiate.
     seeds : sequence of mapping of Node to Node
-        For each direction, what :func:`tangents` takes. What one direction seeds, the others hold,
-        unless they seed it, too.
+        For each direction a seed as in :func:`tangents`. A value that one direction seeds is
+        constant along the others, unless they seed it, too.
 
     Returns
     -------
@@ -242,6 +253,8 @@ def tangents_along(
     ArithmeticError
         If a root calls an external function without partial derivatives.
     """
+    # A value that is seeded with zero still gets a row here: it is held, and its arguments are not
+    # followed along any direction.
     seeded: dict[Node, dict[int, Node]] = {}
     for i, seed in enumerate(seeds):
         for node, d in seed.items():
@@ -318,6 +331,8 @@ def adjoints(roots: Sequence[Node], weights: Sequence[Node], wanted: Sequence[No
     order = reachable(roots)
     for root, weight in zip(roots, weights, strict=True):
         bar[root] = bar.get(root, zero) + weight
+    # In reverse order of evaluation all readers of a value have added to its adjoint before it is
+    # passed on. A node with several results comes after all of them, so it is passed on once.
     for node in reversed(order):
         if node.op in SEVERAL:
             if node in several:

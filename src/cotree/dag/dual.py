@@ -53,6 +53,8 @@ class Dual(Node):
     def __add__(self, other: Any) -> Any:
         if other.__class__ is Dual:
             return varied(self.value + other.value, self.d + other.d)
+        # A dual's derivative is never structurally zero. Adding a plain value keeps that, so no
+        # test is needed.
         return Dual(self.value + other, self.d)
 
     def __radd__(self, other: Any) -> Any:
@@ -69,6 +71,7 @@ class Dual(Node):
     def __mul__(self, other: Any) -> Any:
         if other.__class__ is Dual:
             return varied(self.value * other.value, self.d * other.value + self.value * other.d)
+        # Products are tested, since a factor that is zero makes the derivative vanish.
         return varied(self.value * other, self.d * other)
 
     def __rmul__(self, other: Any) -> Any:
@@ -77,6 +80,7 @@ class Dual(Node):
     def __truediv__(self, other: Any) -> Any:
         if other.__class__ is Dual:
             value = self.value / other.value
+            # (u/w)' = (u' - (u/w) w') / w, which reuses the quotient.
             return varied(value, (self.d - value * other.d) / other.value)
         return Dual(self.value / other, self.d / other)
 
@@ -95,6 +99,7 @@ def varied(value: T, d: T) -> T:
 
 def is_varied(*parts: Any) -> bool:
     """Whether any of the parts changes."""
+    # A list, since a generator costs more than these few comparisons.
     return any([part.__class__ is Dual for part in parts])
 
 
@@ -142,7 +147,7 @@ def formed(form: Callable[..., T], a: Any, b: Any) -> T:
     form : callable
         Forms the value; a part of the key, so the same function each time.
     a, b : object
-        What it is formed of, hashable; ``a`` belongs to the arena.
+        The arguments of the form, hashable; ``a`` belongs to the arena.
     """
     known: dict[Any, T] = _dag_of(a).formed
     key = (form, a, b)
@@ -175,6 +180,7 @@ def additive(form: Form) -> Form:
                 return varied(formed(form, a.value, b.value), form(a.d, b.d))
             return Dual(formed(form, a.value, b), a.d)
         if b.__class__ is Dual:
+            # The form may be a difference, so the sign of b' is left to it.
             return Dual(formed(form, a, b.value), form(_zeros(a), b.d))
         return form(a, b)
 
@@ -209,6 +215,8 @@ def function(name: str, *args: Node) -> Node:
     dag = _dag_of(value_of(args[0]))
     if not is_varied(*args):
         return dag.function(name, *args)
+    # The function is differentiated in terms of placeholders, so that one table of partial
+    # derivatives serves nodes and duals; the arguments are then put in their place.
     symbols = [dag.symbol("argument", i) for i in range(len(args))]
     return formula(dag.function(name, *symbols), dict(zip(symbols, args, strict=True)), {})
 
@@ -221,11 +229,12 @@ def formula(node: Node, arguments: Mapping[Node, Node], seed: Mapping[Node, Node
     node : Node
         The formula.
     arguments : mapping of Node to Node or Dual
-        What the symbols of the formula stand for.
+        The value of each symbol of the formula.
     seed : mapping of Node to Node
         Derivatives of the symbols that stand for themselves.
     """
     along = {**seed, **{symbol: tangent_of(arg) for symbol, arg in arguments.items()}}
     values = {symbol: value_of(arg) for symbol, arg in arguments.items()}
+    # Value and derivative are substituted together: they share most of their nodes.
     value, d = substitute([node, tangents([node], along)[0]], values)
     return varied(value, d)

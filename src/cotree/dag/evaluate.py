@@ -51,8 +51,10 @@ def evaluate(
     # Looked up once: kernels have thousands of nodes.
     functions = {name: getattr(row, numbers) for name, row in OPERATIONS.items()}
     known: dict[Node, Any] = {}
+    # Nothing that a given value depends on is computed.
     for node in reachable(roots, stop=values) if order is None else order:
         op = node.op
+        # A given value need not be a symbol, so it is looked up before its operation is considered.
         if node in values:
             known[node] = values[node]
         elif op == "constant":

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
 
-#: What forms the node of an expression from those of its symbols.
+#: A function that forms the node of an expression from those of its symbols.
 _Maker = Callable[["Dag", Mapping[str, "Node"]], "Node"]
 _Chooser = Callable[["Dag", Mapping[str, "Node"], "Node", "Node"], "Node"]
 
@@ -99,6 +99,8 @@ def _product(dag: Dag, inverted: list[bool], args: list[Node]) -> Node:
     above, below = dag.one, dag.one
     for is_inverted, arg in zip(inverted, args, strict=True):
         if is_inverted:
+            # The power -1 was formed as 1/x, whose divisor is taken out again. Where it has folded,
+            # it is no division any more.
             below = below * arg.args[1] if arg.op == "div" else below / arg
         else:
             above = above * arg
@@ -106,6 +108,7 @@ def _product(dag: Dag, inverted: list[bool], args: list[Node]) -> Node:
 
 
 def _remainder(a: Node, b: Node) -> Node:
+    # The remainder has the sign of b, as in SymPy and in Python; fmod of C has that of a.
     return a - b * a.dag.function("floor", a / b)
 
 
@@ -166,6 +169,8 @@ def _chooser(condition: Any) -> _Chooser:
 
 
 def _joined(parts: list[_Chooser], is_any: bool) -> _Chooser:
+    # In a chain of conditions each part is nested in the branch of the one before it that leaves
+    # the choice open: refused for "or", accepted for "and".
     def choose(dag: Dag, arguments: Mapping[str, Node], accepted: Node, refused: Node) -> Node:
         for part in reversed(parts):
             if is_any:

@@ -15,22 +15,26 @@ if TYPE_CHECKING:
 
 
 def divide(a: float, b: float) -> float:
-    """Divide; by zero that is an infinity, and nan where both are zero."""
+    """Divide; a division by zero gives an infinity, or nan where the dividend is zero, too."""
     try:
         return a / b
     except ZeroDivisionError:
         if a == 0.0 or math.isnan(a):
             return math.nan
+        # The sign of a zero counts, as in C: 1/-0.0 is minus infinity.
         return math.copysign(math.inf, a) * math.copysign(1.0, b)
 
 
 def power(a: float, b: float) -> float:
-    """Raise to a power: a negative base to an odd whole one keeps its sign, others have none."""
+    """Raise to a power; an infinite result has the sign of the base if the power is odd."""
     try:
         return math.pow(a, b)
     except OverflowError:
+        # Overflow: the exponent tells whether the sign of the base survives.
         return math.copysign(math.inf, a) if _is_odd(b) else math.inf
     except ValueError:
+        # Without a value are a negative base with a fractional exponent, and zero with a negative
+        # exponent. The latter is a pole, whose sign is that of the zero for odd exponents.
         if a != 0.0:
             return math.nan
         return math.copysign(math.inf, a) if _is_odd(b) else math.inf
@@ -45,7 +49,7 @@ def logarithm(x: float) -> float:
 
 
 def floor(x: float) -> float:
-    """Round down; zeros keep their sign, what is not finite stays."""
+    """Round down; zeros keep their sign, infinities and nan stay."""
     return float(math.floor(x)) if x and math.isfinite(x) else x
 
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
 
-#: What a value that depends on a column may be made by; a division by what is shared is a product.
+#: Operations that values of a column may be made by; divisions by shared values become products.
 _LINEAR = frozenset({"add", "sub", "mul", "neg"})
 #: Columns that C takes at a time on most machines; values that vanish in all are left out.
 BLOCK = 4
@@ -62,16 +62,19 @@ class LinearMap:
     def supports(self) -> dict[Node, int]:
         """Columns in which each value may be other than zero: as bits, the first lowest.
 
-        What does not depend on a column has none.
+        Values that do not depend on a column have none.
         """
         found: dict[Node, int] = {}
         for node in self.order:
+            # The union over all arguments is safe: a value may be found to be nonzero too often,
+            # never too seldom.
             own = 0
             if node.op == "symbol" and node.data[0] == COLUMN:
                 bit = 1 << node.data[1]
                 own = sum(1 << j for j, given in enumerate(self.given) if given & bit)
             for arg in node.args:
                 own |= found[arg]
+            # The shared arguments come first, then one column after another.
             found[node] = own
         return found
 
@@ -121,8 +124,10 @@ class LinearMap:
         return [[*args[: self.n_shared], *column] for column in self.columns(args)]
 
     def n_sensitive(self, args: Sequence[Node]) -> int:
-        """Count the inputs that come first and are, column after column, the argument ``s``."""
+        """Count the leading inputs that form the argument ``s``, one column after another."""
         columns, n = self.columns(args), 0
+        # C reads such columns in place, from the argument ``s``; all others are gathered row by
+        # row.
         while n < self.n_inputs and _sensitivity(columns[0][n]) == n:
             n += 1
         places = range(self.n_columns * n)
@@ -163,7 +168,7 @@ def form_map(
     inputs : sequence of Node
         Symbols that stand for the values of one column.
     columns : sequence of sequence of Node
-        What it will be applied to: which of their values are zero.
+        The columns that it will be applied to, which tell the values that are zero.
 
     Returns
     -------
@@ -174,6 +179,7 @@ def form_map(
     given = tuple(
         sum(1 << i for i, value in enumerate(column) if not value.is_zero) for column in columns
     )
+    # Inputs that are zero in all columns fold away before the statements are formed.
     idle = {
         node: dag.zero for i, node in enumerate(inputs) if not any(bits >> i & 1 for bits in given)
     }
@@ -193,6 +199,7 @@ def form_map(
         for node in order
         if node in varying
         for arg in node.args
+        # Constants stay in the statements, as numbers in C; other shared values become arguments.
         if arg not in varying and arg not in own and arg.op != "constant"
     }
     own |= {node: dag.symbol(SHARED, i) for i, node in enumerate(shared)}
@@ -232,6 +239,7 @@ def _as_products(dag: Dag, results: Sequence[Node], inputs: Sequence[Node]) -> l
             if system not in inverses:
                 inverses[system] = _for_unit_vectors(system)
             n = system.data.size
+            # x = A^-1 b, from the columns of the inverse, which all columns of the map share.
             rhs = [made.get(arg, arg) for arg in system.args[n * n : n * n + n]]
             columns = [solution[node.data] for solution in inverses[system]]
             # The rank, behind the unknowns, is that of the matrix alone.

@@ -119,6 +119,7 @@ def solve_pivoted(
     b = np.array(rhs, dtype=np.result_type(a, rhs))
     n = len(b)
     columns = list(range(n))
+    # Sizes are judged by real parts alone, so that a complex step takes the same pivots.
     shape = shape or SolveShape(n, n)
     smallest = shape.tolerance * np.max(np.abs(a.real), initial=reference)
     rank = 0
@@ -126,6 +127,7 @@ def solve_pivoted(
         # Complete pivoting: the order of the pivots decides the rank most reliably.
         place = int(np.argmax(np.abs(a[k:, k:].real)))
         row, column = k + place // (n - k), k + place % (n - k)
+        # Written so that nan ends the elimination.
         if not abs(a[row, column].real) > smallest:
             break
         a[[k, row]], b[[k, row]] = a[[row, k]], b[[row, k]]
@@ -135,6 +137,7 @@ def solve_pivoted(
         a[k + 1 :, k:] -= np.outer(factors, a[k, k:])
         b[k + 1 :] -= factors * b[k]
         rank += 1
+    # Rows behind the last pivot are rounding, if the system is consistent, and are left out.
     upper = np.triu(a[:rank, :rank])
     solution = np.zeros(n, dtype=b.dtype)
     solution[columns[:rank]] = np.linalg.solve(upper, b[:rank]) if rank else b[:0]
@@ -142,12 +145,14 @@ def solve_pivoted(
         return solution, rank, True
     # The null space, by which the solution of least norm is found.
     free = np.zeros((n, n - rank), dtype=a.dtype)
+    # Each free unknown is one in turn, and those with pivots follow from U x = -A_free.
     free[columns[:rank]] = -np.linalg.solve(upper, a[:rank, rank:]) if rank else a[:0, rank:]
     free[columns[rank:]] = np.eye(n - rank)
     basis, _ = np.linalg.qr(free.real)
     # A leading unknown is unique if no vector of the null space moves it.
     leading = basis[: shape.n_determined]
     is_determined = bool(np.all(np.abs(leading) <= NULL_TOLERANCE))
+    # Without its part in the null space a solution has the least norm.
     return solution - basis @ (basis.T @ solution), rank, is_determined
 
 
@@ -160,6 +165,8 @@ def _evaluate_solve(data: SolveShape, values: Sequence[Any]) -> Sequence[Any]:
     # A row of zeros, as of a constraint that nothing moves in one position, stays a row of zeros.
     scales = np.where(sizes == 0.0, 0.0, 1.0 / np.sqrt(np.where(sizes == 0.0, 1.0, sizes)))
     scales = scales if sizes.size else np.ones(n)
+    # With S = diag(scales) the system S A S y = S b is solved, and x = S y. Symmetry is kept, and
+    # the norm that is least in a singular system is that of y.
     scaled = scales[:, None] * matrix * scales
     solution, rank, is_determined = solve_pivoted(scaled, scales * rhs, reference, data)
     return [*(scales * solution).tolist(), float(rank), float(is_determined)]
@@ -167,6 +174,7 @@ def _evaluate_solve(data: SolveShape, values: Sequence[Any]) -> Sequence[Any]:
 
 def _evaluate_table(table: Table, values: Sequence[Any]) -> Sequence[Any]:
     x = values[0]
+    # An array of arguments is looked up one by one.
     if np.ndim(x):
         rows: list[Any] = np.array([_evaluate_table(table, [float(at)]) for at in x]).T.tolist()
         return rows
@@ -220,6 +228,7 @@ def solve(
         The n unknowns, then the rank found at run time, and one where the solution is accepted.
     """
     n = len(rhs)
+    # This layout is what sizes_of, is_symmetric, the derivatives and the statements in C rely on.
     args = [*(entry for row in matrix for entry in row), *rhs, *sizes, reference or dag.zero]
     shape = shape or SolveShape(n, n)
     return dag.several("solve", args, shape, n + 2)

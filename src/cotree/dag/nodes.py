@@ -55,7 +55,7 @@ class Node:
         self.args = args
         self.data = data
         self.value = value
-        self.section = dag.section
+        self.section = dag.section  # of whoever formed the value first
         self.index = len(dag.nodes)
         dag.nodes.append(self)
 
@@ -153,7 +153,7 @@ class Dag:
 
     def note_origin(self, node: Node, origin: str) -> None:
         """Record the origin of a value, for messages; the first origin stays."""
-        if node.args:
+        if node.args:  # constants and symbols are shared by edges of many origins
             self.origins.setdefault(node, origin)
 
     def constant(self, value: float) -> Node:
@@ -201,9 +201,9 @@ class Dag:
             return self.sub(b, a.args[0])
         if a is b:
             return self.mul(self.constant(2.0), a)
-        if a.index > b.index:
+        if a.index > b.index:  # sums commute: one node for both orders
             a, b = b, a
-        if b.op == "sub" and b.args[1] is a:
+        if b.op == "sub" and b.args[1] is a:  # a + (c - a)
             return b.args[0]
         key = ("add", a.index, b.index)
         node = self._interned.get(key)
@@ -263,13 +263,13 @@ class Dag:
             return self.neg(self.mul(a.args[0], b))
         if b.op == "neg":
             return self.neg(self.mul(a, b.args[0]))
-        if b.value is not None:
+        if b.value is not None:  # constants stand first, which _scale relies on
             a, b = b, a
         if a.value is not None:
             return self._scale(a.value, a, b)
         if a.index > b.index:
             a, b = b, a
-        if b.op == "div" and b.args[1] is a and b.args[0] is self.one:
+        if b.op == "div" and b.args[1] is a and b.args[0] is self.one:  # a * (1/a)
             return b.args[0]
         key = ("mul", a.index, b.index)
         node = self._interned.get(key)
@@ -300,7 +300,7 @@ class Dag:
                 raise ZeroDivisionError("division by zero")
             if a.value is not None:
                 return self.constant(a.value / b.value)
-            return self.mul(self.constant(1.0 / b.value), a)
+            return self.mul(self.constant(1.0 / b.value), a)  # quicker, if rounded twice
         if a is self.zero:
             return a
         if a is b:
@@ -317,7 +317,7 @@ class Dag:
             return self.constant(-a.value)
         if a.op == "neg":
             return a.args[0]
-        if a.op == "sub":
+        if a.op == "sub":  # -(c - d) = d - c, without a negation
             return self.sub(a.args[1], a.args[0])
         return self._intern("neg", (a,))
 
@@ -327,7 +327,7 @@ class Dag:
         if power is not None:
             if a.value is not None:
                 return self.constant(folded("pow", a.value, power))
-            if power == int(power) and abs(power) <= 64:
+            if power == int(power) and abs(power) <= 64:  # at most ten products
                 return self._integer_power(a, int(power))
             if power == 0.5:
                 return self.function("sqrt", a)

@@ -67,6 +67,8 @@ def _complex_sign(x: complex) -> float:
 
 def _complex_atan2(y: complex, x: complex) -> complex:
     y0, x0 = complex(y).real, complex(x).real
+    # The angle between the perturbed and the real direction is infinitesimal, so that this
+    # arctangent never leaves its principal branch.
     return math.atan2(y0, x0) + cmath.atan((x0 * y - y0 * x) / (x0 * x + y0 * y))
 
 
@@ -87,6 +89,7 @@ def _array_erf(x: Scalar) -> Scalar:
 
 
 def _select(condition: float, accepted: float, refused: float) -> float:
+    # A condition that is nan is refused: comparisons with nan are false, here as in C.
     return accepted if condition >= 0.0 else refused
 
 
@@ -117,6 +120,7 @@ _ROWS = (
     _arithmetic("add", 2, operator.add, "{0} + {1}"),
     _arithmetic("sub", 2, operator.sub, "{0} - {1}"),
     _arithmetic("mul", 2, operator.mul, "{0} * {1}"),
+    # Division is the only arithmetic operator of Python that raises on floats.
     Operation(
         "div", 2, ieee.divide, operator.truediv, operator.truediv, "{0} / {1}", is_call=False
     ),
@@ -132,6 +136,8 @@ _ROWS = (
         _sign,
         _complex_sign,
         _array_sign,
+        # The comparisons are spelled as in the Python function, so that nan has the sign zero in
+        # both.
         "(double)(({0} > 0.0) - ({0} < 0.0))",
     ),
     Operation("floor", 1, ieee.floor, _complex_floor, np.floor, "floor({0})"),

@@ -47,6 +47,8 @@ class Rotation:
     def then(self, axis: Vector, angle: Node) -> Rotation:
         """Turn further, about an axis fixed in the rotated frame."""
         if self.angle is None or self.axis is None:
+            # From the identity any axis is taken over, so that further turns about it add their
+            # angles.
             if self.is_identity:
                 return about(axis, angle)
         elif all(a is b for a, b in zip(self.axis, axis, strict=True)):
@@ -74,6 +76,7 @@ def about(axis: Vector, angle: Node) -> Rotation:
     """
     dag = angle.dag
     cosine, sine = dag.function("cos", angle), dag.function("sin", angle)
+    # Rodrigues: R = cos I + (1 - cos) e e^T + sin [e]x.
     versine = 1.0 - cosine
     x, y, z = axis
 
@@ -148,6 +151,8 @@ def quaternion_turn(q: Sequence[Node], d: Sequence[Node], is_own: bool) -> Vecto
     d0, d1, d2, d3 = d
     scale = q0.dag.constant(2.0) / (q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
     imaginary, along = (q1, q2, q3), (d1, d2, d3)
+    # Im(conj(q) d) = q0 d - d0 q - q x d, of the imaginary parts q and d. The other order of
+    # factors changes the sign of the cross product.
     straight = vector.sub(vector.scale(q0, along), vector.scale(d0, imaginary))
     across = vector.cross(imaginary, along)
     total = vector.sub(straight, across) if is_own else vector.add(straight, across)
@@ -169,6 +174,7 @@ def quaternion_product(a: Sequence[Node], b: Sequence[Node]) -> tuple[Node, ...]
 def quaternion_about(axis: Vector, angle: Node) -> tuple[Node, ...]:
     """Form the quaternion of a turn about a unit axis."""
     half = 0.5 * angle
+    # The product does not commute: ``a`` stands left, as its frame is the outer one.
     sine = angle.dag.function("sin", half)
     return (angle.dag.function("cos", half), *vector.scale(sine, axis))
 
@@ -220,6 +226,8 @@ def quaternion_of_nodes(m: Matrix, value: Callable[[Node], float]) -> tuple[Node
     """
     dag = m[0][0].dag
     trace = m[0][0] + m[1][1] + m[2][2]
+    # 4 q0^2 = 1 + tr and 4 qi^2 = 1 - tr + 2 m_ii. The largest of the trace and the diagonal tells
+    # the largest component, which is at least a half, so that the division by it is safe.
     squares = [value(node) for node in (trace, m[0][0], m[1][1], m[2][2])]
     largest = squares.index(max(squares))
     if largest == 0:

@@ -27,16 +27,17 @@ if TYPE_CHECKING:
 #: Stops closer than this share of their size are one: a few roundings of what they are made of.
 SAME = 8 * 2.0**-52
 
-#: What looks at its first argument.
+#: Operations that jump or have a kink, depending on their first argument.
 _LOOKING = frozenset({"select", "sign", "abs", "floor", "table"})
 
-#: What may be nearly zero for most of a period: states in these limit steps where a sine drives.
+#: Operations that may be nearly zero during most of a period. Where they depend on states, sines of
+#: time limit the steps.
 _PARTIAL = frozenset({"exp", "tanh", "select", "sign", "abs", "table"})
 
 #: Steps in a period of such a sine. A rectifier conducts for a twentieth of it, or more.
 _SHARES = 32.0
 
-#: What may be more lines than this, one after another, is left to the error test.
+#: Values with more pieces than this are left to the error test.
 _MOST_PIECES = 16
 
 
@@ -53,7 +54,7 @@ class Stop:
     starts : bool
         Whether there are none before ``first``, k from zero on.
     along : tuple of (Node, Node)
-        How ``first`` and the period change along each of some directions.
+        Derivatives of ``first`` and of the period along each of some directions.
     """
 
     first: Node
@@ -108,6 +109,7 @@ def stops_within(dag: Dag, roots: Iterable[Node]) -> dict[Node, tuple[Stop, ...]
     found: dict[Node, tuple[Stop, ...]] = {}
     for node in order:
         if node.op in _LOOKING:
+            # A node without pieces is no function of time that is known before a run.
             own = (_stops(node, line) for line in pieces.get(node.args[0], ()))
             found[node] = tuple(dict.fromkeys(chain.from_iterable(own)))
     return found
@@ -158,6 +160,7 @@ def acts_in_part(roots: Iterable[Node]) -> bool:
 def _all_pieces(dag: Dag, order: Sequence[Node]) -> dict[Node, tuple[_Line, ...]]:
     """Write all nodes that are piecewise linear in time, with few pieces, as lines."""
     pieces: dict[Node, tuple[_Line, ...]] = {}
+    # States, inputs and unknowns are known during a run only.
     others = [n for n in order if n.op == "symbol" and n.data[0] not in ("p", "t")]
     moving = dependent(order, others)
     for node in order:
@@ -255,6 +258,7 @@ def _stops(node: Node, line: _Line) -> list[Stop]:
     if line.rate.is_zero:
         return []  # a count alone: its floor has been seen to already
     if node.op == "floor" and line.count is None:
+        # The argument is whole at its root and each time that it has grown by one since.
         return [Stop(-line.offset / line.rate, 1.0 / line.rate, line.starts)]
     places = node.data.x if node.op == "table" else (0.0,)
     firsts = [(place - line.offset) / line.rate for place in places]
@@ -267,6 +271,8 @@ def _stops(node: Node, line: _Line) -> list[Stop]:
 
 def longest_step(limits: Iterable[Node], values: Mapping[Node, float]) -> float:
     """Return the least of some limits, which are nodes of parameters; infinity for none."""
+    # A rate of zero gives an infinite limit, an infinite rate gives zero, which would stop a run:
+    # neither limits anything, and nor does nan.
     sizes = [abs(value_of(limit, values)) for limit in limits]
     return min((size for size in sizes if size > 0.0), default=math.inf)
 

@@ -43,7 +43,7 @@ ARGUMENT_OF = {
 #: Change of a state, and of the parameter of sensitivity j, along any direction in common.
 STATE_CHANGE = "dx"
 PARAMETER_CHANGE = "dp"
-#: What a parameter changes by itself, along that direction.
+#: The direct change by a parameter, at constant states, along that direction.
 SOURCE = "source"
 #: An acceleration or a multiplier, and its derivative along a direction.
 UNKNOWN = "w"

@@ -36,6 +36,7 @@ def dependent(nodes: Iterable[Node], sources: Iterable[Node]) -> set[Node]:
     """Give the sources and those of ``nodes`` (in order of evaluation) that depend on them."""
     marked = set(sources)
     for node in nodes:
+        # In order of evaluation, all arguments have been decided on.
         if any(arg in marked for arg in node.args):
             marked.add(node)
     return marked
@@ -58,6 +59,7 @@ def substitute(roots: Iterable[Node], replacement: Mapping[Node, Node]) -> list[
     """
     roots = list(roots)
     new: dict[Node, Node] = dict(replacement)
+    # The walk ends at replaced nodes. Their arguments are rebuilt only where another path leads.
     for node in reachable(roots, stop=replacement):
         if node in replacement:
             continue
@@ -77,7 +79,7 @@ def symbols_of_each(
 ) -> list[list[Node]]:
     """List the symbols that each root depends on, in one walk over all of them.
 
-    What each value depends on is a number with a bit for each symbol, of those in ``among`` if any.
+    The symbols of a value are an integer with one bit for each, of those in ``among`` if given.
     """
     walk = reachable(roots)
     symbols = [node for node in walk if node.op == "symbol" and (among is None or node in among)]

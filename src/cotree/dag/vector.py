@@ -31,6 +31,7 @@ def identity(dag: Dag) -> Matrix:
 
 def is_zero(a: Vector) -> bool:
     """Whether a vector is structurally zero."""
+    # A vector that changes is not zero, even where its value is: its derivative would be lost.
     if is_varied(a):
         return False
     zero = a[0].dag.zero
@@ -126,6 +127,8 @@ def matadd(a: Matrix, b: Matrix) -> Matrix:
 
 def congruence(r: Matrix, s: Matrix) -> Matrix:
     """Form R S R^T of a symmetric S, computing one half of it."""
+    # Entry ij is row i of R S times row j of R; the tensor stays symmetric, so the lower half is
+    # the upper one.
     rs = matmul(r, s)
     xx, xy, xz = dot(rs[0], r[0]), dot(rs[0], r[1]), dot(rs[0], r[2])
     yy, yz, zz = dot(rs[1], r[1]), dot(rs[1], r[2]), dot(rs[2], r[2])
@@ -135,10 +138,11 @@ def congruence(r: Matrix, s: Matrix) -> Matrix:
 def polar(a: Vector) -> tuple[Node, Vector]:
     """Give the length of a vector and its direction.
 
-    The direction e changes by what of a' is across it, over the length; the length by e . a'.
+    With the direction e, the length changes by e . a', and e by (a' - (e . a') e) / length.
     """
     value = value_of(a)
     length = value[0].dag.function("sqrt", dot(value, value))
+    # One division serves the direction and its derivative.
     inverse = 1.0 / length
     direction = scale(inverse, value)
     if not is_varied(a):
@@ -157,12 +161,15 @@ def angular_acceleration_matrix(omega: Vector, alpha: Vector) -> Matrix:
 @bilinear
 def _products(a: Vector, b: Vector) -> tuple[Vector, Vector]:
     """Form the squares and the mixed products of two vectors that have the same value."""
+    # The mixed products are taken in one order only, as both vectors have the same value. For duals
+    # the two terms of the bilinear form make up the derivative of both orders.
     squares = (a[0] * b[0], a[1] * b[1], a[2] * b[2])
     return squares, (a[1] * b[2], a[0] * b[2], a[0] * b[1])
 
 
 @linear
 def _spread(products: tuple[Vector, Vector], alpha: Vector) -> Matrix:
+    # [omega]x[omega]x = omega omega^T - |omega|^2 I is symmetric, [alpha]x is skew.
     (xx, yy, zz), (yz, xz, xy) = products
     ax, ay, az = alpha
     # The diagonal is written as -(yy + zz), never as xx - |omega|^2: nothing cancels.

@@ -37,7 +37,7 @@ def check_numbers(t_end: float, rtol: float, atol: float) -> None:
     Warns
     -----
     RuntimeWarning
-        Where the relative tolerance is loose.
+        If the relative tolerance is loose.
     """
     if not math.isfinite(t_end):
         raise SceneError(f"t_end is {t_end}: give a finite number")
@@ -45,6 +45,7 @@ def check_numbers(t_end: float, rtol: float, atol: float) -> None:
     if fault:
         raise SceneError(fault)
     # Zero is accepted: the relative tolerance alone then controls the error.
+    # Written so that nan is refused.
     if not (math.isfinite(atol) and atol >= 0.0):
         raise SceneError(f"atol is {atol}: give a finite number that is not negative")
     if loose_rtol(rtol):
@@ -79,6 +80,7 @@ def check_step(program: Program, integrator: str, step: float | None) -> None:
         raise CodegenError(
             f"{integrator} takes steps of one length: give it, a positive number of seconds"
         )
+    # Events lie within steps, and would need steps that end at them.
     if program.layout.events:
         raise CodegenError(
             f"{integrator} does not locate events, and scene '{program.layout.name}' has "
@@ -90,18 +92,20 @@ def check_step(program: Program, integrator: str, step: float | None) -> None:
 def _check_corners(program: Program, integrator: str) -> None:
     """Refuse sensitivities that jump at corners of sources: steps of one length pass over these.
 
-    Where the rates do not jump, neither do the sensitivities, and passing costs order only.
+    If the rates do not jump, neither do the sensitivities, and passing costs order only.
     """
     dag, layout = program.dag, program.layout
     stops = [stop for own in program.stops.values() for stop in own]
     moving = [
         name
         for j, name in enumerate(layout.sensitivities)
+        # Along each sensitivity a stop has the derivatives of its first time and of its period.
         if any(not d.is_zero for stop in stops for d in stop.along[j])
     ]
     if not moving:
         return
     # At the values of parameters, whether rates jump is decided by time alone.
+    # Inputs are the scene's own: a C project has no others.
     known = {dag.symbol("u", i): v for i, v in enumerate(program.kernels["inputs"].results)}
     values = {dag.symbol("p", i): dag.constant(v) for i, v in enumerate(layout.parameter_values)}
     rates = substitute(substitute(list(program.kernels["rhs"].results), known), values)
@@ -153,5 +157,6 @@ def check_start(evaluated: Evaluated, start: Start | None) -> None:
     if start is None or is_apart:
         return
     model = evaluated.model
+    # No input is replaced.
     events = ModelEvents(model, model.default_parameters, lambda t: None)
     events.check_start(0.0, start.z)

@@ -93,11 +93,11 @@ class MainContext:
         Lines of C literals: the initial states and sensitivities of a model whose start has to
         satisfy more than its kernels of the initial state; empty for others.
     n_constraints : int
-        How many constraints there are, with their rates and the norms of quaternions.
+        Number of constraints, with their rates and the norms of quaternions.
     n_algebraic : int
-        How many of the states are algebraic unknowns.
+        Number of algebraic unknowns among the states.
     n_events : int
-        How many events there are.
+        Number of events.
     is_strict : bool
         Whether constraints are dependent, so that rates are taken on them.
     step : str
@@ -167,7 +167,7 @@ def write_c_project(
     step : float, optional
         Length of all steps of a method of ``FIXED``, [s].
     start : Start, optional
-        Where it begins, if not at its own consistent start.
+        The state at the start, if that is not its own consistent start.
 
     Returns
     -------
@@ -192,10 +192,13 @@ def write_c_project(
     check_numbers(t_end, rtol, atol)
     check_step(program, integrator, step)
     model = model_context(program)
+    # Steps of one length go to the end time without breakpoints, points or events: no job is
+    # needed.
     driver = {} if integrator in FIXED else driver_files(integrator)
     evaluated = Evaluated(program)
     is_dependent = evaluated.is_dependent()
     own: Mapping[str, str] = {}
+    # Stages of an implicit method would contradict constraints that are dependent.
     if method.is_implicit:
         check_loops(program, integrator, is_dependent)
         own = {**render_newton(newton_context(program)), **stiff_files()}
@@ -208,7 +211,9 @@ def write_c_project(
         *(name for name in driver if name.endswith(".c")),
         "main.c",
     ]
+    # Compilers differ in whether they fuse products and sums by default. Without, they agree.
     command = f"cc -std=c99 -O2 -ffp-contract=off -o {model.prefix} {' '.join(sources)} -lm"
+    # All is refused or found before the first file is written.
     found = evaluated.found_start() if start is None else start
     check_start(evaluated, found)
     numbers = t_end, rtol, atol, step
@@ -264,6 +269,7 @@ def _main_context(
 
 def _seeds(program: Program) -> list[int]:
     places = {row.name: i for i, row in enumerate(program.layout.parameters)}
+    # Initial values of states have no place among the parameters.
     return [places.get(name, -1) for name in program.layout.sensitivities]
 
 
@@ -274,11 +280,15 @@ def _stop_rows(program: Program) -> list[str]:
     rows = set()
     for stop in (stop for own in program.stops.values() for stop in own):
         first = value_of(stop.first, values)
+        # Some times do not exist at these values: divided by a parameter that is zero, for example.
         if not math.isfinite(first):
             continue
         period = value_of(stop.period, values)
+        # C takes positive periods only. Times that repeat in both directions are the same for a
+        # period of the other sign, whose derivatives have the other sign, too.
         sign = math.copysign(1.0, period)
         slopes = [value_of(d, values) for pair in stop.along for d in pair]
+        # One time only: C tells it by a period of zero, whose derivatives follow it.
         if not math.isfinite(period) or period == 0.0:
             period, slopes[1::2] = 0.0, [0.0] * len(stop.along)
         slopes[1::2] = [sign * d for d in slopes[1::2]]
@@ -303,6 +313,7 @@ def _write_files(directory: Path, texts: Mapping[str, str]) -> None:
     try:
         directory.mkdir(parents=True, exist_ok=True)
         # In the same folder, so that moving a file is one rename on one file system.
+        # All are complete before the first takes its place.
         with tempfile.TemporaryDirectory(prefix=".cotree-", dir=directory) as folder:
             for name, text in texts.items():
                 with open(os.path.join(folder, name), "w", encoding="ascii", newline="\n") as file:

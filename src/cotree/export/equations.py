@@ -59,7 +59,7 @@ class SymbolicEquations:
     rates : tuple of str
         Names of the rates of the networks' states: ``"C1.v_dot"``.
     n_coordinates : int
-        How many of the states, which come first, are coordinates.
+        Number of coordinates, which come first among the states.
     symbols : mapping of str or (str, str) to sympy.Symbol
         By name: states, accelerations, rates, multipliers (spelt ``lambda_D4_x``), parameters,
         inputs and ``"t"``; the sensitivity of each of the first four by a pair such as
@@ -67,9 +67,9 @@ class SymbolicEquations:
     initial : mapping of str or (str, str) to sympy.Expr
         Initial values of the states and of their sensitivities.
     latex_names : mapping of sympy.Symbol to str
-        How LaTeX spells states, accelerations, multipliers and their sensitivities.
+        LaTeX of states, accelerations, multipliers and their sensitivities.
     events : mapping of str to SymbolicEvent
-        What happens where an expression passes through zero.
+        The effects of expressions that pass through zero, by name.
     """
 
     governing: tuple[Any, ...]
@@ -124,6 +124,7 @@ class SymbolicEquations:
 
     def _line(self, equation: Any, spell: Callable[[Any], str], name: str | None) -> str:
         """Write an equation with the terms of the highest derivatives first."""
+        # Sensitivities stand before the variables themselves, as in Eq. (9): they are its unknowns.
         order: list[Any] = []
         n = self.n_coordinates
         highest = (*self.accelerations, *self.rates, *self.multipliers)
@@ -145,9 +146,9 @@ def printer(kind: str, latex_names: Mapping[Any, str]) -> Callable[[Any], str]:
     Parameters
     ----------
     kind : {'text', 'latex'}
-        What to write.
+        The language.
     latex_names : mapping of sympy.Symbol to str
-        How LaTeX spells symbols.
+        LaTeX of symbols.
     """
     from sympy.printing.latex import LatexPrinter
     from sympy.printing.str import StrPrinter
@@ -160,6 +161,7 @@ def printer(kind: str, latex_names: Mapping[Any, str]) -> Callable[[Any], str]:
     plain, known = printer._print, {}
 
     def print_once(item: Any, **options: Any) -> Any:
+        # Numbers of different types are equal, but spelt differently: 2 and 2.0.
         key = (type(item), item)
         if options or not hasattr(item, "free_symbols"):
             return plain(item, **options)
@@ -216,6 +218,7 @@ def symbolic_equations(equations: Equations) -> SymbolicEquations:
     names = SymbolTable.of(equations)
     known = names.known(equations)
     matrix = _matrix(equations, known)
+    # Rates of coordinates and of speeds are no equations of their own: the balances are.
     n_speeds = len(names.accelerations)
     n = equations.n_coordinates + n_speeds
     initial: dict[Key, Any] = dict(
@@ -259,6 +262,7 @@ def symbolic_equations(equations: Equations) -> SymbolicEquations:
 def _matrix(equations: Equations, known: Mapping[Node, Any]) -> list[list[Any]]:
     """Write the matrix row by row; those of constraints, which border it, with their own sign."""
     rows = [to_sympy(row, known) for row in equations.matrix]
+    # Unknowns are accelerations, then one multiplier for each constraint.
     n_speeds = len(rows) - len(equations.constraints.rows)
     # The border holds -G, which makes the matrix symmetric; people read G.
     rows[n_speeds:] = [[-entry for entry in row] for row in rows[n_speeds:]]
@@ -273,6 +277,7 @@ def _balances(
 
     totals = []
     for i, (row, b) in enumerate(zip(matrix, forcing, strict=True)):
+        # A w - b for the balances; rows of constraints, whose sign has changed, are G a + b.
         if i < n_speeds:
             terms = [a * w for a, w in zip(row, unknowns, strict=True)]
             totals.append(sympy.Add(*terms, -b))
@@ -342,6 +347,7 @@ class SymbolTable:
         used = {*given, "t"}
         for name in (*given, "t"):
             names.symbols[name] = real_symbol(name)
+        # Names are unique over all graphs: s_L may be a parameter, or the sensitivity of s.
         for along in (None, *(direction.name for direction in equations.sensitivities)):
             mark = names.subscripts[along] = subscript(along, of_states)
             for row, own in spelt.items():

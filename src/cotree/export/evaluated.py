@@ -49,6 +49,8 @@ class Evaluated:
         Redundant initial values are checked in either case.
         """
         layout = self.program.layout
+        # Constraints, further conditions and algebraic unknowns make the start a problem to be
+        # solved. A jumping expression must know the side that it starts on.
         is_sought = layout.constraints or layout.start_rows or layout.n_algebraic
         is_sought = is_sought or any(row.is_jump for row in layout.events)
         if not layout.states or not (is_sought or layout.redundant):
@@ -58,6 +60,7 @@ class Evaluated:
 
     def sizes(self, start: Start) -> list[float]:
         """List the factors of the absolute tolerances of states; empty where all are one."""
+        # Only what storages hold together has another size than one.
         if not self.program.layout.followers:
             return []
         at = Moment(self.model, 0.0, self.model.default_parameters)
@@ -68,5 +71,6 @@ class Evaluated:
         """Tell whether constraints of edges are dependent at the start, or nearly so."""
         if not self.program.layout.constraint_edges:
             return False
+        # The rank is judged as the projection of a run would judge it.
         projection = Projection(self.model, self.model.default_parameters, lambda t: None)
         return bool(projection.singular(0.0, self.start.z))

@@ -28,7 +28,7 @@ class GraphReport:
     incidence, f_cutset, f_circuit : mapping of str to TopologyMatrix
         Integer matrices with the names of their rows and columns.
     costs : tuple of Alternative
-        What the right-hand side of each tree that was counted costs, the cheapest first, then of
+        Cost of the right-hand side of each tree that was counted, the cheapest first; then of
         trees that translation and rotation do not share.
     """
 
@@ -65,6 +65,8 @@ class GraphReport:
             parts += ["f-cutsets", self.f_cutset[name].summary()]
             parts += ["f-circuits", self.f_circuit[name].summary(), ""]
         for is_one, head in (
+            # A tree that translation and rotation share is chosen automatically, others by name
+            # only.
             (True, "trees counted, by operations of the right-hand side; the first is taken"),
             (False, "different trees for translation and rotation, taken only where named"),
         ):

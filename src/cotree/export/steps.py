@@ -68,6 +68,7 @@ def formulation_steps(first: FirstGraph, equations: Equations) -> str:
     """
     names = SymbolTable.of(equations)
     speller = _Speller.of(first, equations, names)
+    # Sections are numbered as the paper's equations are.
     title = f"(3){', (4)' if equations.sensitivities else ''} terminal equations"
     sections = [
         _heading(first, speller, names),
@@ -83,10 +84,13 @@ def formulation_steps(first: FirstGraph, equations: Equations) -> str:
 def _trees(first: FirstGraph) -> list[tuple[str, str, Tree, Tree]]:
     """List letters of through and across variables with the trees of f-cutsets and f-circuits."""
     own = first.system.trees
+    # A multibody system has one tree for both topology matrices. Networks take normal trees, which
+    # may differ for through and across variables.
     rows = [(*_LETTERS[tree.graph.domain], tree, tree) for tree in (own.translation, own.rotation)]
     for domain, normal in first.network.trees.items() if first.network else ():
         row = DOMAINS[domain]
         rows.append((row.through_symbol, row.across_symbol, normal.through, normal.across))
+    # A domain without branches has no cuts and no circuits.
     return [row for row in rows if row[-1].branches]
 
 
@@ -106,6 +110,7 @@ def _heading(first: FirstGraph, speller: _Speller, names: SymbolTable) -> str:
         lines.append(across.summary())
         if through is not across:
             lines.append(f"{through.summary()}, for f-cutsets; the one above is for f-circuits")
+    # Only the lines of prose are filled: equations have breaks of their own.
     filled = (textwrap.fill(line, _WIDTH, subsequent_indent="    ") for line in lines)
     return "\n".join([title, "=" * len(title), "", *filled])
 
@@ -151,6 +156,7 @@ def _result(speller: _Speller, equations: Equations) -> str:
 def _written_size(nodes: Sequence[Node]) -> int:
     """Count the operations of expressions that share nothing."""
     sizes: dict[Node, int] = {}
+    # Text repeats a shared value wherever it is read, so sizes add up over all readers.
     for node in reachable(nodes):
         sizes[node] = 1 + sum(sizes[arg] for arg in node.args)
     return sum(sizes[node] for node in nodes)
@@ -158,6 +164,7 @@ def _written_size(nodes: Sequence[Node]) -> int:
 
 def _wrapped(text: str, indent: int, hanging: int) -> str:
     """Wrap an equation before a plus or minus, but not inside the innermost parentheses."""
+    # Spaces that must not break become no-break spaces, which the wrapping leaves alone.
     kept = re.sub(r"\([^()]*\)", lambda group: group[0].replace(" ", _HELD), text)
     kept = re.sub(r"([+-]) ", rf"\1{_HELD}", kept)
     return textwrap.fill(
@@ -182,7 +189,7 @@ class _Graph:
 
 @dataclass(frozen=True)
 class _Speller:
-    """Spells nodes, those that have a name by it.
+    """Spells nodes; those that have a name are spelt by it.
 
     Attributes
     ----------
@@ -223,9 +230,11 @@ class _Speller:
         known = names.known(equations)
         graphs = [_Graph("G1", None, "", {})]
         unknowns = dict(zip(equations.unknowns, equations.unknown_tangents, strict=True))
+        # The paper's G2 is the first sensitivity graph.
         for number, direction in enumerate(equations.sensitivities, start=2):
             known |= names.known_along(equations, direction)
             mark = names.subscripts[direction.name]
+            # The direction's own seed has states, inputs and parameters; unknowns change, too.
             seed = {**direction.seed, **unknowns}
             graphs.append(_Graph(f"G{number}", direction.name, mark, seed))
         kinds = {name: edge.component.name for name, edge in first.scene.edges.items()}
@@ -277,10 +286,12 @@ class _Speller:
         for term in terms:
             own = [next(values) for _ in term.nodes]
             spelt = to_sympy(own, self.known)
+            # Zero to SymPy, even where the nodes did not fold.
             if not any(spelt):
                 continue
             name = f"{term.letter}{graph.subscript if term.letter else ''}{term.place}"
             label = "" if term.edge in ("", before) else f"{term.edge} ({self.kinds[term.edge]})"
+            # The edge is named once, at the first of its terms.
             before = term.edge
             start = label.ljust(width) + f"{name}{' = ' if term.letter else ': '}"
             text = f"{self._entries(spelt)}{' = 0' if term.is_held else term.note}"
@@ -295,6 +306,7 @@ class _Speller:
             return entries[0]
         if len(entries) == 3:
             return f"[{', '.join(entries)}]"
+        # The places 0, 4 and 8 of nine are the diagonal.
         if not any(values[i] for i in range(9) if i % 4):
             return f"diag({', '.join(entries[::4])})"
         return f"[{'; '.join(', '.join(entries[i : i + 3]) for i in (0, 3, 6))}]"
@@ -304,7 +316,9 @@ class _Speller:
         for suffix, node, value in zip(_COMPONENTS[len(nodes)], nodes, values, strict=True):
             # SymPy may find a number where the nodes are an expression, as sin^2 + cos^2.
             symbol = value if value.is_number else real_symbol(f"{name}{suffix}")
+            # The name then serves the positive value, which more terms read.
             if node.op == "neg":
                 node, symbol = node.args[0], -symbol
+            # An operation on symbols alone is as short as its name.
             if any(arg.args for arg in node.args):
                 self.known.setdefault(node, symbol)

@@ -52,6 +52,7 @@ class SymbolicEvent:
         symbols : mapping of str to sympy.Symbol
             By name of a state.
         """
+        # Expressions see the values before the event, so that the order of these does not matter.
         actions = [f"{symbols[state]} := {spell(value)}" for state, value in self.set.items()]
         if self.restitution is not None:
             actions.append(f"an impact with restitution {spell(self.restitution)}")
@@ -75,9 +76,11 @@ def symbolic_events(
     states : tuple of str
         Names of the states.
     """
+    # Places of expressions count from the outputs, which come first.
     first = len(equations.outputs)
     values = dict(enumerate(to_sympy(equations.output_values[first:], known), start=first))
     found = {}
+    # An impact sets speeds, too, but by its restitution and not by expressions.
     for row in equations.events:
         kept = zip(row.kept, row.new_values, strict=True)
         new = {states[target]: values[place] for target, place in kept}

@@ -74,13 +74,16 @@ def _axes(node: str) -> str:
 def _clusters(first: FirstGraph) -> tuple[list[str], list[str]]:
     """Name the clusters, and the axes that the vectors of each are resolved in."""
     motion = first.motion
+    # Cluster 0 is the ground, and cluster i + 1 the outer end of branch i.
     names, bases = ["ground"], [""]
     branches = [geometry.branch for geometry in motion.geometry]
     for i, branch in enumerate(branches):
         edge = motion.system.edges[branch.edge]
         # Several branches make up a joint of several axes; those before the last end at no node.
         primes = "'" * sum(other.edge == branch.edge for other in branches[i + 1 :])
+        # The sign tells which way along the edge the tree leads outwards.
         names.append((edge.second if branch.sign > 0 else edge.first) + primes)
+        # Without a step of its own a cluster has the axes of the one before it.
         is_own = motion.frames.steps[branch.child] is not None
         bases.append(_axes(names[-1]) if is_own else bases[branch.parent])
     return names, bases
@@ -97,6 +100,7 @@ def edge_terms(first: FirstGraph, symbol_of: Callable[[Variable, str, str], Node
         Gives a symbol for a variable of a network, from its name without and with what it
         belongs to.
     """
+    # The sort is stable: the terms of an edge keep the order in which they were gathered.
     order = {name: i for i, name in enumerate(first.scene.edges)}
     terms = [*_of_bodies(first), *_of_joints(first), *_of_elements(first), *_of_constraints(first)]
     if first.network is not None:
@@ -109,6 +113,7 @@ def _of_bodies(first: FirstGraph) -> Iterator[Term]:
     """Give mass and inertia of bodies, and the vectors of arms."""
     for name, edge in first.system.edges.items():
         place, axes = f"^{name}", _axes(edge.first)
+        # The inertia is resolved in the body's axes, an arm in those of its first node.
         if edge.component.role is Role.BODY:
             yield Term("m", place, (edge.scalars["mass"],), "", name)
             if edge.inertia is not None:
@@ -148,6 +153,7 @@ def _of_constraints(first: FirstGraph) -> Iterator[Term]:
     """Give the constraints of chords: a measure, or a rate that is not the rate of a measure."""
     held = first.constraints
     for row, value, rate in zip(held.rows, held.values, held.rates, strict=True):
+        # A constraint on speeds alone has no measure whose rate it would be.
         letter, node = ("c", value) if value is not None else ("c_dot", rate)
         yield Term(letter, f"({row.name})", (node,), "", row.edge, is_held=True)
 
@@ -163,9 +169,12 @@ def cluster_terms(first: FirstGraph) -> list[tuple[str, list[Term]]]:
     for geometry in first.motion.geometry:
         branch = geometry.branch
         child, outer = branch.child, bases[branch.parent]
+        # Offsets, forces and torques are resolved in the parent's basis, all else in the cluster's
+        # own.
         place, own = f"({names[child]})", bases[child]
         turned = first.motion.frames.steps[child]
         if branch.turns:
+            # Without a step between the bases the rotation is within the common basis.
             axes = turned or first.motion.frames.rotations[child].matrix
             across.append(Term("R", place, _entries(axes), outer))
         across += [
@@ -179,7 +188,8 @@ def cluster_terms(first: FirstGraph) -> list[tuple[str, list[Term]]]:
             inertias += [
                 Term("m", place, (inertia.mass,)),
                 Term("h", place, inertia.moment, own),
-                # Of a symmetric matrix, what the balances use: one entry of a planar body.
+                # The matrix is symmetric, and only entries that balances use are shown: one of a
+                # planar body.
                 *(
                     Term("J", f"{place}.{'xyz'[i]}{'xyz'[j]}", (inertia.tensor[i][j],), own)
                     for i in range(3)
@@ -187,6 +197,7 @@ def cluster_terms(first: FirstGraph) -> list[tuple[str, list[Term]]]:
                     if inertia.tensor[i][j] in used
                 ),
             ]
+        # One for each branch; cluster 0 is the ground.
         beyond = first.balance.beyond[child - 1]
         # Inwards: the branch that is furthest out comes first.
         through[:0] = [
@@ -220,6 +231,7 @@ def _of_networks(
 
     def argument(variable: Variable) -> Node:
         rule = rules[variable]
+        # A value of a field is put in place, since it is no variable of the network.
         if not isinstance(rule, FieldRule) or not variable[0].startswith("field"):
             return named(variable)
         return rule.value(network.solved.dag, {v: named(v) for v in rule.needs})
@@ -228,7 +240,7 @@ def _of_networks(
         port = network.ports.get(variable[1])
         # Sums are f-circuits and f-cutsets, which are printed as such.
         if port is None or not isinstance(rule, Lawful | FieldRule):
-            continue  # sums are f-circuits and f-cutsets, which stand by themselves
+            continue
         own = {v: argument(v) for v in rule.needs}
         letter, place = _network_name(network, variable)
         is_held = variable[0].startswith("residual")

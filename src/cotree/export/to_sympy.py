@@ -31,7 +31,7 @@ def to_sympy(nodes: Sequence[Node], symbols: Mapping[Node, Any]) -> list[Any]:
     nodes : sequence of Node
         The values wanted.
     symbols : mapping of Node to sympy.Expr
-        What stands for each symbol; other nodes may be replaced too.
+        The expression of each symbol; other nodes may be replaced, too.
 
     Returns
     -------
@@ -55,6 +55,7 @@ def to_sympy(nodes: Sequence[Node], symbols: Mapping[Node, Any]) -> list[Any]:
             raise KeyError(f"no SymPy symbol is given for {node!r}")
         elif node.op == "result":
             known[node] = _result(node, [known[arg] for arg in _arguments(node)], numbers)
+        # A node with several results has no expression; each of its results does.
         elif node.op not in _SEVERAL:
             known[node] = _apply(node.op, [known[arg] for arg in node.args])
     return [known[node] for node in nodes]
@@ -135,6 +136,7 @@ def _arguments(node: Node) -> tuple[Node, ...]:
     if source.op != "solve":
         return source.args
     size = source.data.size
+    # Coefficients and right-hand side.
     return source.args[: size * (size + 1)]
 
 
@@ -146,6 +148,7 @@ def _result(node: Node, args: list[Any], numbers: dict[Any, int]) -> Any:
     # Systems are told apart by their arguments, tables and functions by what they are.
     key = (source.op, source if source.op == "solve" else source.data)
     if key not in numbers:
+        # Each kind is numbered from one, in order of evaluation.
         numbers[key] = 1 + sum(op == source.op for op, _ in numbers)
     own = source.data.name if source.op == "call" else f"{source.op}_{numbers[key]}"
     suffix = _SEVERAL[source.op](source, node.data)

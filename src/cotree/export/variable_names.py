@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 #: Endings of a coordinate, its rate and its acceleration, and how LaTeX marks them.
 ACCENTS = {"": "{}", "_dot": r"\dot{{{}}}", "_ddot": r"\ddot{{{}}}"}
 
-# What LaTeX sets below the letter: theta1, q0, vx.
+# Names whose ending LaTeX sets below the letter: theta1, q0, vx.
 _INDEXED = re.compile(r"(?P<letter>[A-Za-z]+?)(?P<index>\d+|(?<=^v)[xyz])")
 
 
@@ -41,6 +41,7 @@ class Spelt:
 
     def latex(self, *below: str) -> str:
         r"""Spell the name in LaTeX, with further subscripts: ``\dot{s}_{j1,L}``."""
+        # Short names are the letter, then what tells it from others of the same letter.
         letter, _, edge = self.short.partition("_")
         indices = [latex_symbol(edge)] if edge else []
         indexed = _INDEXED.fullmatch(letter)
@@ -92,10 +93,13 @@ def spell_states(
     {'b.x': 'x', 'h.theta': 'theta', 'b.vx': 'vx', 'b.vx_dot': 'vx_dot',
      'h.theta_dot': 'theta_dot', 'h.theta_ddot': 'theta_ddot'}
     """
+    # Angular velocities, and velocities of free bodies, are rates of no coordinate and have names
+    # of their own.
     rates = {f"{name}_dot" for name in coordinates}
     short = short_names([*coordinates, *(name for name in speeds if name not in rates)], taken)
     spelt = {name: Spelt(short[name]) for name in coordinates}
     for name in speeds:
+        # A speed that is the rate of a coordinate is spelt by its accent.
         if name in rates:
             own = short[name.removesuffix("_dot")]
             pair = Spelt(own, "_dot"), Spelt(own, "_ddot")
@@ -131,6 +135,7 @@ def short_names(coordinates: Sequence[str], taken: Collection[str]) -> dict[str,
     >>> short_names(["j1.s", "h2.theta", "h3.theta"], {"m", "L"})
     {'j1.s': 's', 'h2.theta': 'theta_h2', 'h3.theta': 'theta_h3'}
     """
+    # A short name that two edges share says too little for either of them.
     own = [name.rpartition(".")[2] for name in coordinates]
     chosen: dict[str, str] = {}
     used = set(taken) | {"t"}

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 #: Kernels that methods call at each step.
 _BALANCED = frozenset({"rhs", "augmented_rhs", "sensitivity_rhs", "jacobian"})
 _SUMS = frozenset({"add", "sub", "neg"})
-#: Where all operations together take longer than so many times the longest path, sums of products
-#: are better left to fused operations, which chains have more of.
+#: If all operations together take longer than so many times the longest path, sums of products are
+#: better left to fused operations, which chains have more of.
 _MOST = 2.0
 _PREPARED = -1.0  # arrival of what depends on parameters only
 
@@ -47,6 +47,7 @@ def _balanced(kernel: Kernel) -> Kernel:
     varying = varying_values(order)
     started, longest = bounds(order, set(order) - varying)
     inner = _inner_sums(order, kernel.results, varying)
+    # A kernel that is bound by starting operations gains nothing from a shorter path.
     if not inner or started > _MOST * longest:
         return kernel
     clock = _Clock(varying)
@@ -54,6 +55,7 @@ def _balanced(kernel: Kernel) -> Kernel:
     def form(node: Node, new: Mapping[Node, Node]) -> Node:
         made = rebuilt(node, new)
         if node.op in _SUMS and node not in inner:
+            # If both are there at the same time, the sum stays as it was formed.
             made = min(made, _sum(_terms(node, inner, new), clock), key=clock)
         clock(made)  # of each value in turn: those that it depends on are known
         return made
@@ -89,6 +91,7 @@ def _inner_sums(
     Sums of the kernel's own arguments stay: a difference of two that are close is exact.
     """
     uses = Counter(arg for node in order for arg in node.args)
+    # A result is read from outside: merged into another sum it would be lost.
     uses.update(results)
     return {
         arg
@@ -113,21 +116,26 @@ def _terms(
             left.append((part.args[0], not is_added))
         else:
             a, b = part.args
+            # The left term is taken off the stack first, so that terms keep their order.
             left += [(b, is_added == (part.op == "add")), (a, is_added)]
     return terms
 
 
 def _sum(terms: Sequence[tuple[Node, bool]], clock: _Clock) -> Node:
     """Add terms, at each step the two available first; ties go to those that stand first."""
+    # By the time at which each is there; the place among the terms decides ties, so that nodes are
+    # never compared.
     heap = [(clock(term), i, term, is_added) for i, (term, is_added) in enumerate(terms)]
     heapify(heap)
     while len(heap) > 1:
+        # The operands keep the order of their terms, whichever was available first.
         (_, i, a, is_added), (_, j, b, other) = sorted((heappop(heap), heappop(heap)), key=_place)
         if is_added == other:
             total = a + b
         elif is_added:
             total = a - b
         else:
+            # -a + b = b - a, which saves a negation.
             total, is_added = b - a, True
         heappush(heap, (clock(total), min(i, j), total, is_added))
     _, _, total, is_added = heap[0]

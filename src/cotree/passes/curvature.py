@@ -45,7 +45,7 @@ class Curvature:
     at, along : Kernel
         Their ``k`` are prepared values, and what ``at`` computes.
     places : tuple of int
-        Where the results of ``along`` stand among the sensitivities' rates.
+        Places of the results of ``along`` among the sensitivities' rates.
     """
 
     at: Kernel
@@ -71,12 +71,15 @@ def form_curvature(program: Program) -> Curvature | None:
     direction = [dag.symbol(DIRECTION, i) for i in range(n)]
     seed = {dag.symbol(STATE, i): direction[i] for i in range(n)}
     found = tangents(kernel.results, seed)
+    # Most of these derivatives vanish, and are left out of the results.
     places = tuple(i for i, node in enumerate(found) if not node.is_zero)
     if not places:
         return None
     whole = with_reciprocals(Kernel(_ALONG, tuple(found[i] for i in places), {}))
     order = reachable(whole.results)
     moving = dependent(order, direction)
+    # The second kernel has no arguments but ``v`` and ``k``. Whatever else it reads, states and
+    # parameters included, is therefore carried over from the first one.
     read = {arg for node in order if node in moving for arg in node.args}
     carried = [
         node

@@ -22,7 +22,7 @@ _FEW = 250
 #: Operations beyond which values stay as they were formed: links that repeat then become loops. A
 #: chain of 1000 rods is written in half the C; one of 100 is twice as quick in the order of needs.
 _MANY = 20_000
-#: Where all operations together take longer than so many times the longest path, something is there
+#: If all operations together take longer than so many times the longest path, there are operations
 #: to overlap it with in any order.
 _MOST = 3.0
 
@@ -48,5 +48,6 @@ def _ordered(kernel: Kernel) -> Kernel:
 def _lifetimes(kernel: Kernel) -> int:
     """Sum up how many values are formed while each waits to be read: the registers it takes."""
     formed = [node for node in kernel.order if node.args and node not in kernel.prepared]
+    # Later statements overwrite: the last reader stays.
     last = {arg: i for i, node in enumerate(formed) for arg in node.args}
     return sum(last.get(node, i) - i for i, node in enumerate(formed))

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from cotree.program import Program
 
 #: Each pass with its name, in the order they run.
+# Reciprocals and sums come before staging, which then finds the reciprocals of parameters, and
+# needs sums as they will be computed. The order of values is decided last, on what remains.
 RECIPE: tuple[tuple[str, Callable[[Program], Program]], ...] = (
     ("reciprocals", share_reciprocals),
     ("sines", pack_sines),
@@ -65,6 +67,7 @@ def run_passes(program: Program) -> tuple[Program, tuple[PassReport, ...]]:
     """
     reports = []
     for name, transform in RECIPE:
+        # Programs are immutable, so the report keeps both as they are.
         earlier, program = program, transform(program)
         reports.append(PassReport(name, earlier, program))
     return program, tuple(reports)

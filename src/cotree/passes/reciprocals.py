@@ -28,6 +28,7 @@ def share_reciprocals(program: Program) -> Program:
 def with_reciprocals(kernel: Kernel) -> Kernel:
     """Replace the repeated divisions of one kernel."""
     order = kernel.order
+    # Reciprocals themselves are left alone.
     divisions = [n for n in order if n.op == "div" and n.args[0] is not n.dag.one]
     if not divisions:
         return kernel
@@ -41,6 +42,7 @@ def with_reciprocals(kernel: Kernel) -> Kernel:
 
     def form(node: Node, new: Mapping[Node, Node]) -> Node:
         above, below = (new.get(arg, arg) for arg in node.args)
+        # Nodes are interned, so that this reciprocal is formed once for all divisions.
         return above * (1.0 / below)
 
     return rewrite(kernel, shared, form)

@@ -47,6 +47,7 @@ def rewrite(
                 made = rebuilt(node, new)
         else:
             continue
+        # Values that come out the same are not replaced, so that nothing above them is rebuilt.
         if made is not node:
             new[node] = made
     return replace(kernel, results=tuple(new.get(node, node) for node in kernel.results))

@@ -29,6 +29,7 @@ def _packed(kernel: Kernel) -> Kernel:
     order = kernel.order
     found = [node for node in order if node.op in ("sin", "cos")]
     varying = varying_values(order)
+    # An angle that depends on a sine of its own kernel cannot be taken together with it.
     late = dependent(order, found) - set(found)
     angles = list(
         dict.fromkeys(n.args[0] for n in found if n.args[0] in varying and n.args[0] not in late)
@@ -36,6 +37,7 @@ def _packed(kernel: Kernel) -> Kernel:
     if len(angles) < _FEWEST:
         return kernel
     dag = angles[0].dag
+    # One node serves the sines and the cosines of an angle, whichever of them are read.
     with dag.labelled("sines and cosines"):
         packed = sines(dag, angles)
     place = {angle: i for i, angle in enumerate(angles)}

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 def stage_parameters(program: Program) -> Program:
     """Move values of parameters only to ``prepare``."""
+    # Over all kernels at once, so that a value that several of them read is prepared once.
     results = [node for kernel in program.kernels.values() for node in kernel.results]
     prepared = {node: i for i, node in enumerate(_frontier(results))}
     kernels = {name: replace(kernel, prepared=prepared) for name, kernel in program.kernels.items()}
@@ -41,6 +42,7 @@ def _frontier(results: list[Node]) -> list[Node]:
     read = {arg for node in order if node in varying for arg in node.args}
     read.update(results)
     return [
+        # Kernels read the results of a node with several, never the node itself.
         node
         for node in order
         if node in read and node not in varying and node.args and node.op not in SEVERAL

@@ -40,7 +40,9 @@ def form_time_slope(program: Program) -> Kernel | None:
     dag, kernels = program.dag, program.kernels
     rates = kernels["augmented_rhs"].results or kernels["rhs"].results
     time = {dag.symbol(TIME, 0): dag.one}
+    # The inputs are the scene's own functions of time, so that the chain rule goes through them.
     moving = tangents(kernels["inputs"].results, time)
+    # At a fixed state: states and sensitivities have no tangent.
     seed = {**time, **{dag.symbol(INPUT, i): node for i, node in enumerate(moving)}}
     found = tangents(rates, seed)
     if all(node.is_zero for node in found):

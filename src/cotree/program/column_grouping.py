@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.linear_map import LinearMap
 
-#: What one value costs that goes into a vector, zeros alone left out, or comes out of it.
+#: Operations that moving one value into a vector, zeros alone left out, or out of it costs.
 _MOVE = 2
 #: Number of times that exchanges of two columns are tried for all pairs; none for many columns.
 _SWEEPS, _MOST_COLUMNS = 4, 400
@@ -25,6 +25,7 @@ def cost_of_map(linear: LinearMap) -> int:
     """Estimate the cost of a map, in scalar operations."""
     blocks = [linear.given[at : at + BLOCK] for at in range(0, linear.n_columns, BLOCK)]
     n_given = sum(reduce(or_, block).bit_count() for block in blocks)
+    # A statement of one block is one vector operation, and so counts like a scalar one.
     return linear.n_times + _MOVE * (n_given + len(blocks) * len(linear.results))
 
 
@@ -38,6 +39,7 @@ def gather_columns(linear: LinearMap) -> tuple[LinearMap, list[int]]:
     (LinearMap, list of int)
         The map of the columns in their new order, and for each its place in the earlier one.
     """
+    # The supports, turned over: for each column the statements that are not zero there, as bits.
     nonzero = [0] * linear.n_columns
     for k, node in enumerate(linear.statements):
         support = linear.supports[node]
@@ -45,6 +47,7 @@ def gather_columns(linear: LinearMap) -> tuple[LinearMap, list[int]]:
             lowest = support & -support
             nonzero[lowest.bit_length() - 1] |= 1 << k
             support ^= lowest
+    # A column in which all results vanish gives nothing, whatever is computed in it.
     found = reduce(or_, (linear.supports[root] for root in linear.results), 0)
     places = [j for j in range(linear.n_columns) if found >> j & 1]
     blocks = [places[at : at + BLOCK] for at in range(0, len(places), BLOCK)]

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 #: Fewer operations than these are written out for each direction.
 _FEW_OPERATIONS = 600
-#: Of the operations written out, those of a map may cost this share.
+#: A map is taken if it costs less than this share of the operations written out.
 _WORTH = 0.75
 #: Values of all columns that a kernel keeps on its stack: 800 kB.
 _MOST_VALUES = 100_000
@@ -77,6 +77,8 @@ def map_rates(
     reached : sequence of sequences of int
         The states that each parameter reaches; sensitivities of all others are zero.
     """
+    # The elimination of algebraic unknowns needs the derivatives along each direction by itself;
+    # see cotree.program.reduced.
     if equations.n_algebraic:
         return MappedRates(None, None)
     common = part_sources(equations, solved.unknowns)
@@ -154,6 +156,8 @@ class _Ways:
     @cached_property
     def _solving(self) -> list[int]:
         """Places of the rates that depend on unknowns."""
+        # Rates without unknowns take no part in this map: with_unsolved forms their derivatives
+        # directly.
         rates, unknowns = self.common.direction.rates, self.equations.unknown_tangents
         moving = dependent(reachable(rates.values()), unknowns)
         return [i for i, node in rates.items() if node in moving]
@@ -168,10 +172,12 @@ class _Ways:
         return self._map(results, self._solving, self._states, columns)
 
     def with_unsolved(self, along_states: _Map) -> list[_Row]:
-        """Add what does not depend on unknowns to columns of the Jacobian."""
+        """Add the entries that do not depend on unknowns to the columns of the Jacobian."""
         dag, found = self._dag, [dict(row) for row in along_states.rows]
         without = dict.fromkeys(self.common.sources, dag.zero)
         for i in self.common.direction.rates.keys() - set(self._solving):
+            # The rate is linear in the changes of states, so its derivative by one is its value
+            # where this change is one and all others are zero.
             (rate,) = substitute([self.common.direction.rates[i]], without)
             moving = [node for node in symbols_in([rate]) if node.data[0] == STATE_CHANGE]
             still = dict.fromkeys(moving, dag.zero)
@@ -182,7 +188,7 @@ class _Ways:
         return found
 
     def along_sensitivities(self, along_states: _Map | None) -> list[_Map] | None:
-        """Choose the cheaper way to the rates of sensitivities, which the last map gives.
+        """Choose the cheaper way to the rates of sensitivities; the last map gives them.
 
         Either one map of changes of states and of what parameters change, or the columns of the
         Jacobian, what parameters change by themselves, and a sum of products of both.
@@ -199,6 +205,7 @@ class _Ways:
         ]
         n_sources = len(self.common.sources)
         given = [spread(row, n_sources, self._dag.zero) for row in self.common.given]
+        # These columns stay in the order of ``s``, so that C reads sensitivities in place.
         at_once = self._map(
             self._results(()),
             range(n),
@@ -209,6 +216,8 @@ class _Ways:
         if at_once is None or along_states is None:
             return None if at_once is None else [at_once]
         columns = self.with_unsolved(along_states)
+        # The Jacobian costs a product and a sum for each nonzero and column. Where these alone
+        # exceed the statements at once, the second way cannot win.
         if 2 * sum(map(len, columns)) > len(at_once.linear.statements):
             return [at_once]
         alone = self._map(self._results(self._states), range(n), self.common.sources, given)
@@ -224,6 +233,7 @@ class _Ways:
         """Multiply the Jacobian with the sensitivities, and add the derivatives by parameters."""
         dag, n = self._dag, len(self._states)
         places = sorted({i for row in alone for i in row})
+        # The derivatives by parameters enter as further inputs of each column.
         own = {place: dag.symbol(ENTRY, k) for k, place in enumerate(places)}
         results = [own.get(i, dag.zero) for i in range(n)]
         for column, change in zip(columns, self._states, strict=True):
@@ -295,12 +305,13 @@ class _Ways:
             count_operations(node for node in order if node not in shared).total
             for order in written_out
         )
+        # The cost of the sampled directions stands for that of all of them.
         longhand = scalar + apart * len(rows) / len(samples)
         return longhand > _FEW_OPERATIONS and self._cost(maps) < _WORTH * longhand
 
 
 def _are_too_many(n_given: int, n_columns: int, n_results: int) -> bool:
-    """Tell whether what columns are given, and their results, are more than a kernel is to keep."""
+    """Tell whether inputs and results of columns are more values than a kernel is to keep."""
     return n_given + n_columns * n_results > _MOST_VALUES
 
 

@@ -50,6 +50,7 @@ def bounds(nodes: Iterable[Node], known: Container[Node] = ()) -> tuple[float, f
     path: dict[Node, float] = {}
     for node in nodes:
         if node in known or not node.args:
+            # Given values, constants and arguments of the kernel are there from the start.
             continue
         start, wait = _cost(node)
         started += start
@@ -58,7 +59,7 @@ def bounds(nodes: Iterable[Node], known: Container[Node] = ()) -> tuple[float, f
 
 
 def waits(node: Node) -> float:
-    """Give the cycles until a value is there, once its arguments are."""
+    """Give the cycles from the arguments of a value to the value."""
     return _cost(node)[1] if node.args else 0.0
 
 
@@ -73,6 +74,7 @@ def needs(order: Sequence[Node], known: Container[Node] = ()) -> dict[Node, floa
         Those of them that take no cycles.
     """
     need = dict.fromkeys(order, 0.0)
+    # Backwards, all readers of a value have passed on their need before it is added to.
     for node in reversed(order):
         if node not in known:
             need[node] += waits(node)
@@ -97,6 +99,7 @@ def _cost(node: Node) -> tuple[float, float]:
         return 0.0, 0.0
     if node.op == "sines":
         return 9.0 * node.data, 50.0
+    # The factors take (2/3) n^3 operations, two a cycle; the rest is pivots and substitutions.
     if node.op == "solve":
         n = node.data.size
         return n**3 / 3.0 + 2.0 * n * n, 20.0 * n

@@ -34,7 +34,7 @@ class OperationCount:
         return self.kernel + self.prepare
 
     def with_prepared(self, share: OperationCount) -> OperationCount:
-        """Count in what a kernel uses of ``prepare``."""
+        """Add the operations of ``prepare`` that a kernel uses."""
         return OperationCount(
             dict(Counter(self.by_kind) + Counter(share.by_kind)), self.kernel, share.kernel
         )
@@ -52,9 +52,11 @@ def count_operations(nodes: Iterable[Node]) -> OperationCount:
         if node.op == "solve":
             n = node.data.size
             matrix = node.args[: n * n]
+            # Nodes are interned, so solutions with the same matrix have the same tuple of entries.
             kinds["solve"] += 2 * n * n + (0 if matrix in factorised else (2 * n**3) // 3)
             factorised.add(matrix)
         elif node.op == "sines":
+            # Its data is the number of angles.
             kinds["sin"] += node.data
             kinds["cos"] += node.data
         elif node.op == "map":

@@ -39,15 +39,18 @@ def event_kernels(
     if not equations.events:
         return {name: [] for name in ("events", "jumps", "event_sensitivity", "event_rates")}
     dag, rows = equations.dag, equations.events
+    # Events without a restitution set states, and have no impulse.
     impacts = [
         None if row.restitution is None else form_impact(equations, solved, row, values)
         for row in rows
     ]
+    # For each event the new values come first, then the speeds after its impact.
     jumps: list[Node] = []
     for row, impact in zip(rows, impacts, strict=True):
         jumps += [*(values[i] for i in row.new_values), *(impact.speeds if impact else ())]
 
     def derivatives(changes: Mapping[int, Node], seed: Mapping[Node, Node]) -> list[Node]:
+        # All watched values first, then event by event what it sets, as in the kernels of values.
         found = [changes.get(row.watched, dag.zero) for row in rows]
         for row, impact in zip(rows, impacts, strict=True):
             found += [changes.get(i, dag.zero) for i in row.new_values]
@@ -57,7 +60,9 @@ def event_kernels(
 
     assert equations.motion is not None  # it comes with the events
     directions = zip(along, equations.sensitivities, strict=True)
+    # Algebraic unknowns are the last states.
     n_rated = len(equations.states) - equations.n_algebraic
+    # The rates of algebraic unknowns are their residuals, which stand behind all others.
     residuals = (motion.rates.get(i, dag.zero) for i in range(n_rated, len(equations.states)))
     return {
         "events": [values[row.watched] for row in rows],

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Impact:
-    """One impact, as nodes of what holds before it.
+    """One impact, in terms of the values before it.
 
     Attributes
     ----------
@@ -63,8 +63,12 @@ class Impact:
         """
         n = len(self.gradient)
         gradient = tangents(self.gradient, seed)
+        # [M, -G^T; -G, 0] [a; *] = [D; 0] is differentiated with the same matrix; zeros belong to
+        # the multipliers.
         forcing = [*gradient, *([solved.dag.zero] * (len(self.response) - n))]
         response = solved.solve_again(forcing, self.response, seed)[:n]
+        # The chain rule: what the speeds were formed of is seeded, so that none of it is
+        # differentiated again.
         known = {**seed, self.restitution: restitution, self.rate: tangents([self.rate], seed)[0]}
         known |= dict(zip(self.gradient, gradient, strict=True))
         known |= dict(zip(self.response, response, strict=False))
@@ -98,6 +102,7 @@ def form_impact(
     _check_positions(equations, place, name)
     rates = equations.rates[:first]
     gradient = []
+    # D_k = sum over the coordinates of dg/dq_i dq_i'/dv_k, from g' = sum of dg/dq_i q_i'.
     for state in equations.states[first : first + n]:
         moved = tangents(rates, {state.symbol: dag.one})
         total = dag.zero
@@ -110,6 +115,8 @@ def form_impact(
             "system, which its impact acts on: set states instead"
         )
     assert equations.motion is not None  # it comes with the events
+    # The derivative along the motion is in terms of rates as symbols; only those of coordinates
+    # occur, since an impact needs an expression of positions.
     moving = {dag.symbol(STATE_RATE, i): rate for i, rate in enumerate(rates)}
     along = equations.motion.outputs.get(place, dag.zero)
     with dag.labelled(f"impact of {name}"):
@@ -126,7 +133,8 @@ def form_impact(
 
 
 def _check_positions(equations: Equations, place: int, name: str) -> None:
-    """Refuse what depends on speeds, accelerations, inputs or states of networks."""
+    """Refuse expressions of speeds, accelerations, inputs or states of networks."""
+    # Positions are coordinates, and modes, which are constant between events.
     first, n = equations.n_coordinates, equations.n_coordinates + equations.n_speeds
     allowed = {*range(first), *range(n, n + equations.n_modes)}
     for symbol in symbols_in([equations.output_values[place]]):

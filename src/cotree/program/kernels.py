@@ -29,7 +29,7 @@ class KernelSpec:
     result : str
         Name of the result in C.
     doc : str
-        What it computes.
+        The meaning of its results.
     tail_of : str
         The kernel whose last results are this one's, if there is one: C then calls it and keeps
         those, since computing them alone would save next to nothing.
@@ -94,6 +94,7 @@ _ROWS = (
         _SENSITIVITY,
         "ds",
         "rates of the sensitivities that do not vanish, which alone s holds",
+        # The kernel that is called stands before this one, as codegen relies on.
         tail_of="augmented_rhs",
         is_packed=True,
     ),

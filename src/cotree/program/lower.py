@@ -51,6 +51,8 @@ def lower(equations: Equations) -> Program:
     ParameterError
         If a sensitivity to an algebraic unknown is asked for.
     """
+    # The pattern comes before the derivatives: where sensitivities vanish, all that is made of them
+    # folds away.
     _check_sensitivities(equations)
     solved = SolvedSystem.of(equations)
     rates = solved.put(equations.rates)
@@ -66,6 +68,7 @@ def lower(equations: Equations) -> Program:
         is_mapped=bool(mapped.sensitivities),
         with_columns=not mapped.columns,
     )
+    # Derivatives that are no maps are written out, direction by direction.
     columns = mapped.columns or [row.rates for row in written_out]
     sensitivity_rates = mapped.sensitivities or [
         node for row in along for node in spread(row.rates, n, zero)
@@ -82,6 +85,8 @@ def lower(equations: Equations) -> Program:
         "inputs": list(equations.input_values),
         "rhs": rates,
         "jacobian": values,
+        # The rates stand in both kernels: one call then gives all that a step with sensitivities
+        # needs.
         "augmented_rhs": [*rates, *packed] if equations.sensitivities else [],
         "sensitivity_rhs": packed,
         "outputs": outputs[:m],
@@ -140,6 +145,8 @@ def _timed(
 def _check_sensitivities(equations: Equations) -> None:
     """Refuse sensitivities to states without an initial value of their own."""
     algebraic = {state.name for state in equations.states if state.is_algebraic}
+    # The unknown that follows from the state of a storage may be given in its place, so that its
+    # initial value counts.
     algebraic -= {state.follower for state in equations.states}
     for row in equations.sensitivities:
         if row.name in algebraic:
@@ -162,6 +169,7 @@ def _differentiate(
     motion = [] if equations.motion is None else [equations.motion]
     # Outputs are differentiated along all but the states.
     columns = [replace(row, outputs={}) for row in equations.columns] if with_columns else []
+    # All directions at once: they share most of their values. They are taken apart in this order.
     found = iter(solved.along([*wanted, *motion, *columns]))
     along = [
         next(found) if row.outputs or not is_mapped else nothing for row in equations.sensitivities
@@ -175,6 +183,7 @@ def _compress(columns: Sequence[Mapping[int, Node]]) -> tuple[list[int], list[in
     starts, rows, values = [0], [], []
     for column in columns:
         for i, node in sorted(column.items()):
+            # A derivative may be formed and fold to zero all the same.
             if not node.is_zero:
                 rows.append(i)
                 values.append(node)
@@ -185,6 +194,7 @@ def _compress(columns: Sequence[Mapping[int, Node]]) -> tuple[list[int], list[in
 def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
     n_coordinates, n_speeds = equations.n_coordinates, equations.n_speeds
     observed = equations.output_values[: len(equations.outputs)]
+    # The unknowns are accelerations of the speeds, then multipliers.
     on_multipliers = dependent(reachable(observed), equations.unknowns[n_speeds:])
     states: tuple[Quantity, ...] = tuple(Quantity(s.name, s.unit) for s in equations.states)
     return Layout(

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
     from cotree.equations import Derivative, Equations
 
-#: What adds up both parts of its arguments.
+#: Operations that apply to both parts of their arguments separately.
 _SUMS = frozenset({"add", "sub", "neg"})
 
 
@@ -45,7 +45,7 @@ class CommonDirection:
 
 
 def part_sources(equations: Equations, unknowns: Mapping[Node, Node]) -> CommonDirection | None:
-    """Part what all directions have in common from the sources; None where nothing is in common.
+    """Separate the common part of all directions from the sources; None if there is none.
 
     Parameters
     ----------
@@ -61,6 +61,8 @@ def part_sources(equations: Equations, unknowns: Mapping[Node, Node]) -> CommonD
     changes = [dag.symbol(PARAMETER_CHANGE, j) for j in range(len(equations.sensitivities))]
     roots = substitute([*common.forcing, *common.rates.values()], unknowns)
     parting = _Parting(dag, roots, [*states, *equations.unknown_tangents], changes)
+    # All that follows from sensitivities and sources is formed once for all parameters; only the
+    # values of the sources differ.
     parted, n = [parting.parted(root) for root in roots], len(common.forcing)
     rates = dict(zip(common.rates, parted[n:], strict=True))
     direction = replace(common, forcing=tuple(parted[:n]), rates=rates, outputs={})
@@ -68,9 +70,9 @@ def part_sources(equations: Equations, unknowns: Mapping[Node, Node]) -> CommonD
 
 
 class _Parting:
-    """Parts values that are linear in changes of states and of parameters.
+    """Splits values that are linear in changes of states and of parameters.
 
-    Where sums meet, their sources are summed up first: one value of each column is then added.
+    The sources of nested sums are summed up first: one value of each column is then added.
     """
 
     def __init__(
@@ -81,6 +83,7 @@ class _Parting:
         self._dag, self._changes = dag, changes
         self._changed = dependent(order, changes)
         self._moved = dependent(order, states)
+        # Uses by results count, too: what is read twice must be formed as a whole.
         self._n_readers = Counter(roots)
         for node in order:
             self._n_readers.update(node.args)
@@ -108,6 +111,8 @@ class _Parting:
         still = dict.fromkeys(self._changes, self._dag.zero)
         found = []
         for j, change in enumerate(self._changes):
+            # Sources are linear in the changes: with one change equal to one and all others zero, a
+            # source is its value for that parameter.
             places = [i for i, node in enumerate(nodes) if supports[node] >> j & 1]
             along = substitute([nodes[i] for i in places], {**still, change: self._dag.one})
             pairs = zip(places, along, strict=True)
@@ -118,9 +123,11 @@ class _Parting:
         return self.sources.setdefault(node, self._dag.symbol(SOURCE, len(self.sources)))
 
     def _parts_of(self, node: Node) -> tuple[Node, Node]:
-        """Write a value as a sum of what states change and of what parameters change alone."""
+        """Write a value as the sum of a part that states change and one of parameters alone."""
         dag = self._dag
         if node.op not in _SUMS:
+            # Products and quotients have one factor that changes. Its parts are joined before,
+            # since to multiply both would cost twice.
             return dag.rebuild(node, tuple(self.parted(arg) for arg in node.args)), dag.zero
         terms = [self._term(arg) for arg in node.args]
         moved, alone = zip(*terms, strict=True)
@@ -134,11 +141,12 @@ class _Parting:
             return self._dag.zero, node
         if self._n_readers[node] == 1:
             return self._parts[node]
+        # Something else reads the sum itself, so that parting it here would form it twice.
         return self.parted(node), self._dag.zero
 
 
 def _supports(order: Sequence[Node], changes: Sequence[Node]) -> dict[Node, int]:
-    """Tell which changes each value depends on, as bits; what depends on none has none."""
+    """Give the changes that each value depends on, as bits; values without any are left out."""
     found = {node: 1 << j for j, node in enumerate(changes)}
     for node in order:
         bits = 0

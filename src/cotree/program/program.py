@@ -33,7 +33,7 @@ class Kernel:
     spec : KernelSpec
         Its kind.
     results : tuple of Node
-        What it writes.
+        The values that it writes.
     prepared : mapping of Node to int
         Values that it reads from ``k`` in place of computing them, with their place there.
     is_by_need : bool
@@ -54,6 +54,7 @@ class Kernel:
     @cached_property
     def order(self) -> list[Node]:
         """Every value that the results need, in order of evaluation; prepared ones included."""
+        # The walk ends at prepared values: ``prepare`` computes what they depend on.
         order = reachable(self.results, stop=self.prepared)
         return by_need(order, self.prepared) if self.is_by_need else order
 
@@ -112,8 +113,8 @@ class Layout:
     uses_multipliers : tuple of bool
         Whether each output depends on multipliers themselves: a reaction.
     followers : tuple of (int, int)
-        States that are what storages hold together, with the algebraic unknown that follows from
-        each: a start that is not given the one has the other.
+        States that are the content of several storages, with the algebraic unknown that follows
+        from each: a start that is not given the one has the other.
     events : tuple of EventRow
         In the order of the kernel ``events``.
     event_inputs : tuple of str
@@ -154,6 +155,7 @@ class Layout:
         """Places of the nonzero sensitivities among all sensitivities, parameter by parameter."""
         n, starts = len(self.states), self.sensitivity_starts
         counts = [end - start for start, end in pairwise(starts)]
+        # Sensitivity j has n places, of which its pattern names a few.
         firsts = [j * n for j, count in enumerate(counts) for _ in range(count)]
         return tuple(first + i for first, i in zip(firsts, self.sensitivity_rows, strict=True))
 
@@ -168,6 +170,8 @@ class Layout:
         """Indices of the speed constraints that are rates of coordinate constraints."""
         names = [row.name for row in self.constraints]
         n_rows = len(self.constraint_edges)
+        # The kernel has the coordinate constraints, then the rates of all rows, then the norms of
+        # quaternions. A row of speeds alone is in the second group only.
         n_values = len(names) - n_rows - len(self.quaternions)
         values, rates = set(names[:n_values]), names[n_values : n_values + n_rows]
         return tuple(i for i, name in enumerate(rates) if name.removesuffix("_dot") in values)
@@ -196,7 +200,7 @@ class Program:
         When each input, by its name, has a jump or a kink in the scene; and when anything else
         that the rates are made of has, by the empty name; along each sensitivity.
     longest_steps : mapping of str to tuple of Node
-        What steps should not be longer than while each input is the scene's own, likewise.
+        Upper bounds of the steps while each input is the scene's own, by name likewise.
     """
 
     dag: Dag
@@ -231,6 +235,7 @@ class Program:
         SolveError
             If a period is far too short for the span.
         """
+        # A run that replaces an input has no corners of the scene's own one.
         stops = [stop for name, own in self.stops.items() if name not in replaced for stop in own]
         try:
             nodes = [
@@ -243,7 +248,7 @@ class Program:
             raise SolveError(str(error)) from None
 
     def longest_step(self, p: Sequence[float], replaced: Container[str] = ()) -> float:
-        """Give the longest step that passes over nothing, [s]; see :meth:`corners`."""
+        """Give the upper bound of the steps, [s], infinity for none; see :meth:`corners`."""
         limits = [
             limit
             for name, own in self.longest_steps.items()
@@ -255,6 +260,7 @@ class Program:
     @property
     def can_extend(self) -> bool:
         """Whether there are rates of algebraic unknowns, and sensitivities beside them."""
+        # With sensitivities the kernel of the rates alone is never used, so it is not formed.
         name = "extended_augmented_rhs" if self.layout.sensitivities else "extended_rhs"
         return bool(self.kernels[name].results)
 
@@ -268,6 +274,7 @@ class Program:
         """Operation counts of each kernel, with its share of ``prepare`` counted in."""
         counts = {}
         for name, kernel in self.kernels.items():
+            # ``prepare`` serves all kernels; each is charged with what it needs of it.
             used = [node for node in kernel.order if node in kernel.prepared]
             counts[name] = kernel.operations.with_prepared(count_operations(reachable(used)))
         return counts

@@ -61,9 +61,13 @@ def projection_kernels(equations: Equations, solved: SolvedSystem) -> dict[str, 
         results["gradient"] = [entry for row in rows.gradient for entry in row]
     with equations.dag.labelled("projection"):
         zero = equations.dag.zero
+        # Constraints on speeds alone have no residual of positions.
         values = [zero if v is None else v for v in rows.values]
         shrink: dict[Node, Node] = {}
+        # A turn leaves the norm of a quaternion, to first order, so norms are corrected apart.
         for (_, q), norm in zip(rows.quaternions, norms, strict=True):
+            # Newton's step for |q|^2 = 1 along q itself: dq = -q (|q|^2 - 1) / (2 |q|^2), which
+            # does not turn the frame.
             factor = norm / (2.0 * _square(q))
             shrink |= {entry: -(factor * entry) for entry in q}
         results["projection"] = _step(equations, solved, values, rows.rates, shrink)
@@ -98,9 +102,13 @@ def _step(
     """Form the change of the states that removes given residuals."""
     n, n_coordinates = equations.n_speeds, equations.n_coordinates
     zeros = [equations.dag.zero] * n
+    # In [M, -G^T; -G, 0] [v; *] = [0; c] the lower rows say G v + c = 0: the residual vanishes to
+    # first order, and of all such v this one has the least kinetic energy.
     shift = solved.factors.solve([*zeros, *values], _RANK)[:n]
     speed = solved.factors.solve([*zeros, *rates], _RANK)[:n]
     speeds = [state.symbol for state in equations.states[n_coordinates : n_coordinates + n]]
+    # Rates of coordinates are linear in the speeds. With the shift in the place of the speeds they
+    # give the change of the coordinates, quaternions included.
     known = dict(zip(speeds, shift, strict=True))
     moved = substitute(equations.rates[:n_coordinates], known)
     coordinates = [state.symbol for state in equations.states[:n_coordinates]]

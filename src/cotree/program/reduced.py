@@ -82,6 +82,7 @@ def reduced_kernels(
     if not 0 < equations.n_algebraic <= _MOST_UNKNOWNS:
         return found
     with equations.dag.labelled("elimination of algebraic unknowns"):
+        # Residuals are the last rates. Their rows, by all unknowns, are g_z.
         slopes = _rows_of(columns[cut:], cut, len(rates))
         factorised = factorise_unsymmetric(equations.dag, slopes, _MOST_UPDATES)
         if factorised is None:
@@ -100,13 +101,14 @@ def reduced_kernels(
             found[name] = [*extended, *along_rates]
             found["algebraic_sensitivity"] = along_unknowns
     return {
+        # A kernel that is too long is dropped, and the engine solves dense systems instead.
         name: nodes if count_operations(reachable(nodes)).total <= _MOST_OPERATIONS else []
         for name, nodes in found.items()
     }
 
 
 def _rows_of(columns: Sequence[Mapping[int, Node]], low: int, high: int) -> list[dict[int, Node]]:
-    """Turn some rows of a matrix that is given by columns."""
+    """List some rows of a matrix that is given by columns."""
     rows: list[dict[int, Node]] = [{} for _ in range(low, high)]
     for j, column in enumerate(columns):
         for i, node in column.items():
@@ -121,9 +123,11 @@ def _step(
     slopes: Sequence[Mapping[int, Node]],
     symbols: Sequence[Node],
 ) -> list[Node]:
-    """Form rates at the end of a step, the step, its last part, and its reach."""
+    """Form the rates at the end of a step, the step itself, its last part and its reach."""
     dag, cut = factors.dag, len(rates) - len(symbols)
     first = factors.solve([-node for node in rates[cut:]])
+    # Symbols stand for z' while second derivatives are formed; z' itself, a long expression, is put
+    # in their place afterwards.
     known = {dag.symbol(STEP, j): node for j, node in enumerate(first)}
     seed = dict(zip(symbols, known, strict=True))
     changes, reach = _bends(dag, rates, seed), dag.one
@@ -131,6 +135,7 @@ def _step(
     if changes is not None:
         reach = sum(substitute(changes, known), dag.zero)
         curved = substitute(_curvature(dag, slopes, seed), known)
+        # The series ends with z''/2, since s runs from 0 to 1.
         last = factors.solve([-0.5 * node for node in curved])
     step = [a + b for a, b in zip(first, last, strict=True)]
     ends = _values_after(rates[:cut], dict(zip(symbols, step, strict=True)))
@@ -153,7 +158,9 @@ def _values_after(values: Sequence[Node], step: Mapping[Node, Node]) -> list[Nod
     changing = dependent(order, step)
     for node in order:
         if node.op == "exp" and node in changing:
+            # exp(a + d) = exp(a) (1 + d + d^2/2): the error is of third order, as that of the step.
             change = tangents(node.args, step)[0]
+            # The tangent is the change of the argument only if that is linear in the step.
             if not changing.isdisjoint(reachable([change], stop=set(step.values()))):
                 change = substitute(node.args, new)[0] - node.args[0]
             new[node] = node + node * (change + 0.5 * (change * change))
@@ -161,9 +168,9 @@ def _values_after(values: Sequence[Node], step: Mapping[Node, Node]) -> list[Nod
 
 
 def _bends(dag: Dag, roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[Node] | None:
-    """Say how far a step goes for each function that is not linear in it, each of the order of 1.
+    """Measure a step by each function that is not linear in it; near 1 the function bends.
 
-    None where one of them cannot tell: a table, a function from outside.
+    None if there is no measure for one of them: a table, or an external function.
     """
     order = reachable(roots)
     changing = dependent(order, seed)
@@ -171,6 +178,8 @@ def _bends(dag: Dag, roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[N
     of_share: dict[Node, None] = {}
     for node in order:
         inner = [arg for arg in node.args if arg in changing]
+        # Sums are linear in the step, and so are products and quotients with one factor that
+        # changes, whatever its size.
         if not inner or node.op in ("add", "sub", "neg"):
             continue
         if node.op in _OF_CHANGE:
@@ -189,6 +198,7 @@ def _bends(dag: Dag, roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[N
     changes = tangents([*of_change, *of_share], seed)
     sizes = [dag.function("abs", change) for change in changes]
     shares = [
+        # A share tends to one where the change exceeds the value itself.
         size / (dag.function("abs", arg) + size + _TINY)
         for arg, size in zip(of_share, sizes[len(of_change) :], strict=True)
     ]
@@ -198,7 +208,7 @@ def _bends(dag: Dag, roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[N
 def _moved(
     values: Sequence[Node], columns: Sequence[Mapping[int, Node]], step: Sequence[Node]
 ) -> list[Node]:
-    """Add what a step of the unknowns changes values by, to first order."""
+    """Add the first-order changes of values by a step of the unknowns."""
     moved = list(values)
     for column, change in zip(columns, step, strict=True):
         for i, slope in column.items():
@@ -213,9 +223,10 @@ def _unknown_rates(
     rates: Sequence[Node],
     motion: Along,
 ) -> list[Node]:
-    """Form z': what the residuals change by along the motion where z rests is made up for."""
+    """Form z', which cancels the change of the residuals along the motion with z at rest."""
     dag, n = equations.dag, len(rates)
     cut = n - equations.n_algebraic
+    # The states move at their rates and z rests, so that g_x x' + g_t is left.
     moving = {dag.symbol(STATE_RATE, i): rates[i] if i < cut else dag.zero for i in range(n)}
     changes = substitute([motion.rates.get(i, dag.zero) for i in range(cut, n)], moving)
     return factors.solve([-node for node in changes])
@@ -237,6 +248,8 @@ def _sensitivities(
     cut = n - len(columns)
     rates: list[Node] = []
     unknowns: list[Node] = []
+    # The argument of the kernel holds the nonzero sensitivities of states one after another, and
+    # none of z.
     for j, (row, own) in enumerate(zip(along, reached, strict=True)):
         left = [i for i in own if i < cut]
         known = {dag.symbol(SENSITIVITY, j * n + i): dag.zero for i in range(n)}

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from cotree.equations import Derivative, Equations
     from cotree.program.solved import SolvedSystem
 
-#: What a value depends on, as bits, and whether it may be nonzero where all of that is zero.
+#: The symbols that a value depends on, as bits, and whether it may be nonzero where all are zero.
 _Part = tuple[int, bool]
 
 _CONSTANT: _Part = (0, True)
@@ -45,7 +45,7 @@ def reached_states(
     solved : SolvedSystem
         Their solution.
     timed : sequence of Timed
-        What looks at times that each sensitivity moves; see :func:`timed_by`.
+        Conditions that look at times which each sensitivity moves; see :func:`timed_by`.
 
     Returns
     -------
@@ -55,6 +55,8 @@ def reached_states(
     rows, n = equations.sensitivities, len(equations.states)
     if not rows:
         return ()
+    # A direction's derivatives hold its own sensitivities only, so that state i has bit i in all of
+    # them. Tangents of the unknowns have the bits behind those of the states.
     bits = {
         equations.dag.symbol(SENSITIVITY, j * n + i): 1 << i
         for j in range(len(rows))
@@ -72,6 +74,8 @@ def reached_states(
     for along, own in zip(directions, timed, strict=True):
         along.connect(groups)
         along.follow(followers(equations))
+        # States that constraints or events move may reach further states, which may in turn let
+        # more be moved: this is repeated until nothing is added.
         reached = along.reached(own.states)
         while not reached.issuperset(
             moved := _moved(equations, parts, along, choosers, reached, own.is_event)
@@ -98,7 +102,7 @@ class Timed:
 
 
 def timed_by(equations: Equations, rates: Sequence[Node], watched: Sequence[Node]) -> list[Timed]:
-    """Tell what looks at times that each sensitivity moves.
+    """Find the conditions that look at times which each sensitivity moves.
 
     Parameters
     ----------
@@ -116,6 +120,7 @@ def timed_by(equations: Equations, rates: Sequence[Node], watched: Sequence[Node
     order = reachable(roots) if any(looking.values()) else []
     found = []
     for row in rows:
+        # A time that moves along the direction has a first time, or a period, with a derivative.
         moved = [
             node
             for node, own in looking.items()
@@ -128,7 +133,7 @@ def timed_by(equations: Equations, rates: Sequence[Node], watched: Sequence[Node
 
 
 class _Parts:
-    """Table of what each value depends on."""
+    """Table of the symbols that each value depends on."""
 
     def __init__(self, nodes: Sequence[Node], bits: Mapping[Node, int]) -> None:
         self._known: dict[Node, _Part] = {node: (bit, False) for node, bit in bits.items()}
@@ -140,9 +145,11 @@ class _Parts:
             for own, _ in parts:
                 mask |= own
             remains = [rest for _, rest in parts]
+            # A product vanishes where one of its factors does.
             if node.op in ("mul", "div"):
                 is_left = all(remains)
             else:
+                # The condition of a selection decides, and adds nothing to the value.
                 is_left = any(remains[1:] if node.op == "select" else remains)
             self._known[node] = (mask, is_left)
 
@@ -151,11 +158,12 @@ class _Parts:
 
 
 class _Direction:
-    """One parameter, and what the derivatives of the rates along it depend on."""
+    """One parameter, with the dependences of the derivatives of the rates along it."""
 
     def __init__(self, row: Derivative, parts: _Parts, solving: Sequence[int], n: int) -> None:
         self.row, self._parts, self._n = row, parts, n
         forcing = [parts[node] for node in row.forcing]
+        # Each unknown follows from those entries of the forcing that elimination brings to it.
         self._tangents = [_either(forcing[k] for k in _places(mask)) for mask in solving]
         self.rates = {i: self.part(node) for i, node in row.rates.items()}
 
@@ -177,13 +185,13 @@ class _Direction:
         return {i for i, (mask, _) in self.rates.items() if mask & wanted}
 
     def connect(self, groups: Sequence[Sequence[int]]) -> None:
-        """Let algebraic unknowns depend on all that those do which equations connect them with."""
+        """Let algebraic unknowns that equations connect depend on the same states."""
         for group in groups:
             whole = _either(self.rates.get(i, _ZERO) for i in group)
             self.rates |= dict.fromkeys(group, whole)
 
     def follow(self, followers: Sequence[tuple[int, int]]) -> None:
-        """Let what storages hold depend on what follows from it: the start may be given that."""
+        """Let the content of storages depend on its follower, which the start may be given."""
         for total, follower in followers:
             mask, rest = self.rates.get(total, _ZERO)
             self.rates[total] = mask | 1 << follower, rest
@@ -195,6 +203,7 @@ class _Direction:
             for k in _places(mask):
                 users.setdefault(k, []).append(i)
         reached = {i for i, node in self.row.initial.items() if not node.is_zero}
+        # A rate that is nonzero without any sensitivity depends on the parameter directly.
         reached |= {i for i, (_, rest) in self.rates.items() if rest}.union(known)
         stack = list(reached)
         while stack:
@@ -205,7 +214,7 @@ class _Direction:
 
 
 def followers(equations: Equations) -> tuple[tuple[int, int], ...]:
-    """Give places of what storages hold together, and of the unknowns that follow from it."""
+    """Give pairs of places: a content of storages, and the unknown that follows from it."""
     places = {state.name: i for i, state in enumerate(equations.states)}
     rows = enumerate(equations.states)
     return tuple((i, places[state.follower]) for i, state in rows if state.follower)
@@ -220,7 +229,7 @@ def _places(mask: int) -> Iterator[int]:
 
 
 def _either(parts: Iterable[_Part]) -> _Part:
-    """Combine what several values depend on into what their sum depends on."""
+    """Give the dependences of a sum from those of its terms."""
     mask, rest = _ZERO
     for own, remains in parts:
         mask, rest = mask | own, rest or remains
@@ -239,6 +248,7 @@ def _connected(rates: Iterable[tuple[int, _Part]], equations: Equations) -> list
     """Group the algebraic unknowns that equations connect."""
     cut = len(equations.states) - equations.n_algebraic
     masks = [1 << i for i in range(cut, len(equations.states))]
+    # Groups are masks of places. An equation joins all groups that it touches into one.
     for i, (mask, _) in rates:
         if i < cut:
             continue
@@ -250,7 +260,7 @@ def _connected(rates: Iterable[tuple[int, _Part]], equations: Equations) -> list
 
 
 def _choosers(equations: Equations) -> dict[int, set[int]]:
-    """Give the states whose rates look at what events set, by what is set.
+    """Give the states whose rates look at states that events set, by the latter.
 
     A selection, a sign or a floor has no derivative by what it looks at, and yet another value
     once that has jumped.
@@ -259,8 +269,11 @@ def _choosers(equations: Equations) -> dict[int, set[int]]:
     if not targets:
         return {}
     mask = {equations.states[target].symbol: 1 << target for target in targets}
+    # A state that an event sets may stand in a condition anywhere in the balances. All unknowns are
+    # then taken to depend on it, which is never too seldom.
     matrix = equations.matrix if isinstance(equations.matrix, tuple) else ()
     solved = [*equations.forcing, *(entry for row in matrix for entry in row)]
+    # Masks of all values, in order of evaluation: which targets each looks at.
     for node in reachable(solved):
         mask[node] = mask.get(node, 0) | _either((mask[arg], False) for arg in node.args)[0]
     whole = _either((mask[node], False) for node in solved)[0]
@@ -289,6 +302,8 @@ def _moved(
     turned = {entry for _, q in constraints.quaternions for entry in q}
     norms = {i for i, state in enumerate(equations.states) if state.symbol in turned}
     held = [*row.held, *row.held_rates, *row.start]
+    # A projection moves all coordinates and speeds together. Quaternions that depend on the
+    # parameter are brought back to unit length, which moves them, too.
     if any(along.depends(node, reached) for node in held) or not norms.isdisjoint(reached):
         moved.update(range(n_coordinates + n_speeds))
     depending = {k for k, node in row.outputs.items() if along.depends(node, reached)}
@@ -305,7 +320,7 @@ def _moved(
 
 
 def _moves(equations: Equations, parts: _Parts, target: int, place: int) -> bool:
-    """Tell whether a state, or what an event sets it to, changes with time: modes do not."""
+    """Tell whether a state, or its new value by an event, changes with time: modes do not."""
     assert equations.motion is not None  # it comes with the events
     rates, slope = equations.rates, equations.motion.outputs.get(place, equations.dag.zero)
     mask, rest = parts[slope]

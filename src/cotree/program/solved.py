@@ -101,9 +101,11 @@ class SolvedSystem:
         )
         found = []
         for row in directions:
+            # The three groups were put in together, and are taken out in the same order.
             forcing = [next(known) for _ in row.forcing]
             rates = [next(known) for _ in row.rates]
             outputs = [next(known) for _ in row.outputs]
+            # The forcing of a direction is b' = db - dA w, so the factors of A serve again.
             unknowns = self.factors.solve(forcing)
             changes = dict(zip(self.tangents, unknowns, strict=True))
             found.append(
@@ -129,6 +131,8 @@ class SolvedSystem:
         seed : mapping of Node to Node
             The direction: tangents of the symbols in A.
         """
+        # b' - A' w, row by row.
+        # The derivative of A is formed here, since no sensitivity graph knows this solution.
         rest = list(forcing)
         for i, row in enumerate(self.matrix):
             for d, w in zip(tangents(row, seed), solution, strict=True):
