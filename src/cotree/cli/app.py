@@ -73,9 +73,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="replace")
     try:
         with warnings_in_one_line():
+            # Warnings are shown as sentences, too, whichever command raises them.
             app(args=None if arguments is None else list(arguments), prog_name="cotree")
     except SystemExit as stop:
+        # Typer leaves by SystemExit even where it is done; a text as its code means failure.
         return stop.code if isinstance(stop.code, int) else 1 if stop.code else 0
+    # Errors of cotree are sentences for the user; any other exception is a defect and keeps its
+    # traceback.
     except Error as error:
         complain(str(error))
         return 2
@@ -92,6 +96,7 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def _options(
+    # Eager options are read first, so that no command has to be named with this one.
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
@@ -153,6 +158,7 @@ def run_scene(
     """Integrate a scene and print its end state and sensitivities."""
     import numpy as np
 
+    # Files are checked before the run, whose results would be lost otherwise.
     check_folder(csv)
     check_picture(plot)
     if show and plot is None:
@@ -173,8 +179,11 @@ def run_scene(
 
         check_names(model, show)
     end = described.defaults.t_end if t_end is None else t_end
+    # Without a number of points the result has those at which the integration stepped.
     times = None if points is None else np.linspace(0.0, end, points)
     result = model.simulate((0.0, end), times, **settings)
+    # The report comes before the files, so that it is there even where one of them cannot be
+    # written.
     typer.echo(run_report(described, model, result))
     if csv is not None:
         result.to_csv(csv)
@@ -185,6 +194,7 @@ def run_scene(
     if animate is not None:
         result.animate(trust_paths=trust_paths).save(animate)
         typer.echo(f"wrote {animate}")
+    # What was computed is written all the same; the exit code tells of the failure.
     if not result.success:
         raise typer.Exit(1)
 
@@ -240,6 +250,7 @@ def _steps(scene: Scene, sensitivities: Sequence[str], choice: TreeChoice) -> st
     from cotree.export.steps import formulation_steps
     from cotree.pipeline import formulate
 
+    # No program is lowered and nothing compiled: the steps end with the equations.
     first, equations, _ = formulate(scene, sensitivities, choice)
     return formulation_steps(first, equations)
 
@@ -263,6 +274,7 @@ def show_graph(
     typer.echo(f"wrote {output}")
 
 
+# These live in a module of their own, since both run studies.
 app.command("check")(check_scene)
 app.command("bench")(bench_scene)
 

@@ -38,12 +38,14 @@ def read_pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
     """Read ``name=text`` for each time that an option is given; see :func:`read_numbers`."""
     pairs: dict[str, str] = {}
     for text in texts:
+        # Only the first sign of equality counts: expressions may hold others.
         name, equals, value = (part.strip() for part in text.partition("="))
         if not (name and equals and value):
             raise ParameterError(
                 f"{option} '{brief(text)}' is not of the form name=value: "
                 f"write it as {option} L=1.5"
             )
+        # The last of several values would win in silence.
         if name in pairs:
             raise ParameterError(f"{option} gives '{brief(name)}' twice: give it once")
         pairs[name] = value
@@ -61,6 +63,7 @@ def read_tolerances(texts: Sequence[str]) -> list[float | tuple[float, float]]:
     tolerances: list[float | tuple[float, float]] = []
     for text in texts:
         try:
+            # Unpacking refuses three numbers and more by the same ValueError as a word.
             rtol, *rest = (float(part) for part in text.split(","))
             (atol,) = rest or (None,)
         except ValueError:
@@ -80,8 +83,10 @@ def read_tree(texts: Sequence[str]) -> TreeChoice:
     TopologyError
         If the two forms are mixed, or a domain is given twice.
     """
+    # Names of edges hold no sign of equality, so that one decides on the form.
     if not any("=" in text for text in texts):
         names = [name for text in texts for name in _names(text)]
+        # No option leaves the choice of the tree to cotree; an empty text names no branches.
         return names if texts else None
     tree: dict[str, list[str]] = {}
     for text in texts:
@@ -131,6 +136,7 @@ def check_picture(path: Path | None) -> None:
     """
     if path is None:
         return
+    # Imported here, since most commands draw nothing.
     from cotree import plot
 
     check_folder(path)

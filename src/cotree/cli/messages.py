@@ -26,6 +26,7 @@ def warnings_in_one_line() -> Iterator[None]:
         complain(f"warning: {message}")
 
     with warnings.catch_warnings():
+        # A warning is shown each time: by default Python shows those of one line of code once.
         warnings.simplefilter("always", RuntimeWarning)
         warnings.showwarning = show
         yield

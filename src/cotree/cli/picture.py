@@ -55,6 +55,7 @@ def draw_run(
     chosen = check_names(model, names)
     overlay: dict[tuple[str, str], tuple[Array, Array]] = {}
     curves = result
+    # A run that failed is drawn as far as it went; differences of it would fail as well.
     if result.success:
         span = (float(result.t[0]), float(result.t[-1]))
         if len(result.t) < _SMOOTH:
@@ -72,6 +73,7 @@ def check_names(model: Model, names: Sequence[str]) -> Curves:
     SceneError
         If there is nothing of a name.
     """
+    # The model knows the names before a run has given a result.
     known = (model.states, model.outputs, model.inputs, model.sensitivities)
     return choose_curves(names or None, *known)
 
@@ -84,15 +86,18 @@ def _finite_differences(
 ) -> dict[tuple[str, str], tuple[Array, Array]]:
     """Form finite differences of two runs for each parameter, without those that have none."""
     times = np.linspace(result.t[0], result.t[-1], _CIRCLES)
+    # The method is the one that the run took, even where it was chosen automatically.
     tight = {"method": result.statistics.method, "rtol": _RTOL, "atol": _ATOL}
     experiment = Experiment(model, times, {**settings, **tight})
     overlay: dict[tuple[str, str], tuple[Array, Array]] = {}
+    # Two runs give the differences of all quantities by one parameter.
     for parameter in dict.fromkeys(parameter for _, parameter in pairs):
         try:
             values = experiment.central_difference(
                 parameter, _STEP * experiment.size(parameter, result)
             )
         except Error as error:
+            # Curves without circles are better than no picture at all.
             warnings.warn(
                 f"no finite differences of '{parameter}' are drawn: {error}",
                 RuntimeWarning,

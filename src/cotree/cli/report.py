@@ -35,8 +35,10 @@ def run_report(scene: Scene, model: Model, result: Result) -> str:
         f"times: {times}{' (library from the cache)' if model.cached else ''}",
         f"{work.method}: {work.n_steps} steps, {work.nfev} evaluations, {work.njev} Jacobians",
     ]
+    # A failure has been told already, as a warning on standard error.
     if result.success:
         lines.append(result.message)
+    # The run failed at its first point.
     if not result.t.size:
         return "\n".join(lines)
     lines += ["", f"{'end' if result.success else 'last good point'}: t = {result.t[-1]:.10g} s"]
@@ -59,6 +61,7 @@ def run_report(scene: Scene, model: Model, result: Result) -> str:
 
 def _aligned(rows: Iterable[tuple[str, float, str]]) -> list[str]:
     """Write ``name = value unit`` for each row, in columns."""
+    # Ten digits show more than usual tolerances determine, and no rounding noise.
     table = [(name, f"{value:.10g}", unit) for name, value, unit in rows]
     width = max((len(name) for name, _, _ in table), default=0)
     # A space holds the place of a minus sign.

@@ -38,10 +38,14 @@ def check_scene(
     """Compare sensitivities with finite differences; all parameters if none is named."""
     from cotree.studies.check import check_sensitivities
 
+    # Arguments are read before the scene is compiled, so that a slip costs no time.
     values, branches = read_numbers("--set", setting), read_tree(tree)
     described = read_scene(scene)
+    # Parameters that are folded into the code have no sensitivities.
     names = sensitivity or [row.name for row in described.parameters.values() if row.tunable]
     _progress(f"compiling {described.name} with {len(names)} sensitivities, then without")
+    # Finite differences need no sensitivities: runs of the plain model are faster, and independent
+    # of the derivatives that they check.
     model, plain = described.compile(names, branches), described.compile(tree=branches)
     report = check_sensitivities(
         model, t_end=t_end, values=values, plain=plain, method=method, rtol=rtol, report=_at_once
@@ -83,6 +87,7 @@ def bench_scene(
     report = bench(
         read_scene(scene),
         sensitivity,
+        # An option that is not given is an empty list: the study's own choice then holds.
         method or None,
         read_tolerances(tolerance) or TOLERANCES,
         repeats,
@@ -105,6 +110,7 @@ def bench_scene(
 
 def _progress(text: str) -> None:
     """Report progress at a terminal."""
+    # In files and pipes progress would mix with errors.
     if sys.stderr.isatty():
         typer.echo(f"cotree: {text}", err=True)
 

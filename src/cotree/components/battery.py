@@ -29,12 +29,14 @@ def _ports(pairs: Sequence[int]) -> tuple[Terminal, ...]:
     """
     places = ["plus", *(f"n{i}" for i in range(len(pairs) + 1)), "minus"]
     ports = [resistive(_DOMAIN, "resistance", "series", (places[0], places[1]))]
+    # One pair of nodes is left over, that of the store of charge at the minus end.
     for i, between in zip(pairs, pairwise(places[1:]), strict=False):
         storage = Law.field(f"capacitance{i}")
         ports += [
             resistive(_DOMAIN, f"resistance{i}", f"resistor{i}", between),
             Terminal(_DOMAIN, Kind.ACROSS_STORAGE, f"pair{i}", storage=storage, between=between),
         ]
+    # The store is an across source whose voltage depends on the integral of its own current.
     store = Terminal(
         _DOMAIN,
         Kind.ACROSS_SOURCE,
@@ -47,6 +49,7 @@ def _ports(pairs: Sequence[int]) -> tuple[Terminal, ...]:
 
 
 def _measures(pairs: Sequence[int]) -> tuple[PortMeasure, ...]:
+    # Terminal voltage is the sum along the chain; in each RC pair the capacitor gives it.
     parts = ("series", *(f"pair{i}" for i in pairs), "")
     return (
         PortMeasure("v", "V", tuple((1, "across", part) for part in parts)),
@@ -70,6 +73,7 @@ def _fields(pairs: Sequence[int]) -> tuple[Field, ...]:
 def _as_given(edge: str, nodes: Nodes, fields: Given) -> Adapted:
     """Leave out the RC pairs that a scene does not give."""
     del edge
+    # A pair with one of its two fields is kept, so that the missing one is reported as required.
     pairs = [i for i in _EVERY if {f"resistance{i}", f"capacitance{i}"} & fields.keys()]
     given = tuple(replace(row, required=True) for row in _fields(pairs))
     own = replace(BATTERY_CELL, fields=given, ports=_ports(pairs), measures=_measures(pairs))

@@ -39,7 +39,7 @@ _DOMAIN = "electrical"
 _FORWARD, _REVERSE = depletion_fields("be", 0.75, 0.33), depletion_fields("bc", 0.75, 0.33)
 _SUBSTRATE = depletion_fields("substrate", 0.75, 0.0)
 
-#: What adds a term to the laws, or a port.
+#: Fields that add a term to the laws, or a port, where a scene gives them.
 _EXTRAS = (
     optional("forward_ideality", "1", "factor of V forwards", 1.0, "positive"),
     optional("reverse_ideality", "1", "factor of V backwards", 1.0, "positive"),
@@ -90,11 +90,13 @@ TERMINALS: tuple[str, ...] = ("collector", "base", "emitter")
 _RESISTANCES = ("base_resistance", "collector_resistance", "emitter_resistance")
 
 
+# SymPy forms these laws slowly, and a circuit has many transistors with the same terms.
 @lru_cache(maxsize=256)
 def _transistor(
     name: str, doc: str, sign: int, has: frozenset[str], has_substrate: bool
 ) -> Component:
     """Make a transistor with the terms of some fields, of three nodes or four."""
+    # A resistance at a terminal needs an inner node, behind which the junctions lie.
     inner = {
         row.partition("_")[0]: f"inner_{row.partition('_')[0]}"
         for row in _RESISTANCES
@@ -173,8 +175,10 @@ class _Laws:
             - share(self.voltage["bc"], "forward_early_voltage")
             - share(self.voltage["be"], "reverse_early_voltage")
         )
+        # High-level injection: gains fall beyond the knee currents.
         q2 = share(self.forward, "forward_knee_current")
         q2 += share(self.reverse, "reverse_knee_current")
+        # Without knee currents the root is one and qb is q1.
         if q2 == 0:
             return q1
         # Junctions block before the sum is negative; a search for a root may pass there.
@@ -185,6 +189,8 @@ class _Laws:
 
         # From collector to emitter through the base; recombination in it comes on top.
         transport = (self.forward - self.reverse) / self._base_charge()
+        # The transport current runs along the be port and against the bc port; the shares of both
+        # junctions remain of their sum, which is the current into the base.
         if own == "be":
             total = transport + self.forward / symbol("forward_gain")
         else:
@@ -211,7 +217,15 @@ class _Laws:
         return capacity + sympy.diff(charge, v), sympy.diff(charge, self.voltage[other])
 
     def port(self, own: str, other: str, between: tuple[str, str]) -> Terminal:
-        """Make the port of a junction."""
+        """Make the port of a junction.
+
+        Parameters
+        ----------
+        own, other : {'be', 'bc'}
+            The junction, and the one that it shares the base with.
+        between : pair of str
+            The terminals or inner nodes at head and tail.
+        """
         through, storage, kind = self.sign * self._current(own), None, Kind.DISSIPATOR
         if self.has & _CHARGES[own]:
             capacity, cross = self._capacities(own, other)
@@ -230,6 +244,8 @@ class _Laws:
 
     def substrate(self, between: tuple[str, str]) -> Terminal:
         """Make the port of the junction from the substrate, which never conducts forwards."""
+        # The substrate is p and meets n material, the collector of npn or the base of pnp
+        # transistors: the port has the same polarity for both, so that no sign enters.
         v, storage, kind = symbol("across"), None, Kind.DISSIPATOR
         if "substrate_capacitance" in self.has:
             kind = Kind.ACROSS_STORAGE
@@ -247,6 +263,7 @@ class _Laws:
         )
 
     def _of_port(self, expression: Any, own: str, other: str) -> Any:
+        # Laws are written for npn transistors; voltages and currents of pnp ones are reversed.
         names = {own: "across", other: f"across_{other}"}
         return expression.subs({self.voltage[at]: self.sign * symbol(names[at]) for at in names})
 
@@ -274,6 +291,8 @@ def bipolar(name: str, doc: str, sign: int, plain: Component) -> Adapt:
             )
         if not has and not has_substrate:
             return plain, nodes, rest
+        # The charge of the be junction then depends on vbc, too, and its current on the rate of
+        # vbc, which exists only where the bc port is a storage.
         is_coupled = "forward_transit_time" in has and has & BASE_CHARGE
         if is_coupled and not has & _CHARGES["bc"]:
             raise SceneError(

@@ -64,6 +64,7 @@ def _mass_action(
     is_reversible : bool
         Whether it has a reverse rate.
     """
+    # Other species enter by the number of their ports, in the order in which they were named.
     names = tuple(f"across_{i}" for i in range(len(orders)))
 
     def law(volume: Any, rate: Any, *rest: Any) -> Any:
@@ -76,6 +77,7 @@ def _mass_action(
         forth, back = rate, rest[0] if is_reversible else sympy.Integer(0)
         for concentration, order, product in powers:
             forth, back = forth * concentration**order, back * concentration**product
+        # The flow, [mol/s], leaves the species' node; a product has a negative net and gains.
         return net * volume * (forth - back)
 
     fields = ("volume", "rate", "reverse_rate") if is_reversible else ("volume", "rate")
@@ -110,6 +112,7 @@ def _react(edge: str, nodes: Nodes, fields: Given) -> Adapted:
     """Give a reaction a port for each of its species."""
     rest = dict(fields)
     reactants, products = _names(edge, "reactants", rest), _names(edge, "products", rest)
+    # A catalyst, taken as often as made, keeps a port: the rate depends on its concentration.
     species = tuple(dict.fromkeys([*reactants, *products]))
     if nodes or not species:
         raise SceneError(

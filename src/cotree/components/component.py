@@ -124,6 +124,7 @@ class Freedom:
 class FreeRotation:
     """Every rotation: a quaternion, with the angular velocity in the second node's axes."""
 
+    # Three angles have singular attitudes; a quaternion has none. Its scalar part comes first.
     coordinates: tuple[tuple[str, str], ...] = (("q0", ""), ("q1", ""), ("q2", ""), ("q3", ""))
     rates: tuple[tuple[str, str], ...] = (("w1", "rad/s"), ("w2", "rad/s"), ("w3", "rad/s"))
     rotates: bool = True
@@ -135,7 +136,7 @@ MotionStep = Freedom | FreeRotation
 
 @dataclass(frozen=True)
 class Plane:
-    """Fields by which an edge keeps within a plane: those along its normal, and those within."""
+    """Fields that must be along a plane's normal, or within it, for an edge to keep the plane."""
 
     along: tuple[str, ...] = ()
     within: tuple[str, ...] = ()
@@ -178,7 +179,7 @@ class Component:
     law : Law or None
         Of a force element, or of the through variable along a joint's coordinate.
     keeps_plane : Plane or None
-        When the edge keeps its nodes within a plane; None for those that never do.
+        Conditions under which the edge keeps its nodes within a plane; None if it never does.
     acts : Acts
         Direction along which a user's law acts.
     ports : tuple of Terminal
@@ -215,11 +216,14 @@ class Component:
     @property
     def n_freedoms(self) -> int:
         """Dimension of the motion space."""
+        # Rates are counted, not coordinates: a quaternion has four coordinates but three freedoms.
         return sum(len(step.rates) for step in self.motion_space)
 
     @property
     def tree_weight(self) -> float | None:
         """Weight of the edge as a branch of the tree; None where it cannot be one."""
+        # A tree of least weight then has the fewest coordinates: a branch adds as many as its
+        # motion space has dimensions, and a free body has the six of absolute coordinates.
         if self.role is Role.ARM:
             return 0.0
         if self.role is Role.JOINT:

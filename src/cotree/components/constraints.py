@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from cotree.components.component import Component, Field, Plane, Role, Shape
 
+# An empty Plane sets no condition: a distance between points of a plane stays within it.
 DISTANCE = Component(
     "distance",
     Role.CONSTRAINT,
@@ -31,6 +32,7 @@ SLOT = Component(
     keeps_plane=Plane(within=("axis",)),
 )
 
+# Nonholonomic: it holds a velocity and no position, since a blade reaches every place by turning.
 KNIFE_EDGE = Component(
     "knife_edge",
     Role.CONSTRAINT,
@@ -47,6 +49,8 @@ KNIFE_EDGE = Component(
     keeps_plane=Plane(within=("axis",)),
 )
 
+# One equation holds a position, the height of the disc's centre; two hold velocities, the slip
+# along the plane.
 ROLLING_DISC = Component(
     "rolling_disc",
     Role.CONSTRAINT,
@@ -59,6 +63,8 @@ ROLLING_DISC = Component(
     keeps_plane=Plane(along=("axis",), within=("normal",)),
 )
 
+# Gears and expressions couple coordinates themselves, so they have no edge in a graph and their
+# domains are empty.
 GEAR = Component(
     "gear",
     Role.CONSTRAINT,

@@ -29,7 +29,7 @@ _DOMAIN = "electrical"
 _DOC = "Shockley diode: I (exp(v / V) - 1)"
 _CAPACITANCE, *_SHAPE = depletion_fields("junction", 1.0, 0.5)
 
-#: What adds a term to the laws, or a port.
+#: Fields that add a term to the laws, or a port, where a scene gives them.
 _EXTRAS = (
     optional("leakage", "S", "beside the junction", 0.0, "nonnegative"),
     optional("series_resistance", "ohm", "of the material and its contacts", 0.0, "nonnegative"),
@@ -70,6 +70,7 @@ def _diode(has: frozenset[str]) -> Component:
 
 def _junction(has: frozenset[str], name: str, between: tuple[str, str]) -> Terminal:
     through, storage = Law.of(_current(has)), None
+    # With a charge the voltage is a state, and the static current is added to C dv/dt.
     if has & {"junction_capacitance", "transit_time"}:
         storage = Law.of(_capacity(has))
     kind = Kind.DISSIPATOR if storage is None else Kind.ACROSS_STORAGE

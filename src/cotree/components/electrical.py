@@ -58,6 +58,8 @@ def _charge(port: str) -> Terminal:
     )
 
 
+# Each charge depends on both voltages; the derivatives of both are a matrix that need not be
+# symmetric, so that neither port is passive.
 THREE_TERMINAL_CAPACITOR = scalar(
     "three_terminal_capacitor",
     "two charges against a common terminal, each by both voltages",

@@ -28,7 +28,7 @@ GYRATOR = ideal_gyration(
     (_DOMAIN, "secondary"),
 )
 
-#: What a voltage or a current is measured with: an open port, or a closed one.
+#: Controlling ports: an open one measures a voltage, a short-circuited one a current.
 _VOLTMETER = Terminal(
     _DOMAIN, Kind.THROUGH_SOURCE, "control", through=Law(lambda: 0), is_passive=False
 )
@@ -39,6 +39,7 @@ def _controlled(
     name: str, by_voltage: bool, gives_voltage: bool, field: tuple[str, str, str]
 ) -> Component:
     """Make a controlled source."""
+    # The controlled port alone takes up power, which comes from nowhere: none of these is passive.
     measured = "across_control" if by_voltage else "through_control"
     law = Law.taking((measured, field[0]), lambda control, factor: factor * control)
     if gives_voltage:

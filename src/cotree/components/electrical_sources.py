@@ -40,6 +40,7 @@ CURRENT_SOURCE = through_source(
 def _sine(t: Any, amplitude: Any, frequency: Any, phase: Any, offset: Any, delay: Any) -> Any:
     import sympy
 
+    # The argument is held until the delay is over, so that the waveform is continuous there.
     passed = sympy.Max(0, t - delay)
     return offset + amplitude * sympy.sin(2 * sympy.pi * frequency * passed + phase)
 
@@ -56,8 +57,10 @@ def _pulse(
 ) -> Any:
     import sympy
 
+    # ``s`` counts from the beginning of the current period; it is negative before the first pulse.
     count = sympy.floor(sympy.Max(0, (t - delay) / period))
     s = t - delay - period * count
+    # Branches are looked at in order; each begins where the one before it ends.
     share = sympy.Piecewise(
         (0, s <= 0),
         (s / rise, s < rise),
@@ -94,6 +97,7 @@ def _waveforms(
     name: str, doc: str, fields: Callable[[str], tuple[Field, ...]], law: Callable[..., Any]
 ) -> tuple[Component, Component]:
     """Make the sources of a voltage and of a current that follow a waveform."""
+    # One law serves both: the field of which the waveform is decides on the variable that is given.
     voltage = Terminal(_DOMAIN, Kind.ACROSS_SOURCE, across=Law(law))
     current = Terminal(_DOMAIN, Kind.THROUGH_SOURCE, through=Law(law))
     return (
@@ -106,6 +110,7 @@ def _tabled(source: Component) -> Adapt:
     """Turn ``times`` and ``values`` into a table over time in the field of a source."""
 
     def adapt(edge: str, nodes: Nodes, fields: Given) -> Adapted:
+        # Any scalar field takes a table over an expression; here the expression is the time.
         rest = dict(fields)
         for name in ("times", "values"):
             if name not in rest:

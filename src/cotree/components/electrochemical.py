@@ -11,7 +11,7 @@ from cotree.components.terminal import Integral, Kind, Terminal
 
 _DOMAIN = "electrical"
 
-#: Faraday's constant times the molar gas constant's inverse, C K/J: exact since the SI of 2019.
+#: Faraday's constant, [C/mol], and the molar gas constant, [J/(mol K)]: exact since the SI of 2019.
 FARADAY, GAS = 96485.33212331, 8.31446261815324
 
 _TEMPERATURE = optional("temperature", "K", "of the cell", 298.15, "positive")
@@ -30,6 +30,7 @@ OPEN_CIRCUIT_VOLTAGE = scalar(
     Terminal(
         _DOMAIN,
         Kind.ACROSS_SOURCE,
+        # The integral of its own through variable is a state that ``voltage`` may name.
         across=Law.field("voltage"),
         integral=STATE_OF_CHARGE,
     ),

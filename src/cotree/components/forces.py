@@ -30,6 +30,7 @@ def _damper(rate: Any, damping: Any) -> Any:
     return -damping * rate
 
 
+# Without an axis the force acts along the line of the nodes, which keeps every plane.
 SPRING = Component(
     "spring",
     Role.LINE,
@@ -75,6 +76,7 @@ TORQUE = Component(
     keeps_plane=Plane(along=("torque",)),
 )
 
+# The law is an expression of the scene, so that the type has none of its own.
 LINE_FORCE = Component(
     "line_force",
     Role.LAW,
@@ -94,6 +96,8 @@ LINE_FORCE = Component(
 )
 
 
+# A bushing has a law for each of its six directions, which the formulation forms; hence it has no
+# scalar law of its own.
 BUSHING = Component(
     "bushing",
     Role.BUSHING,

@@ -21,6 +21,7 @@ def loss_of(component: Component) -> Law | None:
     if component.loss is not None:
         return component.loss
     if len(component.ports) == 1 and component.ports[0].kind is Kind.DISSIPATOR:
+        # A single port has an empty name: others call its variables ``across_`` and ``through_``.
         return Law(lambda across_, through_: across_ * through_)
     return None
 

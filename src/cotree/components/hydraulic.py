@@ -36,6 +36,7 @@ def _root(pressure: Any, transition: Any) -> Any:
 
     size = sympy.Abs(pressure)
     size = (size + transition + sympy.Abs(size - transition)) / 2  # the larger of both
+    # At u = 1 the polynomial has the root's value 1, slope 1/2 and second derivative -1/4.
     u = pressure / size
     return sympy.sqrt(size) * u * (45 - 18 * u**2 + 5 * u**4) / 32
 
@@ -125,6 +126,7 @@ def _fit_pipe(edge: str, nodes: Nodes, fields: Given) -> Adapted:
     """Give an elastic pipe half of its capacity at each end that is not the ground."""
     if "capacity" not in fields:
         return PIPE, nodes, fields
+    # A capacity from the ground to itself holds nothing, and would be a self-loop.
     ends = [end for end, node in zip(PIPE.terminals, nodes, strict=False) if node != "ground"]
     halves = (replace(_HALF, port=end, between=(end, "ground")) for end in ends)
     return replace(PIPE, ports=(*PIPE.ports, *halves)), nodes, fields

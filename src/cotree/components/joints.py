@@ -23,6 +23,7 @@ def _along(coordinate: Any, rate: Any, stiffness: Any, free: Any, damping: Any, 
     return -stiffness * (coordinate - free) - damping * rate + drive
 
 
+# One law serves angles and lengths; only the names of its arguments differ.
 _TURNING = ("theta", "theta_dot", "stiffness", "free_angle", "damping", "torque")
 _SLIDING = ("s", "s_dot", "stiffness", "free_length", "damping", "force")
 
@@ -85,6 +86,8 @@ CYLINDRICAL = Component(
     ),
 )
 
+# The order of the freedoms matters: each axis is fixed in the frame that the earlier ones moved.
+# Two turns about different axes leave every plane, so that no plane is declared.
 UNIVERSAL = Component(
     "universal",
     Role.JOINT,
@@ -116,6 +119,7 @@ PLANAR = Component(
     keeps_plane=Plane(along=("normal",)),
 )
 
+# A free joint between two bodies has an empty reaction space: it only chooses coordinates.
 FREE = Component(
     "free",
     Role.JOINT,
@@ -123,6 +127,8 @@ FREE = Component(
     motion_space=body_space("", is_particle=False),
 )
 
+# A screw has one freedom: its translation follows from the angle by the pitch, so that its reaction
+# is the wrench that does no work on both together.
 SCREW = Component(
     "screw",
     Role.JOINT,

@@ -63,8 +63,10 @@ def depletion_capacity(voltage: Any, prefix: str, share: Any = None) -> Any:
     names = ("capacitance", "potential", "grading")
     capacitance, potential, grading = (symbol(f"{prefix}_{name}") for name in names)
     share = symbol("forward_share") if share is None else share
+    # ``over`` is what v/V exceeds F by: it holds the base at 1 - F and drives the tangent.
     over = sympy.Max(0, voltage / potential - share)
     base = 1 - voltage / potential + over
+    # Value and slope are continuous where the tangent begins.
     return capacitance * base ** (-grading) * (1 + grading * over / (1 - share))
 
 
@@ -111,6 +113,7 @@ def split_extras(
     """
     names = {row.name for row in fields}
     has = frozenset(name for name in names if not is_absent(given.get(name)))
+    # Fields that add nothing are dropped, for the adapted component has no use of them.
     return has, {
         key: item
         for key, item in given.items()

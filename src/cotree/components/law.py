@@ -58,6 +58,7 @@ class Law:
     def taking(cls, arguments: tuple[str, ...], function: Callable[..., Any]) -> Law:
         """Make a law whose arguments have other names than those in the function's signature."""
         made = cls(function)
+        # The cached property finds this entry and never inspects the signature.
         made.__dict__["arguments"] = arguments
         return made
 
@@ -69,6 +70,7 @@ class Law:
     @classmethod
     def of(cls, expression: Any) -> Law:
         """Make the law of a SymPy expression whose symbols are real."""
+        # A set of symbols has no order of its own; sorted names make equal laws print equal C text.
         names = tuple(sorted(symbol.name for symbol in expression.free_symbols))
         return cls.taking(names, lambda *_: expression)
 
@@ -99,10 +101,12 @@ class Law:
         # SymPy leaves the derivative of a floor as it is, and so that of a remainder.
         whole = self.expression.replace(sympy.Mod, lambda a, b: a - b * sympy.floor(a / b))
         floors = {item: sympy.Dummy(real=True) for item in whole.atoms(sympy.floor, sympy.ceiling)}
+        # Floors stand as constants while the law is differentiated: between their jumps they are.
         fixed = whole.subs(floors)
         back = {dummy: item for item, dummy in floors.items()}
         derivatives = {
             name: fixed.diff(sympy.Symbol(name, real=True))
+            # The derivative of a sign is an impulse where it changes; events treat the change.
             .replace(sympy.DiracDelta, lambda *_: sympy.Integer(0))
             .subs(back)
             for name in self.arguments
@@ -123,6 +127,7 @@ class Law:
         value: Node
         partials: dict[str, Node]
         value, partials = dag.formed[key]
+        # Chain rule of the sensitivity terminal equation (Eq. (4)): partials times tangents.
         d = dag.zero
         for name, partial in partials.items():
             if name in changing:

@@ -78,6 +78,7 @@ def _linear(m: _Motion) -> Terminal:
     return Terminal(
         m.domain,
         Kind.SPRING,
+        # The argument is named after the field, which is free_length or free_angle.
         through=Law.taking(
             ("stretch", "stiffness", f"free_{m.length}"), lambda s, k, free: k * (s - free)
         ),
@@ -87,11 +88,14 @@ def _linear(m: _Motion) -> Terminal:
 
 def _by_expression(spring: Component, m: _Motion) -> Adapt:
     """Let a spring follow an expression in place of its stiffness."""
+    # The expression may bend anywhere: its slope has no known sign, so it is not passive, and there
+    # is no constant increase of force with stretch that ``storage`` could hold.
     law = Law.field(m.force)
     bent = Terminal(m.domain, Kind.SPRING, through=law, is_passive=False)
     stiffness = replace(_stiffness(m), required=True)
 
     def adapt(edge: str, nodes: Nodes, fields: Given) -> Adapted:
+        # A spring is linear, or follows an expression: each form has fields and a law of its own.
         if m.force not in fields:
             rest = (field for field in spring.fields if field.name not in ("stiffness", m.force))
             return replace(spring, fields=(stiffness, *rest)), nodes, fields
@@ -133,7 +137,9 @@ def _stop_law(
     # itself.
     above, below = stretch - upper, lower - stretch
     reach, depth = (sympy.sqrt(x**2 + transition**2) for x in (above, below))
+    # The derivative of that penetration rises from 0 to 1: damping sets in as contact does.
     contact = (1 + above / reach) / 2 + (1 + below / depth) / 2
+    # Tension is positive: beyond the upper limit the stop pulls back, below the lower it pushes.
     return stiffness * (above + reach - below - depth) / 2 + damping * contact * across
 
 
@@ -154,6 +160,8 @@ def _stop(m: _Motion) -> Component:
                 "positive",
             ),
         ),
+        # Beyond the gap the force follows from stretch, hence a spring; damping adds the across
+        # variable.
         Terminal(m.domain, Kind.SPRING, through=Law(_stop_law), is_passive=False),
     )
 
@@ -194,6 +202,7 @@ MASS = storage(
     "translational_mass",
     "mass that moves along a line",
     value("mass", "kg", "of the body"),
+    # Inertial forces are rates against an inertial frame, so an inertia must end at the ground.
     is_absolute=True,
 )
 
@@ -205,7 +214,8 @@ INERTIA = storage(
     is_absolute=True,
 )
 
-# Without a damper beside it a shaft would be a spring: then its speed follows from that of others.
+# The damper beside the spring makes the shaft a dissipator: its relative speed follows from torque
+# and stretch at the same instant.
 SHAFT = scalar(
     "shaft",
     "elastic shaft with damping",

@@ -28,6 +28,7 @@ def scalar(
     **options
         Further attributes of :class:`Component`: ``terminals``, ``measures``, ``loss``, ...
     """
+    # Domains keep the order of the ports: sets would make the order of edges depend on the run.
     domains = tuple(dict.fromkeys(port.domain for port in ports))
     return Component(name, Role.NETWORK, doc, fields, domains, ports=ports, **options)
 
@@ -60,6 +61,7 @@ def through_source(
     acts_on_head : bool
         Whether it flows from tail to head within the source, in place of from head to tail.
     """
+    # A through variable flows from head to tail inside; what acts on the head is its negative.
     sign = -1 if acts_on_head else 1
     law = Law.taking((field.name,), lambda given: sign * given)
     return scalar(name, doc, (field,), Terminal(domain, Kind.THROUGH_SOURCE, through=law))
@@ -142,6 +144,7 @@ def resistive(
         domain,
         Kind.DISSIPATOR,
         port,
+        # Both forms: a branch needs its across variable explicitly, a chord its through variable.
         across=Law.taking(("through", field), lambda through, given: given * through),
         through=Law.taking(("across", field), lambda across, given: across / given),
         between=between,
@@ -166,6 +169,8 @@ def ideal_coupling(
         Domain and name of each port.
     """
     laws = (
+        # Across and through of the first port, then of the second: v1 = r v2 and f2 = -r f1, each
+        # solved both ways since the tree decides which of them a port must give.
         (f"across_{second[1]}", lambda v, r: r * v),
         (f"through_{second[1]}", lambda f, r: -f / r),
         (f"across_{first[1]}", lambda v, r: v / r),
@@ -177,9 +182,10 @@ def ideal_coupling(
 def ideal_gyration(
     name: str, doc: str, field: Field, first: tuple[str, str], second: tuple[str, str]
 ) -> Component:
-    """Make a lossless gyrator: through of each port is ``field`` times across of the other.
+    """Make a lossless gyrator: through of the first port is ``field`` times across of the second.
 
-    What flows into the first drives the second. Ports are given as their domain and name.
+    Power is conserved, so that through of the second port is minus ``field`` times across of the
+    first. Ports are given as their domain and name.
 
     Parameters
     ----------
@@ -191,6 +197,7 @@ def ideal_gyration(
         Domain and name of each port.
     """
     laws = (
+        # f1 = k v2 and f2 = -k v1, solved both ways: v1 f1 + v2 f2 vanishes.
         (f"through_{second[1]}", lambda f, k: -f / k),
         (f"across_{second[1]}", lambda v, k: k * v),
         (f"through_{first[1]}", lambda f, k: f / k),
@@ -209,6 +216,7 @@ def _coupled(
     is_passive: bool,
 ) -> Component:
     """Couple two ports: across and through of the first, then of the second, by the other's."""
+    # Two laws for each port, of which the tree chooses one.
     made = [Law.taking((argument, field.name), law) for argument, law in laws]
     terminals = (
         Terminal(

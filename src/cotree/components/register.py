@@ -14,7 +14,7 @@ from cotree.naming import check_name
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-#: What a law may be a function of besides the fields, by what it acts along.
+#: Arguments of a law that are no fields, by the direction along which it acts.
 _GIVEN = {Acts.LINE: ("length", "rate", "t"), Acts.VELOCITY: ("speed", "t")}
 
 
@@ -58,6 +58,7 @@ def make_component(
             f"component '{name}' acts along {along!r}: give 'line' or 'velocity'"
         ) from None
     made = checked_law(law, f"the law of component '{name}'")
+    # Arguments that are no variable of the force element are the fields of the new type.
     rows = law_fields((name for name in made.arguments if name not in _GIVEN[acts]), units or {})
     if acts is Acts.LINE:
         # Without an axis, the force acts along the line of the nodes.
@@ -83,6 +84,7 @@ def law_fields(names: Iterable[str], units: Mapping[str, str]) -> tuple[Field, .
         If a name is not allowed.
     """
     return tuple(
+        # Ports may share an argument, which is one field; its sign is the user's affair.
         value(check_name("field", name), units.get(name, ""), "", sign="")
         for name in dict.fromkeys(names)
     )
@@ -125,6 +127,8 @@ def checked_law(function: Callable[..., Any], what: str) -> Law:
 
 def _check_operations(law: Law, what: str) -> None:
     """Form a law and its derivatives on trial, to refuse unknown operations early."""
+    # An arena of its own leaves no nodes behind. Symbols of no known value keep the law from
+    # folding, so that every operation is met.
     dag = Dag()
     arguments = {name: dag.symbol("x", i) for i, name in enumerate(law.arguments)}
     try:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from cotree.components.component import Component
 
-#: What laws may be functions of besides variables of ports and fields.
+#: Arguments of laws that are neither variables of ports nor fields.
 _GIVEN = frozenset({"t", "stretch", "potential_head", "potential_tail"})
 _VARIABLES = ("across_rate", "through_rate", "across", "through")
 
@@ -86,6 +86,7 @@ def make_network_component(
     check_name("component", name)
     domain_of(domain)
     named = dict(laws) if isinstance(laws, Mapping) else {"": laws}
+    # A single port may go without a name; among several each needs one.
     for port in named:
         if port or len(named) > 1:
             check_name("port", port)
@@ -159,6 +160,8 @@ def _terminal(
     name: str, domain: str, port: str, law: Law, gives: str, between: tuple[str, str]
 ) -> Terminal:
     """Make the terminal equation of a law."""
+    # A through variable follows from across, its rate or its integral, and the other way round. An
+    # argument that cancels out decides nothing, therefore the expression is asked.
     own = [v for v in ("across", "across_rate", "stretch") if law.uses(v)]
     dual = [v for v in ("through", "through_rate") if law.uses(v)]
     if own and dual:
@@ -176,6 +179,7 @@ def _terminal(
     rate = "across_rate" if is_through else "through_rate"
     storage = None
     if law.uses(rate):
+        # The rate is asked first: a storage may depend on across, too, as a leaky capacitor does.
         kind = Kind.ACROSS_STORAGE if is_through else Kind.THROUGH_STORAGE
         storage, law = _linear(name, law, rate)
     elif law.uses("stretch"):
@@ -191,6 +195,8 @@ def _terminal(
         across=None if is_through else law,
         through=law if is_through else None,
         storage=storage,
+        # Nothing is known of the slopes of a user's law: equations made of it are not assumed to be
+        # symmetric and positive definite.
         is_passive=False,
         between=between,
     )
@@ -201,6 +207,7 @@ def _content(
 ) -> Terminal:
     """Make the terminal equation of a storage from the law of its content."""
     used = [v for v in law.arguments if v in _GIVEN - {"t"} or _is_variable(v, ports)]
+    # ``stretch`` and potentials leave words in the set that are neither across nor through.
     of = {v.partition("_")[0] for v in used}
     if any("_rate" in v for v in used) or of not in ({"across"}, {"through"}):
         raise SceneError(
@@ -208,6 +215,7 @@ def _content(
             "through, of its port, and of the same variable of other ports, but of no rate, "
             "stretch or potential"
         )
+    # A domain without a name for one of the contents has no storage by that variable.
     row, is_across = DOMAINS[domain], of == {"across"}
     if not (row.content if is_across else row.impulse)[0]:
         also = ": give through as a function of stretch" if row.stretch else ""

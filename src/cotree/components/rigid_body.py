@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from cotree.components.component import Component, Field, Plane, Role, Shape
 
+# The inertia edge runs from the ground to the centre of mass, where Newton's and Euler's equations
+# separate into translation and rotation.
 RIGID_BODY = Component(
     "rigid_body",
     Role.BODY,
@@ -28,6 +30,7 @@ _ROTATION = Field(
     Shape.ROTATION,
 )
 
+# The empty motion space of an arm adds no coordinate; an edge in the plane needs the vector there.
 ARM = Component(
     "arm",
     Role.ARM,

@@ -30,6 +30,8 @@ def _bipolar(name: str, doc: str, sign: int) -> Component:
     """
 
     def law(across: Any, other: Any, current: Any, gain: Any, thermal_voltage: Any) -> Any:
+        # Own current with its base share 1/gain, less that of the other junction: through the base
+        # the transport current flows from one to the other.
         own = junction_current(sign * across, current, thermal_voltage)
         return sign * (
             own * (1 + 1 / gain) - junction_current(sign * other, current, thermal_voltage)
@@ -114,6 +116,7 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
             _DOMAIN,
             Kind.THROUGH_SOURCE,
             "gs",
+            # The gate takes no static current: its port only measures the voltage.
             through=Law(lambda: 0),
             is_passive=False,
             between=("gate", "source"),
@@ -152,6 +155,7 @@ def _with_bulk(plain: Component, law: Callable[..., Any], sign: int) -> Adapt:
     @lru_cache(maxsize=1)
     def made() -> Component:
         drain = replace(plain.ports[0], through=Law.of(shifted()))
+        # Like the gate, the bulk is a port without current.
         bulk = replace(plain.ports[1], port="bs", between=("bulk", "source"))
         return replace(
             plain,

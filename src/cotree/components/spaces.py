@@ -25,9 +25,11 @@ def body_space(plane: str, is_particle: bool, line: str = "") -> tuple[MotionSte
     tuple of MotionStep
         Translations first, then the rotation.
     """
+    # The order of translations and rotation is the order of the coordinates among the states.
     if line:
         return (Freedom(line, "m", rotates=False, axis=line),)
     if plane:
+        # Coordinates are called x and y in every plane; only their axes depend on the normal.
         sliding = tuple(
             Freedom(name, "m", rotates=False, axis=axis)
             for name, axis in zip("xy", PLANE_AXES[plane], strict=True)

@@ -128,6 +128,7 @@ _ACROSS = Law.field("across")
 def integral_of(terminal: Terminal) -> Integral | None:
     """Give the quantity ``stretch`` of a terminal equation; None where it has no name."""
     row = DOMAINS[terminal.domain]
+    # A component's own integral (a state of charge) goes before that of the domain.
     if terminal.integral is not None or not row.stretch:
         return terminal.integral
     return Integral(row.stretch, row.stretch_unit, _ACROSS)

@@ -65,6 +65,7 @@ RADIATION = scalar(
     Terminal(_DOMAIN, Kind.DISSIPATOR, through=Law(_radiation), is_passive=False),
 )
 
+# Temperatures are absolute, since radiation depends on both of them, not on their difference.
 TEMPERATURE_SOURCE = across_source(
     _DOMAIN,
     "temperature_source",

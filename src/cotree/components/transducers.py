@@ -114,6 +114,7 @@ def _solenoid_voltage(
     inductance: Any,
     gap: Any,
 ) -> Any:
+    # v = R i + d(L(s) i)/dt: the storage gives L di/dt, this is the rest, L'(s) s_dot i.
     induced = _slope(stretch_plunger, inductance, gap) * across_plunger
     return resistance * through + induced * through
 

@@ -46,6 +46,7 @@ def _induced(*values: Any) -> Any:
 def _winding(i: int, n: int) -> Terminal:
     """Make the port of a winding among n: its own flux, and what the others induce."""
     own = f"inductance{i}"
+    # Names in threes (k, Lj and the rate of ij) are what ``_induced`` takes apart again.
     names = [own]
     for j in (j for j in range(1, n + 1) if j != i):
         names += [coupling_field(i, j), f"inductance{j}", f"through_rate_{WINDINGS[j - 1]}"]
@@ -83,6 +84,7 @@ def _windings(n: int) -> Component:
     couplings: list[Field] = [value("coupling", "1", doc, "")]
     if n > 2:
         pairs = combinations(every, 2)
+        # Of two windings the coupling is all that there is to say; of more, pairs may be uncoupled.
         couplings = [optional(coupling_field(*pair), "1", doc, 0.0) for pair in pairs]
     return scalar(
         "coupled_inductors",
@@ -92,6 +94,7 @@ def _windings(n: int) -> Component:
             *couplings,
         ),
         *(_winding(i, n) for i in every),
+        # The first leading minor is one, so that the minors of two windings and more remain.
         demands=tuple(_demand(k) for k in range(2, n + 1)),
     )
 

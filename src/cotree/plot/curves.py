@@ -57,10 +57,12 @@ def choose_curves(
         If the result has nothing by a given name.
     """
     known = (*states, *outputs)
+    # Rates are told by their names alone: a result does not know its equations.
     if names is None:
         names = [name for name in states if not name.endswith("_dot")] or known
         if not names:
             raise SceneError("the result has neither states nor outputs to plot")
+    # Dicts serve as sets that keep the order in which the curves were named.
     values: dict[str, None] = {}
     pairs: dict[tuple[str, str], None] = {}
     for name in [names] if isinstance(names, str) else names:

@@ -67,6 +67,7 @@ def draw_graphs(graphs_with_trees: Iterable[tuple[LinearGraph, Tree | None]]) ->
     pairs = list(graphs_with_trees)
     drawings = of_one_height([lay_out(graph) for graph, _ in pairs])
     figure = _new_figure(drawings)
+    # Panels are as wide as their graphs, which gives all of them one scale.
     axes = figure.subplots(
         1, len(drawings), squeeze=False, width_ratios=[drawing.size[0] for drawing in drawings]
     )
@@ -85,6 +86,7 @@ def _new_figure(drawings: Sequence[GraphDrawing]) -> Figure:
 
 def _draw(drawing: GraphDrawing, tree: Tree | None, ax: Axes) -> None:
     graph = drawing.graph
+    # Angles and lengths come from the layout and must not be distorted.
     ax.set_aspect("equal")
     ax.set_axis_off()
     ax.set_xlim(drawing.low[0], drawing.high[0])
@@ -94,11 +96,13 @@ def _draw(drawing: GraphDrawing, tree: Tree | None, ax: Axes) -> None:
         _draw_edge(ax, curve, label, bold=tree is not None and tree.is_branch(curve.edge.name))
     for node, position in drawing.position_of.items():
         directions = [
+            # Directions a little way along the curves, which may bend.
             (curve.at(0.15) if curve.edge.tail == node else curve.at(0.85)) - position
             for curve in drawing.curves
             if node in (curve.edge.tail, curve.edge.head)
         ]
         if node == graph.reference:
+            # The ground is drawn upright or level only.
             away = _freest(directions, 4)
             _draw_ground(ax, position, away)
             place = position + (0.42 if away[0] == 0 else 0.5) * away
@@ -113,10 +117,12 @@ def _draw(drawing: GraphDrawing, tree: Tree | None, ax: Axes) -> None:
 def _freest(directions: Sequence[Array], n: int) -> Array:
     """Choose one of `n` directions around a node, furthest from all edges; down first."""
     angles = -np.pi / 2 + 2 * np.pi / n * np.arange(n)
+    # Rounded, since directions that are equally free must tie: the first of them is taken.
     candidates = np.round(np.column_stack([np.cos(angles), np.sin(angles)]), 12)
     if not directions:
         return np.asarray(candidates[0])
     units = np.array([direction / np.linalg.norm(direction) for direction in directions])
+    # The largest cosine belongs to the nearest edge.
     closest = np.max(candidates @ units.T, axis=1)
     return np.asarray(candidates[np.argmin(np.round(closest, 9))])
 
@@ -132,6 +138,7 @@ def _draw_edge(ax: Axes, curve: Curve, label: Array, *, bold: bool) -> None:
     along /= np.linalg.norm(along)
     normal = np.array([-along[1], along[0]])
     size = 1.3 if bold else 1.0
+    # Off the middle, where the name stands.
     tip = curve.at(0.74) + _HEAD_LENGTH / 2 * size * along
     half = _HEAD_WIDTH / 2 * size * normal
     back = tip - _HEAD_LENGTH * size * along

@@ -41,6 +41,7 @@ class Curve:
 
     def at(self, s: float) -> Array:
         """Give the point at `s` from 0 (tail) to 1 (head)."""
+        # Bernstein polynomials of degree three.
         weights = np.array([(1 - s) ** 3, 3 * s * (1 - s) ** 2, 3 * s**2 * (1 - s), s**3])
         return np.asarray(weights @ self.points)
 
@@ -100,8 +101,11 @@ def _positions(graph: LinearGraph) -> dict[str, Array]:
         points = _serpentine(len(order))
     else:
         angles = np.linspace(0, 2 * np.pi, len(order), endpoint=False)
+        # The same start on a circle, in the order of a walk from the reference, gives the same
+        # picture.
         start = dict(enumerate(np.column_stack([np.cos(angles), np.sin(angles)])))
         placed = networkx.kamada_kawai_layout(simple, pos=start)
+        # The reference is the origin, about which the picture is turned.
         points = np.array([placed[i] - placed[0] for i in range(len(order))])
         lengths = [np.linalg.norm(points[i] - points[j]) for i, j in pairs]
         points = _reference_below(points / np.median(lengths) * 1.5, pairs)
@@ -110,6 +114,7 @@ def _positions(graph: LinearGraph) -> dict[str, Array]:
 
 def _serpentine(n: int) -> Array:
     """Place a chain of `n` nodes in a serpentine from the top left corner."""
+    # Every other row runs backwards, so that neighbours in the chain are neighbours on paper.
     row, column = np.divmod(np.arange(n), _LINE)
     column = np.where(row % 2 == 0, column, _LINE - 1 - column)
     return np.column_stack([1.3 * column, -1.1 * row]).astype(float)
@@ -135,11 +140,14 @@ def _reference_below(points: Array, pairs: Iterable[tuple[int, ...]]) -> Array:
 
     def cost(gap: int) -> tuple[int, float]:
         turned = behind(gap)
+        # An edge whose ends lie more than half a turn apart would be stretched across the fan.
         crossing = sum(abs(turned[i] - turned[j]) > np.pi for i, j in inner)
         return (crossing, -round(float(gaps[gap]), 6))
 
     gap = min(range(len(gaps)), key=cost) if gaps.max() < _OPEN else int(gaps.argmax())
     turned, spread = behind(gap), max(2 * np.pi - gaps[gap], 1e-9)
+    # Angles are pressed into the half plane above the reference; radii grow, so that arcs keep
+    # their length.
     shrink = min(1.0, np.pi / spread)
     # Clockwise from the left, so that the walk from the reference tends to begin there.
     side = 1.0 if turned[0] <= spread / 2 else -1.0
@@ -153,6 +161,7 @@ def _curves(graph: LinearGraph, position_of: Mapping[str, Array]) -> Iterator[Cu
     """Fan parallel edges out, and bend edges around nodes that are not their own."""
     parallel: dict[frozenset[str], list[GraphEdge]] = {}
     for edge in graph.edges:
+        # Parallel edges join the same two nodes in either direction.
         parallel.setdefault(frozenset((edge.tail, edge.head)), []).append(edge)
     for edges in parallel.values():
         ends = (edges[0].tail, edges[0].head)
@@ -178,6 +187,7 @@ def _curve(
     # The middle of a cubic curve is 3/4 of the way to its inner control points.
     inner = 4 / 3 * bulge * normal
     points = np.array([first, first + 0.2 * along + inner, last - 0.2 * along + inner, last])
+    # The arc is bent with respect to the pair, the curve runs from the edge's tail.
     return Curve(edge, points if edge.tail == ends[0] else points[::-1])
 
 

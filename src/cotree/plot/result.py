@@ -91,6 +91,7 @@ def plot_result(
     for name in curves.values:
         rows.setdefault(result.unit(name), _Row(result.unit(name))).values.append(name)
     for name, parameter in curves.sensitivities:
+        # Sensitivities stand in the row of the quantity's unit, whose colours they share.
         row = rows.setdefault(result.unit(name), _Row(result.unit(name)))
         row.by_parameter.setdefault(parameter, []).append(name)
 
@@ -172,6 +173,7 @@ def _draw_circles(ax: Axes, by_color: Mapping[Color, tuple[Array, Array] | None]
         times, values = (np.asarray(column)[::every] for column in overlay)
         ax.plot(times, values, color=color, **style)
     if overlays:
+        # One grey entry of the legend explains the circles of all colours.
         ax.plot([], [], color="0.3", label=_CIRCLES, **style)
 
 
@@ -208,6 +210,7 @@ def _legend_columns(labels: Sequence[str]) -> int:
 
 def quotient(unit: str, divisor: str) -> str:
     """Write a unit over another, m over N m as m/(N m); nothing if one of them is not known."""
+    # An unknown unit makes the quotient unknown, which is not the same as a number.
     if not unit or not divisor:
         return ""
     if divisor == "1":

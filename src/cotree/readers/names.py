@@ -45,6 +45,7 @@ class Namer:
     def own(self, name: str) -> str:
         """Name an element that the scene adds, as close to the wish as is free."""
         safe = _STRANGE.sub("_", name)[:_LONGEST] or "unnamed"
+        # Names are parsed as Python's in expressions: no digit first, no keyword.
         if safe[0].isdigit():
             safe = f"_{safe}"
         if keyword.iskeyword(safe):

@@ -38,11 +38,13 @@ def rotation_rows(rpy: Sequence[float], snap: float) -> Rows | None:
     ]
     rows = [[entry + 0.0 for entry in row] for row in rows]  # no negative zeros
     identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    # Without a rotation the axes of both nodes are the same, and no product is formed with them.
     return None if rows == identity else rows
 
 
 def _cosine_and_sine(angle: float, snap: float) -> tuple[float, float]:
     quarters = round(angle / (0.5 * math.pi))
+    # A quarter turn in decimals is off by the rounding of its last digit.
     gap = abs(angle - quarters * 0.5 * math.pi)
     if gap <= max(snap, _ROUNDING * abs(angle)):
         return _QUARTERS[quarters % 4]

@@ -41,6 +41,7 @@ def load_source(source: str | Path, scene_type: type[_Scene]) -> _Scene:
     ModelError
         If there is no such scene, or it is wrong.
     """
+    # The ending decides; shipped scenes have none and are found by the last branch.
     if is_urdf(source):
         return read_urdf_scene(source, scene_type, UrdfOptions())
     if is_spice(source):

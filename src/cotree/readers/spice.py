@@ -73,6 +73,7 @@ class Writer(Sheet[_Scene]):
     """Adds a netlist's elements to a scene."""
 
     def __init__(self, scene_type: type[_Scene], netlist: Netlist, file: str) -> None:
+        # A scene's name begins with a letter; the file's may begin with anything.
         stem = Namer().own(Path(file).stem[:40]).lstrip("_") or "netlist"
         super().__init__(scene_type(stem if stem[0].isalpha() else f"netlist_{stem}"), file)
         self.netlist = netlist
@@ -87,6 +88,8 @@ class Writer(Sheet[_Scene]):
             As :func:`read_spice_scene`.
         """
         whole, top = self.netlist.circuit, Scope()
+        # Options, parameters, times and held voltages come before the elements, wherever they stand
+        # in the file: values, waveforms and initial states of elements depend on them.
         for line in self.netlist.options:
             self._option(line, top)
         self._parameters(whole, top, "")
@@ -95,6 +98,7 @@ class Writer(Sheet[_Scene]):
         for line in self.netlist.held:
             self._held(line, top)
         self._circuit(whole, Instance(self, whole, top), 0)
+        # The first line is never read: an element there is lost, which is a frequent mistake.
         if not self.scene.edges:
             raise whole.at.error("no elements: is the first line the title?")
         self._begin()
@@ -107,6 +111,8 @@ class Writer(Sheet[_Scene]):
         for name, word, at in circuit.parameters:
             if name.lower() in scope.values and not path:
                 raise at.error(f"parameter '{brief(name)}' is given twice")
+            # A dot in an expression leads to a variable of an edge, so that paths are joined
+            # otherwise.
             label = f"{path}{name}".replace(".", "_")
             scope.values[name.lower()] = self.own_parameter(label, scope.value(word, at), at)
 
@@ -119,6 +125,7 @@ class Writer(Sheet[_Scene]):
             row = [i for i, word in enumerate(line.words) if word == "="]
             given = {}
             for i in row:
+                # Word 0 is the statement itself: a name stands at 1 or after it.
                 if i < 2 or i + 1 >= len(line.words):
                     raise line.at.error("= stands between a name and a value")
                 given[line.words[i - 1].lower()] = line.words[i + 1]
@@ -134,6 +141,7 @@ class Writer(Sheet[_Scene]):
                         "as they are at the temperature wanted"
                     )
             else:
+                # Tolerances and methods of simulators are not those of the engines here.
                 self.netlist.passed_over.append(f".options {brief(name)}")
 
     def _transient(self, line: Line, scope: Scope) -> None:
@@ -150,6 +158,7 @@ class Writer(Sheet[_Scene]):
 
     def _held(self, line: Line, scope: Scope) -> None:
         words = line.words[1:]
+        # Parentheses only separate words, so that ``v(node)=value`` is four of them.
         for i in range(0, len(words), 4):
             four = words[i : i + 4]
             if len(four) < 4 or four[0].lower() != "v" or four[2] != "=":
@@ -163,6 +172,8 @@ class Writer(Sheet[_Scene]):
         for name in self.voltages:
             if name not in known:
                 raise at.error(f".ic names '{brief(name)}', which is no node")
+        # With ``uic`` the run begins at the initial values; else at the operating point, whose
+        # search holds the voltages of ``.ic``.
         if self.uses_initial:
             return
         held = {known[name]: value for name, value in self.voltages.items()}
@@ -179,6 +190,7 @@ class Writer(Sheet[_Scene]):
                 self._instance(line, place, depth)
         order = {"k": 2, "f": 3, "h": 3}  # what others name comes before them
         rest = [line for line in circuit.elements if line.key[0] != "x"]
+        # Inductors that share flux are written by their K statement, all others by themselves.
         find_couplings(place, rest)
         for line in sorted(rest, key=lambda line: order.get(line.key[0], 1)):
             place.check_name(line)
@@ -188,6 +200,7 @@ class Writer(Sheet[_Scene]):
         words, given = split_settings(line.words[1:])
         words = tuple(word for word in words if word.lower() != "params:")
         outer.check_name(line)
+        # The bound also stops a subcircuit that contains itself.
         if depth >= _DEEPEST:
             raise line.at.error(f"subcircuits within more than {_DEEPEST} others")
         if not words:
@@ -202,11 +215,15 @@ class Writer(Sheet[_Scene]):
         values = settings(given, line.at)
         path = f"{outer.path}{line.words[0]}."
         for pin, node in zip(circuit.pins, words[:-1], strict=True):
+            # A pin is the outer node under a name of the subcircuit.
             self.nodes[path, pin.lower()] = outer.node(node)
+        # Names are looked up where the subcircuit is defined, not where it is used.
         inner = Scope({}, home.scope)
         place = Instance(self, circuit, inner, path, home)
         check_known(values, circuit.defaults, f"{line.at}: subcircuit {what} has no parameter")
         for name, word in circuit.defaults.items():
+            # A value given by the instance is meant in the circuit around it, a default within the
+            # subcircuit, after the defaults before it.
             scope, at = (outer.scope, line.at) if name in values else (inner, circuit.at)
             value = scope.value(values.get(name, word), at)
             inner.values[name] = self.own_parameter(place.label(name), value, line.at)

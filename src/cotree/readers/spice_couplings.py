@@ -65,7 +65,7 @@ def _in_order(lines: dict[_Key, Line]) -> dict[_Key, Line]:
 
 
 def complete_signs(place: Instance, coupled: Coupled) -> dict[str, float] | None:
-    """Give the sign of each winding against the first, where all share all of their flux.
+    """Give the sign of each winding against the first, if they are coupled without leakage.
 
     Returns
     -------
@@ -85,8 +85,11 @@ def complete_signs(place: Instance, coupled: Coupled) -> dict[str, float] | None
     complete = {pair: value for pair, (value, _) in values.items() if value in (1.0, -1.0)}
     if not complete:
         return None
+    # The first winding defines the direction of the flux; zero marks a coupling that is not
+    # complete.
     first, *others = coupled.inductors
     signs = {first: 1.0} | {name: complete.get(frozenset((first, name)), 0.0) for name in others}
+    # With one flux the coupling of two windings is the product of their signs against the first.
     for a, b in combinations(coupled.inductors, 2):
         pair = frozenset((a, b))
         if complete.get(pair, 0.0) != signs[a] * signs[b] or not signs[a] * signs[b]:
@@ -120,6 +123,8 @@ def coupled_fields(
         fields[WINDINGS[i - 1]], fields[f"inductance{i}"] = nodes, inductance
     values: dict[str, Any] = {}
     for pair, line in coupled.couplings.items():
+        # A statement may couple several inductors: its number is one parameter for all of their
+        # pairs.
         if line.key not in values:
             values[line.key] = place.principal(line, line.words[-1], "1")
         i, j = (number[name] for name in pair)

@@ -58,6 +58,7 @@ def _valued(
     """Read words, settings and value of an element: a word, or ``R=``, ``C=``, ``L=``."""
     key = line.key[0]
     words, given = _parts(line, {key, *known}, range(2, 4))
+    # Exactly one of both forms gives the value.
     if (len(words) == 3) == (key in given):
         raise line.at.error(f"{line.name} needs one value")
     word = words[2] if len(words) == 3 else given[key]
@@ -66,6 +67,7 @@ def _valued(
 
 def _one_port(place: Instance, line: Line) -> None:
     """Add a resistor, a capacitor, or an inductor that shares no flux with others."""
+    # Its K statement writes it, together with those that it shares flux with.
     if line.key in place.coupled:
         return
     key = line.key[0]
@@ -106,7 +108,7 @@ def _initial_value(
 
 
 def _given_voltage(place: Instance, plus: str, minus: str) -> Value:
-    """Give the voltage between two nodes that .ic says, zero where it says nothing."""
+    """Give the voltage between two nodes by .ic, which is zero for nodes that it does not name."""
     ends = []
     for word in (plus, minus):
         own = place.node(word)
@@ -123,6 +125,7 @@ def _given_voltage(place: Instance, plus: str, minus: str) -> Value:
 def _coupling(place: Instance, line: Line) -> None:
     """Add coupled inductors as one edge, named as the first of their couplings."""
     coupled = place.coupled[line.words[1].lower()]
+    # One edge stands for the whole group: the other statements of the group add nothing.
     if line.key != coupled.first:
         return
     windings: dict[str, tuple[list[str], Value]] = {}
@@ -220,6 +223,7 @@ def _by_current(place: Instance, line: Line) -> None:
 
 def _area(place: Instance, line: Line, words: tuple[str, ...], given: dict[str, str]) -> Value:
     """Read the area factor of a device, and ignore ``off``."""
+    # ``off`` is a first guess for the operating point in other simulators.
     rest = [word for word in words if word.lower() != "off"]
     if len(rest) > 1 or (rest and "area" in given):
         raise line.at.error(f"'{brief(rest[-1])}' is one word too many")
@@ -236,6 +240,8 @@ def _diode(place: Instance, line: Line) -> None:
     _hold_charges(place, line, fields)
     nodes = [place.node(word) for word in words[:2]]
     initial: dict[str, Any] = {}
+    # Behind a series resistance the state is the voltage of an inner port, which ``.ic`` does not
+    # give.
     is_state = {"junction_capacitance", "transit_time"} & fields.keys()
     if place.sheet.uses_initial and is_state and "series_resistance" not in fields:
         voltage = _given_voltage(place, words[0], words[1])
@@ -307,12 +313,15 @@ def _field_effect(place: Instance, line: Line) -> None:
     )
     count = _count(place, line, given)
     drain, gate, source, bulk = map(place.node, words[:4])
+    # From here on drain and source are the inner nodes: channel, diodes and overlaps lie behind the
+    # resistances.
     drain = _inner(place, line, model, "rd", drain, count)
     source = _inner(place, line, model, "rs", source, count)
     fields = channel_fields(model, scaled(width, count), length)
     ends = (drain, gate, source) if "body_effect" not in fields else (drain, gate, source, bulk)
     place.add(line.words[0], model.component, ends, fields)
     for side, end in (("cbd", drain), ("cbs", source)):
+        # Between equal nodes a diode carries no current.
         if bulk != end:
             # The diodes of an n channel conduct from the bulk, those of a p channel into it.
             pair = (bulk, end) if model.component == "mosfet_n" else (end, bulk)

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 _LONGEST_LINE = 100_000  # characters, continued lines counted in
+# A dollar begins a comment only between spaces: it may be part of a name.
 _COMMENT = re.compile(r";|(?:^|\s)\$(?:\s|$)")
 
 #: An expression in braces or quotes, a sign of equality, or a word.
@@ -56,6 +57,7 @@ def read_lines(text: str, file: str) -> Iterator[Line]:
     """
     at, whole = SourceLine(file, 0), ""
     is_skipped = False
+    # The first line is the title, whatever it looks like.
     for number, raw in enumerate([*text.splitlines()[1:], ""], start=2):
         here = SourceLine(file, number)
         match = _COMMENT.search(raw)
@@ -86,6 +88,7 @@ def read_lines(text: str, file: str) -> Iterator[Line]:
 def _words(line: str, at: SourceLine) -> tuple[str, ...]:
     found, i = [], 0
     while True:
+        # Parentheses and commas separate words as spaces do.
         i = _BETWEEN.match(line, i).end()  # type: ignore[union-attr]
         if i == len(line):
             break

@@ -85,7 +85,8 @@ _BIPOLAR = {
     "tf": ModelParameter(0.0, "forward_transit_time", "", "s"),
     "tr": ModelParameter(0.0, "reverse_transit_time", "", "s"),
 }
-#: What the writer makes fields and elements of, rather than this table.
+#: Field-effect transistors of level 1. No fields are named: functions of their own make fields and
+#: elements of these values.
 _FIELD_EFFECT = {
     "vto": ModelParameter(0.0, "", "", "V"),
     "kp": ModelParameter(2e-5, "", "", "A/V^2"),
@@ -178,6 +179,7 @@ def read_model(card: ModelCard, own: Callable[[str, str, str], Value]) -> Device
             raise card.at.error(f"'{brief(written)}' is given twice")
         seen.add(name)
         if name in _NO_EFFECT:
+            # Read without a name, the value makes no parameter: nothing depends on it.
             if own("", word, "") != 27.0 and name == "tnom":
                 raise card.at.error("tnom must be 27: nothing is scaled with temperature here")
         elif name not in table:
@@ -187,6 +189,7 @@ def read_model(card: ModelCard, own: Callable[[str, str, str], Value]) -> Device
             )
         else:
             values[name] = own(name, word, table[name].unit)
+    # Diodes and bipolar transistors have no level.
     if values.get("level", 1.0) != 1.0:
         raise card.at.error("field-effect transistors of level 1 only are modelled here")
     return DeviceModel(letter, component, values)
@@ -215,6 +218,7 @@ def device_fields(model: DeviceModel, area: Value, gmin: Value) -> dict[str, Val
     # The ideality factor N multiplies the thermal voltage in the exponent.
     fields["thermal_voltage"] = scaled(ideality, THERMAL_VOLTAGE)
     for name in ("forward_ideality", "reverse_ideality"):
+        # A factor of one would add a term to the law that changes nothing.
         if fields.get(name) == 1.0:
             del fields[name]
     if gmin:

@@ -104,6 +104,7 @@ class _Parser:
     def __init__(self, where: str) -> None:
         self.where = where
         self.netlist = Netlist(Circuit("", SourceLine(where, 1)))
+        # The circuits that are open, the innermost last: statements belong to that.
         self.open = [self.netlist.circuit]
         self.commands: dict[str, Callable[[Line], None]] = {
             ".model": self._model,
@@ -130,9 +131,12 @@ class _Parser:
 
     def _take(self, line: Line) -> None:
         key = line.key
+        # Commands and elements of a subcircuit between .subckt and .ends go to the innermost
+        # circuit.
         if key in self.commands:
             self.commands[key](line)
         elif key in (".include", ".inc", ".lib"):
+            # A netlist may come from a stranger: it must not choose which files are read.
             raise line.at.error(
                 f"{key} would read another file, which is not done: paste what it holds here"
             )
@@ -176,6 +180,7 @@ class _Parser:
         name, pins = words[0], words[1:]
         if name.lower() in self.open[-1].circuits:
             raise line.at.error(f"there is a second .subckt '{brief(name)}'")
+        # Two nodes of the circuit outside cannot go by one name.
         if len({pin.lower() for pin in pins}) < len(pins):
             raise line.at.error(f".subckt '{brief(name)}' has two pins of one name")
         defaults = settings(given, line.at)

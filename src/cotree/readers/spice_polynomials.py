@@ -19,7 +19,7 @@ _MOST_ARGUMENTS, _MOST_COEFFICIENTS = 20, 80
 
 
 def has_polynomial(line: Line) -> bool:
-    """Say whether a controlled source is one of a polynomial."""
+    """Say whether a controlled source follows a polynomial."""
     return len(line.words) > 3 and line.words[3].lower() == "poly"
 
 
@@ -34,9 +34,11 @@ def add_polynomial(place: Instance, line: Line) -> None:
         If words are missing or too many, or the current of what is no voltage source is taken.
     """
     letter, rest = line.key[0], line.words[4:]
+    # Digits of other scripts pass ``isdigit``, hence ASCII is asked first.
     n = int(rest[0]) if rest and rest[0].isascii() and rest[0].isdigit() else 0
     if not 1 <= n <= _MOST_ARGUMENTS:
         raise line.at.error(f"POLY needs how many it is of, in parentheses, 1 to {_MOST_ARGUMENTS}")
+    # A voltage is named by its two nodes, a current by the source that it flows in.
     each = 2 if letter in "eg" else 1
     names, words = rest[1 : 1 + each * n], rest[1 + each * n :]
     if not 1 <= len(words) <= _MOST_COEFFICIENTS:
@@ -57,6 +59,7 @@ def add_polynomial(place: Instance, line: Line) -> None:
     coefficients: list[Value] = []
     for i, word in enumerate(words):
         value = place.scope.value(word, line.at)
+        # A zero is left out of the law instead, where a parameter would keep its term.
         if not is_zero(value):
             label = place.label(f"{line.words[0]}_p{i}")
             value = place.sheet.own_parameter(label, value, line.at)
@@ -69,6 +72,7 @@ def add_polynomial(place: Instance, line: Line) -> None:
 def _law(coefficients: list[Value], arguments: list[str]) -> str:
     """Write a polynomial without its absent terms."""
     terms = []
+    # The monomials go on without end.
     for coefficient, factors in zip(coefficients, _monomials(arguments), strict=False):
         if not is_zero(coefficient):
             terms.append("*".join([text_of(coefficient), *factors]))
@@ -97,6 +101,7 @@ def voltage_between(place: Instance, plus: str, minus: str) -> str:
     """
     ends = [place.node(word) for word in (plus, minus)]
     first, second = ("0" if node == "ground" else f"{node}.v" for node in ends)
+    # The voltage of the ground is zero and no state.
     return f"({first} - {second})" if second != "0" else first
 
 

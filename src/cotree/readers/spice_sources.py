@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from cotree.readers.source_line import SourceLine
     from cotree.readers.spice_values import Scope, Value
 
+# The most numbers that each waveform takes.
 _WAVEFORMS = {"sin": 6, "pulse": 7, "pwl": 20_000, "exp": 6, "sffm": 7, "am": 5}
 _DEGREE = "0.017453292519943295"  # rad
 
@@ -80,6 +81,7 @@ def read_source(words: tuple[str, ...], scope: Scope, times: Times, at: SourceLi
             while rest and read_number(rest[0]) is not None:
                 rest.pop(0)
         elif key in _WAVEFORMS:
+            # Numbers of a waveform end where the next part of the statement begins.
             count = next((i for i, w in enumerate(rest) if w.lower() in ("ac", "dc")), len(rest))
             waveform = _waveform(key, tuple(rest[:count]), scope, times, at)
             rest = rest[count:]
@@ -89,6 +91,7 @@ def read_source(words: tuple[str, ...], scope: Scope, times: Times, at: SourceLi
                 "EXP, SFFM and AM are"
             )
         else:
+            # A bare word is a number or the name of a parameter, which needs no braces.
             constant, is_given = scope.value(word, at), True
     # Beside a waveform, DC sets the operating point of other analyses only.
     if waveform is not None:
@@ -119,6 +122,7 @@ class _Numbers:
         what : str
             Its meaning, for the message.
         """
+        # A number that is zero counts as absent, as in ngspice.
         if not is_zero(self[place]):
             return self[place]
         if default is None:
@@ -148,6 +152,7 @@ def _piecewise(numbers: list[float], at: SourceLine) -> Source:
     if len(numbers) < 2 or len(numbers) % 2:
         raise at.error("PWL needs pairs of a time and a value")
     times, values = numbers[::2], numbers[1::2]
+    # A table needs two points, and one value holds for all times.
     if len(times) == 1:
         return Source("", {"value": values[0]}, is_constant=True)
     return Source("piecewise", {"times": times, "values": values})
@@ -185,6 +190,7 @@ def _pulse(given: _Numbers) -> Source:
     # An edge of no length is as long as the simulator's output step.
     for place, name in ((3, "rise"), (4, "fall")):
         fields[name] = given.or_else(place, given.times.step, f"the {name} of PULSE")
+    # Without a width the pulse lasts to the end of the run.
     fields["width"] = given.or_else(5, given.times.stop, "the width of PULSE")
     fields |= {name: given[i] for i, name in ((2, "delay"), (6, "period")) if not is_zero(given[i])}
     return Source("pulse", fields)
@@ -201,6 +207,7 @@ def _exponential(given: _Numbers) -> Source:
         second = f"{text_of(first)} + {text_of(second)}"
     fall = given.or_else(5, step, "the second time constant of EXP")
 
+    # Each exponential begins at its delay and is zero before it.
     def since(begin: Value, constant: Value) -> str:
         return f"(1 - exp(-max(0, t - {text_of(begin)})/{text_of(constant)}))"
 
@@ -212,6 +219,7 @@ def _frequency_modulated(given: _Numbers) -> Source:
     carrier = given.or_else(2, given.once, "the carrier of SFFM")
     signal = given.or_else(4, given.once, "the frequency of SFFM")
     index, phase, inner = (given[i] for i in (3, 5, 6))
+    # The phase of the carrier swings by the modulation index, in radians.
     swing = f"{text_of(index)}*sin({_turn(signal, 't', inner)})"
     wave = f"{text_of(given[1])}*sin({_turn(carrier, 't', phase)} + {swing})"
     return Source("", {"value": f"{text_of(given[0])} + {wave}"})
@@ -221,6 +229,7 @@ def _amplitude_modulated(given: _Numbers) -> Source:
     if len(given.values) < 4:
         raise given.at.error("AM needs two numbers, a frequency and that of its carrier")
     passed = _since(given[4])
+    # Offset and signal together are the amplitude of the carrier.
     swing = f"({text_of(given[1])} + sin({_turn(given[2], passed, 0.0)}))"
     wave = f"sin({_turn(given[3], passed, 0.0)})"
     return Source("", {"value": f"{text_of(given[0])}*{swing}*{wave}"})

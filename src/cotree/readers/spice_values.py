@@ -53,10 +53,13 @@ def _scaled(digits: str, letters: str) -> float:
     small = letters.lower()
     if _is_ampere(letters):
         return float(digits)
+    # Upper and lower case are the same, so that m is milli and meg is mega; letters after the
+    # factor are a unit.
     suffix = next((s for s in ("meg", "mil") if small.startswith(s)), small[:1])
     if suffix not in _SUFFIXES:
         return float(digits)
     power = round(math.log10(_SUFFIXES[suffix])) if suffix != "mil" else 0
+    # A mil is no power of ten, and digits with an exponent take no second one.
     if suffix == "mil" or "e" in digits.lower():
         return float(digits) * _SUFFIXES[suffix]
     return float(f"{digits}e{power}")  # rounded once: 1.1u is 1.1e-6
@@ -82,6 +85,7 @@ class Scope:
 
     def remark(self, text: str) -> None:
         """Add a note for the user, once."""
+        # Remarks belong to the file: those of instances are kept in the outermost scope.
         scope = self
         while scope.outer is not None:
             scope = scope.outer
@@ -106,6 +110,7 @@ class Scope:
             If it is none of these.
         """
         self._check_unit(word, at)
+        # Numbers go first: what looks like one is never a name.
         number = read_number(word)
         if number is not None:
             return number
@@ -145,11 +150,15 @@ class Scope:
             if match is None:
                 raise ExpressionError("is neither a number nor an expression of parameters")
             i = match.end()
+            # A name before a parenthesis is a function, any other a parameter, whose value or text
+            # is put in.
             made.append(self._piece(match, body[i:].lstrip()[:1] == "("))
+            # Parameters are put in as text, which may double with each level of definitions.
             if sum(map(len, made)) > _LONGEST:
                 raise ExpressionError(f"is longer than {_LONGEST} characters with its parameters")
         text = " ".join(made)
         expression = parse(text, "an expression")
+        # Names in the text are parameters of the scene, on which the value is to depend.
         return text if expression.names else _folded(text)
 
     def _piece(self, match: re.Match[str], is_call: bool) -> str:
@@ -157,6 +166,7 @@ class Scope:
             value = _scaled(match["number"], match["suffix"])
             if not math.isfinite(value):
                 raise ExpressionError("holds a number that is not finite")
+            # Digits that read back as the same number: the text is parsed again by the scene.
             return repr(value)
         if match["sign"] is not None:
             return "**" if match["sign"] == "^" else match["sign"]
@@ -168,6 +178,7 @@ class Scope:
                 raise ExpressionError(f"calls '{brief(name)}', which is no function here{hint}")
             return own
         found = self.find(name)
+        # A parameter may be called pi, too, and goes before the constant.
         if found is None and name == "pi":
             return repr(math.pi)
         if found is None:
@@ -189,6 +200,7 @@ def _unknown(name: str) -> Node:
 
 def text_of(value: Value) -> str:
     """Write a value as a part of an expression."""
+    # Parentheses keep the value one operand whatever stands beside it.
     return f"({value!r})" if isinstance(value, float) else f"({value})"
 
 

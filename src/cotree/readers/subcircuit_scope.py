@@ -44,6 +44,7 @@ class Sheet(Generic[_Scene]):
     def __init__(self, scene: _Scene, file: str) -> None:
         self.scene, self.file = scene, file
         self.times, self.uses_initial, self.gmin = Times(), False, _GMIN
+        # Parameters have names of their own in a scene: an element and its value may share one.
         self.names, self.parameter_names = Namer(), Namer()
         self.nodes: dict[tuple[str, str], str] = {}
         self.voltages: dict[str, Value] = {}
@@ -53,6 +54,7 @@ class Sheet(Generic[_Scene]):
         try:
             return act()
         except ModelError as error:
+            # A message that begins with the file names its line already.
             if str(error).startswith(f"{self.file}:"):
                 raise
             raise at.error(" ".join(str(error).split())) from None
@@ -71,6 +73,7 @@ class Sheet(Generic[_Scene]):
         unit : str
             Its unit.
         """
+        # The parameters that an expression is made of can be changed instead.
         if isinstance(value, str):
             return value
         own = self.parameter_names.give("parameter", name)
@@ -80,6 +83,7 @@ class Sheet(Generic[_Scene]):
     def node(self, path: str, name: str) -> str:
         """Give the node of a name in an instance."""
         key = (path, name.lower())
+        # The ground is the same in all subcircuits.
         if name.lower() in ("0", "gnd"):
             return "ground"
         if key not in self.nodes:
@@ -152,6 +156,7 @@ class Instance:
         SceneError
             If there is one.
         """
+        # SPICE ignores case: R1 and r1 are one name.
         if line.key in self.taken:
             raise line.at.error(f"there is a second {line.name}")
         self.taken.add(line.key)
@@ -171,6 +176,7 @@ class Instance:
         SceneError
             If there is none.
         """
+        # The innermost definition hides those around it.
         for place in self._around():
             found = place.circuit.circuits.get(name.lower())
             if found is not None:
@@ -203,6 +209,8 @@ class Instance:
         place = next((place for place in self._around() if key in place.circuit.models), None)
         if place is None:
             raise line.at.error(f"there is no .model '{brief(name)}'")
+        # A model is read where it is defined, once: its parameters are shared by all of its
+        # elements.
         found = place._read(key)
         if found.letter != letter:
             raise line.at.error(f"model '{brief(name)}' is not for elements {letter.upper()}")
@@ -214,6 +222,7 @@ class Instance:
 
             def own(parameter: str, word: str, unit: str) -> Value:
                 value = self.scope.value(word, card.at)
+                # Zeros leave terms out of the laws, which is decided before parameters have values.
                 if not parameter or parameter == "level" or value == 0.0:
                     return value
                 label = self.label(f"{card.name}_{parameter}")
@@ -251,6 +260,8 @@ class Instance:
         fields, initial : mapping of str to value
             Fields and initial values.
         """
+        # Nodes and elements of a netlist may have the same names; in a scene each name is given
+        # once.
         edge = self.sheet.names.give("element", self.label(name))
         self.sheet.scene.edge(edge, type, *nodes, initial=initial, **fields)
         self.edges[name.lower()] = edge

@@ -125,12 +125,14 @@ class _SceneWriter(Generic[_Scene]):
         # A name for a scene begins with a letter.
         name = Namer().own(robot.name).lstrip("_") or "robot"
         self.gravity = self.namer.own("g")
+        # The z axis of a robot's root points up by convention.
         self.scene = scene_type(
             name if name[0].isalpha() else f"robot_{name}", gravity=[0.0, 0.0, f"-{self.gravity}"]
         )
 
     def write(self, root: RobotLink, joints: Sequence[Joint], where: str) -> _Scene:
         self.scene.parameter(self.gravity, _STANDARD_GRAVITY, unit="m/s^2", doc="gravity")
+        # Links and joints are named first: what the reader adds has to evade their names.
         self.node = {link.name: self.namer.give("link", link.name) for link in self.robot.links}
         self.edge = {joint.name: self.namer.give("joint", joint.name) for joint in joints}
         base = self.namer.own("base")
@@ -139,6 +141,7 @@ class _SceneWriter(Generic[_Scene]):
         self.scene.edge(base, root_type, "ground", self.node[root.name])
         for joint in joints:
             self._add_joint(joint)
+        # A joint may follow one that comes after it in the tree, hence all joints are there first.
         by_name = {joint.name: joint for joint in joints}
         for joint in joints:
             self._add_mimic(joint, by_name)
@@ -173,9 +176,12 @@ class _SceneWriter(Generic[_Scene]):
         initial: dict[str, float] = {}
         terms = []
         if self._follows(joint):
+            # A follower has no drive of its own: its start has to satisfy the constraint of its
+            # gear.
             initial = self._mimicked_start(joint)
         else:
             terms.append(self.namer.own(f"{edge}_{drive}"))
+            # Actuators are inputs that a run may replace.
             self.scene.input(terms[0], 0.0, unit=unit, doc=f"drives joint {joint.name[:100]}")
         per = "N s/m" if slides else "N m s/rad"
         if joint.damping:
@@ -228,6 +234,7 @@ class _SceneWriter(Generic[_Scene]):
             self.node[leader.child],
             coordinate1=f"{self.edge[joint.name]}.{_COORDINATE[joint.type]}",
             coordinate2=f"{self.edge[leader.name]}.{_COORDINATE[leader.type]}",
+            # The gear is coordinate1 = ratio * coordinate2 + phase, as URDF defines mimic.
             ratio=joint.mimic.multiplier,
             phase=joint.mimic.offset,
         )
@@ -236,6 +243,7 @@ class _SceneWriter(Generic[_Scene]):
         node = self.node[link.name]
         self.visuals += [replace(visual, node=node) for visual in link.visuals]
         inertial = link.inertial
+        # A link without inertia is a frame.
         if inertial is None:
             return
         # Files often give zeros where they mean that there is no inertia.
@@ -245,6 +253,8 @@ class _SceneWriter(Generic[_Scene]):
         self._add_inertia(node, inertial)
 
     def _add_inertia(self, node: str, inertial: Inertial) -> None:
+        # Equations of motion hold about the centre of mass; moments are about the axes of the
+        # inertial frame, which the arm turns to.
         centre = self.namer.own(f"{node}_com")
         vector = [
             self._parameter(f"{node}_c{axis}", value, "m")
@@ -265,6 +275,7 @@ class _SceneWriter(Generic[_Scene]):
             "ground",
             centre,
             mass=mass,
+            # URDF gives the entries of the tensor, so that products of inertia keep their signs.
             inertia=[[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]],
         )
 

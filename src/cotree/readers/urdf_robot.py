@@ -133,6 +133,7 @@ def read_robot(root: Element) -> Robot:
             raise child.at.error(f"<{brief(child.tag)}> is a macro: run xacro on the file first")
     links = tuple(_link(element) for element in root.all("link"))
     joints = tuple(_joint(element) for element in root.all("joint"))
+    # Elements that are not read (materials, transmissions, plugins) are counted for a note.
     ignored = Counter(child.tag for child in root.children if child.tag not in known)
     if not links:
         raise root.at.error("the robot has no links")
@@ -157,6 +158,7 @@ def _inertial(element: Element, what: str) -> Inertial:
         raise mass_element.at.error(f"{what} has the negative mass {mass:g}")
     tensor = child_of(element, "inertia", what)
     moments = {name: number_of(tensor, name, what, 0.0) for name in MOMENTS}
+    # Products of inertia may have any sign.
     for name in ("ixx", "iyy", "izz"):
         if moments[name] < 0.0:
             raise tensor.at.error(f"{what} has the negative moment of inertia {name}")
@@ -177,6 +179,8 @@ def _joint(element: Element) -> Joint:
         for end in ("parent", "child")
     ]
     axis_element, axis = element.first("axis"), (1.0, 0.0, 0.0)
+    # URDF's default axis is x. The length of an axis does not matter, but there must be a
+    # direction.
     if JOINT_TYPES[kind] and axis_element is not None:
         axis = vector_of(axis_element, "xyz", what, axis)
         if max(map(abs, axis)) < 1e-6:
@@ -217,7 +221,7 @@ def _mimic(joint: Element, what: str) -> Mimic | None:
 
 
 def _visuals(elements: Sequence[Element]) -> list[Visual]:
-    """List what can be drawn. A shape that is wrong is no reason to refuse the mechanics."""
+    """List the shapes that can be drawn; wrong ones are left out, since mechanics need none."""
     found = []
     for element in elements:
         geometry = element.first("geometry")

@@ -36,6 +36,7 @@ def order_joints(robot: Robot) -> tuple[RobotLink, tuple[Joint, ...]]:
     """
     links = _by_name("link", robot.links)
     _by_name("joint", robot.joints)
+    # The joint that each link hangs on, and those that hang on each link.
     onto: dict[str, Joint] = {}
     below: dict[str, list[Joint]] = {name: [] for name in links}
     for joint in robot.joints:
@@ -53,6 +54,8 @@ def order_joints(robot: Robot) -> tuple[RobotLink, tuple[Joint, ...]]:
             )
         onto[joint.child] = joint
         below[joint.parent].append(joint)
+    # With one joint above each link but the root, links and joints make a tree unless some go round
+    # in a circle apart from it.
     roots = [link for link in robot.links if link.name not in onto]
     if not roots:
         raise robot.links[0].at.error("the joints go round in a circle")
@@ -83,6 +86,7 @@ def check_mimics(joints: Iterable[Joint]) -> None:
     """
     by_name = {joint.name: joint for joint in joints}
     for joint in by_name.values():
+        # A fixed joint has no coordinate that could follow another.
         if joint.mimic is None or joint.type == "fixed":
             continue
         what = f"joint '{brief(joint.name)}'"
@@ -114,6 +118,7 @@ def check_mimics(joints: Iterable[Joint]) -> None:
             trail.add(follower.name)
             mimic = follower.mimic if follower.type != "fixed" else None
             follower = None if mimic is None else by_name[mimic.joint]
+        # Chains that end are not followed again: the work is linear in the number of joints.
         settled |= trail
 
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 Vector = tuple[float, float, float]
 
+# Narrower than float(), which takes nan, inf, underscores and digits of other scripts.
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?\Z")
 _LARGEST = 1e15  # metres, kilograms: beyond it products overflow, and nothing is built of it
 _LONGEST_NAME = 500
@@ -121,6 +122,7 @@ def vector_of(element: Element, name: str, what: str, default: Vector | None = _
     """
     if name not in element.attributes and default is not None:
         return default
+    # URDF writes vectors as words in one attribute.
     parts = _text(element, name, what).split()
     if len(parts) != 3:
         raise element.at.error(
@@ -131,7 +133,7 @@ def vector_of(element: Element, name: str, what: str, default: Vector | None = _
 
 
 def pose_of(element: Element, what: str) -> Pose:
-    """Give the pose in an element's <origin>; none is zero."""
+    """Give the pose in an element's <origin>; without one it is zero."""
     origin = element.first("origin")
     if origin is None:
         return Pose()

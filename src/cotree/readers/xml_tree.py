@@ -52,6 +52,7 @@ class _Builder:
         self.parser = expat.ParserCreate("utf-8")
         self.parser.StartElementHandler = self.start
         self.parser.EndElementHandler = self.end
+        # Entities are declared in a document type, so that none can expand or reach another file.
         self.parser.StartDoctypeDeclHandler = self.refuse_doctype
         self.file = where
         self.root: Element | None = None
@@ -75,6 +76,7 @@ class _Builder:
             self.open[-1].children.append(element)
         else:
             self.root = element
+        # The elements that are open, outermost first; the next one is a child of the last.
         self.open.append(element)
 
     def end(self, _: str) -> None:

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from cotree.components import Terminal
     from cotree.scene.description import Edge, SceneDescription
 
-#: Writes a jump anew, given what a tree belongs to: a mode's name, or the tree itself.
+#: Takes the tree of a jump and a description of what it belongs to; gives the name of the mode that
+#: takes its place, or the tree as it was.
 Rewrite = Callable[[ast.expr, str], ast.expr]
 
 _LAWS = ("across", "through", "storage", "content")
@@ -38,19 +39,20 @@ def branches(law: Law | None) -> bool:
     """Tell whether a law jumps or branches anywhere."""
     import sympy
 
+    # Absolute values, maxima and minima are not among these: they have corners, but no jumps.
     kinds = (sympy.Piecewise, sympy.sign, sympy.floor, sympy.ceiling, sympy.Mod, sympy.Heaviside)
     return law is not None and law.expression.has(*kinds)
 
 
 def may_branch(edge: Edge) -> bool:
-    """Tell whether a law of an edge is a user's, and branches; laws of ours have no jumps."""
+    """Tell whether an edge has a registered law that branches; cotree's own laws do not jump."""
     component = edge.component
     laws = [component.law, *(getattr(port, name) for port in component.ports for name in _LAWS)]
     return component.name not in OWN and any(branches(law) for law in laws)
 
 
 def check_located(edge: Edge) -> None:
-    """Refuse a user's force element whose law jumps: no event stands for that.
+    """Refuse a registered force element whose law jumps, since no event locates the jump.
 
     Raises
     ------
@@ -61,6 +63,8 @@ def check_located(edge: Edge) -> None:
     if edge.component.name in OWN or law is None or not branches(law):
         return
     names: dict[str, ast.expr] = {name: ast.Name(name) for name in law.arguments}
+    # No event locates a jump of a force element's law; a corner needs none, for the states'
+    # sensitivities are continuous there.
     tree = to_tree(plain_jumps(law.expression), names)
     parts = [] if tree is None else jumps_in(tree)
     # A floor jumps by whole numbers, which no substitution of zero proves away.
@@ -77,7 +81,7 @@ def check_located(edge: Edge) -> None:
 
 
 def check_contents(scene: SceneDescription, edge: Edge) -> None:
-    """Refuse a storage by content whose content jumps: it would take an impulse.
+    """Refuse a storage by content whose content jumps, since its rate would be an impulse.
 
     Raises
     ------
@@ -93,6 +97,7 @@ def check_contents(scene: SceneDescription, edge: Edge) -> None:
         def resolve(name: str, dag: Dag = dag, seen: dict[str, Node] = seen) -> Node:
             if name in scene.outputs:
                 return scene.outputs[name].lower(dag, resolve)
+            # Outputs stand for their expressions. What is neither time nor a parameter may move.
             kind = "p" if name in scene.parameters else "x"
             return seen.setdefault(name, dag.symbol("t" if name == "t" else kind, len(seen)))
 
@@ -116,7 +121,7 @@ def check_contents(scene: SceneDescription, edge: Edge) -> None:
 
 
 def with_branches(edge: Edge, rewrite: Rewrite) -> Edge:
-    """Put modes in the place of what branches in the laws of a scalar component.
+    """Replace the jumps in the laws of a scalar component by modes.
 
     Parameters
     ----------
@@ -137,6 +142,7 @@ def with_branches(edge: Edge, rewrite: Rewrite) -> Edge:
         ports.append(replace(port, **changed))
     if not fields:
         return edge
+    # The modes enter the laws as fields of the edge, which need not be constant.
     rows = tuple(Field(name, "", "", required=True, constant=False) for name in fields)
     component = replace(edge.component, ports=tuple(ports), fields=(*edge.component.fields, *rows))
     return replace(edge, component=component, fields={**edge.fields, **fields})
@@ -148,6 +154,7 @@ def _names(edge: Edge, port: Terminal, place: int) -> dict[str, ast.expr]:
     for other in edge.component.ports:
         row = DOMAINS[other.domain]
         for quantity, symbol in (("across", row.across_symbol), ("through", row.through_symbol)):
+            # Results, events and fields name a variable ``edge.symbol`` or ``edge.port.symbol``.
             own = _dotted(edge.name, other.port, symbol)
             if other is port:
                 found[quantity] = own
@@ -158,6 +165,7 @@ def _names(edge: Edge, port: Terminal, place: int) -> dict[str, ast.expr]:
         found["stretch"] = _dotted(edge.name, port.port, integral.name)
     ends = edge.ports[place]
     for name, node in (("potential_head", ends.head), ("potential_tail", ends.tail)):
+        # The ground is where potentials are measured from.
         symbol = DOMAINS[port.domain].across_symbol
         found[name] = ast.Constant(0.0) if node == "ground" else _dotted(node, "", symbol)
     for name, value in edge.fields.items():
@@ -196,10 +204,12 @@ def _branched(
         is_upper = isinstance(atom, (sympy.Ge, sympy.Gt))
         tree = to_tree(atom.negated if is_upper else atom, known)
         mode = None if tree is None else rewrite(tree, where)
+        # A comparison comes back as ``mode > 0.5``; the field stands for the mode alone.
         mode = mode.left if isinstance(mode, ast.Compare) else mode
         if not isinstance(mode, ast.Name):
             kept.add(atom)  # of parameters, of known times, or of what has no name
             continue
+        # A jump that several laws of the edge have in common is one mode and one field.
         name = next((n for n, value in fields.items() if value.text == mode.id), "")
         if not name:
             name = f"jump_{len(fields)}"
@@ -238,6 +248,7 @@ def to_tree(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
 
     if expression.is_Symbol:
         return names.get(expression.name)
+    # SymPy's numbers include rationals, pi and roots: all of them become one float.
     if getattr(expression, "is_number", False):
         return number_tree(float(expression))
     if isinstance(expression, sympy.Piecewise):
@@ -261,6 +272,7 @@ def to_tree(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
             whole = ast.BinOp(whole, ast.Add() if expression.is_Add else ast.Mult(), tree)
         return whole
     function = {"Abs": "abs", "Max": "max", "Min": "min"}.get(kind, kind)
+    # Unknown functions, and maxima of three values and more, have no form in the grammar.
     if FUNCTIONS.get(function) != len(trees):
         return None
     return ast.Call(ast.Name(function), trees, [])
@@ -268,6 +280,7 @@ def to_tree(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
 
 def _conditional(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
     """Write branches as nested conditionals."""
+    # The last branch is what remains; those before it are nested around it, the first outermost.
     whole = to_tree(expression.args[-1][0], names)
     for value, condition in reversed(expression.args[:-1]):
         own, holds = to_tree(value, names), to_tree(condition, names)

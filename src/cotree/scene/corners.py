@@ -31,10 +31,12 @@ def jumps_in(tree: ast.expr) -> list[ast.expr]:
 def has_only_corner(whole: ast.expr, part: ast.expr) -> bool:
     """Tell whether an expression is evidently continuous wherever a part of it jumps.
 
-    What the part looks at is put to zero in the difference of both values, or solved for one of
-    its terms: that is a proof where nothing is left. Anything else passes for a jump.
+    The part jumps where its argument is zero. There the values on both sides are subtracted: the
+    argument is replaced by zero, or one of its terms by the others. A difference that folds to zero
+    is a proof; anything else counts as a jump.
     """
     dag = Dag()
+    # In one arena equal values are one node: the difference of both sides folds where they agree.
     symbols = {name: dag.symbol("x", i) for i, name in enumerate(sorted(names_in(whole)))}
 
     def lowered(tree: ast.expr) -> Node:
@@ -49,6 +51,7 @@ def has_only_corner(whole: ast.expr, part: ast.expr) -> bool:
     else:
         assert isinstance(part, ast.Call)
         looked_at = part.args[0]
+        # A sign jumps from -1 to 1; its value 0 in between is met at the event only.
         sides = [number_tree(1.0), number_tree(-1.0)]
     try:
         above, below = (lowered(_Replaced(part, side).visit(whole)) for side in sides)
@@ -75,13 +78,13 @@ def _solutions(value: Node) -> list[dict[Node, Node]]:
 
 
 class _Replaced(ast.NodeTransformer):
-    """Copies a tree with one part replaced; nodes above that part are new."""
+    """Copies a tree with one part replaced; the part is told by identity, not by its text."""
 
     def __init__(self, part: ast.expr, by: ast.expr) -> None:
         self._part, self._by = part, by
 
     def visit(self, node: ast.AST) -> Any:
-        """Replace."""
+        """Give the replacement for the part, and a copy of any other node."""
         return self._by if node is self._part else super().visit(copy.copy(node))
 
     def generic_visit(self, node: ast.AST) -> ast.AST:

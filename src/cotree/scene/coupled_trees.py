@@ -2,8 +2,9 @@
 
 A tree with one port of each transformer is a common forest of its graph and of another in which
 these ports are parallel. In graphs with ideal amplifiers the other is that of through variables.
-What no second graph can say is left free at first, and where it is not kept then, either way is
-tried: that both ports of a gyrator are branches or none, and transformers beside amplifiers.
+Other conditions have no such graph: that both ports of a gyrator are branches or neither is, and
+those of transformers beside amplifiers. They are left free at first; where the best choice violates
+one of them, each of its options is tried.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ if TYPE_CHECKING:
     from cotree.graph import LinearGraph
     from cotree.scene.networks import Port
 
-# Storages that have a state of their own before all else: what a branch of each kind adds.
+# States that a storage loses as a branch: across storages have theirs as branches, through storages
+# and springs as chords. This goes before all other preferences.
 _EXCESS = {Kind.ACROSS_STORAGE: -1, Kind.THROUGH_STORAGE: 1, Kind.SPRING: 1}
 
 # Weights are multiples of a quarter, and less than sixteen.
@@ -118,6 +120,7 @@ class CoupledTrees:
         weights : mapping of str to float
             How late each edge becomes a branch; infinite for edges that never do.
         """
+        # The graphs share names of nodes; a prefix keeps their nodes apart in the common forest.
         ends = {
             edge.name: (f"{graph.domain}|{edge.tail}", f"{graph.domain}|{edge.head}")
             for graph in graphs
@@ -146,6 +149,7 @@ class CoupledTrees:
         TopologyError
             If there is no such choice.
         """
+        # Couplings with one option leave nothing to choose.
         given = {
             name: row
             for couple in self.couples
@@ -162,6 +166,9 @@ class CoupledTrees:
             )
         # The least cost first: what keeps all couplings then is the best.
         order = count()
+        # Entries are the cost, the number of violated couplings, a number that orders equals, and
+        # the choice. Leaving couplings free only lowers the cost, hence the first valid choice is
+        # the best.
         waiting: list[tuple[int, int, int, _Found]] = []
         made = [best] if best is not None else []
         while made or waiting:
@@ -237,6 +244,8 @@ class CoupledTrees:
         ends |= {second: ends[first] for first, second in pairs}
         kept = [name for name in branches if name in self._split]
         try:
+            # Contracted edges are branches already: the inputs of amplifiers in the tree of across
+            # variables, their outputs in that of through variables, given branches in both.
             across = Contracted(self.ends, [*self._inputs, *branches])
             through = Contracted(ends, [*self._of_kind(Kind.NORATOR), *kept])
         except TopologyError:
@@ -255,7 +264,7 @@ class CoupledTrees:
     def _open(
         self, across: Contracted, known: Collection[str], pairs: Sequence[tuple[str, str]]
     ) -> dict[str, int]:
-        """Give the costs of what may become branches; one port of each pair must."""
+        """Give the costs of edges that may become branches; of each pair one port has to."""
         # A bonus larger than all costs together: one port of each pair is always chosen.
         must = 1 + sum(map(abs, self.costs.values()))
         costs = {name: self.costs[name] - must for pair in pairs for name in pair}

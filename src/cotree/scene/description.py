@@ -99,6 +99,7 @@ class SceneDescription:
     origin: Origin | None = None  # of what was read from another tool's file
 
     def __init__(self, name: str, gravity: Sequence[float | str] = (0.0, 0.0, 0.0)) -> None:
+        # Written by hand, since a dataclass would take tables that nothing has checked.
         self.name = check_scene_name(name)
         self.gravity = check_vector(plain(gravity), "gravity")
         self.parameters, self.inputs, self.edges, self.outputs = {}, {}, {}, {}
@@ -111,6 +112,7 @@ class SceneDescription:
     @property
     def nodes(self) -> tuple[str, ...]:
         """Names of the nodes, the reference first, then in order of appearance."""
+        # A dict drops duplicates and keeps the order of appearance.
         seen = dict.fromkeys(["ground"])
         for edge in self.edges.values():
             seen.update(dict.fromkeys(edge.nodes))
@@ -119,6 +121,8 @@ class SceneDescription:
     @property
     def mechanics(self) -> SceneDescription:
         """The multibody part: the same scene without its scalar networks."""
+        # All tables but that of edges are those of the whole scene: names in expressions keep their
+        # meaning.
         part = SceneDescription(self.name)
         part.gravity, part.defaults = self.gravity, self.defaults
         part.parameters, part.inputs, part.outputs = self.parameters, self.inputs, self.outputs
@@ -177,6 +181,7 @@ class SceneDescription:
         """
         self._check_new("parameter", name, {**self.parameters, **self.inputs, **self.modes})
         what = f"parameter '{name}'"
+        # A parameter's value can change between runs, an expression cannot: numbers only.
         number = check_number(value, what)
         if not isinstance(tunable, bool):
             raise SceneError(f"tunable of {what} must be true or false")
@@ -250,6 +255,7 @@ class SceneDescription:
         self._check_new("edge", name, self.edges)
         if len(self.edges) >= _LARGEST_SCENE:
             raise SceneError(f"the scene has more than {_LARGEST_SCENE} edges")
+        # The type comes from a file as it stands there, and may be anything.
         component = COMPONENTS.get(type) if isinstance(type, str) else None
         if component is None:
             hint = nearest(type, COMPONENTS)
@@ -259,6 +265,8 @@ class SceneDescription:
         given: Mapping[str, Any] = plain(fields)
         first: Any = {} if initial is None else plain(initial)
         statement = edge_statement(type, nodes, given, first)
+        # Adapting comes first, since it decides on the ports. The thermal port is appended next, so
+        # that ``check_ports`` finds it last; what nodes leave over are the fields.
         if component.adapt is not None:
             component, listed, given = component.adapt(name, nodes, given)
         component = check_heat(name, component, given)
@@ -281,6 +289,7 @@ class SceneDescription:
         SceneError, ExpressionError
             If the name is not allowed or taken, or the expression is not accepted.
         """
+        # Outputs may share names with parameters, which expressions then mean.
         self._check_new("output", name, {**self.outputs, **self.inputs, **self.modes})
         self.outputs[name] = parse(value, f"output '{name}'")
 

@@ -68,6 +68,7 @@ class Event:
     @property
     def expressions(self) -> tuple[Expression, ...]:
         """Every expression of the event."""
+        # The condition comes first: ``event_expressions`` relies on it.
         own = (self.when, *self.set.values())
         return own if self.restitution is None else (*own, self.restitution)
 
@@ -104,6 +105,7 @@ def make_event(
         raise SceneError(f"stop of {whose} must be true or false")
     if not isinstance(values, Mapping):
         raise SceneError(f"set of {whose} must be a table of states and modes")
+    # TOML has texts as keys only, but Python passes any mapping.
     for target in values:
         if not isinstance(target, str):
             raise SceneError(f"set of {whose} holds {brief(target)}: give names in quotes")
@@ -132,13 +134,14 @@ def event_expressions(events: Iterable[Event]) -> tuple[Expression, ...]:
     """List the expressions of events in one fixed order: every ``when``, then the others."""
     listed = tuple(events)
     return (
+        # Conditions come first, so that the crossing functions are one block of these results.
         *(event.when for event in listed),
         *(value for event in listed for value in event.expressions[1:]),
     )
 
 
 def check_event_table(name: str, table: Any) -> Mapping[str, Any]:
-    """Check the fields of an event in a scene file, and call ``set`` as Python can.
+    """Check the fields of an event in a scene file.
 
     Raises
     ------

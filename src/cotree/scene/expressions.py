@@ -153,6 +153,7 @@ def parse(value: object, where: str) -> Expression:
     ExpressionError
         If it is neither, does not parse, or holds anything but the grammar above.
     """
+    # Python's booleans are numbers; in a scene they are a mistake.
     if isinstance(value, bool) or not isinstance(value, (str, numbers.Real)):
         raise ExpressionError(
             f"{where} must be a number or an expression in quotes, not {type(value).__name__}"
@@ -179,6 +180,7 @@ def _parse_text(text: str, where: str) -> Expression:
 def _tree_of(text: str) -> tuple[ast.expr, frozenset[str]]:
     """Parse and check a text once: thousands of edges may have the same."""
     try:
+        # Leading spaces would be an indentation to Python's parser.
         with without_warnings(category=SyntaxWarning):  # what it warns of is refused below
             tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
@@ -229,6 +231,8 @@ def _check(tree: ast.expr, names: set[str], depth: int) -> None:
     """Accept the grammar and collect its names; everything else is refused."""
     if depth > _DEEPEST:
         raise ExpressionError(f"is nested deeper than {_DEEPEST} levels: split it")
+    # Only the shapes listed here pass: whatever else Python's grammar has is refused, not
+    # evaluated.
     match tree:
         case ast.Constant(value=value):
             if _number(value) is None:
@@ -299,6 +303,7 @@ def names_in(tree: ast.expr) -> frozenset[str]:
         elif isinstance(node, ast.Name):
             found.add(node.id)
         elif isinstance(node, ast.Call):
+            # The name of the function is no name of the scene.
             waiting += node.args
         else:
             waiting += ast.iter_child_nodes(node)
@@ -351,6 +356,8 @@ def _lower_condition(
     match tree:
         case ast.Compare(left=left, ops=ops, comparators=others):
             sides = [_lower(side, dag, resolve) for side in (left, *others)]
+            # A chain ``a < b < c`` holds where all of its parts do: the selections are nested from
+            # the last.
             for a, op, b in reversed(list(zip(sides[:-1], ops, sides[1:], strict=True))):
                 is_larger, has_equal = COMPARISONS[type(op)]
                 excess = a - b if is_larger == has_equal else b - a
@@ -362,6 +369,7 @@ def _lower_condition(
                 )
             return accepted
         case ast.BoolOp(op=op, values=parts):
+            # ``and`` nests in the branch that is accepted, ``or`` in the one that is refused.
             for part in reversed(parts):
                 if isinstance(op, ast.And):
                     accepted = _lower_condition(part, dag, resolve, accepted, refused)
@@ -374,6 +382,7 @@ def _lower_condition(
 
 
 def _lower_call(dag: Dag, function: str, args: list[Node]) -> Node:
+    # A selection has the derivative of the branch taken, which is what sensitivities follow.
     if function == "max":
         return dag.select(args[0] - args[1], args[0], args[1])
     if function == "min":

@@ -47,6 +47,7 @@ def check_fields(
     known = {row.name for row in component.fields}
     check_known(given, known, f"edge '{edge}' of type '{component.name}' has no field")
     fields: dict[str, FieldValue] = {}
+    # Values stand in the order of the component's rows, not in that of the file.
     for row in component.fields:
         where = f"{row.name} of edge '{edge}'"
         if row.name in given:
@@ -86,6 +87,7 @@ def check_initial(
     for name, value in _by_port(component, given):
         check_known((name,), known, f"edge '{edge}' has no coordinate")
         where = f"initial {name} of edge '{edge}'"
+        # Orientations are given by angles or a matrix, and become a quaternion.
         initial[name] = _rotation(value, where) if name == "rotation" else parse(value, where)
     return initial
 
@@ -126,9 +128,12 @@ def _network_names(component: Component) -> list[str]:
     found: list[tuple[str, str]] = []
     for port in component.ports:
         row, integral = DOMAINS[port.domain], integral_of(port)
+        # Whichever of these becomes a state depends on the tree, hence a scene may give any of
+        # them.
         names = [row.across_symbol, row.through_symbol, *([integral.name] if integral else [])]
         names += [content[0]] if (content := content_of(port)) else []
         found += [(port.port, name) for name in names]
+    # A short name must be unambiguous; the long one is always accepted.
     count = Counter(name for _, name in found)
     alone = [name for _, name in found if count[name] == 1]
     return [*alone, *(f"{port}.{name}" for port, name in found if port)]
@@ -162,6 +167,7 @@ def _check_field(row: Field, value: Any, where: str) -> FieldValue:
 def _inertia(value: object, where: str) -> FieldValue:
     if not is_list(value):
         scalar = parse(value, where)
+        # A single moment holds about every axis.
         return (scalar, scalar, scalar)
     rows = _rows(value, where)
     if rows is None:

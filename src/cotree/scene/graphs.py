@@ -25,6 +25,8 @@ TreeChoice = Sequence[str] | Mapping[str, Sequence[str]] | None
 
 def linear_graphs(scene: SceneDescription) -> dict[str, LinearGraph]:
     """Form the linear graphs of the multibody part of a scene, on the same nodes."""
+    # Each graph has all nodes of the scene, also those that none of its edges reaches: a floating
+    # node is then found when the tree is chosen.
     graphs = {}
     for domain, row in DOMAINS.items():
         if row.is_scalar:
@@ -72,6 +74,9 @@ def choose_trees(
     for domain, graph in graphs.items():
         names = wanted[domain]
         if names is None:
+            # Across variables of branches become coordinates, those of chords follow by f-circuits
+            # (paper, Eq. (2)). Weights count the equations that a branch adds, so that the lightest
+            # spanning tree gives the fewest.
             trees[domain] = select_tree(graph, _weights(scene, graph))
         else:
             _check_branches(scene, names)
@@ -82,7 +87,7 @@ def choose_trees(
 def _weights(
     scene: SceneDescription, graph: LinearGraph, prefers_bodies: bool = False
 ) -> dict[str, float]:
-    """Weigh each edge by the equations that it would add; those that are no branches are absent."""
+    """Weigh each edge by the equations that it would add, unless it cannot be a branch."""
     spaces = motion_spaces(scene).of
     weights = {}
     for name in graph.edge_names:
@@ -90,6 +95,7 @@ def _weights(
         if component.tree_weight is not None:
             # Each direction of motion of a branch adds one equation.
             weights[name] = float(sum(len(step.rates) for step in spaces[name]))
+            # Lighter than a joint of one freedom, heavier than an arm, which adds no coordinate.
             if component.role is Role.BODY and prefers_bodies:
                 weights[name] = 0.5
             elif component.role is Role.BODY:
@@ -129,7 +135,7 @@ def candidate_trees(scene: SceneDescription) -> list[Trees]:
 
 
 def separate_trees(scene: SceneDescription) -> list[Trees]:
-    """List trees that translation and rotation do not share, to be counted beside the others.
+    """List pairs of different trees for translation and rotation, counted beside the others.
 
     In a plane: positions along the joints, angles of the bodies themselves, so that no angle
     depends on those before it. Where joints that hold a rotation close a loop, or many bodies
@@ -147,6 +153,7 @@ def separate_trees(scene: SceneDescription) -> list[Trees]:
     found = {}
     for joints in (joint_branches(scene), _shallow_tree(scene, graphs)):
         rotation = _tree_of_angles(scene, graphs["rotation"], joints.translation)
+        # A chord that holds an angle would be a constraint on the angles of the bodies.
         held = (scene.edges[name].component for name in rotation.chords)
         if any(c.role in (Role.JOINT, Role.ARM) and not _turns(c.motion_space) for c in held):
             continue
@@ -161,7 +168,7 @@ def _turns(steps: Sequence[MotionStep]) -> bool:
 
 
 def _tree_of_angles(scene: SceneDescription, graph: LinearGraph, translation: Tree) -> Tree:
-    """Give the rotation tree of edges that cannot turn, with one body for each part that can."""
+    """Give the rotation tree of edges that hold angles and of one body for each part that turns."""
     spaces = motion_spaces(scene).of
     order = {step.child: i for i, step in enumerate(tree_walk(translation))}
     weights = {}
@@ -171,6 +178,8 @@ def _tree_of_angles(scene: SceneDescription, graph: LinearGraph, translation: Tr
             # Of the bodies that turn together that which the translation tree reaches first.
             weights[name] = 0.5 + 0.4 * order[scene.edges[name].nodes[1]] / len(order)
         elif component.tree_weight is not None:
+            # Edges that hold the angle weigh least and are branches; joints that turn weigh most,
+            # so that bodies take their place.
             weights[name] = 1.0 if _turns(spaces[name]) else 0.1 * bool(spaces[name])
     return select_tree(graph, weights)
 
@@ -180,12 +189,15 @@ def _shallow_tree(scene: SceneDescription, graphs: Mapping[str, LinearGraph]) ->
     trees = {}
     for domain, graph in graphs.items():
         weights = _weights(scene, graph)
+        # Breadth first: the depth of a node is the number of edges on its shortest way to the
+        # ground.
         depth = {"ground": 0}
         rest = [
             graph.edge(name)
             for name in weights
             if scene.edges[name].component.role is not Role.BODY
         ]
+        # Edges with exactly one end that was reached lead to the next level.
         while reached := [e for e in rest if (e.tail in depth) != (e.head in depth)]:
             level = max(depth.values()) + 1
             depth |= {

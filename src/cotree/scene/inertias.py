@@ -52,6 +52,8 @@ def impossible_inertias(scene: SceneDescription) -> Iterator[str]:
             if row.shape is not Shape.INERTIA or row.name not in edge.fields:
                 continue
             tensor = _numbers(scene, edge.fields[row.name])
+            # Eigenvalues come in ascending order. Of a tensor with one entry only that moment is
+            # meant, and the others are left out on purpose.
             least, middle, largest = np.linalg.eigvalsh(tensor)
             is_negative = least < -ROUNDING * np.trace(tensor)
             if is_negative:
@@ -74,6 +76,7 @@ def impossible_inertias(scene: SceneDescription) -> Iterator[str]:
 
 def _numbers(scene: SceneDescription, field: FieldValue) -> npt.NDArray[np.float64]:
     """Evaluate a tensor, or three principal values, at the parameters' values."""
+    # Expressions fold to numbers in an arena where parameters are constants.
     dag = Dag()
 
     def number(entry: Expression) -> float:

@@ -4,10 +4,10 @@ In: a scene whose fields hold ``sign``, ``floor``, ``mod`` or comparisons of wha
 equivalent scene with a mode in place of each, and with the events that change it, so that one
 mechanism locates every jump, restarts the integration there and lets sensitivities jump.
 
-A step then sees the branch that it began on and nothing of the other, however far it reaches. What
-looks at time and parameters alone, along lines of time, is left as it is: its times are known
-before a run, see :mod:`cotree.dag.stops`. So is what has a corner but no jump, as ``v*sign(v)``,
-wherever both values are seen to be one: states' sensitivities are continuous there.
+Each step then stays on the branch that it began on, however far it reaches. Conditions of time and
+parameters alone that are piecewise linear in time are left as they are: their times are known
+before a run, see :mod:`cotree.dag.stops`. So are expressions with a corner but no jump, such as
+``v*sign(v)``, where both values are proved to agree: sensitivities of states are continuous there.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 # A longer text makes no name that a reader takes in.
 _LONGEST_NAME = 60
 
-#: What jumps, by its name in expressions; ``mod`` does where its floor does.
+#: Functions that jump; ``mod`` jumps where the floor in it does.
 _JUMPING = ("sign", "floor", "mod", "where")
 
 
@@ -69,6 +69,7 @@ def with_jumps(scene: SceneDescription, *, has_sensitivities: bool) -> SceneDesc
 
 def _may_jump(expression: Expression) -> bool:
     """Tell from the text whether anything in an expression might jump."""
+    # A comparison stands within a ``where`` only, so that these names tell of all jumps.
     return any(f"{name}(" in expression.text.replace(" ", "") for name in _JUMPING)
 
 
@@ -113,6 +114,7 @@ class _Rewriting:
             name: replace(event, when=self._expression(event.when, is_watched=True))
             for name, event in scene.events.items()
         }
+        # Outputs that nothing acts on may jump as they are: no state notices.
         used = self._used()
         self.scene.outputs = {
             name: self._expression(item) if name in used else item
@@ -137,6 +139,7 @@ class _Rewriting:
         return found
 
     def _edge(self, edge: Edge) -> Edge:
+        # Constant fields depend on parameters only, and nothing of theirs jumps during a run.
         constant = {field.name for field in edge.component.fields if field.constant}
         stored = {
             name for port in edge.component.ports if (law := port.content) for name in law.arguments
@@ -163,11 +166,13 @@ class _Rewriting:
     ) -> Expression:
         """Write an expression anew.
 
-        What an event looks at may jump at known times: it is then looked at just there, as it
-        stands. A corner of what a storage holds is a jump of its capacity, an event like others.
+        The condition of an event may jump at known times and then stays as it is, since it is
+        evaluated at those times. A corner in the content of a storage is a jump of its capacity,
+        which becomes an event like others.
         """
         if not _may_jump(expression) or (is_watched and not self._moves(expression.names)):
             return expression
+        # Expressions of one text share their tree, which must not change.
         whole = copy.deepcopy(expression.tree)
         corners = [] if is_stored else jumps_in(whole)
         kept = frozenset(id(part) for part in corners if has_only_corner(whole, part))
@@ -185,6 +190,7 @@ class _Rewriting:
         names = frozenset(name for tree in looked_at for name in names_in(tree))
         if self._moves(names):
             return True
+        # Of parameters alone: the value is fixed when the run begins.
         if "t" not in names:
             return False
         return not all(is_cut(self._lowered(tree)) for tree in looked_at)
@@ -221,6 +227,7 @@ class _Rewriting:
             Of each event: its direction, what it looks at, and what the mode becomes. The mode
             itself is the name "".
         """
+        # What reads the same jumps at the same times: one mode and its events serve all of it.
         if text not in self._known:
             name = self._new_name(text)
             self._known[text] = name
@@ -258,7 +265,7 @@ class _Renamed(ast.NodeTransformer):
         self._name = name
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
-        """Rename."""
+        """Replace the empty name."""
         return ast.Name(self._name) if node.id == "" else node
 
 
@@ -312,6 +319,8 @@ class _Tree(ast.NodeTransformer):
 
         What the count becomes is read from the value, rounded to where it passes.
         """
+        # At an event the value is a whole number but for rounding errors, hence it is rounded: the
+        # count becomes that number upwards, and one less downwards.
         up = (1, _less(_less(value, _ITSELF), ast.Constant(1.0)), _floor(_plus(value, _HALF)))
         lower = ast.UnaryOp(ast.USub(), _floor(_less(_HALF, value)))
         down = (-1, _less(value, _ITSELF), _less(lower, ast.Constant(1.0)))
@@ -323,6 +332,7 @@ class _Tree(ast.NodeTransformer):
         sides = [self.visit(side) for side in (node.left, *node.comparators)]
         if id(node) in self._kept:
             return ast.Compare(sides[0], node.ops, sides[1:])
+        # A chain of comparisons is their conjunction, each with a mode of its own.
         parts = [
             self._comparison(ast.Compare(a, [op], [b]))
             for a, op, b in zip(sides[:-1], node.ops, sides[1:], strict=True)
@@ -340,4 +350,5 @@ class _Tree(ast.NodeTransformer):
         # Its value at the start is that of a conditional; the name is the comparison itself.
         conditional = ast.Call(ast.Name("where"), [node, *holds], [])
         mode = self._scene.mode(ast.unparse(node), conditional, self._where, rows)
+        # The mode is one or zero exactly; a half is the threshold furthest from both.
         return ast.Compare(mode, [ast.Gt()], [_HALF])

@@ -26,6 +26,7 @@ _PLANAR_NAMES = frozenset(
     for name, _ in (*step.coordinates, *step.rates)
 )
 
+# Components that can keep a line; joints that turn are absent, since whatever turns leaves it.
 _LINE_TYPES = frozenset(
     {"rigid_body", "arm", "weld", "prismatic", "spring", "damper", "force", "gear", "constraint"}
 )
@@ -51,6 +52,7 @@ class MotionSpaces:
 
 def motion_spaces(scene: SceneDescription) -> MotionSpaces:
     """Find the motion space of every edge of a scene."""
+    # A line is tried before a plane, since it leaves a body one coordinate in place of three.
     line = next((axis for axis in "xyz" if _keeps_line(scene, axis)), "")
     plane = next((normal for normal in PLANE_AXES if _keeps_plane(scene, normal)), "")
     found = {}
@@ -90,6 +92,7 @@ def _keeps_line(scene: SceneDescription, axis: str) -> bool:
     # Without a guide, motion along one line would be a coincidence of the initial values.
     if not guides or not kinds <= _LINE_TYPES or not _is_normal(scene.gravity, n):
         return False
+    # Initial values under other names say that the body is meant to move otherwise.
     names = {axis, f"{axis}_dot"}
     for edge in edges:
         if edge.component.role is Role.BODY and not edge.initial.keys() <= names:
@@ -99,6 +102,8 @@ def _keeps_line(scene: SceneDescription, axis: str) -> bool:
             if isinstance(value, tuple) and not _is_normal(_vector(edge, name), n):
                 return False
         is_line = edge.component.role is Role.LINE
+        # An element along the line of its nodes pulls off the axis where the lines of the nodes
+        # differ.
         if "rotation" in edge.fields or (is_line and "axis" not in edge.fields):
             return False
     return True
@@ -132,6 +137,7 @@ def _is_turned_within(edge: Edge, n: int) -> bool:
     rows = edge.fields["rotation"]
     if not isinstance(rows[0], tuple):  # type: ignore[index]
         return _is_normal(_vector(edge, "rotation"), n)
+    # A turn about axis n has zeros beside the diagonal in row and column n.
     entries = [rows[i][j] for i, j in _off_plane(n)]  # type: ignore[index]
     return all(entry.is_zero for entry in entries)
 
@@ -157,10 +163,12 @@ def _vector(edge: Edge, name: str) -> Sequence[Expression]:
 
 
 def _is_within(components: Sequence[Expression], n: int) -> bool:
+    # Zero for all values of the parameters: the motion space stays the same when they change.
     return components[n].is_zero
 
 
 def _is_normal(components: Sequence[Expression], n: int) -> bool:
+    # Parallel to axis n, which is the normal of the plane or the direction of the line.
     return _all_zero(c for i, c in enumerate(components) if i != n)
 
 

@@ -75,6 +75,7 @@ class Port:
 
     def sibling(self, port: str) -> str:
         """Name another port of the same component, by its own name or its number."""
+        # Ports of reactions are numbered: one law serves every reaction of the same orders.
         if port.isdecimal():
             port = self.edge.component.ports[int(port)].port
         return port_name(self.edge, port)
@@ -90,6 +91,7 @@ def scalar_ports(scene: SceneDescription) -> dict[str, Port]:
     found = {}
     for edge in scene.edges.values():
         if edge.component.role is Role.NETWORK:
+            # Ports and ends stand in the same order, in which ``check_ports`` made them.
             for terminal, ends in zip(edge.component.ports, edge.ports, strict=True):
                 name = port_name(edge, terminal.port)
                 found[name] = Port(name, edge, terminal, ends)
@@ -97,10 +99,11 @@ def scalar_ports(scene: SceneDescription) -> dict[str, Port]:
 
 
 def scalar_graphs(ports: Mapping[str, Port]) -> dict[str, LinearGraph]:
-    """Draw the scalar graphs that have edges."""
+    """Form the scalar graphs that have edges."""
     graphs = {}
     for domain, row in DOMAINS.items():
         own = [p for p in ports.values() if p.terminal.domain == domain and not p.is_coupling]
+        # A port that acts on a multibody system has no edge in a scalar graph.
         if row.is_scalar and own:
             # The reference comes first; a dict keeps the order of the scene and drops duplicates.
             nodes = dict.fromkeys(["ground", *(n for p in own for n in (p.tail, p.head))])

@@ -73,6 +73,8 @@ def normal_trees(
     for port in ports.values():
         _check_short(port)
     for graph in graphs.values():
+        # With ideal amplifiers there are two trees, one with their inputs as branches and one with
+        # their outputs: both must exist.
         for kind in (Kind.NULLATOR, Kind.NORATOR):
             _check_across_sources(graph, ports, kind)
             _check_reached(graph, ports, weights, kind)
@@ -95,7 +97,7 @@ def normal_trees(
 
 
 def _nearest_first(graph: LinearGraph, weights: Mapping[str, float]) -> dict[str, float]:
-    """Prefer edges near the reference to their like.
+    """Prefer, among edges of one kind, those near the reference.
 
     Where nothing is stored, nonlinear unknowns are solved for all at once: a tree that is nowhere
     deep has few of them along each f-circuit and beyond each branch.
@@ -134,10 +136,13 @@ def _weight(port: Port) -> float:
         return _NEVER
     # Ports of gyrators are no better branches than dissipators: a choice that gains nothing by
     # them is found at once.
+    # The numbers of kinds are the order of branches: sources of across weigh least.
     own = float((Kind.DISSIPATOR if port.kind is Kind.COUPLED else port.kind).value)
     row, initial = DOMAINS[port.terminal.domain], port.initial
     content = content_of(port.terminal)
     is_given = content is not None and content[0] in initial
+    # A branch keeps its across variable as a state, a chord its through variable: a storage with an
+    # initial value is preferred where it keeps the state that this value is of.
     if port.kind is Kind.ACROSS_STORAGE and (is_given or row.across_symbol in initial):
         return own - 0.25  # a branch
     if port.kind is Kind.THROUGH_STORAGE and (is_given or row.through_symbol in initial):
@@ -172,7 +177,8 @@ def _check_short(port: Port) -> None:
 
 
 def _check_across_sources(graph: LinearGraph, ports: Mapping[str, Port], kind: Kind) -> None:
-    """Refuse loops of across sources, and of what an ideal amplifier has of this kind."""
+    """Refuse loops of across sources together with ports of ideal amplifiers of one kind."""
+    # Joining the ends of an edge fails if they are one part already: the edge closes a loop.
     parts, sources = Parts(graph.nodes), set[str]()
     for edge in graph.edges:
         if ports[edge.name].kind not in (Kind.ACROSS_SOURCE, kind):
@@ -191,13 +197,14 @@ def _check_across_sources(graph: LinearGraph, ports: Mapping[str, Port], kind: K
 def _check_reached(
     graph: LinearGraph, ports: Mapping[str, Port], weights: Mapping[str, float], kind: Kind
 ) -> None:
-    """Refuse parts that nothing connects to the ground, or only through sources and springs."""
+    """Refuse parts that no edge connects to the ground, or no edge that may be a branch."""
     everything = _reached(graph, graph.edge_names)
     if floating := [node for node in graph.nodes if node not in everything]:
         raise TopologyError(
             f"the {graph.domain} part with the node {listed(floating)} floats: connect one of its "
             f"nodes to 'ground', where its {DOMAINS[graph.domain].across[0]} is measured from"
         )
+    # Edges of infinite weight never become branches; without others no tree reaches these nodes.
     allowed = [n for n in graph.edge_names if weights[n] != _NEVER or ports[n].kind is kind]
     reached = _reached(graph, allowed)
     if cut := [node for node in graph.nodes if node not in reached]:

@@ -10,7 +10,7 @@ from cotree.errors import SceneError, brief, check_known, nearest
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-#: What shapes a visual may have.
+#: Shapes that a visual may have.
 _SHAPES = ("box", "cylinder", "capsule", "sphere", "mesh")
 
 _VECTORS = ("size", "xyz", "rpy")
@@ -71,6 +71,7 @@ def origin_table(origin: Origin) -> dict[str, Any]:
     """Make the table of an origin in a scene file: ``file``, ``notes``, ``names``, ``visuals``."""
     names: dict[str, dict[str, str]] = {}
     for (kind, old), new in origin.names.items():
+        # TOML has no pairs as keys: tables by kind hold tables by old name.
         names.setdefault(kind, {})[old] = new
     table: dict[str, Any] = {"file": origin.file, "notes": list(origin.notes), "names": names}
     visuals = [
@@ -95,6 +96,7 @@ def read_origin(table: object, nodes: Collection[str]) -> Origin:
     SceneError
         If an entry is unknown, or is not what it should be.
     """
+    # The table may have been written by hand, or come with a scene from a stranger.
     rows = _entries(table, Origin, "the origin")
     notes, names, visuals = rows.get("notes", []), rows.get("names", {}), rows.get("visuals", [])
     if not _is_list_of_texts(notes):
@@ -147,6 +149,7 @@ def _three(value: object, where: str) -> tuple[float, float, float]:
 
 
 def _is_number(value: object) -> bool:
+    # Python's booleans are numbers; as a coordinate they are a mistake.
     is_real = isinstance(value, (int, float)) and not isinstance(value, bool)
     return is_real and abs(value) <= _LARGEST  # type: ignore[arg-type]
 

@@ -73,6 +73,8 @@ def check_ports(
     if component.role is not Role.NETWORK:
         first, second = _pair(edge, nodes, f"edge '{edge}'")
         return (first, second), (), rest
+    # The thermal port was appended by ``check_heat``: its nodes come from the field, those of the
+    # other ports as if it were not there.
     if component.ports[-1].port == HEAT:
         sink = _heat_nodes(edge, rest.pop(HEAT))
         own = replace(component, ports=component.ports[:-1])
@@ -87,6 +89,7 @@ def check_ports(
     if len(component.ports) == 1:
         pair = _pair(edge, nodes, f"edge '{edge}'", may_be_one=True)
         return pair, (_ends(component.ports[0], pair, f"edge '{edge}'"),), rest
+    # One node for each port is short for ports to the ground.
     if nodes:
         if not is_list(nodes) or len(nodes) != len(component.ports):
             names = ", ".join(port.port for port in component.ports)
@@ -102,12 +105,14 @@ def check_ports(
     placed = []
     for port in component.ports:
         where = f"{port.port} of edge '{edge}'"
+        # A mechanical port without nodes of its own acts on the multibody system.
         if port.domain in _MECHANICAL and port.port not in rest and rest.keys() & {"joint", "line"}:
             placed.append(_multibody(edge, rest))
             continue
         pair = _pair(edge, rest.pop(port.port, ()), where, may_be_one=True)
         listed += pair
         placed.append(_ends(port, pair, where))
+    # A node that several ports share is listed once.
     return tuple(dict.fromkeys(listed)), tuple(placed), rest
 
 
@@ -198,6 +203,8 @@ def _from_ground(port: Terminal, node: object) -> tuple[object, object]:
 
 
 def _ends(port: Terminal, pair: tuple[str, str], where: str) -> PortEnds:
+    # Across is head minus tail: plus minus minus where plus is listed first, second minus first in
+    # mechanics.
     ends = PortEnds(pair[1], pair[0]) if DOMAINS[port.domain].head_first else PortEnds(*pair)
     if port.is_absolute and ends.tail != "ground":
         raise SceneError(f"{where} {DOMAINS[port.domain].absolute.format(tail=ends.tail)}")

@@ -56,6 +56,7 @@ def with_settings(old: Simulation, settings: Mapping[str, Any]) -> Simulation:
         If a setting is unknown or has no sensible value.
     """
     known = Simulation.__dataclass_fields__
+    # The settings are frozen; a changed copy leaves those that others hold.
     changed = dict(vars(old))
     check_known(settings, known, "simulation has no setting")
     for key, value in settings.items():
@@ -72,6 +73,7 @@ def with_settings(old: Simulation, settings: Mapping[str, Any]) -> Simulation:
             raise SceneError(f"{what} is '{value}': give '{INITIAL}' or '{OPERATING_POINT}'")
         changed[key] = _held(value, what) if key == "held" else value
     made = Simulation(**changed)
+    # Nodes are held during the search for an operating point, which initial values do without.
     if made.held and made.start != OPERATING_POINT:
         raise SceneError(f"held of the simulation needs start = '{OPERATING_POINT}'")
     return made

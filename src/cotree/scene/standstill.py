@@ -42,12 +42,15 @@ def standing_scene(scene: SceneDescription, wanted: Sequence[str]) -> SceneDescr
     SceneError
         If it is more than an electrical network.
     """
+    # A shallow copy: what differs at rest is replaced, the rest is shared with the scene.
     standing = copy.copy(scene)
     standing.edges = {name: _standing(edge) for name, edge in scene.edges.items()}
     standing.events, standing.defaults = {}, Simulation()
     for number, (node, voltage) in enumerate(scene.defaults.held):
         if node not in scene.nodes:
             raise SceneError(f"held of the simulation names '{node}', which is no node")
+        # The method of a scene checks the statement and makes the edge; its name is changed
+        # afterwards.
         source, own = "voltage_source", standing.edges
         standing.edges = {}
         standing.edge(f"held_{number}", source, node, "ground", voltage=voltage.text)
@@ -72,6 +75,7 @@ def _standing(edge: Edge) -> Edge:
             f"edge '{edge.name}' of type '{component.name}' is no part of an electrical network, "
             "or stores what has no rest: start from initial values, not from an operating point"
         )
+    # Two ends at one node make a port that no circuit equation determines; see below.
     short = frozenset(i for i, ends in enumerate(edge.ports) if ends.tail == ends.head)
     return replace(edge, component=_at_rest(component, short), initial=_guesses(edge))
 
@@ -88,6 +92,7 @@ def _at_rest(component: Component, short: frozenset[int]) -> Component:
     if not any(_is_storage(port) for port in component.ports):
         return component
     ports = (_terminal_at_rest(port, i in short) for i, port in enumerate(component.ports))
+    # Demands are on inductances and couplings, which are of no effect at rest.
     return replace(component, ports=tuple(ports), demands=())
 
 
@@ -97,6 +102,7 @@ def _is_storage(port: Terminal) -> bool:
 
 def _terminal_at_rest(terminal: Terminal, is_short: bool) -> Terminal:
     terminal = replace(terminal, content=None)
+    # The current is constant, so that no voltage is induced: a source of no voltage.
     if terminal.kind is Kind.THROUGH_STORAGE:
         none = Law(lambda: 0)
         if is_short:  # nothing decides what circulates; the least resistance would end it
@@ -106,10 +112,14 @@ def _terminal_at_rest(terminal: Terminal, is_short: bool) -> Terminal:
         return replace(terminal, kind=Kind.ACROSS_SOURCE, storage=None, through=None, across=none)
     if terminal.kind is not Kind.ACROSS_STORAGE:
         return terminal
+    # The voltage is constant: what remains is the static current, with the rates of all voltages
+    # zero.
     static = None if terminal.through is None else terminal.through.expression
     if static is not None:
         rates = {item: 0 for item in static.free_symbols if item.name.startswith("across_rate_")}
         static = static.subs(rates)
+    # A current that does not depend on the port's own voltage is given; one that does is a
+    # dissipator's.
     if static is None or symbol("across") not in static.free_symbols:
         law = Law(lambda: 0) if static is None else Law.of(static)
         return replace(terminal, kind=Kind.THROUGH_SOURCE, storage=None, through=law)

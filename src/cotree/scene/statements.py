@@ -16,12 +16,13 @@ _DEEPEST = 4  # more levels than any field has; a list may hold itself
 
 
 def plain(value: Any, depth: int = 0) -> Any:
-    """Copy a value, its lists and tables, with numbers as Python's own.
+    """Copy a value with its lists and tables, numbers becoming Python's own.
 
     Values of other types stay as they are, for others to refuse.
     """
     if isinstance(value, (str, bytes, bool)) or depth > _DEEPEST:
         return value
+    # Numbers of numpy become Python's own, which TOML can write and comparisons treat alike.
     if isinstance(value, numbers.Integral) and abs(int(value)) <= _LARGEST_INTEGER:
         return int(value)
     if isinstance(value, numbers.Real):

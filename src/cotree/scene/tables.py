@@ -36,6 +36,7 @@ class Lookup(Expression):
 
     def lower(self, dag: Dag, resolve: Callable[[str], Node]) -> Node:
         """Turn the table's value into a node; see :meth:`Expression.lower`."""
+        # The text of the expression is the argument of the table.
         return table(dag, self.table, super().lower(dag, resolve))[0]
 
 
@@ -74,6 +75,7 @@ def make_table(value: object, where: str, argument: str) -> Table:
         If they are not as many finite numbers each, at least two, or do not increase.
     """
     try:
+        # Whatever a user gives is unpacked; what is no pair of rows fails here, with one message.
         x, y = cast("Any", value)
         made = Table(tuple(float(item) for item in x), tuple(float(item) for item in y))
     except (TypeError, ValueError):
@@ -85,6 +87,7 @@ def make_table(value: object, where: str, argument: str) -> Table:
         raise SceneError(f"{where} needs as many values as {argument}, at least two")
     if not all(math.isfinite(number) for number in made.x + made.y):
         raise SceneError(f"{where} holds one of {argument} or a value that is not finite")
+    # Equal arguments would make a jump, whose own value is left open.
     if any(b <= a for a, b in zip(made.x, made.x[1:], strict=False)):
         raise SceneError(f"{where} needs {argument} that increase")
     return made

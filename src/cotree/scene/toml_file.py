@@ -53,6 +53,7 @@ def load_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
         If the scene is wrong; the message begins with the file.
     """
     shipped = shipped_scenes()
+    # Names of shipped scenes go before files of the same name.
     if isinstance(source, str) and source in shipped:
         file = resources.files("cotree") / "scenes" / f"{source}.toml"
         return read_scene(file.read_text(encoding="utf-8"), f"{source}.toml", scene_type)
@@ -89,10 +90,12 @@ def read_scene(text: str, where: str, scene_type: type[_Scene]) -> _Scene:
     try:
         return _fill(data, Path(where).stem, scene_type)
     except ModelError as error:
+        # The type of the error stays, so that callers can tell faults of expressions from others.
         raise type(error)(f"{where}: {error}") from None
 
 
 def _fill(data: Mapping[str, Any], stem: str, scene_type: type[_Scene]) -> _Scene:
+    # Each statement is made by the method that Python users call, so that files are checked alike.
     check_known(data, _SECTIONS, "unknown section")
     scene = scene_type(data.get("name", stem), gravity=data.get("gravity", (0.0, 0.0, 0.0)))
     for name, value in _table(data, "parameters").items():
@@ -109,6 +112,7 @@ def _fill(data: Mapping[str, Any], stem: str, scene_type: type[_Scene]) -> _Scen
     for name, event in _table(data, "events").items():
         scene.event(name, **check_event_table(name, event))
     scene.simulation(**_table(data, "simulation"))
+    # Shapes name nodes, which are known after all edges.
     if "origin" in data:
         scene.origin = read_origin(data["origin"], set(scene.nodes))
     return scene

@@ -76,6 +76,7 @@ def scene_text(scene: SceneDescription) -> str:
 
 def _lines(scene: SceneDescription) -> Iterator[str]:
     yield f"name = {_text(scene.name)}"
+    # What equals the default is not written, here and below.
     if any(item.text != "0.0" for item in scene.gravity):
         yield f"gravity = {_value([item.told for item in scene.gravity])}"
     yield from _rows("parameters", {n: _named(p, p.value) for n, p in scene.parameters.items()})
@@ -91,6 +92,7 @@ def _lines(scene: SceneDescription) -> Iterator[str]:
         yield from _table("simulation", settings)
     if scene.origin is not None:
         table = origin_table(scene.origin)
+        # An array of tables follows the table that it belongs to.
         visuals = table.pop("visuals")
         yield from _table("origin", table)
         for visual in visuals:
@@ -124,7 +126,8 @@ def _event(event: Event) -> dict[str, object]:
 
 
 def _settings(given: Simulation) -> dict[str, object]:
-    """List the settings that are not those of every scene."""
+    """List the settings that differ from the defaults."""
+    # Settings that were left alone follow the defaults of later versions.
     usual = vars(Simulation())
     table = {key: value for key, value in vars(given).items() if value != usual[key]}
     if given.held:
@@ -143,6 +146,7 @@ def _table(name: str, rows: Mapping[str, Any], heading: str = "[{}]") -> Iterato
     yield from ("", heading.format(name))
     long = {}
     for key, value in rows.items():
+        # In TOML the keys of a table stand before its sections, which would else take them.
         line = f"{_key(key)} = {_value(value)}"
         if isinstance(value, Mapping) and (len(line) > _WIDEST or "\n" in line):
             long[key] = value

@@ -51,6 +51,7 @@ class Trees:
 
     def is_branch(self, name: str, rotates: bool) -> bool:
         """Say whether an edge is a branch of the rotation tree, or of that of translation."""
+        # The pair is of translation and rotation, so that false and true are its places.
         return name in self._branches[rotates]
 
     def listed(self) -> str:
@@ -75,6 +76,8 @@ def check_coupled(scene: SceneDescription, trees: Trees) -> None:
         edge = scene.edges[name]
         if not _is_coupled(edge):
             continue
+        # A part of the translation follows from the rotation of the same edge: one is no coordinate
+        # without the other.
         held = [d for d in _GRAPHS if trees.is_branch(name, d == "rotation")]
         if len(held) == 1:
             raise FormulationError(
@@ -84,7 +87,8 @@ def check_coupled(scene: SceneDescription, trees: Trees) -> None:
 
 
 def _is_coupled(edge: Edge) -> bool:
-    """Whether the edge's rotation decides on its translation."""
+    """Whether the edge's translation follows from its rotation."""
     if edge.component.role is Role.ARM:
         return True
+    # The pitch of a screw ties its translation to its angle.
     return any(isinstance(s, Freedom) and s.pitch for s in edge.component.motion_space)

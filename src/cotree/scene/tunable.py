@@ -58,7 +58,9 @@ def keep_tunable(
         if name not in scene.parameters:
             hint = nearest(name, scene.parameters)
             raise ParameterError(f"tunable names '{name}', which is no parameter{hint}")
+    # A parameter that is folded into the code as a number has no derivative.
     kept = {*wanted, *sensitivities}
+    # The scene of the caller stays as it is: only the table of parameters is another one.
     changed = copy.copy(scene)
     changed.parameters = {
         name: row if name in kept else replace(row, tunable=False)

@@ -80,10 +80,12 @@ class Animation:
         SceneError
             If the suffix is unknown, a number makes no sense or the file cannot be written.
         """
+        # The suffix is checked before the frames are painted, which takes long.
         target = Path(path)
         if check_animation(target) == ".html":
             text = self.html.encode("utf-8")
         else:
+            # Below some dozens of pixels nothing is recognized; bounds keep memory within reason.
             _check_size(width, "width", 32, _LARGEST_PICTURE)
             if height is not None:
                 _check_size(height, "height", 32, _LARGEST_PICTURE)
@@ -120,6 +122,8 @@ class Animation:
     def _repr_html_(self) -> str:
         """Show the page in a notebook, in an isolated frame."""
         return (
+            # Names in a scene may come from a stranger: the sandbox keeps the page from the
+            # notebook.
             f'<iframe sandbox="allow-scripts" srcdoc="{html.escape(self.html)}" width="100%" '
             f'height="{_NOTEBOOK_HEIGHT}" style="border:0"></iframe>'
         )
@@ -192,6 +196,7 @@ def animate(
             "this result was copied or read from a file and does not know its model: "
             "give it as result.animate(model=...)"
         )
+    # Names of the states stand for the model: a result has no other trace of it.
     if model.states != result.states:
         raise SceneError("this model has other states than the result: give the one that made it")
     first = model.first_graph
@@ -204,6 +209,7 @@ def animate(
         view = check_number(azimuth, "azimuth"), check_number(elevation, "elevation")
     shown = _finite_part(result, len(first.system.coordinates))
     n_bodies = len(first.motion.geometry)
+    # Bodies count, since each of them has a pose in each frame.
     frames = choose_frames(float(shown.t[0]), float(shown.t[-1]), fps, speed, n_bodies)
     p = model.parameter_array(result.parameter_values)
     with forming:
@@ -212,14 +218,17 @@ def animate(
         stage = set_stage(first, values, view)
         meshes = visual_meshes(first.scene.origin, stage.places, trust_paths=trust_paths)
         draft = draft_scene(first, values, stage, meshes)
+    # A run that stopped early is shown as far as it went, and says so.
     note = "" if result.success else f"stopped early at t = {shown.t[-1]:.6g} s"
     return Animation(draft.drawing(first.scene.name, note, frames))
 
 
 def _finite_part(result: RunRecord, n: int) -> RunRecord:
     """Cut a run before coordinates that are not finite or out of bounds."""
+    # Comparing NaN gives false, and so marks the point as bad.
     with np.errstate(invalid="ignore"):
         is_bad = ~(np.abs(result.y[:n]) < _FURTHEST).all(axis=0)
+    # The first bad point ends what is shown: later ones may be finite by accident.
     end = int(np.argmax(is_bad)) if is_bad.any() else len(result.t)
     if end == 0:
         raise SceneError("the run has no point that could be drawn: see result.message")

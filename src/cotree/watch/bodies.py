@@ -23,6 +23,7 @@ def arm(draft: Drafter, edge: BoundEdge) -> None:
         return
     gap = two.local - one.local
     length = float(np.linalg.norm(gap))
+    # Meshes of a robot's file show the body already; an arm without length is a turn only.
     if one.cluster in draft.clothed or length < 1e-9 * draft.stage.size:
         return
     is_thin = edge.name in draft.stage.spurs or (one.cluster == 0 and draft.stage.is_flat)
@@ -46,6 +47,7 @@ def body(draft: Drafter, edge: BoundEdge) -> None:
     has_bars = cluster in draft.stage.reach
     tensor = _inertia(draft, edge)
     mass = float(draft.values.numbers([edge.scalars["mass"]])[0])
+    # In a plane bars show the body, and a dot suffices for its centre of mass.
     if draft.stage.is_flat and has_bars:
         dot = shapes.cylinder(0.42 * w, 0.9 * w)
         draft.solid(
@@ -58,9 +60,11 @@ def body(draft: Drafter, edge: BoundEdge) -> None:
         return
     lengths, axes = found
     if has_bars:
+        # A box that is larger than the arms of its body would hide the mechanism.
         lengths = lengths * min(1.0, 0.6 * draft.stage.reach[cluster] / max(lengths.max(), w))
     lengths = np.maximum(lengths, (1.0 if has_bars else 3.0) * w)
     if draft.stage.is_flat:
+        # Towards the viewer the box is as thin as a plate, so that layers stay apart.
         towards = np.abs(place.turn.T @ draft.towards(cluster))
         side = float(np.median(lengths))
         lengths, axes = np.where(towards > 0.5, 0.75 * w, side), np.eye(3)
@@ -100,8 +104,10 @@ def body_box(mass: float, tensor: Array) -> tuple[Array, Array] | None:
     """
     if not np.all(np.isfinite(tensor)) or mass < 0.0:
         return None
+    # Axes of a diagonal tensor are kept as they are: eigenvectors come in the order of the moments.
     is_diagonal = np.count_nonzero(tensor - np.diag(np.diag(tensor))) == 0
     moments, axes = (np.diag(tensor), np.eye(3)) if is_diagonal else np.linalg.eigh(tensor)
+    # Eigenvectors have any sign; a mirrored box would be inside out.
     if np.linalg.det(axes) < 0.0:
         axes = axes * np.array([1.0, 1.0, -1.0])
     # A body with inertia but no mass is drawn at the least size.

@@ -60,8 +60,10 @@ class Camera:
             Larger in front; linear over the picture of a plane.
         """
         own = (points - self.centres[frame]) @ self.axes
+        # Parallel projection: nearness is the coordinate towards the viewer itself.
         if np.isinf(self.distance):
             return own[:, :2] / self.half, own[:, 2]
+        # A point at or behind the viewer has no image; the bound keeps the division defined.
         away = np.maximum(self.distance - own[:, 2], 0.01 * self.distance)
         return own[:, :2] / self.half * (self.distance / away)[:, None], 1.0 / away
 
@@ -87,6 +89,7 @@ def place_camera(drawing: Drawing, aspect: float | None) -> tuple[Camera, Reach]
     axes = axes_along(drawing.towards, drawing.up)
     low, high = drawing.bounds(axes)
     own = float((high - low).max())
+    # What stays near is seen from a camera at rest; what travels far is followed.
     if float((high.max(axis=0) - low.min(axis=0)).max()) <= FAR * own:
         low, high = (
             np.repeat(a[None], len(low), axis=0) for a in (low.min(axis=0), high.max(axis=0))
@@ -96,6 +99,7 @@ def place_camera(drawing: Drawing, aspect: float | None) -> tuple[Camera, Reach]
     if aspect is None:
         shape = right / above if above > 0.0 else 2.0
         aspect = min(max(shape, 0.6), 2.0) if drawing.is_flat else 4.0 / 3.0
+    # The narrower side decides on the scale.
     half = MARGIN * (max(above, right / aspect) or 1.0)
     if drawing.is_flat:
         return Camera(axes, centres, (half * aspect, half), np.inf), (right, above, ahead)

@@ -70,6 +70,7 @@ def draft_scene(
         draft.label(own[0][0], track, own[0][1].points.mean(axis=0))
     for edge in first.system.edges.values():
         show = SHOWN.get(edge.component.name)
+        # Registered types have names that the table cannot know.
         if edge.component.role is Role.LAW and edge.component.acts is Acts.LINE:
             show = elements.line_force  # a law of a user's own
         if show is not None:

@@ -54,6 +54,7 @@ class Drafter:
         self.struts: list[Strut] = []
         self.labels: list[Label] = []
         self.layer = layers_of(first.system.edges.values(), self.places, len(self.poses.positions))
+        # A little more than a plate is thick, so that layers do not touch.
         self.pitch = 1.1 * self.w if stage.is_flat else 0.0
         self.clothed = clothed
         self._feet: set[tuple[float, ...]] = set()
@@ -69,6 +70,7 @@ class Drafter:
         frames : Moments
             Times and values to show.
         """
+        # Struts come last: only now it is known how many share their nodes and stand side by side.
         stage = self.stage
         for (first, second), own in self._between.items():
             self._add_struts(first, second, own)
@@ -91,6 +93,7 @@ class Drafter:
 
     def color(self, cluster: int) -> Color:
         """Give the colour of a body."""
+        # Colours repeat where there are more bodies than colours.
         return GROUND if cluster == 0 else BODIES[self.stage.body[cluster] % len(BODIES)]
 
     def raised(self, cluster: int) -> Array:
@@ -99,6 +102,7 @@ class Drafter:
 
     def towards(self, cluster: int) -> Array:
         """Give the plane's normal in a body's axes, where it is constant."""
+        # In a plane all turns are about the normal, which every cluster sees the same at all times.
         found: Array = self.poses.axes[cluster][0].T @ self.stage.towards
         return found
 
@@ -131,6 +135,7 @@ class Drafter:
         """Give the way from the first node to the second in the first's axes, over time."""
         one = self.places[edge.first]
         axes = self.poses.axes[one.cluster] @ one.turn
+        # The transposed matrix resolves ground vectors in the node's axes, at each time.
         found: Array = np.einsum("tji,tj->ti", axes, self.gap(edge.first, edge.second))
         return found
 
@@ -249,6 +254,7 @@ class Drafter:
             Its colour.
         """
         one, two = self.places[first], self.places[second]
+        # Within one body nothing stretches; between points that coincide there is nothing to show.
         if one.cluster != two.cluster and self.length(first, second) > 1e-9 * self.stage.size:
             self._between.setdefault((first, second), []).append((name, mesh, color))
 
@@ -257,6 +263,7 @@ class Drafter:
         one, two = self.places[first], self.places[second]
         stage, axes = self.stage, self.poses.axes
         gaps = self.gap(first, second)
+        # The direction at the greatest length is the best defined; struts may shrink to a point.
         gap = gaps[int(np.argmax(np.linalg.norm(gaps, axis=1)))]
         towards = stage.towards if stage.is_flat else shapes.axes_along(gap, stage.up)[:, 0]
         along = shapes.axes_along(gap, towards)
@@ -265,12 +272,15 @@ class Drafter:
             behind = 1.6 * self.pitch * stage.towards
         for i, (name, mesh, color) in enumerate(own):
             shift = (i - 0.5 * (len(own) - 1)) * apart - behind
+            # The shift, resolved at the first time, is fixed in the clusters and turns with them.
             ends = [p.local + axes[p.cluster, 0].T @ shift for p in (one, two)]
             side = axes[one.cluster, 0].T @ towards
             tracks = (one.cluster, two.cluster)
             self.struts.append(Strut(name, tracks, (ends[0], ends[1]), side, mesh, color))
             self.label(name, one.cluster, ends[0])
+        # The wall is wide enough for all struts side by side.
         width = (2.9 * len(own) + 0.6) * self.w
+        # A strut whose direction changes stands on a foot, one that keeps it on a wall.
         is_turning = np.linalg.norm(np.cross(gaps, gap), axis=1).max() > 0.1 * float(gap @ gap)
         for place in (one, two):
             if place.cluster == 0 and is_turning:

@@ -24,6 +24,7 @@ FAR = 15.0
 
 def _spread(n: int) -> Array:
     """Spread directions evenly over the sphere, on a spiral by the golden angle."""
+    # Slices of equal height have equal areas on a sphere (Archimedes).
     z = (2.0 * np.arange(n) + 1.0) / n - 1.0
     angle = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(n)
     r = np.sqrt(1.0 - z**2)
@@ -133,6 +134,7 @@ class Drawing:
         """
         axes = axes_along(self.up, self.towards if self.is_flat else None)
         low, high = self.bounds(axes)
+        # ``own`` is the mechanism's size at one time, ``path`` the way of its middle.
         own, path = float((high - low).max()), 0.5 * (low + high) @ axes.T
         low, high = low.min(axis=0), high.max(axis=0)
         is_far = float((high - low).max()) > FAR * own
@@ -146,6 +148,8 @@ class Drawing:
         step = _round_up(max(0.5 * own, size / 300.0) if is_far else size / 9.0)
         lines = []
         for fixed, free in ((one, two), (two, one)):
+            # Lines stand at multiples of the step, so that they do not depend on where the motion
+            # begins.
             middle = {k: round(0.5 * (low[k] + high[k]) / step) * step for k in (fixed, free)}
             extent = {k: high[k] - low[k] if is_far else size for k in (fixed, free)}
             n = {k: int(np.ceil(0.6 * extent[k] / step)) + (2 if is_far else 0) for k in extent}
@@ -177,10 +181,12 @@ class Drawing:
             corners.setdefault(solid.track, []).append(_outermost(solid.mesh.points))
         for strut in self.struts:
             for track, end in zip(strut.tracks, strut.ends, strict=True):
+                # A strut stays near the line of its ends, so that these bound it.
                 corners.setdefault(track, []).append(end[None])
         for track, parts in corners.items():
             points = np.concatenate(parts)
             turned = axes.T @ self.poses.axes[track]
+            # Rotation and view are one product for all frames of a track.
             placed = turned @ points.T + (self.poses.positions[track] @ axes)[:, :, None]
             low, high = np.minimum(low, placed.min(axis=2)), np.maximum(high, placed.max(axis=2))
         return low, high
@@ -189,6 +195,7 @@ class Drawing:
 def _dashes(path: Array, length: float) -> Array:
     """Give dashes of about a length along a path, at most 300, shape (n_lines, 2, 3)."""
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    # Dashes and gaps are equally long.
     n = int(min(300.0, 0.5 * way[-1] / length))
     at = np.linspace(0.0, way[-1], 2 * n)
     points = np.stack([np.interp(at, way, column) for column in path.T], axis=1)

@@ -16,6 +16,7 @@ def spring(draft: Drafter, edge: BoundEdge) -> None:
     """Show a coil."""
     length = draft.length(edge.first, edge.second)
     if length > 0.0:
+        # A coil is slim even where bars are thick against its length.
         radius = min(1.5 * draft.w, 0.15 * length)
         mesh = shapes.coil(radius, min(0.28 * draft.w, 0.2 * radius), length)
         draft.strut(edge.name, edge.first, edge.second, mesh, SPRING)

@@ -49,7 +49,17 @@ class WatchedModel(Protocol):
         ...
 
     def rhs(self, t: float, y: Any, p: Any = None, u: Any = None) -> Array:
-        """Evaluate the rates of the states."""
+        """Evaluate the rates of the states.
+
+        Parameters
+        ----------
+        t : float
+            Time, [s].
+        y : ndarray, shape (n_states,)
+            States.
+        p, u : ndarray, optional
+            Parameters and inputs; those of the scene where absent.
+        """
         ...
 
 
@@ -148,14 +158,17 @@ def coordinates_at(
     # Of several points at one time the last is what an event has made of the first.
     left = np.searchsorted(way * t, way * times, side="right") - 1
     left = np.clip(left, 0, len(t) - 2)
+    # Only the ends of intervals that hold a frame need accelerations.
     points = np.unique(np.concatenate([left, left + 1]))
     motion = _motion_at(model, system, p, t[points], y[:, points], u[:, points])
     place = np.searchsorted(points, left)
     first, last = motion[:, :, place], motion[:, :, place + 1]
     h = t[left + 1] - t[left]
+    # Both sides of an event have one time: the interval between them is empty, and its end counts.
     part = np.where(h != 0.0, (times - t[left]) / np.where(h != 0.0, h, 1.0), 1.0)
     found = _hermite(part, h, first, last)
     for rows in _quaternions(system):
+        # Interpolated quaternions leave the unit sphere by the error of the interpolation.
         found[rows] /= np.linalg.norm(found[rows], axis=0)
     return found
 
@@ -165,6 +178,7 @@ def _with_events(result: RunRecord) -> tuple[Array, Array, Array]:
     way = 1.0 if result.t[-1] >= result.t[0] else -1.0
     found = [row for row in result.events.values() if len(row.t)]
     when = np.concatenate([np.zeros(0), *(row.t for row in found)])
+    # A run may go backwards in time: ``way`` puts comparisons the right way round.
     is_within = (way * when >= way * result.t[0]) & (way * when <= way * result.t[-1])
     if not is_within.any():
         return result.t, result.y, result.input_values
@@ -179,6 +193,7 @@ def _with_events(result: RunRecord) -> tuple[Array, Array, Array]:
     y = np.concatenate([result.y[:, is_own], *sides], axis=1)
     own, of_events = result.input_values[:, is_own], result.input_values[:, near]
     u = np.concatenate([own, of_events, of_events], axis=1)
+    # A stable sort keeps the side before an event ahead of the one after it.
     order = np.argsort(way * t, kind="stable")
     return t[order], y[:, order], u[:, order]
 
@@ -204,6 +219,7 @@ def _motion_at(
             if isinstance(step.kind, FreeRotation):
                 q, w, a = list(values[rows]), list(speeds[own]), list(accelerations[own])
                 motion[1, rows] = quaternion_rates(q, w)
+                # q' = q w / 2 is linear in both: q'' = q' w / 2 + q w' / 2.
                 motion[2, rows] = quaternion_rates(list(motion[1, rows]), w)
                 motion[2, rows] += quaternion_rates(q, a)
             else:
@@ -224,6 +240,8 @@ def _quaternions(system: System) -> Iterator[slice]:
 def _hermite(x: Array, h: Array, first: Array, last: Array) -> Array:
     """Interpolate with values, rates and accelerations at both ends, at parts x of steps h."""
     (q0, v0, a0), (q1, v1, a1) = first, last
+    # What the Taylor polynomial of the first end leaves at the second: of value, rate and
+    # acceleration, each times a power of h.
     rest = q1 - (q0 + h * v0 + 0.5 * h**2 * a0)
     slope = h * (v1 - v0 - h * a0)
     bend = h**2 * (a1 - a0)

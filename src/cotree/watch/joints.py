@@ -50,10 +50,12 @@ def sliding(draft: Drafter, edge: BoundEdge) -> None:
     if draft.is_hidden(edge):
         return
     w, two = draft.w, draft.places[edge.second]
+    # A sliding joint does not turn its axis, so that both bodies see the same one.
     axis = draft.axis(edge, "axis", edge.second)
     if edge.component.name == "prismatic":
         block = shapes.box(3.4 * w, (0.75 if draft.stage.is_flat else 3.4) * w, 5.4 * w)
     else:
+        # A body that also turns about the axis slides in a sleeve, not in a block.
         block = shapes.ring(1.8 * w, 0.9 * w, 5.0 * w)
     y = draft.towards(two.cluster) if draft.stage.is_flat else None
     at = two.local + draft.raised(two.cluster)
@@ -69,6 +71,7 @@ def _rail(draft: Drafter, edge: BoundEdge, along: Array) -> None:
     w, one = draft.w, draft.places[edge.first]
     along = along / np.linalg.norm(along)
     way = draft.reach(edge) @ along
+    # The rail covers the whole run and the length of the block.
     low, high = float(way.min()) - 4.0 * w, float(way.max()) + 4.0 * w
     axis = one.turn @ along
     at = one.local + 0.5 * (low + high) * axis
@@ -83,6 +86,7 @@ def slot(draft: Drafter, edge: BoundEdge) -> None:
     two = draft.places[edge.second]
     at = two.local + draft.raised(two.cluster)
     draft.solid(edge.name, two.cluster, shapes.sphere(1.2 * draft.w).placed(at), JOINT)
+    # A line that turns with time has no one rail to draw.
     moving = draft.values.over_time(edge.vectors["axis"])
     if np.ptp(moving, axis=0).max() == 0.0:
         _rail(draft, edge, moving[0])
@@ -105,6 +109,7 @@ def _road(draft: Drafter, edge: BoundEdge, radius: float) -> None:
     """Draw the line that a disc rolls on, over the range of its motion."""
     one = draft.places[edge.first]
     normal = draft.values.numbers(edge.vectors["normal"])
+    # In the plane the disc rolls along what is normal to the view and to the road.
     along = np.cross(one.turn.T @ draft.towards(one.cluster), normal)
     reach = draft.reach(edge)
     way = reach @ along

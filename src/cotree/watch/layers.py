@@ -31,7 +31,9 @@ def layers_of(edges: Iterable[BoundEdge], places: Mapping[str, Place], n: int) -
             a, b = (places[name].cluster for name in (edge.first, edge.second))
             neighbours[max(a, b)].add(min(a, b))
     layers = [0] * n
+    # A greedy colouring: only neighbours of smaller numbers have their layers already.
     for cluster in range(1, n):
+        # The ground takes no layer.
         taken = {layers[other] for other in neighbours[cluster] if other}
         layers[cluster] = next(i for i in range(n) if i not in taken)
     return layers

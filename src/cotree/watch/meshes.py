@@ -21,6 +21,7 @@ LARGEST_FILE = 80_000_000
 
 _LARGEST_LENGTH = 1e6  # metres
 _MOST_FACES = 2_000_000
+# A triangle of binary STL: normal, three corners, a word of no meaning; 50 bytes, packed.
 _STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
@@ -49,6 +50,7 @@ def find_mesh(name: str, beside: Path, *, trust_paths: bool = False) -> Path:
         If there is no such file, or it lies elsewhere and paths are not trusted.
     """
     scheme, _, rest = name.rpartition("://")
+    # Other schemes would fetch something from a network.
     if scheme not in ("", "file", "package", "model"):
         raise MeshError(f"'{name[:80]}' is no file")
     if "\0" in name:
@@ -98,6 +100,7 @@ def read_mesh(path: Path) -> Mesh:
         If it cannot be read, or is too large.
     """
     try:
+        # The size is checked first, since the file is read whole.
         if path.stat().st_size > LARGEST_FILE:
             raise MeshError(f"'{path.name}' has more than {LARGEST_FILE // 1_000_000} MB")
         data = path.read_bytes()
@@ -126,12 +129,15 @@ def _checked(mesh: Mesh, name: str) -> Mesh:
         raise MeshError(f"'{name}' names corners that it does not have")
     if not np.isfinite(points).all() or np.abs(points).max() > _LARGEST_LENGTH:
         raise MeshError(f"'{name}' has corners that are no places")
+    # STL repeats each corner for every triangle: equal ones become one.
     corners, place = np.unique(points, axis=0, return_inverse=True)
     return Mesh(corners, place.reshape(-1)[faces])
 
 
 def _read_stl(data: bytes) -> Mesh:
     """Read STL, binary where the number of triangles fits the length, else as text."""
+    # 80 bytes of any text, then the number of triangles. Text files begin with "solid", and so do
+    # the headers of some binary ones.
     n = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
     if n >= 0 and len(data) >= 84 + n * _STL.itemsize and (n > 0 or data[:5] != b"solid"):
         rows = np.frombuffer(data, dtype=_STL, count=n, offset=84)
@@ -157,6 +163,7 @@ def _read_obj(text: str) -> Mesh:
             points.append([float(x) for x in words[1:4]])
         elif words[0] == "f":
             numbers = [int(word.partition("/")[0]) for word in words[1:]]
+            # OBJ counts from one; negative numbers count back from the last corner so far.
             corners = [i - 1 if i > 0 else len(points) + i for i in numbers]
             faces += [(corners[0], b, c) for b, c in pairwise(corners[1:])]
     return Mesh(np.array(points).reshape(-1, 3), np.array(faces, dtype=np.int64).reshape(-1, 3))
@@ -190,6 +197,7 @@ def coarser(mesh: Mesh, most: int) -> Mesh:
     cells, n = 1000.0, len(mesh.faces)
     while n > most and cells > 2.0:
         keys = np.floor((mesh.points - low) / extent * cells).astype(np.int64)
+        # At most 1001 cells along each side make the numbers of cells distinct.
         _, place = np.unique(keys @ [1, 2000, 4_000_000], return_inverse=True)
         faces = place[mesh.faces]
         is_kept = (np.diff(np.sort(faces, axis=1), axis=1) > 0).all(axis=1)

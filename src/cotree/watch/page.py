@@ -76,6 +76,7 @@ def page(drawing: Drawing) -> str:
         generator=f"cotree {VERSION}",
         last=len(drawing.frames.times) - 1,
         speeds=tuple((f"{factor}×", factor) for factor in _SPEEDS),
+        # These come from the package, not from a scene, and are not escaped.
         style=Markup(style),
         script=Markup(script),
         data=Markup(embedded(page_data(drawing))),
@@ -87,6 +88,7 @@ def embedded(value: Any) -> str:
     """Write JSON that is safe within a script element."""
     text = json.dumps(value, separators=(",", ":"), allow_nan=False)
     # ASCII by default, so that no separator of lines can hide in it either.
+    # A "</script>" in a name would else end the element that the data stand in.
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
@@ -98,6 +100,7 @@ def page_data(drawing: Drawing) -> dict[str, Any]:
     """
     poses, frames = drawing.poses, drawing.frames
     camera, reach = place_camera(drawing, None)
+    # Tracks that carry nothing are left out of the file.
     used = sorted(
         {solid.track for solid in drawing.solids}
         | {track for strut in drawing.struts for track in strut.tracks}
@@ -106,6 +109,7 @@ def page_data(drawing: Drawing) -> dict[str, Any]:
     number = {track: i for i, track in enumerate(used)}
     extent = float(np.abs(poses.positions[used]).max())
     extent = max(extent, float(np.abs(camera.centres).max()), float(max(reach)))
+    # Few digits of the unit suffice, since positions are multiples of it.
     unit = float(f"{extent / _GRAINS:.3g}") or 1.0
     times = frames.times
     return {
@@ -166,6 +170,7 @@ def _short(values: Sequence[float] | Array) -> list[float]:
 def _differences(rows: Array) -> list[int]:
     """Round rows to whole numbers, and give the first and the steps from each to the next."""
     whole = np.rint(rows).astype(np.int64)
+    # Rounding before taking differences keeps errors from adding up over the frames.
     steps = np.diff(whole, axis=0)
     if not steps.any():
         return [int(v) for v in whole[0]]
@@ -173,7 +178,7 @@ def _differences(rows: Array) -> list[int]:
 
 
 def _quaternions(axes: Array) -> Array:
-    """Give unit quaternions, scalar first, of matrices; neighbours have no opposite signs."""
+    """Give unit quaternions, scalar first, of matrices; signs are continuous over time."""
     r = axes
     # Four times the squares of the entries; the largest is the divisor (S. Shepperd, 1978).
     trace = np.trace(r, axis1=1, axis2=2)
@@ -189,6 +194,7 @@ def _quaternions(axes: Array) -> Array:
     largest = np.argmax(squares, axis=1)
     found: Array = products[np.arange(len(r)), largest]
     found /= np.linalg.norm(found, axis=1, keepdims=True)
+    # q and -q are the same rotation; interpolation between frames needs them on the same side.
     turns = np.sign(np.einsum("ti,ti->t", found[1:], found[:-1]))
     turns = np.cumprod(np.where(turns < 0.0, -1.0, 1.0))
     found[1:] *= turns[:, None]

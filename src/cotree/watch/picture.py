@@ -44,6 +44,7 @@ class Painter:
         self._floor = drawing.floor()
         shown = [(solid.mesh, solid.color) for solid in drawing.solids]
         shown += [(strut.mesh, strut.color) for strut in drawing.struts]
+        # Faces stay the same in all frames; only points move.
         self._faces = joined(mesh for mesh, _ in shown).faces
         self._colors = np.concatenate([np.tile(color, (len(m.faces), 1)) for m, color in shown])
 
@@ -52,6 +53,7 @@ class Painter:
         from PIL import Image, ImageDraw
 
         width, height = (_FINER * n for n in self.size)
+        # Painted at twice the size and reduced, edges come out smooth.
         paper = Image.new("RGB", (width, height), _PAPER)
         pen = ImageDraw.Draw(paper)
         for ends in self._floor:
@@ -69,6 +71,7 @@ class Painter:
         return image
 
     def _pixels(self, places: Array) -> Array:
+        # Rows of a picture are counted downwards.
         found: Array = (places * [1.0, -1.0] + 1.0) * (0.5 * _FINER * np.array(self.size))
         return found
 
@@ -88,6 +91,7 @@ class Painter:
         normals = np.cross(b - a, c - a)
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
         own = normals @ self.camera.axes
+        # Normals that point away are turned: what is seen of such a face is its back.
         own *= np.where(own[:, 2:] < 0.0, -1.0, 1.0)
         lit = np.clip(own @ (_LIGHT / np.linalg.norm(_LIGHT)), 0.0, 1.0)
         found: Array = (0.62 + 0.38 * lit)[:, None]
@@ -139,6 +143,7 @@ def strut_points(strut: Strut, poses: Poses, frame: int) -> Array:
     ]
     gap = ends[1] - ends[0]
     length = float(np.linalg.norm(gap))
+    # Without a direction the strut shrinks to a point.
     if length == 0.0:
         return np.repeat(ends[0][None], len(strut.mesh.points), axis=0)
     axes = axes_along(gap, poses.axes[strut.tracks[0], frame] @ strut.side)
@@ -156,12 +161,15 @@ def _visible(
     corners = pixels[faces]
     x, y = corners[:, :, 0], corners[:, :, 1]
     area = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])
+    # Pixel rows whose middles, at n + 1/2, lie within the triangle.
     top = np.clip(np.ceil(y.min(axis=1) - 0.5), 0, height).astype(np.int64)
     bottom = np.clip(np.ceil(y.max(axis=1) - 0.5), 0, height).astype(np.int64)
     is_seen = (np.abs(area) > 1e-9) & np.isfinite(area)
     n_rows = np.where(is_seen, np.maximum(bottom - top, 0), 0)
+    # One entry for each row that a face crosses, then one for each pixel of that row.
     face = np.repeat(np.arange(len(faces)), n_rows)
     row = np.arange(len(face)) - np.repeat(np.cumsum(n_rows) - n_rows, n_rows) + top[face]
+    # Each edge bounds the row on one side: what lies between the innermost cuts is inside.
     low = np.zeros(len(face))
     high = np.full(len(face), float(width))
     for i in range(3):
@@ -200,7 +208,7 @@ def gif(drawing: Drawing, width: int, height: int | None, most: int) -> bytes:
     drawing : Drawing
         The drawing.
     width, height : int and int or None
-        Width of the pictures, [px].
+        Size of the pictures, [px]; None takes the height that suits the drawing.
     most : int
         Frames at the most; of more every other, third and so on is taken.
     """

@@ -109,6 +109,7 @@ class MotionValues:
         return np.stack([self._over_time(value) for value in values], axis=-1)
 
     def _over_time(self, value: float | Array) -> Array:
+        # Values of parameters only are one number for all times.
         return np.broadcast_to(np.asarray(value, dtype=float), (self.n,))
 
     def poses(self) -> Poses:
@@ -117,11 +118,13 @@ class MotionValues:
         nodes: list[Node] = []
         for geometry in motion.geometry:
             child = geometry.branch.child
+            # All nodes are evaluated at once, so that values they share are computed once.
             nodes += geometry.offset
             for matrix in (motion.frames.rotations[child].matrix, motion.frames.steps[child]):
                 nodes += [entry for row in matrix or () for entry in row]
         with np.errstate(all="ignore"):  # what is not finite is seen by whoever draws it
             values = evaluate(nodes, self._moving, "array")
+        # Taken in the order in which they were listed above.
         rows = iter(values)
 
         def taken(k: int) -> Array:
@@ -132,6 +135,8 @@ class MotionValues:
         origins, bases, axes = [np.zeros((self.n, 3))], [still], [still]
         for geometry in motion.geometry:
             branch = geometry.branch
+            # Across variables add along the branches (f-circuits): position of the parent and the
+            # offset.
             basis = bases[branch.parent]
             origins.append(origins[branch.parent] + (basis @ taken(3)[:, :, None])[:, :, 0])
             own = taken(9).reshape(self.n, 3, 3)

@@ -1,4 +1,4 @@
-"""Shapes as triangles: boxes, cylinders, capsules, spheres, discs, rings, coils, gratings.
+"""Shapes as triangles: boxes, cylinders, capsules, spheres, plates, rings, wheels, coils.
 
 Lengths are in metres. Shapes with an axis have it along z and their middle at the origin, but
 those that reach between two points, which go from zero to one along z.
@@ -38,6 +38,7 @@ class Mesh:
 
     def placed(self, position: Array, axes: Array | None = None) -> Mesh:
         """Turn by a matrix, then move."""
+        # Points are rows, hence the transposed matrix on the right.
         turned = self.points if axes is None else self.points @ axes.T
         return Mesh(turned + position, self.faces)
 
@@ -67,6 +68,7 @@ def box(a: float, b: float, c: float) -> Mesh:
         Its lengths along x, y and z, [m].
     """
     corners = [[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
+    # Four corners each, counter-clockwise from outside; corners are numbered in binary by x, y, z.
     sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     faces = [t for i, j, k, m in sides for t in ((i, j, k), (i, k, m))]
     return Mesh(np.array(corners) * [a, b, c], np.array(faces))
@@ -83,6 +85,7 @@ def turned(profile: Sequence[tuple[float, float]], sides: int = _ROUND) -> Mesh:
     faces = []
     for i in range(len(profile) - 1):
         a, b = i * sides, (i + 1) * sides
+        # On the axis a ring is a point, and one of the two triangles has no area.
         if profile[i][0] > 0.0:
             faces.append(np.column_stack([a + here, a + after, b + after]))
         if profile[i + 1][0] > 0.0:
@@ -100,6 +103,7 @@ def sphere(radius: float) -> Mesh:
     """Make a sphere."""
     angles = np.linspace(-0.5 * np.pi, 0.5 * np.pi, _ROUND // 2 + 1)
     profile = [(radius * float(np.cos(a)), radius * float(np.sin(a))) for a in angles]
+    # Exact zeros, since the cosine of a right angle is 6e-17.
     profile[0], profile[-1] = (0.0, -radius), (0.0, radius)
     return turned(profile)
 
@@ -197,6 +201,7 @@ def coil(radius: float, wire: float, length: float) -> Mesh:
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     across = np.column_stack([tangent[:, 1], -tangent[:, 0], np.zeros(n + 1)])
     turn = 2 * np.pi * np.arange(around) / around
+    # The coil has length one here and is stretched later, the height of its wire with it.
     up = np.array([0.0, 0.0, wire / length])
     rings = path[:, None] + wire * np.cos(turn)[:, None] * across[:, None]
     rings = rings + np.sin(turn)[:, None] * up
@@ -224,8 +229,10 @@ def about_z(angle: float) -> Array:
 def axes_along(z: Array, y: Array | None = None) -> Array:
     """Give right-handed axes with z along a vector, and y as near to another as may be."""
     z = z / np.linalg.norm(z)
+    # The coordinate axis that is furthest from z.
     near = np.eye(3)[int(np.argmin(np.abs(z)))] if y is None else y
     x = np.cross(near, z)
+    # Both directions are parallel, and any other y will do.
     if np.linalg.norm(x) < 1e-9:
         return axes_along(z)
     x /= np.linalg.norm(x)

@@ -87,11 +87,14 @@ def set_stage(first: FirstGraph, values: MotionValues, view: tuple[float, float]
     towards = _plane_side(system.plane, up) if is_flat else _direction(up, view or VIEW)
     arms = _arms(first, places)
     size = _size(poses, places)
+    # Arms of no length are turns, and would make the median of the lengths vanish.
     lengths = [length for length in arms.values() if length > 1e-9 * size]
+    # Bars of a small body on a large mechanism are thinner, but never invisible.
     thickness = _OF_SIZE * size
     if lengths:
         thickness = max(min(thickness, _OF_ARM * float(np.median(lengths))), _LEAST * size)
     edges = system.edges
+    # The cluster that each edge's second node belongs to.
     held = {edge.name: places[edge.second].cluster for edge in edges.values()}
     reach: dict[int, float] = {}
     for name, length in arms.items():
@@ -154,7 +157,7 @@ def _arms(first: FirstGraph, places: Mapping[str, Place]) -> dict[str, float]:
 
 
 def _size(poses: Poses, places: Mapping[str, Place]) -> float:
-    """Give the extent of the nodes at one time, the largest; of their way if they are one point."""
+    """Give the largest extent of the nodes at any one time, [m]; one where all are one point."""
     paths = np.stack([poses.of(place.cluster, place.local) for place in places.values()])
     moving = np.array([place.cluster != 0 for place in places.values()])
     own = float(np.linalg.norm(np.ptp(paths, axis=0), axis=1).max())
@@ -179,6 +182,7 @@ def _spurs(
         if edge.component.role not in (Role.BODY, Role.FORCE, Role.TORQUE)
         for name in (edge.first, edge.second)
     )
+    # Networks may act on nodes, too: an arm to such a node is no spur.
     uses.update(n for edge in first.scene.edges.values() for e in edge.ports for n in e.acts_on)
     return frozenset(
         name

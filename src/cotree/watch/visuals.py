@@ -60,6 +60,7 @@ def visual_meshes(
         except MeshError as error:
             failed[visual.file] = str(error)
             continue
+        # First to the node's axes by the visual's pose, then to those of the cluster.
         rows = rotation_rows(visual.rpy, 0.0)
         mesh = mesh.placed(np.array(visual.xyz), None if rows is None else np.array(rows))
         own = found.setdefault(place.cluster, [])
@@ -108,6 +109,7 @@ def _bounded(found: dict[int, list[tuple[str, Mesh]]]) -> dict[int, list[tuple[s
     total = sum(len(mesh.faces) for own in found.values() for _, mesh in own)
     if total <= MOST_FACES:
         return found
+    # The budget is that of the whole drawing: a robot may have many meshes of moderate size.
     share = MOST_FACES / total
     return {
         track: [
