@@ -1,8 +1,9 @@
 """Cache of compiled libraries: a folder of the user, addressed by all inputs of each library.
 
 A library stands there as ``<key>.so``, and an object file that several libraries link as
-``<key>.o``, each with its checksum in ``<key>.sha256``. Both are published by atomic rename from a private folder, so a reader never meets half a file. A library whose checksum
-does not fit, whatever the reason, counts as absent and is built again.
+``<key>.o``, each with its checksum in ``<key>.sha256``. Both are published by atomic rename from a
+private folder, so a reader never meets half a file. A file whose checksum does not fit, whatever
+the reason, counts as absent and is built again.
 
 Of processes that want the same library at the same time, one builds it and the others wait for a
 lock. The lock only saves work: a process that cannot get it builds for itself, correctly.

@@ -292,7 +292,8 @@ def _stop_rows(program: Program) -> list[str]:
         if not math.isfinite(period) or period == 0.0:
             period, slopes[1::2] = 0.0, [0.0] * len(stop.along)
         slopes[1::2] = [sign * d for d in slopes[1::2]]
-        rows.add((first, abs(period), float(stop.starts), *slopes))
+        # With a positive period, times that began at the first one and went back end there.
+        rows.add((first, abs(period), sign * stop.starts, *slopes))
     return [f"{{{', '.join(map(literal, row))}}}" for row in sorted(rows)]
 
 
