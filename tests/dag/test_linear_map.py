@@ -7,6 +7,7 @@ import random
 import numpy as np
 import pytest
 
+import cotree
 from cotree.dag.derivative import adjoints, tangents
 from cotree.dag.evaluate import evaluate
 from cotree.dag.linear_map import apply_map, form_map
@@ -75,3 +76,37 @@ def test_what_is_not_linear_has_no_map():
     assert form_map(dag, [a * a], [a], column) is None
     assert form_map(dag, [dag.function("exp", a)], [a], column) is None
     assert form_map(dag, [x + 0.0 * a], [a], column) is None  # does not vanish with a
+
+
+@pytest.mark.parametrize(
+    ("value", "is_map"), [("sin", True), ("sqrt", False), ("log", False), ("exp", False)]
+)
+def test_a_choice_that_keeps_out_what_has_no_value_is_no_product(value, is_map):
+    """A weight of zero times infinity or nan is nan: such a choice remains a choice."""
+    dag = Dag()
+    x, a, c = dag.symbol("x", 0), dag.symbol("a", 0), dag.symbol("c", 0)
+    guarded = dag.select(x, dag.function(value, x) * a, dag.zero)
+    assert (form_map(dag, [guarded], [a], [[c]]) is not None) == is_map
+
+
+def test_sensitivities_pass_by_a_law_that_has_no_value_where_it_does_not_act():
+    """Rods that do not reach the length where a force begins move as they do without it."""
+    rates = []
+    for has_force in (True, False):
+        scene = cotree.Scene("chain", gravity=[0, -9.81, 0])
+        node, names = "ground", [f"L{i}" for i in range(3)]
+        for i, name in enumerate(names):
+            scene.parameter(name, 0.5)
+            scene.edge(f"h{i}", "revolute", node, f"A{i}", axis=[0, 0, 1], initial={"theta": -0.5})
+            scene.edge(f"r{i}", "arm", f"A{i}", node := f"B{i}", vector=[0, f"-{name}", 0])
+            scene.edge(f"b{i}", "rigid_body", "ground", node, mass=1.0, inertia=0.1)
+        if has_force:
+            law = "where(length > 100, sqrt(length - 100), 0)"
+            scene.edge("stop", "line_force", "ground", node, force=law)
+        model = scene.compile(names, optimize="-O0")
+        s = np.ones((len(model.states), len(names)))
+        rates.append(model.sensitivity_rhs(0.0, model.initial_state, s))
+        rates.append(model.jacobian(0.0, model.initial_state))
+    # Both give the same sums in another order.
+    np.testing.assert_allclose(rates[0], rates[2], rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(rates[1], rates[3], rtol=1e-12, atol=1e-12)

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 #: Operations that values of a column may be made by; divisions by shared values become products.
 _LINEAR = frozenset({"add", "sub", "mul", "neg"})
+#: Operations that give a finite value wherever their arguments are finite, but for overflow.
+_FINITE = _LINEAR | {"abs", "sign", "floor", "sin", "cos", "atan", "tanh", "min", "max", "select"}
 #: Columns that C takes at a time on most machines; values that vanish in all are left out.
 BLOCK = 4
 
@@ -174,7 +176,8 @@ def form_map(
     -------
     (LinearMap, tuple of Node) or None
         The map and what its columns share. None where something is not made by sums and products:
-        a linear system that is solved at run time.
+        a linear system that is solved at run time, or a choice that keeps a value out where it has
+        none, as ``where(x > 0, sqrt(x), 0)`` does.
     """
     given = tuple(
         sum(1 << i for i, value in enumerate(column) if not value.is_zero) for column in columns
@@ -183,7 +186,10 @@ def form_map(
     idle = {
         node: dag.zero for i, node in enumerate(inputs) if not any(bits >> i & 1 for bits in given)
     }
-    results = _as_products(dag, substitute(results, idle), inputs)
+    products = _as_products(dag, substitute(results, idle), inputs)
+    if products is None:
+        return None
+    results = products
     order = reachable(results)
     among = dependent(order, inputs)
     # Values that depend on a column, as opposed to those that all columns share.
@@ -214,15 +220,19 @@ def _is_linear(node: Node, varying: Container[Node]) -> bool:
     return node.op in _LINEAR and (times == 1 if node.op == "mul" else times == len(node.args))
 
 
-def _as_products(dag: Dag, results: Sequence[Node], inputs: Sequence[Node]) -> list[Node]:
+def _as_products(dag: Dag, results: Sequence[Node], inputs: Sequence[Node]) -> list[Node] | None:
     """Turn divisions by shared values, and choices that these make, into products.
 
-    Solutions of linear systems with shared matrices become sums of those for unit vectors.
+    Solutions of linear systems with shared matrices become sums of those for unit vectors. None
+    where a choice is no such product: a weight of zero does not keep out what is infinite or nan.
     """
     varying = set(inputs)
+    unsafe: set[Node] = set()
     made: dict[Node, Node] = {}
     inverses: dict[Node, list[tuple[Node, ...]]] = {}
     for node in reachable(results):
+        if node.args and (node.op not in _FINITE or any(arg in unsafe for arg in node.args)):
+            unsafe.add(node)
         if not any(arg in varying for arg in node.args):
             continue
         varying.add(node)
@@ -231,6 +241,8 @@ def _as_products(dag: Dag, results: Sequence[Node], inputs: Sequence[Node]) -> l
             # The reciprocal is shared by all columns.
             made[node] = args[0] * (1.0 / args[1])
         elif node.op == "select" and node.args[0] not in varying:
+            if any(arg in unsafe for arg in node.args[1:]):
+                return None
             # A choice that all columns share is a sum with weights one and zero.
             share = dag.select(args[0], dag.one, dag.zero)
             made[node] = share * args[1] + (1.0 - share) * args[2]
