@@ -331,6 +331,7 @@ def test_points_between_steps_of_stiff_methods(
     assert int(lines[1]) == BAD_ARGUMENT
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("integrator", ["dopri5", "rodas5"])
 def test_corners_that_end_at_a_time_are_stopped_at(tmp_path, compiler, integrator):
     scene = Scene("falling-steps")

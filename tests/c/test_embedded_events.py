@@ -145,6 +145,7 @@ def test_integrators_with_algebraic_unknowns_of_their_own(
     np.testing.assert_allclose(found, exact, rtol=1e-6, atol=1e-8)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "integrator",
     [

@@ -57,7 +57,7 @@ def _n_blocks(program):
     return sum(len(kernel.body.blocks) for kernel in model_context(program).kernels)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.compiler
 @pytest.mark.parametrize("name", SCENES)
 def test_shipped_scenes_compute_the_same(name, cut_at, load_kernels):
@@ -74,7 +74,7 @@ def test_shipped_scenes_compute_the_same(name, cut_at, load_kernels):
         assert np.array_equal(values, cut[kernel], equal_nan=True), kernel
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(2)
 @pytest.mark.compiler
 @pytest.mark.parametrize("name", SCENES)
 def test_shipped_scenes_compute_the_same_in_loops(name, monkeypatch, load_kernels):

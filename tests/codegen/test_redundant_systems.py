@@ -68,6 +68,7 @@ def solved(request):
     return lambda a, b, shape: by(a, b, shape, request)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(("n", "rank"), [(1, 0), (2, 1), (5, 4), (5, 2), (7, 3), (8, 0), (6, 6)])
 def test_semidefinite_systems(solved, n, rank):
     rng = np.random.default_rng(10 * n + rank)
@@ -81,6 +82,7 @@ def test_semidefinite_systems(solved, n, rank):
     assert bool(solved(a, b, SolveShape(n, 1))[2]) == (rank == n)
 
 
+@pytest.mark.sampled(11)
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(
     ("n", "m", "rank"), [(2, 2, 1), (4, 3, 2), (5, 5, 3), (3, 4, 3), (4, 2, 2)]

@@ -108,7 +108,7 @@ def test_solve_call_and_table_are_clean(made_up, run_compiler, is_staged):
         run_compiler(_files(program), "-c")
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("method", STEPPERS)
 def test_engines_are_clean(run_compiler, method):
     run_compiler(engine_files(method), "-c")
@@ -271,6 +271,7 @@ def _check_against_python(program, found):
             np.testing.assert_allclose(values, expected, rtol=1e-12, atol=1e-13, err_msg=name)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.usefixtures("in_blocks")
 def test_shipped_scenes_run_clean_under_sanitizers(program_of, scene_name, run_compiler):
     program = program_of(scene_name)
@@ -278,6 +279,7 @@ def test_shipped_scenes_run_clean_under_sanitizers(program_of, scene_name, run_c
     _check_against_python(program, found)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.usefixtures("in_blocks")
 def test_a_busy_scene_runs_clean_under_sanitizers(run_compiler):
     program = _busy()
@@ -306,6 +308,7 @@ def test_a_scene_with_constraints_runs_clean_under_sanitizers(run_compiler, sens
     _check_against_python(program, found)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("sensitivities", [(), ("C", "Is")])
 @pytest.mark.usefixtures("in_blocks")
 def test_a_scene_with_algebraic_unknowns_runs_clean_under_sanitizers(run_compiler, sensitivities):

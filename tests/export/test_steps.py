@@ -241,7 +241,7 @@ def test_the_text_is_the_golden_one(
     golden(f"{GOLDEN}/{file}", steps(cotree.load(scene), name, tree))
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(3)
 @pytest.mark.usefixtures("unwrapped")
 @pytest.mark.parametrize(
     ("scene", "name", "tree"),

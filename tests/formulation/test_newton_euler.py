@@ -72,7 +72,7 @@ def test_random_trees_obey_the_principle(seed):
     check_model(scene, state=np.random.default_rng(seed).uniform(-1.0, 1.0, n_states))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(3)
 @every_joint
 @pytest.mark.compiler
 @pytest.mark.parametrize("seed", range(10))
@@ -101,7 +101,7 @@ def test_the_length_of_a_quaternion_is_of_no_account(seed):
     assert np.allclose(model.rhs(0.3, longer)[n:], ours, rtol=1e-11, atol=1e-11)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(3)
 @every_joint
 @pytest.mark.compiler
 @pytest.mark.parametrize("seed", range(9))
@@ -126,6 +126,7 @@ def test_planar_loops_obey_the_principle(seed):
     check_model(scene, tree, NewtonEuler(scene, tree).start)
 
 
+@pytest.mark.sampled(2)
 @every_joint
 @pytest.mark.compiler
 @pytest.mark.parametrize("seed", cases([0, 27], [2, 3]))  # 27: its first joint is outside the loop
@@ -237,6 +238,7 @@ def test_energy_of_every_joint_changes_by_the_power_of_drives_and_dampers(seed):
     check_energy(oracle, oracle.start)
 
 
+@pytest.mark.sampled(3)
 @every_joint
 @pytest.mark.parametrize("seed", range(9))
 def test_energy_of_loops_changes_by_the_power_of_drives_and_dampers(seed):
@@ -245,6 +247,7 @@ def test_energy_of_loops_changes_by_the_power_of_drives_and_dampers(seed):
     check_energy(oracle, oracle.start)
 
 
+@pytest.mark.sampled(3)
 @every_joint
 @pytest.mark.parametrize("seed", range(10))
 def test_bodies_as_branches_move_as_joints_move_them(seed):
@@ -255,6 +258,7 @@ def test_bodies_as_branches_move_as_joints_move_them(seed):
     check_same_motion(own, absolute, own.start)
 
 
+@pytest.mark.sampled(2)
 @every_joint
 @pytest.mark.parametrize("seed", [0, 2, 3, 4, 5, 6])
 def test_a_loop_moves_the_same_wherever_its_tree_is_cut(seed):

@@ -32,6 +32,7 @@ def scenes():
     }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", list(scenes()))
 def test_one_product_for_each_colour_gives_all_entries(name):
     scene, expected = scenes()[name]

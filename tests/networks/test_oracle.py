@@ -82,7 +82,7 @@ def check_values(network: LinearNetwork, seed: int) -> None:
             assert abs(found - rate_of(network, d[n:], state)) <= SECOND * size, (state, name)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("chunk", range(CHUNKS))
 @pytest.mark.parametrize("is_silly", [False, True])
 def test_random_networks_are_solved_right_or_refused(chunk, is_silly):
@@ -100,7 +100,7 @@ def test_random_networks_are_solved_right_or_refused(chunk, is_silly):
     assert outcomes["solved"] >= CHUNK // 4  # or this would test nothing
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("chunk", range(CHUNKS))
 def test_transfer_functions_of_random_networks(chunk):
     """A, B, C, D against the equations in the frequency domain; sources are inputs."""

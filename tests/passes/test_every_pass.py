@@ -92,6 +92,7 @@ def _same_values(found, expected):
 # ---- values stay
 
 
+@pytest.mark.sampled(9)
 @pytest.mark.parametrize("name", PASSES)
 @pytest.mark.parametrize("scene", SHIPPED)
 def test_passes_keep_the_values(scene, name):
@@ -110,6 +111,7 @@ def test_maps_keep_the_values(scene, monkeypatch):
     _same_values(mapped, written_out)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("scene", SHIPPED)
 def test_formulations_give_the_same_rates(scene, monkeypatch):
     """In all axes and by both eliminations, of the tree that is chosen: the states are the same."""

@@ -41,6 +41,7 @@ SCENES = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("draw", SCENES.values(), ids=SCENES)
 def test_both_parts_together_are_the_derivatives(draw):
     equations = formulate(*draw(), None)[1]

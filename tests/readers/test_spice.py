@@ -505,6 +505,7 @@ LONG_TAIL = (
 )
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "method", ["rodas5", *(pytest.param(n, marks=pytest.mark.slow) for n in ("ida", "BDF"))]
 )
@@ -533,6 +534,7 @@ def test_a_transit_time_with_an_early_voltage_is_read():
     assert scene.compile().simulate().success
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("uic", ["", " uic"])
 @pytest.mark.parametrize("sign", ["", "-"])
 def test_windings_of_one_flux_are_the_limit_of_close_ones(sign, uic):

@@ -137,6 +137,7 @@ def saved(scene, folder):
     return read
 
 
+@pytest.mark.sampled(47)
 @pytest.mark.parametrize("name", SCENES)
 def test_a_scene_comes_back_as_it_was(name, tmp_path):
     scene = SCENES[name]()
@@ -149,6 +150,7 @@ def test_a_scene_comes_back_as_it_was(name, tmp_path):
 FAST = ("slider-pendulum", "bouncing-ball", "motor-linkage", "everything", "held", "network 3")
 
 
+@pytest.mark.sampled(47)
 @pytest.mark.parametrize("name", cases(FAST, [name for name in SCENES if name not in FAST]))
 def test_the_program_stays_the_same(name):
     scene = SCENES[name]()

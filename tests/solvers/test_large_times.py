@@ -66,6 +66,7 @@ def test_motion_that_knows_no_time_is_right_at_any(decay: cotree.Model, method: 
             assert np.all(direction * np.diff(steps) > 0.0)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("method", INSTALLED)
 def test_motion_that_is_driven_is_right_or_refused(driven: cotree.Model, method: str) -> None:
     for start in (1.7e9, 1e11, 1e12, 1e13, 1e14):

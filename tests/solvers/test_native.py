@@ -72,7 +72,7 @@ def test_agrees_with_a_tight_solution_of_another_method(slider, method):
     assert np.array_equal(result.t, times)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", NATIVE)
 def test_points_between_steps_are_as_accurate_as_steps(slider, method):
     times = np.linspace(0.0, 3.0, 2001)

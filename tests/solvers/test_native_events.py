@@ -96,7 +96,7 @@ def test_a_loop_whose_crank_is_turned_back(kind):
     assert result.drift.worst < 1e-13
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 def test_positions_that_are_set_in_a_loop(kind):
     scene = four_bar()
     scene.event("back", "crank.theta - 0.3", direction=-1, set={"crank.theta": "crank.theta + 0.4"})
@@ -315,6 +315,7 @@ def test_bounces_end_at_the_same_one(method):
     assert agree(ball().compile(), 20.0, times=None, most=1e-6, method=method).status == -1
 
 
+@pytest.mark.sampled(2)
 def test_python_explains_what_contradicts_the_constraints(in_c):
     """C asks Python for positions, which finds none either and names the constraints."""
     with pytest.warns(RuntimeWarning, match="contradicts the constraints .the initial positions"):

@@ -146,6 +146,7 @@ def test_jumps_of_an_input_are_corners(method):
     assert result.statistics.method == method
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("make", "size"), [(rc_ladder, 200), (rc_grid, 15)])
 def test_narrow_and_wide_bands(make, size, method):

@@ -88,6 +88,7 @@ def test_a_state_on_the_constraints_costs_one_step():
     assert model.calls == {"projection": 1, "constraints": 1}
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", ALL)
 def test_held_at_rounding_and_more_accurate(method):
     rtol = 1e-4 if method == "RK23" else 1e-6

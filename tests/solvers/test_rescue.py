@@ -10,6 +10,7 @@ from cotree import Scene
 pytestmark = pytest.mark.compiler
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", ["dopri5", "dop853", "rodas4", "rodas5", "cvode", "ida"])
 def test_an_unknown_jumps_beyond_where_its_equation_turns_round(method: str) -> None:
     """C v' = z and z^3 - 3 z = 3 q, whose sign turns at 0.5: Newton's way is barred at z = 1.

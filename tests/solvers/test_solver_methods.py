@@ -30,7 +30,7 @@ def _error(trajectory) -> float:
     return float(np.max(np.abs(trajectory.z - exact) / np.maximum(1, np.abs(exact))))
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("damped", [True, False])
 @pytest.mark.parametrize("method", cases(SHORT, ["Radau"]))
 def test_closed_form_at_tight_tolerance(method, damped, monkeypatch):
@@ -69,6 +69,7 @@ def test_outputs_between_steps_are_as_accurate_as_steps(method):
     assert error[1] < 2 * error[0]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", ALL)
 def test_own_steps_without_t_eval(method):
     result = integrate(oscillator(), method)
@@ -90,6 +91,7 @@ def test_backwards_in_time(method):
     np.testing.assert_allclose(result.z[0], np.exp(2 - times), rtol=1e-4)
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("method", cases(SHORT, LONG))
 @pytest.mark.parametrize(
     "times", [[0.0], [5.0], [0.0, 5.0], [2.5], [0.0, 1e-12, 1.0, np.nextafter(1.0, 2.0), 5.0]]
@@ -146,6 +148,7 @@ def test_stiff_reactions_with_sensitivities(method, has_jacobian):
     assert result.statistics.n_steps < 1000
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", IMPLICIT)
 def test_sensitivities_outside_the_error_test_survive_a_stiff_problem(method):
     result = integrate(robertson(1e11, rtol=1e-8, error_test_sensitivities=False), method)

@@ -210,6 +210,7 @@ def test_diodes_in_series_find_their_start(n, guess):
     np.testing.assert_allclose(start.y[1:], THERMAL * np.log1p(current / SATURATION), rtol=1e-13)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", ["Radau", "BDF", "LSODA", "cvode", "ida", "auto"])
 def test_diode_charges_a_capacitor(method):
     """The reduced equation by Lambert's function, integrated with Radau's method of its own."""
@@ -329,7 +330,7 @@ def test_singular_systems_name_what_they_leave_free(rates, names):
     assert f"determine {names}" in str(caught.value)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("method", ALL)
 def test_a_run_into_a_fold_stops_with_its_reason(method):
     """x' = -1, 0 = z^2 - x: no solution is left beyond t = 1."""

@@ -470,6 +470,7 @@ def test_what_runs_with_events_cannot_do(ball_model):
         scene.compile(["e"]).simulate((0, 1)).event_sensitivity("hip", "e")
 
 
+@pytest.mark.sampled(2)
 def test_a_set_that_leaves_a_choice_has_no_sensitivities(loop):
     """Two bodies tied by a rod have three freedoms; one speed set leaves the others open."""
     scene = cotree.Scene("tied", gravity=[0, -9.81, 0])

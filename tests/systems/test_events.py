@@ -199,7 +199,7 @@ def test_an_impact_of_one_coordinate_reverses_its_rate(when, loop):
     check_pendulum(scene.compile(list(PENDULUM)).simulate((0, 4), method=loop, **TIGHT))
 
 
-@pytest.mark.sampled(7)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     "event", [{"set": {"x.s_dot": "-e*x.s_dot"}}, {"impact": {"restitution": "e"}}]
 )

@@ -109,7 +109,7 @@ def parameters_of(name: str) -> tuple[str, ...]:
     return tuple(read_reference(name)["sensitivities"]["values"])
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @each_coordinates
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_every_reference_value_to_eight_digits(name, coordinates):
@@ -119,7 +119,7 @@ def test_every_reference_value_to_eight_digits(name, coordinates):
     check_states(compiled(name, coordinates), reference, bound, **TIGHT)
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(4)
 @in_both_coordinates(*PROBLEMS)
 def test_multistep_methods(name, coordinates):
     """Local errors of 1e-10 add up over 1e3 to 2e4 steps, and problems amplify them tenfold."""
@@ -128,6 +128,7 @@ def test_multistep_methods(name, coordinates):
     check_states(model, reference, 1e-5, method=method, rtol=1e-10, atol=1e-10)
 
 
+@pytest.mark.sampled(2)
 @each_coordinates
 @pytest.mark.parametrize("name", ["nonholonomic_skate", "slider_pendulum"])
 def test_sensitivities_to_eight_digits(name, coordinates):

@@ -80,7 +80,7 @@ CHAINS = [
 ]
 
 
-@pytest.mark.sampled(11)
+@pytest.mark.sampled(23)
 @pytest.mark.parametrize(("n", "voltage", "saturation", "resistance"), CHAINS)
 def test_diodes_in_a_chain(n, voltage, saturation, resistance, monkeypatch):
     circuit = circuits.chain(n, voltage, saturation, resistance)
@@ -98,6 +98,7 @@ def test_diodes_in_a_chain(n, voltage, saturation, resistance, monkeypatch):
     np.testing.assert_allclose(values, wanted, rtol=0, atol=tolerance)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("voltage", [5.0, -12.0, 325.0])
 @pytest.mark.parametrize("saturation", [1e-15, 1e-9])
 @pytest.mark.parametrize("resistance", [1.0, 1e4])
@@ -129,6 +130,7 @@ def test_complementary_followers(drive, monkeypatch):
     _check(circuits.class_ab(drive), monkeypatch)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("voltage", [0.0, 1.0, 2.0, 2.5, 3.0, 4.0, 8.0])
 def test_schmitt_trigger(voltage, monkeypatch):
     circuit = circuits.schmitt(voltage)

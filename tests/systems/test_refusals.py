@@ -129,6 +129,7 @@ def turned(principal):
     return (tensor + tensor.T) / 2.0
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("inertia", "parameters"),
     [
@@ -147,7 +148,7 @@ def test_moments_of_inertia_that_break_the_triangle_rule_are_named(inertia, para
     assert [warning.filename for warning in said] == [__file__]
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "inertia",
     [

@@ -147,7 +147,7 @@ WAVEFORMS = [
 ]
 
 
-@pytest.mark.sampled(15)
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("waveform", WAVEFORMS, ids=str)
 @pytest.mark.parametrize("method", ["dopri5", "rodas5", "ida"])
 def test_waveforms_with_corners_and_jumps(waveform, method):
