@@ -4,7 +4,7 @@ PYTHON ?= python3
 
 SOURCES := $(shell find src templates -type f -not -name '*.pyc')
 
-.PHONY: run test lint golden clean
+.PHONY: run test docs lint golden clean
 
 run: .venv-run/ready
 	mkdir -p out
@@ -14,6 +14,10 @@ run: .venv-run/ready
 
 test: .venv-test/ready
 	.venv-test/bin/python -m pytest
+
+docs: .venv-docs/ready
+	.venv-docs/bin/sphinx-build --fail-on-warning --keep-going --quiet docs out/docs
+	@echo "site: out/docs/index.html"
 
 lint: .venv-test/ready
 	.venv-test/bin/ruff check .
@@ -35,5 +39,10 @@ golden: .venv-test/ready
 	.venv-test/bin/python -m pip install --quiet --disable-pip-version-check --editable ".[dev]"
 	touch $@
 
+.venv-docs/ready: pyproject.toml $(SOURCES)
+	$(PYTHON) -m venv .venv-docs
+	.venv-docs/bin/python -m pip install --quiet --disable-pip-version-check ".[docs]"
+	touch $@
+
 clean:
-	rm -rf .venv-run .venv-test out dist
+	rm -rf .venv-run .venv-test .venv-docs out dist docs/examples docs/reference
