@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
+from pathlib import Path
 from typing import Any
 
 import cotree
+
+sys.path.insert(0, str(Path(__file__).parent))  # gallery_support
 
 project = "cotree"
 author = "the cotree developers"
@@ -45,6 +49,8 @@ sphinx_gallery_conf = {
     "show_memory": False,
     "min_reported_time": 5,
     "within_subsection_order": "ExampleTitleSortKey",
+    "image_scrapers": ("gallery_support.scrape_figures",),
+    "reset_modules": ("gallery_support.set_style",),
 }
 
 html_theme = "pydata_sphinx_theme"

@@ -1,0 +1,55 @@
+"""Serve the gallery: one look for its pictures, and figures that pyplot does not know.
+
+``Result.plot``, ``GraphReport.draw`` and ``BenchReport.plot`` return figures of their own, which the
+scraper of sphinx-gallery, made for pyplot, does not see.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
+from sphinx_gallery.scrapers import figure_rst, matplotlib_scraper
+
+STYLE = {
+    "figure.figsize": (7.0, 3.8),
+    "figure.constrained_layout.use": True,
+    "figure.dpi": 110,
+    "savefig.dpi": 110,
+    "axes.grid": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "grid.alpha": 0.3,
+    "legend.frameon": False,
+    "lines.linewidth": 1.6,
+}
+
+_written: set[int] = set()
+
+
+def set_style(_settings: dict[str, Any], _script: str) -> None:
+    """Give every script the same look, whatever the one before it changed."""
+    _written.clear()
+    mpl.rcdefaults()
+    plt.close("all")
+    mpl.rcParams.update(STYLE)
+
+
+def scrape_figures(
+    block: Any, block_vars: dict[str, Any], settings: dict[str, Any], **options: Any
+) -> str:
+    """Save the figures of pyplot, then those that variables of the script hold."""
+    known = {id(plt.figure(number)) for number in plt.get_fignums()}
+    text: str = matplotlib_scraper(block, block_vars, settings, **options)
+    paths = []
+    for name, value in block_vars["example_globals"].items():
+        if isinstance(value, Figure) and not name.startswith("_"):
+            if id(value) in known or id(value) in _written:
+                continue
+            _written.add(id(value))
+            path = str(next(block_vars["image_path_iterator"]))
+            value.savefig(path, dpi=STYLE["savefig.dpi"])
+            paths.append(path)
+    return text + (figure_rst(paths, settings["src_dir"]) if paths else "")
