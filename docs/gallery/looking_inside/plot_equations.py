@@ -1,0 +1,40 @@
+"""
+Equations in LaTeX
+==================
+
+The equations that cotree forms can be read: as text, as LaTeX or as SymPy. Those of the slider-pendulum are
+Eq. (8) of Banerjee and McPhee, and those of its sensitivity graph Eq. (9).
+"""
+
+import matplotlib.pyplot as plt
+import sympy as sp
+
+import cotree
+
+equations = cotree.load("slider-pendulum").equations(sensitivities=["L"])
+print(equations)
+
+# %%
+# LaTeX comes as an ``align`` environment. Here its first lines are drawn one by one.
+body = equations.latex().split(r"\begin{align}")[1].split(r"\end{align}")[0]
+rows = [row.replace("&", "").strip(" ,\n") for row in body.split(r"\\")]
+figure = plt.figure(figsize=(7.5, 1.7))
+for number, row in enumerate(rows[:2]):
+    text = row.rstrip(",. ").replace(r"\frac", r"\dfrac")
+    figure.text(0.02, 0.7 - 0.45 * number, f"${text}$", fontsize=13)
+plt.show()
+
+# %%
+# Both sides of Eq. (8), typed from the paper, differ by zero: exactly, since SymPy compares expressions.
+symbol = equations.symbols
+s, theta, theta_dot = (symbol[name] for name in ("j1.s", "h2.theta", "h2.theta_dot"))
+s_ddot, theta_ddot = symbol["j1.s_ddot"], symbol["h2.theta_ddot"]
+m1, m2, L, r, zeta, k, s0, g = (symbol[n] for n in ("m1", "m2", "L", "r", "zeta", "k", "s0", "g"))
+first = m2 * (r**2 / 4 + L**2 / 3) * theta_ddot + m2 * (L / 2) * sp.cos(theta) * s_ddot
+first += m2 * g * (L / 2) * sp.sin(theta) + zeta * theta_dot
+second = m2 * (L / 2) * sp.cos(theta) * theta_ddot + (m1 + m2) * s_ddot
+second += -m2 * (L / 2) * sp.sin(theta) * theta_dot**2 + k * (s - s0)
+left = [equation.lhs - equation.rhs for equation in equations.governing]
+differences = [sp.simplify(left[0] - second), sp.simplify(left[1] - first)]
+print("differences:", differences)
+assert differences == [0, 0]
