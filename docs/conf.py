@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import sys
 import warnings
 from pathlib import Path
@@ -27,7 +28,8 @@ extensions = [
     "sphinx_gallery.gen_gallery",
     "sphinx-mathjax-offline",
 ]
-exclude_patterns = ["gallery"]
+templates_path = ["_templates"]
+exclude_patterns = ["gallery", "_templates"]
 myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
 myst_heading_anchors = 4
 nitpicky = False
@@ -65,6 +67,60 @@ html_theme_options = {
 }
 
 
+# Members of the compiled model that serve the solvers, not users.
+_FOR_SOLVERS = {
+    "begins_at_rest",
+    "bound",
+    "bound_jacobian",
+    "check_parameters",
+    "check_start",
+    "corners",
+    "initial_values",
+    "is_rheonomic",
+    "jacobian_colouring",
+    "junctions",
+    "layout",
+    "longest_step",
+    "native",
+    "why_undefined",
+    "headline",
+    "mechanics",
+}
+
+
+def _is_left_out(_app: object, _what: str, name: str, _item: object, skip: bool, _o: object) -> bool:
+    return skip or name in _FOR_SOLVERS
+
+
+# Classes that users make themselves, so that how they are made is shown.
+_MADE_BY_USERS = {"cotree.Scene"}
+
+
+def _without_making(
+    _app: object, what: str, name: str, *_rest: object
+) -> tuple[str, str] | None:
+    """Leave out how objects are made that cotree makes."""
+    return ("", "") if what == "class" and name not in _MADE_BY_USERS else None
+
+
+def _with_inherited_attributes(
+    _app: object, what: str, name: str, item: Any, _options: object, lines: list[str]
+) -> None:
+    """List the attributes that a result or a model has from the class below it, too."""
+    if what == "class" and name in ("cotree.Result", "cotree.Model"):
+        inherited = (inspect.getdoc(item.__mro__[1]) or "").splitlines()
+        start = inherited.index("Attributes") + 2
+        at = lines.index("Attributes") + 2
+        lines[at:at] = inherited[start:]
+
+
+def _with_bars(
+    _app: object, _what: str, _name: str, _item: object, _options: object, lines: list[str]
+) -> None:
+    """Keep the bars of |x| in docstrings, which reStructuredText takes for substitutions."""
+    lines[:] = [line if "``|" in line else line.replace("|", r"\|") for line in lines]
+
+
 def _as_page_of_the_site(_app: object, page: str, source: list[str]) -> None:
     """Adapt what reads well in the repository, too: links that leave docs/, and lists of pages."""
     source[0] = source[0].replace("../benchmarks/README.md", "benchmarks.md")
@@ -74,4 +130,8 @@ def _as_page_of_the_site(_app: object, page: str, source: list[str]) -> None:
 
 def setup(app: Any) -> None:
     """Connect what this file defines with Sphinx."""
+    app.connect("autodoc-process-docstring", _with_inherited_attributes, priority=400)
+    app.connect("autodoc-process-docstring", _with_bars)
+    app.connect("autodoc-process-signature", _without_making)
+    app.connect("autodoc-skip-member", _is_left_out)
     app.connect("source-read", _as_page_of_the_site)

@@ -22,7 +22,7 @@ scene.edge("body", "rigid_body", "ground", "A", mass=1.0)
 scene.simulation(t_end=4.0)
 model = scene.compile()
 
-steps = 0.2 / 2.0 ** np.arange(4)
+steps = 0.1 / 2.0 ** np.arange(4)
 errors = []
 for step in steps:
     with TemporaryDirectory() as folder:
