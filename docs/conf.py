@@ -30,7 +30,7 @@ extensions = [
 ]
 templates_path = ["_templates"]
 exclude_patterns = ["gallery", "_templates"]
-myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
+myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 4
 nitpicky = False
 autosummary_generate = True
@@ -50,6 +50,21 @@ sphinx_gallery_conf = {
     "download_all_examples": False,
     "show_memory": False,
     "min_reported_time": 5,
+    "subsection_order": [
+        f"gallery/{field}"
+        for field in (
+            "mechanisms",
+            "robots",
+            "control",
+            "circuits",
+            "fluids_and_heat",
+            "electrochemistry",
+            "events",
+            "sensitivities_and_design",
+            "looking_inside",
+            "embedded_c",
+        )
+    ],
     "within_subsection_order": "ExampleTitleSortKey",
     "image_scrapers": ("gallery_support.scrape_figures",),
     "reset_modules": ("gallery_support.set_style",),
@@ -58,6 +73,15 @@ sphinx_gallery_conf = {
 html_theme = "pydata_sphinx_theme"
 html_title = "cotree"
 html_show_sourcelink = False
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+# Pages that have none below them need no list of those.
+_ALONE = (
+    *("index", "first_steps", "scenes", "solvers", "watching", "spice", "urdf", "c", "faq"),
+    *("coming_from", "theory", "formulation", "hard_cases", "benchmarks", "architecture"),
+    "contributing",
+)
+html_sidebars: dict[str, list[str]] = {page: [] for page in _ALONE}
 html_theme_options = {
     "navigation_with_keys": False,
     "show_prev_next": True,

@@ -13,9 +13,9 @@ import numpy as np
 
 import cotree
 
-m, R, g = 2.0, 0.3, 9.81
+m, R, g = 2.0, 0.4, 9.81
 A, C = m * R**2 / 4, m * R**2 / 2  # across the disc and about its axis
-lean, turn = math.radians(20), 1.2  # from the vertical [rad], about the vertical [rad/s]
+lean, turn = math.radians(25), 2.0  # from the vertical [rad], about the vertical [rad/s]
 
 # %%
 # Steady rolling needs one spin for a lean and a rate of turn, by the balance of moments about the
@@ -37,13 +37,13 @@ period = 2 * math.pi / turn
 t = np.linspace(0, period, 401)
 result = scene.compile().simulate((0, period), t, rtol=1e-11, atol=1e-12)
 
-plt.figure(figsize=(4.6, 4.2))
-plt.plot(result["x"], result["y"], label="path of the centre")
-plt.plot(0, R * spin / turn, "k+", ms=9, label="axis of the circle, closed form")
-plt.axis("equal")
-plt.xlabel("x [m]")
-plt.ylabel("y [m]")
-plt.legend(loc="upper center", bbox_to_anchor=(0.5, 1.16), ncols=2)
+animation = result.animate(speed=1.0)
+fig, (left, right) = plt.subplots(1, 2, figsize=(9, 4), width_ratios=[1, 1.4])
+left.plot(result["x"], result["y"])
+left.plot(0, R * spin / turn, "k+", ms=9)
+left.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title="path of the centre, axis (+)")
+right.imshow(animation.frame(40, width=800))
+right.axis("off")
 plt.show()
 
 # %%
@@ -55,4 +55,4 @@ assert np.max(np.abs(radius - R * spin / turn)) < 1e-8
 
 # %%
 # The disc itself; dragging turns the view.
-result.animate(speed=1.0)
+animation

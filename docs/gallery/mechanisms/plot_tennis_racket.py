@@ -25,11 +25,14 @@ scene.event("over", "body.w2", direction=-1)
 t = np.linspace(0, 14, 1401)
 result = scene.compile().simulate((0, 14), t, method="dop853", rtol=1e-11, atol=1e-12)
 
+animation = result.animate(speed=1.0)
+fig, (left, right) = plt.subplots(1, 2, figsize=(9, 4), width_ratios=[1.4, 1])
 for name in ("w1", "w2", "w3"):
-    plt.plot(t, result[f"body.{name}"], label=name)
-plt.xlabel("time [s]")
-plt.ylabel("angular velocity along the body's axes [rad/s]")
-plt.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3)
+    left.plot(t, result[f"body.{name}"], label=name)
+left.set(xlabel="time [s]", ylabel="angular velocity along the body's axes [rad/s]")
+left.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3)
+right.imshow(animation.frame(10, width=500, height=500))
+right.axis("off")
 plt.show()
 
 # %%
@@ -47,5 +50,5 @@ print(f"period {simulated:.8f} s, closed form {period:.8f} s")
 assert abs(simulated - period) < 1e-7 * period
 
 # %%
-# Without stiffness or contact a free body is all there is to draw.
-result.animate(speed=1.0)
+# The body, drawn as a box of the same inertia:
+animation

@@ -58,13 +58,16 @@ assert abs(found - exact[0]) < 1e-11
 # %%
 # The whole motion, with dampers in both joints:
 result = model.simulate((0, 6), np.linspace(0, 6, 601))
+animation = result.animate(speed=1.0)
+fig, (left, right) = plt.subplots(1, 2, figsize=(9, 4), width_ratios=[1.4, 1])
 for joint in ("shoulder", "elbow"):
-    plt.plot(result.t, np.degrees(result[f"{joint}.theta"]), label=joint)
-plt.xlabel("time [s]")
-plt.ylabel("angle of the joint [deg]")
-plt.legend()
+    left.plot(result.t, np.degrees(result[f"{joint}.theta"]), label=joint)
+left.set(xlabel="time [s]", ylabel="angle of the joint [deg]")
+left.legend()
+right.imshow(animation.frame(10, width=500, height=500))
+right.axis("off")
 plt.show()
 
 # %%
 # Shapes come from the file.
-result.animate(speed=1.0)
+animation
