@@ -112,7 +112,9 @@ _FOR_SOLVERS = {
 }
 
 
-def _is_left_out(_app: object, _what: str, name: str, _item: object, skip: bool, _o: object) -> bool:
+def _is_left_out(
+    _app: object, _what: str, name: str, _item: object, skip: bool, _o: object
+) -> bool:
     return skip or name in _FOR_SOLVERS
 
 
@@ -120,9 +122,7 @@ def _is_left_out(_app: object, _what: str, name: str, _item: object, skip: bool,
 _MADE_BY_USERS = {"cotree.Scene"}
 
 
-def _without_making(
-    _app: object, what: str, name: str, *_rest: object
-) -> tuple[str, str] | None:
+def _without_making(_app: object, what: str, name: str, *_rest: object) -> tuple[str, str] | None:
     """Leave out how objects are made that cotree makes."""
     return ("", "") if what == "class" and name not in _MADE_BY_USERS else None
 

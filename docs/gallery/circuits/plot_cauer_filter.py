@@ -2,8 +2,8 @@
 Cauer's low-pass filter
 =======================
 
-A passive filter of fifth order whose capacitors form loops: three of them bridge inductors, so that not
-every capacitor has a state of its own. The tree of the graph takes care of that.
+A passive filter of fifth order whose capacitors form loops: three of them bridge inductors, so
+that not every capacitor has a state of its own. The tree of the graph takes care of that.
 """
 
 import matplotlib.pyplot as plt
@@ -38,8 +38,9 @@ plt.ylabel("voltage at the load [V]")
 plt.show()
 
 # %%
-# The Modelica Association publishes results of this circuit, ``CauerLowPassAnalog`` of the Modelica
-# Standard Library 4.1, made by Dymola at a tolerance of 1e-6: the load has 0.476793379 V at 18.216 s.
+# The Modelica Association publishes results of this circuit, ``CauerLowPassAnalog`` of the
+# Modelica Standard Library 4.1, made by Dymola at a tolerance of 1e-6: the load has 0.476793379 V
+# at 18.216 s.
 found = result["y"][np.searchsorted(t, 18.216)]
 print(f"{found:.9f} V, published 0.476793379 V")
 assert abs(found - 0.476793379) < 1e-5  # ten times the tolerance of the published run

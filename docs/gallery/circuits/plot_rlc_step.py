@@ -2,8 +2,8 @@
 Step response of a series resonant circuit
 ==========================================
 
-A resistor, an inductor and a capacitor in series follow a step of voltage, the faster the smaller the
-resistance, until it overshoots. One compiled model serves all resistances.
+A resistor, an inductor and a capacitor in series follow a step of voltage, the faster the smaller
+the resistance, until it overshoots. One compiled model serves all resistances.
 """
 
 import math
@@ -35,8 +35,9 @@ plt.legend()
 plt.show()
 
 # %%
-# The overshoot of a system of second order is :math:`\exp(-\pi\zeta/\sqrt{1-\zeta^2})` (K. Ogata, *Modern
-# Control Engineering*, section 5.3). The event locates the peak within a step, at rtol 1e-10.
+# The overshoot of a system of second order is :math:`\exp(-\pi\zeta/\sqrt{1-\zeta^2})` (K. Ogata,
+# *Modern Control Engineering*, section 5.3). The event locates the peak within a step, at rtol
+# 1e-10.
 damping = 40.0 / 2 * math.sqrt(C / L)
 exact = 1 + math.exp(-math.pi * damping / math.sqrt(1 - damping**2))
 print(f"peak {peak:.9f} V, closed form {exact:.9f} V")

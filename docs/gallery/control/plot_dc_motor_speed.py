@@ -2,8 +2,8 @@
 Speed control of a direct current motor
 =======================================
 
-A motor, its load and a PI controller in one scene. The integral of the error is a capacitor that a
-controlled current charges, since every storage is a component.
+A motor, its load and a PI controller in one scene. The integral of the error is a capacitor that
+a controlled current charges, since every storage is a component.
 """
 
 import matplotlib.pyplot as plt
@@ -17,9 +17,7 @@ kp, ki = 0.2, 5.0
 scene = cotree.Scene("speed-control")
 scene.input("wanted", [[0.0, 0.1, 0.1001], [0.0, 0.0, 100.0]], unit="rad/s")
 scene.input("load", [[0.0, 0.6, 0.6001], [0.0, 0.0, 0.5]], unit="N m")
-scene.edge(
-    "V", "voltage_source", "p", "ground", voltage=f"{kp}*(wanted - shaft.w) + {ki}*memory.v"
-)
+scene.edge("V", "voltage_source", "p", "ground", voltage=f"{kp}*(wanted - shaft.w) + {ki}*memory.v")
 scene.edge(
     "M",
     "dc_motor",
@@ -48,8 +46,8 @@ bottom.set(xlabel="time [s]", ylabel="current [A]")
 plt.show()
 
 # %%
-# The poles are the roots of the textbook's characteristic polynomial (for example K. Ogata, *Modern
-# Control Engineering*, on servo systems). Only rounding is between the two.
+# The poles are the roots of the textbook's characteristic polynomial (for example K. Ogata,
+# *Modern Control Engineering*, on servo systems). Only rounding is between the two.
 poles = np.sort_complex(np.linalg.eigvals(model.linearize().A))
 exact = np.sort_complex(np.roots([L * J, L * d + R * J, R * d + K**2 + K * kp, K * ki]))
 print("poles", poles.round(4), "closed form", exact.round(4))

@@ -2,8 +2,9 @@
 Inverted pendulum with a linear quadratic regulator
 ===================================================
 
-The task of a control engineer: linearise a pendulum on a cart about its upright position, design a state
-feedback with SciPy, and see what the closed loop does far from that position, where it is nonlinear.
+The task of a control engineer: linearise a pendulum on a cart about its upright position, design
+a state feedback with SciPy, and see what the closed loop does far from that position, where it is
+nonlinear.
 """
 
 import matplotlib.pyplot as plt
@@ -28,8 +29,8 @@ def cart_pole(force: str) -> cotree.Scene:
 
 
 # %%
-# The open loop. Its unstable pole follows from the matrices in K. J. Åström and R. M. Murray, *Feedback
-# Systems*, Example 3.2 (without friction, for a point of mass).
+# The open loop. Its unstable pole follows from the matrices in K. J. Åström and R. M. Murray,
+# *Feedback Systems*, Example 3.2 (without friction, for a point of mass).
 linear = cart_pole("push").compile().linearize(reduced=True)
 print(linear.states, linear.summary(), sep="\n")
 unstable = np.max(np.linalg.eigvals(linear.A).real)
@@ -45,8 +46,8 @@ K = np.linalg.solve(R, linear.B.T @ P)[0]
 print("gains", K.round(4))
 
 # %%
-# The closed loop is the same scene with the feedback as the force of the rail. Its poles are those of
-# :math:`A - B K`.
+# The closed loop is the same scene with the feedback as the force of the rail. Its poles are those
+# of :math:`A - B K`.
 law = " - ".join(["push", *(f"{k:.17g}*({x})" for k, x in zip(K, linear.states, strict=True))])
 model = cart_pole(law).compile()
 poles = np.sort_complex(np.linalg.eigvals(model.linearize(reduced=True).A))

@@ -2,8 +2,9 @@
 Discharge of a battery cell
 ===========================
 
-A cell with two pairs of resistance and capacitance gives a current for ten minutes, then rests: its voltage
-recovers in two stages. The sensitivities say which parameter a measurement of that voltage would show.
+A cell with two pairs of resistance and capacitance gives a current for ten minutes, then rests:
+its voltage recovers in two stages. The sensitivities say which parameter a measurement of that
+voltage would show.
 """
 
 import matplotlib.pyplot as plt
@@ -28,9 +29,7 @@ scene.edge(
     initial={"soc": 0.9},
     **fields,
 )
-scene.edge(
-    "load", "current_source", "plus", "ground", current=f"where(t < {stop}, {current}, 0)"
-)
+scene.edge("load", "current_source", "plus", "ground", current=f"where(t < {stop}, {current}, 0)")
 scene.output("voltage", "cell.v")
 
 t = np.linspace(0, 1800, 1801)
@@ -46,8 +45,9 @@ bottom.legend()
 plt.show()
 
 # %%
-# Each pair charges and decays exponentially (the cell of M. Chen and G. Rincón-Mora, *IEEE Transactions on
-# Energy Conversion* 21, 2006, with a straight open-circuit voltage). The run has a tolerance of 1e-9.
+# Each pair charges and decays exponentially (the cell of M. Chen and G. Rincón-Mora, *IEEE
+# Transactions on Energy Conversion* 21, 2006, with a straight open-circuit voltage). The run has a
+# tolerance of 1e-9.
 exact = 3 + 1.1 * (0.9 - current * stop / capacity)
 for R, C in ((values["R1"], values["C1"]), (values["R2"], values["C2"])):
     exact -= current * R * (1 - np.exp(-stop / (R * C))) * np.exp(-(1800 - stop) / (R * C))

@@ -2,9 +2,9 @@
 Robertson's reaction over eleven decades of time
 ================================================
 
-Three reactions, of which one is a billion times faster than another, are the classic test of stiff
-methods. ``species`` and ``reaction`` are components like others, so that sensitivities to the rates come
-along.
+Three reactions, of which one is a billion times faster than another, are the classic test of
+stiff methods. ``species`` and ``reaction`` are components like others, so that sensitivities to
+the rates come along.
 """
 
 import matplotlib.pyplot as plt
@@ -34,8 +34,8 @@ plt.legend(loc="center left")
 plt.show()
 
 # %%
-# The *Test Set for Initial Value Problem Solvers* (F. Mazzia and C. Magherini, Bari, release 2.4, problem
-# ``rober``) gives A = 2.083340149701255e-8 at the end. A tolerance of 1e-9 in some hundred steps is
-# amplified, since A falls to its fifty millionth part.
+# The *Test Set for Initial Value Problem Solvers* (F. Mazzia and C. Magherini, Bari, release 2.4,
+# problem ``rober``) gives A = 2.083340149701255e-8 at the end. A tolerance of 1e-9 in some hundred
+# steps is amplified, since A falls to its fifty millionth part.
 print(f"A at the end {result['A.c'][-1]:.8e}, published 2.08334015e-08")
 assert abs(result["A.c"][-1] / 2.083340149701255e-8 - 1) < 1e-6

@@ -2,8 +2,9 @@
 A C project without Python
 ==========================
 
-The task of an embedded programmer: write a model as C, compile it with nothing but a C99 compiler, run it, and see
-that it computes what Python does. The project allocates no memory and keeps no state of its own.
+The task of an embedded programmer: write a model as C, compile it with nothing but a C99
+compiler, run it, and see that it computes what Python does. The project allocates no memory and
+keeps no state of its own.
 """
 
 import shlex
@@ -18,7 +19,6 @@ import cotree
 
 scene = cotree.load("slider-pendulum")
 model = scene.compile(["L"])
-
 
 
 def values(program: Path, t_end: float) -> dict[str, float]:
@@ -50,7 +50,8 @@ plt.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3)
 plt.show()
 
 # %%
-# The source is the other program: to the end both take the same steps, and the C program prints twelve digits.
+# The source is the other program: to the end both take the same steps, and the C program prints
+# twelve digits.
 error = max(abs(last.columns()[name][-1] - ends[-1][name]) for name in ("j1.s", "d(j1.s)/d(L)"))
 print(f"largest difference at the end {error:.1e}")
 assert error < 1e-11

@@ -2,8 +2,8 @@
 Two pendulums collide
 =====================
 
-One pendulum falls against another that hangs at rest. An ``impact`` is an event whose impulse follows from the
-masses and the constraints; only its coefficient of restitution is given.
+One pendulum falls against another that hangs at rest. An ``impact`` is an event whose impulse
+follows from the masses and the constraints; only its coefficient of restitution is given.
 """
 
 import math
@@ -17,9 +17,7 @@ g, length, m1, m2, e, start = 9.81, 1.0, 1.0, 2.0, 0.7, math.radians(-50)
 
 scene = cotree.Scene("collision", gravity=[0, -g, 0])
 for k, mass, angle in ((1, m1, start), (2, m2, 0.0)):
-    scene.edge(
-        f"h{k}", "revolute", "ground", f"A{k}", axis=[0, 0, 1], initial={"theta": angle}
-    )
+    scene.edge(f"h{k}", "revolute", "ground", f"A{k}", axis=[0, 0, 1], initial={"theta": angle})
     scene.edge(f"r{k}", "arm", f"A{k}", f"B{k}", vector=[0, -length, 0])
     scene.edge(f"b{k}", "rigid_body", "ground", f"B{k}", mass=mass)
 # The gap is the angle between both: the balls are small, and hang side by side.
@@ -38,8 +36,8 @@ plt.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2)
 plt.show()
 
 # %%
-# The balance of angular momentum and Newton's law of restitution give the speed of the pendulum that was
-# at rest, and energy the speed of the other. The run has a tolerance of 1e-10.
+# The balance of angular momentum and Newton's law of restitution give the speed of the pendulum
+# that was at rest, and energy the speed of the other. The run has a tolerance of 1e-10.
 before = math.sqrt(2 * g / length * (1 - math.cos(start)))
 exact = m1 * (1 + e) / (m1 + m2) * before
 after = result.events["hit"].y_after[model.states.index("h2.theta_dot"), 0]

@@ -2,8 +2,8 @@
 Thermostat with hysteresis
 ==========================
 
-A heater is switched on when it is colder than 19 °C and off when it is warmer than 21 °C. Whether it is on is
-a *mode*: a number that only events change.
+A heater is switched on when it is colder than 19 °C and off when it is warmer than 21 °C. Whether
+it is on is a *mode*: a number that only events change.
 """
 
 import math

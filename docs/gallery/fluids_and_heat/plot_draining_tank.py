@@ -2,8 +2,8 @@
 Tank that drains
 ================
 
-Water leaves a tank through a hole in its floor (Torricelli). An event tells when a given level is reached,
-and its sensitivity how much sooner a larger hole would have done it.
+Water leaves a tank through a hole in its floor (Torricelli). An event tells when a given level is
+reached, and its sensitivity how much sooner a larger hole would have done it.
 """
 
 import math
@@ -34,8 +34,9 @@ plt.legend()
 plt.show()
 
 # %%
-# The level falls with the square of the remaining time, so the time has a closed form, and so has its
-# derivative by the area of the hole (any textbook of hydraulics). The jet is Torricelli's above 1 Pa.
+# The level falls with the square of the remaining time, so the time has a closed form, and so has
+# its derivative by the area of the hole (any textbook of hydraulics). The jet is Torricelli's
+# above 1 Pa.
 result = model.simulate((0, 150), rtol=1e-10, atol=1e-6)
 exact = A / a * math.sqrt(2 / g) * (math.sqrt(h0) - math.sqrt(h1))
 time, slope = result.events["low"].t[0], result.event_sensitivity("low", "a")[0]

@@ -2,8 +2,8 @@
 Mass on a column of oil
 =======================
 
-A pump pushes oil through a narrow line into a cylinder that lifts a mass. Oil is compressible, so the mass
-swings on it: the frequency of that limits how fast such a drive can be controlled.
+A pump pushes oil through a narrow line into a cylinder that lifts a mass. Oil is compressible, so
+the mass swings on it: the frequency of that limits how fast such a drive can be controlled.
 """
 
 import matplotlib.pyplot as plt
@@ -20,7 +20,9 @@ weight = 9.81 * mass
 scene.edge(
     "oil", "accumulator", "c", "ground", capacity=volume / modulus, initial={"p": weight / area}
 )
-scene.edge("cylinder", "hydraulic_cylinder", chamber=["c", "ground"], rod=["ground", "x"], area=area)
+scene.edge(
+    "cylinder", "hydraulic_cylinder", chamber=["c", "ground"], rod=["ground", "x"], area=area
+)
 scene.edge("load", "translational_mass", "ground", "x", mass=mass)
 scene.edge("weight", "force_source", "ground", "x", force=-weight)
 model = scene.compile()
@@ -35,8 +37,8 @@ bottom.set(xlabel="time [s]", ylabel="speed of the mass [mm/s]")
 plt.show()
 
 # %%
-# The frequency without the line is :math:`A/\sqrt{C m}`, the decay :math:`1/(2 R C)` (H. E. Merritt,
-# *Hydraulic Control Systems*, section 6.1). Only rounding is between both.
+# The frequency without the line is :math:`A/\sqrt{C m}`, the decay :math:`1/(2 R C)` (H. E.
+# Merritt, *Hydraulic Control Systems*, section 6.1). Only rounding is between both.
 poles = np.linalg.eigvals(model.linearize().A)
 C = volume / modulus
 found, exact = abs(poles[0]), area / np.sqrt(C * mass)

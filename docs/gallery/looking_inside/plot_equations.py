@@ -2,8 +2,8 @@
 Equations in LaTeX
 ==================
 
-The equations that cotree forms can be read: as text, as LaTeX or as SymPy. Those of the slider-pendulum are
-Eq. (8) of Banerjee and McPhee, and those of its sensitivity graph Eq. (9).
+The equations that cotree forms can be read: as text, as LaTeX or as SymPy. Those of the
+slider-pendulum are Eq. (8) of Banerjee and McPhee, and those of its sensitivity graph Eq. (9).
 """
 
 import matplotlib.pyplot as plt
@@ -25,7 +25,8 @@ for number, row in enumerate(rows[:2]):
 plt.show()
 
 # %%
-# Both sides of Eq. (8), typed from the paper, differ by zero: exactly, since SymPy compares expressions.
+# Both sides of Eq. (8), typed from the paper, differ by zero: exactly, since SymPy compares
+# expressions.
 symbol = equations.symbols
 s, theta, theta_dot = (symbol[name] for name in ("j1.s", "h2.theta", "h2.theta_dot"))
 s_ddot, theta_ddot = symbol["j1.s_ddot"], symbol["h2.theta_ddot"]

@@ -2,8 +2,9 @@
 Linear graph of a scene
 =======================
 
-Nodes are frames or points, edges are components, and a tree (bold) decides which variables are unknowns. Cutsets
-and circuits of the tree are the balance and the compatibility equations of the system.
+Nodes are frames or points, edges are components, and a tree (bold) decides which variables are
+unknowns. Cutsets and circuits of the tree are the balance and the compatibility equations of the
+system.
 """
 
 import numpy as np
@@ -14,13 +15,15 @@ report = cotree.load("slider-pendulum").graph()
 figure = report.draw()
 
 # %%
-# Each branch of the tree has a cutset: the edges by which the rest hangs on it. Each chord has a circuit.
+# Each branch of the tree has a cutset: the edges by which the rest hangs on it. Each chord has a
+# circuit.
 print(report.f_cutset["translation"].summary())
 print(report.f_circuit["translation"].summary())
 
 # %%
-# The source is a theorem: rows of cutsets and circuits are orthogonal (H. E. Koenig, Y. Tokad, H. K. Kesavan,
-# *Analysis of Discrete Physical Systems*). The entries are integers, so that zero is zero.
+# The source is a theorem: rows of cutsets and circuits are orthogonal (H. E. Koenig, Y. Tokad, H.
+# K. Kesavan, *Analysis of Discrete Physical Systems*). The entries are integers, so that zero is
+# zero.
 for domain in report.graphs:
     cutsets, circuits = report.f_cutset[domain], report.f_circuit[domain]
     assert cutsets.columns == circuits.columns

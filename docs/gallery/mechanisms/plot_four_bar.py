@@ -2,9 +2,9 @@
 Four-bar linkage and its coupler curve
 ======================================
 
-Three bars and the ground form a closed loop: the fourth pin is not in the tree, and its two constraints
-are held by multipliers and projection. A point of the coupler draws the curve that such linkages are
-built for.
+Three bars and the ground form a closed loop: the fourth pin is not in the tree, and its two
+constraints are held by multipliers and projection. A point of the coupler draws the curve that
+such linkages are built for.
 """
 
 import math
@@ -46,9 +46,9 @@ right.set(xlabel="angle of the crank [deg]", ylabel="angle of the rocker [deg]")
 plt.show()
 
 # %%
-# Freudenstein's equation gives the rocker's angle for that of the crank in closed form (R. L. Norton,
-# *Design of Machinery*, Eq. 4.10). Projection holds the loop to rounding, so that nothing but the
-# arithmetic of both sides separates them.
+# Freudenstein's equation gives the rocker's angle for that of the crank in closed form (R. L.
+# Norton, *Design of Machinery*, Eq. 4.10). Projection holds the loop to rounding, so that nothing
+# but the arithmetic of both sides separates them.
 k1, k2, k3 = d / a, d / c, (a**2 - b**2 + c**2 + d**2) / (2 * a * c)
 p = np.cos(crank) - k1 - k2 * np.cos(crank) + k3
 q = -2 * np.sin(crank)

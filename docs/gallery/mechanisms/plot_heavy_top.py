@@ -3,9 +3,9 @@ Nutation of a heavy top
 =======================
 
 A fast top whose axis is let go horizontally sinks, rises and sinks again while it turns about the
-vertical. The top is that of the benchmark of Géradin and Cardona (*Flexible Multibody Dynamics*, 2001) in
-the form of Terze, Müller and Zlatar (*Multibody System Dynamics* 38, 2016), started more slowly about the
-vertical.
+vertical. The top is that of the benchmark of Géradin and Cardona (*Flexible Multibody Dynamics*,
+2001) in the form of Terze, Müller and Zlatar (*Multibody System Dynamics* 38, 2016), started more
+slowly about the vertical.
 """
 
 import matplotlib.pyplot as plt
@@ -34,8 +34,8 @@ right.set(xlabel="time [s]", ylabel="height of the centre of mass [m]")
 
 # %%
 # Energy and two angular momenta are constant, so that Euler's cubic, whose roots limit the cosine
-# :math:`u` between axis and vertical, is a closed form of the lowest point (H. Goldstein, *Classical
-# Mechanics*, section 5.7):
+# :math:`u` between axis and vertical, is a closed form of the lowest point (H. Goldstein,
+# *Classical Mechanics*, section 5.7):
 #
 # .. math:: \dot u^2 = (\alpha - \beta u)(1 - u^2) - (b - a u)^2
 A = J1 + m * length**2
@@ -49,7 +49,7 @@ right.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2)
 plt.show()
 
 # %%
-# Between two points of the grid, 2 ms apart, the height falls by at most
-# :math:`\ddot z\,\Delta t^2 / 8`, 8e-6 m, below the lower one.
+# Between two points of the grid, 2 ms apart, the height falls by at most :math:`\ddot z\,\Delta
+# t^2 / 8`, 8e-6 m, below the lower one.
 print(f"lowest point {result['z'].min():.6f} m, closed form {lowest:.6f} m")
 assert 0 <= result["z"].min() - lowest < 1e-5

@@ -2,8 +2,8 @@
 Period of a pendulum at large amplitude
 =======================================
 
-A pendulum swings the more slowly the further it swings. An event marks where it turns, so that the
-period is known to the accuracy of the run, and not to the distance of stored points.
+A pendulum swings the more slowly the further it swings. An event marks where it turns, so that
+the period is known to the accuracy of the run, and not to the distance of stored points.
 """
 
 import math

@@ -2,8 +2,9 @@
 Disc that rolls in a circle
 ===========================
 
-A disc leans inwards and rolls in a circle without slipping. Its three constraints are one on its height
-and two on velocities (nonholonomic); multipliers enforce them, and the animation follows from the graph.
+A disc leans inwards and rolls in a circle without slipping. Its three constraints are one on its
+height and two on velocities (nonholonomic); multipliers enforce them, and the animation follows
+from the graph.
 """
 
 import math
@@ -28,31 +29,28 @@ scene = cotree.Scene("rolling-disc", gravity=[0, 0, -g])
 start = {"z": R * math.cos(lean), "rotation": [-lean, 0, 0]}
 start |= {"vx": R * spin, "w2": spin, "w3": turn * math.cos(lean)}
 scene.edge("disc", "rigid_body", "ground", "P", mass=m, inertia=[A, C, A], initial=start)
-scene.edge(
-    "contact", "rolling_disc", "ground", "P", normal=[0, 0, 1], axis=[0, 1, 0], radius=R
-)
+scene.edge("contact", "rolling_disc", "ground", "P", normal=[0, 0, 1], axis=[0, 1, 0], radius=R)
 scene.output("x", "P.x")
 scene.output("y", "P.y")
 period = 2 * math.pi / turn
 t = np.linspace(0, period, 401)
 result = scene.compile().simulate((0, period), t, rtol=1e-11, atol=1e-12)
 
-animation = result.animate(speed=1.0)
-fig, (left, right) = plt.subplots(1, 2, figsize=(9, 4), width_ratios=[1, 1.4])
+fig, (left, right) = plt.subplots(1, 2, figsize=(9, 4), width_ratios=[1, 1.4], layout="compressed")
 left.plot(result["x"], result["y"])
 left.plot(0, R * spin / turn, "k+", ms=9)
 left.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title="path of the centre, axis (+)")
-right.imshow(animation.frame(40, width=800))
+right.imshow(result.animate(speed=1.0).frame(40, width=800))
 right.axis("off")
 plt.show()
 
 # %%
-# The centre keeps its distance from the axis of the circle. A hundred steps with errors of 1e-11 are
-# between start and end.
+# The centre keeps its distance from the axis of the circle. A hundred steps with errors of 1e-11
+# are between start and end.
 radius = np.hypot(result["x"], result["y"] - R * spin / turn)
 print(f"radius {R * spin / turn:.9f} m, simulated {radius.min():.9f} to {radius.max():.9f} m")
 assert np.max(np.abs(radius - R * spin / turn)) < 1e-8
 
 # %%
 # The disc itself; dragging turns the view.
-animation
+result.animate(speed=1.0)

@@ -2,9 +2,10 @@
 Slider-pendulum with sensitivities
 ==================================
 
-A block slides on a guide, held by a spring, and carries a hinged rod. This is the example of Banerjee
-and McPhee, *Graph-Theoretic Modelling and Sensitivity Analysis of Dynamic Systems*: cotree forms the
-governing equations, Eq. (8), and their sensitivities, Eq. (9), from the linear graph.
+A block slides on a guide, held by a spring, and carries a hinged rod. This is the example of
+Banerjee and McPhee, *Graph-Theoretic Modelling and Sensitivity Analysis of Dynamic Systems*:
+cotree forms the governing equations, Eq. (8), and their sensitivities, Eq. (9), from the linear
+graph.
 """
 
 import numpy as np

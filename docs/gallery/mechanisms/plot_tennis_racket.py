@@ -25,19 +25,19 @@ scene.event("over", "body.w2", direction=-1)
 t = np.linspace(0, 14, 1401)
 result = scene.compile().simulate((0, 14), t, method="dop853", rtol=1e-11, atol=1e-12)
 
-animation = result.animate(speed=1.0)
 fig, (left, right) = plt.subplots(1, 2, figsize=(9, 4), width_ratios=[1.4, 1])
 for name in ("w1", "w2", "w3"):
     left.plot(t, result[f"body.{name}"], label=name)
 left.set(xlabel="time [s]", ylabel="angular velocity along the body's axes [rad/s]")
 left.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3)
-right.imshow(animation.frame(10, width=500, height=500))
+right.imshow(result.animate(speed=1.0).frame(10, width=500, height=500))
 right.axis("off")
 plt.show()
 
 # %%
-# Landau and Lifshitz (*Mechanics*, section 37) give the period in energy and angular momentum. A turn
-# takes some tens of steps with errors of 1e-11, which the unstable axis amplifies a hundredfold.
+# Landau and Lifshitz (*Mechanics*, section 37) give the period in energy and angular momentum. A
+# turn takes some tens of steps with errors of 1e-11, which the unstable axis amplifies a
+# hundredfold.
 energy2 = I1 * w[0] ** 2 + I2 * w[1] ** 2 + I3 * w[2] ** 2  # twice the energy
 momentum2 = (I1 * w[0]) ** 2 + (I2 * w[1]) ** 2 + (I3 * w[2]) ** 2
 first, second = (I1, I3) if momentum2 > energy2 * I2 else (I3, I1)
@@ -51,4 +51,4 @@ assert abs(simulated - period) < 1e-7 * period
 
 # %%
 # The body, drawn as a box of the same inertia:
-animation
+result.animate(speed=1.0)

@@ -2,8 +2,8 @@
 Robot arm from a URDF file
 ==========================
 
-A URDF file becomes a scene: links are nodes, joints are edges with a drive each, and every mass and
-moment of inertia is a parameter. The arm falls from its horizontal position and swings.
+A URDF file becomes a scene: links are nodes, joints are edges with a drive each, and every mass
+and moment of inertia is a parameter. The arm falls from its horizontal position and swings.
 """
 
 from pathlib import Path
@@ -58,16 +58,15 @@ assert abs(found - exact[0]) < 1e-11
 # %%
 # The whole motion, with dampers in both joints:
 result = model.simulate((0, 6), np.linspace(0, 6, 601))
-animation = result.animate(speed=1.0)
 fig, (left, right) = plt.subplots(1, 2, figsize=(9, 4), width_ratios=[1.4, 1])
 for joint in ("shoulder", "elbow"):
     left.plot(result.t, np.degrees(result[f"{joint}.theta"]), label=joint)
 left.set(xlabel="time [s]", ylabel="angle of the joint [deg]")
 left.legend()
-right.imshow(animation.frame(10, width=500, height=500))
+right.imshow(result.animate(speed=1.0).frame(10, width=500, height=500))
 right.axis("off")
 plt.show()
 
 # %%
 # Shapes come from the file.
-animation
+result.animate(speed=1.0)

@@ -2,8 +2,9 @@
 Parameters from a measurement
 =============================
 
-Stiffness and damping of a mount are fitted to a noisy record. ``least_squares`` of SciPy gets residuals and their
-exact Jacobian from the same run, so that a fit takes a handful of runs and ends where it should.
+Stiffness and damping of a mount are fitted to a noisy record. ``least_squares`` of SciPy gets
+residuals and their exact Jacobian from the same run, so that a fit takes a handful of runs and
+ends where it should.
 """
 
 import matplotlib.pyplot as plt
@@ -59,6 +60,6 @@ plt.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3)
 plt.show()
 
 # %%
-# The source is the record itself: the fit lies within three standard deviations of what it was made with,
-# as the Gauss-Markov theorem has it for noise of this size.
+# The source is the record itself: the fit lies within three standard deviations of what it was
+# made with, as the Gauss-Markov theorem has it for noise of this size.
 assert np.all(np.abs(fit.x - [true["k"], true["c"]]) < 3 * spread)

@@ -2,8 +2,9 @@
 Best damping by gradients
 =========================
 
-Which damper brings a mass to rest with the least integral of its squared displacement? A capacitor collects the
-integral, its sensitivity is the gradient, and SciPy's ``minimize`` takes both from one run.
+Which damper brings a mass to rest with the least integral of its squared displacement? A
+capacitor collects the integral, its sensitivity is the gradient, and SciPy's ``minimize`` takes
+both from one run.
 """
 
 import math
@@ -53,8 +54,9 @@ plt.show()
 
 # %%
 # The integral is :math:`(\zeta + 1/(4\zeta))/\omega`, least at :math:`\zeta = 1/2`, that is at
-# :math:`c = \sqrt{k m}` (K. Ogata, *Modern Control Engineering*, on the integral of squared error). The gradient is
-# zero there to 1e-9 of curvatures of 1e-3, which leaves 1e-6 of the damping.
+# :math:`c = \sqrt{k m}` (K. Ogata, *Modern Control Engineering*, on the integral of squared
+# error). The gradient is zero there to 1e-9 of curvatures of 1e-3, which leaves 1e-6 of the
+# damping.
 exact = math.sqrt(k * m)
 print(f"c = {found.x[0]:.7f} N s/m after {found.nfev} runs, closed form {exact:.7f} N s/m")
 assert abs(found.x[0] - exact) < 1e-5

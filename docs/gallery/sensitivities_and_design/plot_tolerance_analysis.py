@@ -2,8 +2,9 @@
 Tolerances of parts
 ===================
 
-How far may the step response of a filter lie from its drawing if resistors are good to 5 % and capacitors to
-10 %? Sensitivities to all parts give the spread from one run; a thousand runs confirm it.
+How far may the step response of a filter lie from its drawing if resistors are good to 5 % and
+capacitors to 10 %? Sensitivities to all parts give the spread from one run; a thousand runs
+confirm it.
 """
 
 import matplotlib.pyplot as plt

@@ -2,8 +2,9 @@
 Speed against error on a scene of your own
 ==========================================
 
-Which method is the fastest for an accuracy depends on the scene, the sensitivities and the machine.
-``cotree.bench`` measures it: every method at several tolerances, against a reference on which two methods agree.
+Which method is the fastest for an accuracy depends on the scene, the sensitivities and the
+machine. ``cotree.bench`` measures it: every method at several tolerances, against a reference on
+which two methods agree.
 """
 
 import numpy as np
@@ -18,9 +19,9 @@ print(report.summary())
 figure = report.plot()
 
 # %%
-# Errors of a method of order :math:`p` go with the tolerance to a power of about :math:`p/(p + 1)` or
-# one (E. Hairer, S. P. Nørsett, G. Wanner, *Solving Ordinary Differential Equations I*, section II.4): a
-# hundred times less tolerance leaves between a tenth and a thousandth of the error.
+# Errors of a method of order :math:`p` go with the tolerance to a power of about :math:`p/(p + 1)`
+# or one (E. Hairer, S. P. Nørsett, G. Wanner, *Solving Ordinary Differential Equations I*, section
+# II.4): a hundred times less tolerance leaves between a tenth and a thousandth of the error.
 errors = [row.error for row in report.rows if row.method == "dopri5"]
 ratios = np.divide(errors[:-1], errors[1:])
 print("errors of dopri5", *(f"{error:.1e}" for error in errors))
