@@ -26,12 +26,13 @@ STYLE = {
     "lines.linewidth": 1.6,
 }
 
-_written: set[int] = set()
+# Those of this script that are pictures already; kept, so that none is taken for another.
+_seen: list[Figure] = []
 
 
 def set_style(_settings: dict[str, Any], _script: str) -> None:
     """Give every script the same look, whatever the one before it changed."""
-    _written.clear()
+    _seen.clear()
     mpl.rcdefaults()
     plt.close("all")
     mpl.rcParams.update(STYLE)
@@ -41,14 +42,12 @@ def scrape_figures(
     block: Any, block_vars: dict[str, Any], settings: dict[str, Any], **options: Any
 ) -> str:
     """Save the figures of pyplot, then those that variables of the script hold."""
-    known = {id(plt.figure(number)) for number in plt.get_fignums()}
+    _seen.extend(plt.figure(number) for number in plt.get_fignums())
     text: str = matplotlib_scraper(block, block_vars, settings, **options)
     paths = []
     for name, value in block_vars["example_globals"].items():
-        if isinstance(value, Figure) and not name.startswith("_"):
-            if id(value) in known or id(value) in _written:
-                continue
-            _written.add(id(value))
+        if isinstance(value, Figure) and not name.startswith("_") and value not in _seen:
+            _seen.append(value)
             path = str(next(block_vars["image_path_iterator"]))
             value.savefig(path, dpi=STYLE["savefig.dpi"])
             paths.append(path)
