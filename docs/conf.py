@@ -49,6 +49,7 @@ sphinx_gallery_conf = {
     "remove_config_comments": True,
     "download_all_examples": False,
     "show_memory": False,
+    "write_computation_times": False,
     "min_reported_time": 5,
     "subsection_order": [
         f"gallery/{field}"
@@ -79,7 +80,7 @@ html_css_files = ["site.css"]
 _ALONE = (
     *("index", "first_steps", "scenes", "solvers", "watching", "spice", "urdf", "c", "faq"),
     *("coming_from", "theory", "formulation", "hard_cases", "benchmarks", "architecture"),
-    "contributing",
+    *("contributing", "changelog", "command_line"),
 )
 html_sidebars: dict[str, list[str]] = {page: [] for page in _ALONE}
 html_theme_options = {
@@ -150,6 +151,20 @@ def _as_page_of_the_site(_app: object, page: str, source: list[str]) -> None:
     source[0] = source[0].replace("../benchmarks/README.md", "benchmarks.md")
     if page == "components/README":
         source[0] += "\n```{toctree}\n:hidden:\n:glob:\n\n*\n```\n"
+    if page == "command_line":
+        source[0] += _commands()
+
+
+def _commands() -> str:
+    """Describe every command as the program itself does."""
+    import typer
+    from typer.cli import get_docs_for_click
+
+    from cotree.cli.app import app
+
+    command = typer.main.get_command(app)
+    text: str = get_docs_for_click(obj=command, ctx=typer.Context(command), name="cotree")
+    return text.partition("**Commands**")[2].partition("\n## ")[2].join(["\n## ", ""])
 
 
 def setup(app: Any) -> None:

@@ -45,7 +45,7 @@ plt.show()
 
 # %%
 # With C1 = 2 C2 it is Butterworth's filter, whose gain at the corner is :math:`1/\sqrt 2` (U.
-# Tietze and Ch. Schenk, *Electronic Circuits*, section 13.3). Nothing was integrated: only
+# Tietze and Ch. Schenk, *Electronic Circuits*, on active filters). Nothing was integrated: only
 # rounding remains.
 gain = abs(response(f0))
 print(f"gain at {f0:.1f} Hz: {gain:.12f}, closed form {1 / math.sqrt(2):.12f}")

@@ -30,7 +30,7 @@ def cart_pole(force: str) -> cotree.Scene:
 
 # %%
 # The open loop. Its unstable pole follows from the matrices in K. J. Åström and R. M. Murray,
-# *Feedback Systems*, Example 3.2 (without friction, for a point of mass).
+# *Feedback Systems*, on balance systems (here without friction, and with a point of mass).
 linear = cart_pole("push").compile().linearize(reduced=True)
 print(linear.states, linear.summary(), sep="\n")
 unstable = np.max(np.linalg.eigvals(linear.A).real)

@@ -38,7 +38,7 @@ plt.show()
 
 # %%
 # The frequency without the line is :math:`A/\sqrt{C m}`, the decay :math:`1/(2 R C)` (H. E.
-# Merritt, *Hydraulic Control Systems*, section 6.1). Only rounding is between both.
+# Merritt, *Hydraulic Control Systems*, chapter 6). Only rounding is between both.
 poles = np.linalg.eigvals(model.linearize().A)
 C = volume / modulus
 found, exact = abs(poles[0]), area / np.sqrt(C * mass)

@@ -40,8 +40,8 @@ plt.show()
 
 # %%
 # Fourier's series gives the heat that leaves the other side (H. S. Carslaw and J. C. Jaeger,
-# *Conduction of Heat in Solids*, section 3.4). Slices are accurate to second order: the first
-# modes decay too slowly by about :math:`(n \pi / N)^2 / 12`, 5e-4 of their rate for the first one.
+# *Conduction of Heat in Solids*, chapter 3). Slices are accurate to second order: the first modes
+# decay too slowly by about :math:`(n \pi / N)^2 / 12`, 5e-4 of their rate for the first one.
 modes = np.arange(1, 60)
 diffusivity = conductivity / density_heat
 decay = np.exp(-((modes * np.pi / thickness) ** 2) * diffusivity * 3600 * 4)

@@ -61,5 +61,5 @@ plt.show()
 
 # %%
 # The source is the record itself: the fit lies within three standard deviations of what it was
-# made with, as the Gauss-Markov theorem has it for noise of this size.
+# made with, as linear regression has it for noise of this size.
 assert np.all(np.abs(fit.x - [true["k"], true["c"]]) < 3 * spread)
