@@ -49,6 +49,7 @@ sphinx_gallery_conf = {
     "remove_config_comments": True,
     "download_all_examples": False,
     "show_memory": False,
+    "thumbnail_size": (560, 392),
     "write_computation_times": False,
     "min_reported_time": 5,
     "subsection_order": [

@@ -28,7 +28,8 @@ errors = []
 for step in steps:
     with TemporaryDirectory() as folder:
         project = model.write(folder, integrator="rk4", step=float(step))
-        subprocess.run(shlex.split(project.command), cwd=folder, check=True)
+        quickly = project.command.replace("-O2", "-O0")  # it is compiled four times here
+        subprocess.run(shlex.split(quickly), cwd=folder, check=True)
         program = Path(folder, "oscillator")
         done = subprocess.run([program], check=True, capture_output=True, text=True)
     end = dict(line.split(" = ") for line in done.stdout.splitlines())

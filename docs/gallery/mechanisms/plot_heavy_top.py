@@ -26,12 +26,6 @@ for name in "xyz":
 t = np.linspace(0, 3, 1501)
 result = scene.compile().simulate((0, 3), t, method="dop853", rtol=1e-11, atol=1e-12)
 
-fig, (left, right) = plt.subplots(1, 2, figsize=(9, 3.8), width_ratios=[1, 1.5])
-left.plot(result["x"], result["y"])
-left.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title="centre of mass from above")
-right.plot(t, result["z"], label="simulated")
-right.set(xlabel="time [s]", ylabel="height of the centre of mass [m]")
-
 # %%
 # Energy and two angular momenta are constant, so that Euler's cubic, whose roots limit the cosine
 # :math:`u` between axis and vertical, is a closed form of the lowest point (H. Goldstein,
@@ -44,6 +38,12 @@ alpha, beta = turn**2, 2 * m * g * length / A
 u = np.polynomial.Polynomial([0, 1])
 roots = ((alpha - beta * u) * (1 - u**2) - (b - a * u) ** 2).roots().real
 lowest = length * np.sort(roots)[0]
+
+fig, (left, right) = plt.subplots(1, 2, figsize=(9, 3.8), width_ratios=[1, 1.5])
+left.plot(result["x"], result["y"])
+left.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title="centre of mass from above")
+right.plot(t, result["z"], label="simulated")
+right.set(xlabel="time [s]", ylabel="height of the centre of mass [m]")
 right.axhline(lowest, color="0.4", lw=1, ls="--", label="lowest, by Euler's cubic")
 right.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2)
 plt.show()
