@@ -2,8 +2,9 @@
 Cauer's low-pass filter
 =======================
 
-A passive filter of fifth order whose capacitors form loops: three of them bridge inductors, so
-that not every capacitor has a state of its own. The tree of the graph takes care of that.
+A passive fifth-order filter. Two of its capacitors bridge inductors and form loops with the
+others, so that their voltages cannot all be chosen freely; the normal tree of the graph decides
+which of them are states.
 """
 
 import matplotlib.pyplot as plt

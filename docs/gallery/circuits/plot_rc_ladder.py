@@ -2,8 +2,8 @@
 Delay of a wire as an RC ladder
 ===============================
 
-A wire on a chip is a ladder of many resistors and capacitors. A loop draws it, and Elmore's
-delay, the centre of gravity of the impulse response, is known in closed form whatever the number
+A wire on a chip behaves like a ladder of many resistors and capacitors, which a loop in Python
+draws. Elmore's delay, the first moment of the impulse response, has a closed form for any number
 of stages.
 """
 
@@ -38,9 +38,9 @@ plt.legend()
 plt.show()
 
 # %%
-# W. C. Elmore (*Journal of Applied Physics* 19, 1948): each capacitor counts with the resistance
-# before it, :math:`R C N (N + 1) / 2`. At the end :math:`\exp(-24)` of the slowest mode is left,
-# 4e-11, and the run has a tolerance of 1e-9.
+# W. C. Elmore (*Journal of Applied Physics* 19, 1948): the delay is the sum of each capacitance
+# times the resistance before it, :math:`R C N (N + 1) / 2`. At the end of the run the slowest mode
+# has decayed to :math:`\exp(-24)`, 4e-11; the tolerance of the run is 1e-9.
 exact = R * C * N * (N + 1) / 2
 print(f"delay {1e9 * delay:.8f} ns, closed form {1e9 * exact:.8f} ns")
 assert abs(delay / exact - 1) < 1e-7

@@ -2,8 +2,8 @@
 Step response of a series resonant circuit
 ==========================================
 
-A resistor, an inductor and a capacitor in series follow a step of voltage, the faster the smaller
-the resistance, until it overshoots. One compiled model serves all resistances.
+A series RLC circuit responds to a step of voltage: the smaller the resistance, the larger the
+overshoot. The model is compiled once and run with several resistances.
 """
 
 import math

@@ -2,8 +2,8 @@
 Frequency response of an active filter
 ======================================
 
-A low-pass filter after Sallen and Key, with an ideal operational amplifier as follower. The
-linearised model, A, B, C and D, gives its frequency response with a few lines of NumPy.
+A Sallen-Key low-pass filter with an ideal operational amplifier. The matrices A, B, C and D of
+the linearised model give its frequency response in a few lines of NumPy.
 """
 
 import math
@@ -44,9 +44,9 @@ bottom.set(xlabel="frequency [Hz]", ylabel="phase [deg]")
 plt.show()
 
 # %%
-# With C1 = 2 C2 it is Butterworth's filter, whose gain at the corner is :math:`1/\sqrt 2` (U.
-# Tietze and Ch. Schenk, *Electronic Circuits*, on active filters). Nothing was integrated: only
-# rounding remains.
+# With C1 = 2 C2 this is a Butterworth filter, whose gain at the corner frequency is :math:`1/\sqrt
+# 2` (U. Tietze and Ch. Schenk, *Electronic Circuits*, on active filters). Nothing is integrated,
+# so only rounding errors remain.
 gain = abs(response(f0))
 print(f"gain at {f0:.1f} Hz: {gain:.12f}, closed form {1 / math.sqrt(2):.12f}")
 assert abs(gain - 1 / math.sqrt(2)) < 1e-12

@@ -2,8 +2,8 @@
 Rectifier from a SPICE netlist
 ==============================
 
-A netlist is read as it is: four diodes, a smoothing capacitor, a source that floats. Values of
-its elements become parameters, so that sensitivities to each of them are a list of names away.
+A SPICE netlist of a bridge rectifier with a floating source is read as it stands. The values of
+its elements become parameters, so sensitivities to any of them can be asked for by name.
 """
 
 from pathlib import Path

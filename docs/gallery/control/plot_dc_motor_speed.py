@@ -2,8 +2,8 @@
 Speed control of a direct current motor
 =======================================
 
-A motor, its load and a PI controller in one scene. The integral of the error is a capacitor that
-a controlled current charges, since every storage is a component.
+A DC motor, its load and a PI controller in one scene. The integral part of the controller is a
+capacitor that is charged by a current proportional to the control error.
 """
 
 import matplotlib.pyplot as plt
@@ -47,7 +47,7 @@ plt.show()
 
 # %%
 # The poles are the roots of the textbook's characteristic polynomial (for example K. Ogata,
-# *Modern Control Engineering*, on servo systems). Only rounding is between the two.
+# *Modern Control Engineering*, on servo systems). They differ by rounding errors only.
 poles = np.sort_complex(np.linalg.eigvals(model.linearize().A))
 exact = np.sort_complex(np.roots([L * J, L * d + R * J, R * d + K**2 + K * kp, K * ki]))
 print("poles", poles.round(4), "closed form", exact.round(4))

@@ -3,8 +3,7 @@ Inverted pendulum with a linear quadratic regulator
 ===================================================
 
 The task of a control engineer: linearise a pendulum on a cart about its upright position, design
-a state feedback with SciPy, and see what the closed loop does far from that position, where it is
-nonlinear.
+a state feedback with SciPy, and simulate the nonlinear closed loop far from that position.
 """
 
 import matplotlib.pyplot as plt
@@ -39,15 +38,16 @@ print(f"unstable pole {unstable:.9f} 1/s, closed form {exact:.9f} 1/s")
 assert abs(unstable - exact) < 1e-12  # rounding of an eigenvalue of four by four numbers
 
 # %%
-# The regulator weighs 1 m of the cart like 0.3 rad of the rod and 3 N of the drive.
+# In the cost of the regulator, 1 m of the cart counts as much as 0.3 rad of the rod or 3 N of the
+# drive.
 Q, R = np.diag([1.0, 10.0, 0.1, 0.1]), np.array([[0.1]])
 P = solve_continuous_are(linear.A, linear.B, Q, R)
 K = np.linalg.solve(R, linear.B.T @ P)[0]
 print("gains", K.round(4))
 
 # %%
-# The closed loop is the same scene with the feedback as the force of the rail. Its poles are those
-# of :math:`A - B K`.
+# The closed loop is the same scene, with the feedback as the force on the cart. Its poles are
+# those of :math:`A - B K`.
 law = " - ".join(["push", *(f"{k:.17g}*({x})" for k, x in zip(K, linear.states, strict=True))])
 model = cart_pole(law).compile()
 poles = np.sort_complex(np.linalg.eigvals(model.linearize(reduced=True).A))

@@ -2,9 +2,9 @@
 Robertson's reaction over eleven decades of time
 ================================================
 
-Three reactions, of which one is a billion times faster than another, are the classic test of
-stiff methods. ``species`` and ``reaction`` are components like others, so that sensitivities to
-the rates come along.
+Three reactions whose rates differ by nine orders of magnitude are the classic test of stiff
+solvers. Species and reactions are components like any other, so sensitivities to the rate
+constants are available as well.
 """
 
 import matplotlib.pyplot as plt
@@ -35,7 +35,7 @@ plt.show()
 
 # %%
 # The *Test Set for Initial Value Problem Solvers* (F. Mazzia and C. Magherini, Bari, release 2.4,
-# problem ``rober``) gives A = 2.083340149701255e-8 at the end. A tolerance of 1e-9 in some hundred
-# steps is amplified, since A falls to its fifty millionth part.
+# problem ``rober``) gives A = 2.083340149701255e-8 at the end. The local error of 1e-9 per step is
+# amplified, since A falls by a factor of fifty million.
 print(f"A at the end {result['A.c'][-1]:.8e}, published 2.08334015e-08")
 assert abs(result["A.c"][-1] / 2.083340149701255e-8 - 1) < 1e-6

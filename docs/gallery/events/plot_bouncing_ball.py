@@ -2,8 +2,8 @@
 Bouncing ball with sensitivities
 ================================
 
-A ball loses a fifth of its speed in each bounce. The height of later bounces depends on that
-share, and so do their times: both sensitivities are exact, although the speed jumps.
+A ball loses a fifth of its speed at each bounce. The heights and times of later bounces depend on
+the coefficient of restitution, and both sensitivities are exact although the velocity jumps.
 """
 
 import matplotlib.pyplot as plt

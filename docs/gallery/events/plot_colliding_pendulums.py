@@ -2,8 +2,8 @@
 Two pendulums collide
 =====================
 
-One pendulum falls against another that hangs at rest. An ``impact`` is an event whose impulse
-follows from the masses and the constraints; only its coefficient of restitution is given.
+A pendulum falls against another one that hangs at rest. An ``impact`` is an event whose impulse
+follows from the masses and constraints; only the coefficient of restitution is given.
 """
 
 import math
@@ -37,7 +37,8 @@ plt.show()
 
 # %%
 # The balance of angular momentum and Newton's law of restitution give the speed of the pendulum
-# that was at rest, and energy the speed of the other. The run has a tolerance of 1e-10.
+# that was at rest; the conservation of energy gives the speed of the other before the impact. The
+# run has a tolerance of 1e-10.
 before = math.sqrt(2 * g / length * (1 - math.cos(start)))
 exact = m1 * (1 + e) / (m1 + m2) * before
 after = result.events["hit"].y_after[model.states.index("h2.theta_dot"), 0]

@@ -2,8 +2,9 @@
 Tank that drains
 ================
 
-Water leaves a tank through a hole in its floor (Torricelli). An event tells when a given level is
-reached, and its sensitivity how much sooner a larger hole would have done it.
+Water leaves a tank through a hole in its bottom (Torricelli's law). An event locates the time at
+which a given level is reached, and the sensitivity of that time tells how much a larger hole
+would shorten it.
 """
 
 import math
@@ -35,8 +36,8 @@ plt.show()
 
 # %%
 # The level falls with the square of the remaining time, so the time has a closed form, and so has
-# its derivative by the area of the hole (any textbook of hydraulics). The jet is Torricelli's
-# above 1 Pa.
+# its derivative with respect to the area (any textbook of hydraulics). The orifice follows
+# Torricelli's law exactly above 1 Pa.
 result = model.simulate((0, 150), rtol=1e-10, atol=1e-6)
 exact = A / a * math.sqrt(2 / g) * (math.sqrt(h0) - math.sqrt(h1))
 time, slope = result.events["low"].t[0], result.event_sensitivity("low", "a")[0]

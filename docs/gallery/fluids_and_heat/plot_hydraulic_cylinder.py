@@ -2,8 +2,9 @@
 Mass on a column of oil
 =======================
 
-A pump pushes oil through a narrow line into a cylinder that lifts a mass. Oil is compressible, so
-the mass swings on it: the frequency of that limits how fast such a drive can be controlled.
+A pump pushes oil through a narrow line into a cylinder that lifts a mass. Because oil is
+compressible, the mass oscillates on it, and this frequency limits how fast such a drive can be
+controlled.
 """
 
 import matplotlib.pyplot as plt
@@ -37,8 +38,8 @@ bottom.set(xlabel="time [s]", ylabel="speed of the mass [mm/s]")
 plt.show()
 
 # %%
-# The frequency without the line is :math:`A/\sqrt{C m}`, the decay :math:`1/(2 R C)` (H. E.
-# Merritt, *Hydraulic Control Systems*, chapter 6). Only rounding is between both.
+# The undamped natural frequency is :math:`A/\sqrt{C m}`, the decay rate :math:`1/(2 R C)` (H. E.
+# Merritt, *Hydraulic Control Systems*, chapter 6). They differ by rounding errors only.
 poles = np.linalg.eigvals(model.linearize().A)
 C = volume / modulus
 found, exact = abs(poles[0]), area / np.sqrt(C * mass)

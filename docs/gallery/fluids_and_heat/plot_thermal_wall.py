@@ -2,8 +2,8 @@
 Wall that warms up
 ==================
 
-Heat enters one side of a wall that is held at 40 °C. Forty slices, each a heat capacity between
-two resistances, stand for the partial differential equation.
+One side of a wall is suddenly heated to 40 °C. Forty slices, each a heat capacity between two
+thermal resistances, approximate the heat equation.
 """
 
 import matplotlib.pyplot as plt
@@ -39,9 +39,9 @@ plt.legend()
 plt.show()
 
 # %%
-# Fourier's series gives the heat that leaves the other side (H. S. Carslaw and J. C. Jaeger,
-# *Conduction of Heat in Solids*, chapter 3). Slices are accurate to second order: the first modes
-# decay too slowly by about :math:`(n \pi / N)^2 / 12`, 5e-4 of their rate for the first one.
+# Fourier's series gives the heat flow through the other side (H. S. Carslaw and J. C. Jaeger,
+# *Conduction of Heat in Solids*, chapter 3). The discretisation is of second order: mode n decays
+# too slowly by about :math:`(n \pi / N)^2 / 12`, a fraction of 5e-4 for n = 1.
 modes = np.arange(1, 60)
 diffusivity = conductivity / density_heat
 decay = np.exp(-((modes * np.pi / thickness) ** 2) * diffusivity * 3600 * 4)

@@ -2,8 +2,9 @@
 Equations in LaTeX
 ==================
 
-The equations that cotree forms can be read: as text, as LaTeX or as SymPy. Those of the
-slider-pendulum are Eq. (8) of Banerjee and McPhee, and those of its sensitivity graph Eq. (9).
+The equations that cotree forms can be read as text, as LaTeX or as SymPy expressions. Those of
+the slider-pendulum are Eq. (8) of Banerjee and McPhee, and those of its sensitivity graph are Eq.
+(9).
 """
 
 import matplotlib.pyplot as plt
@@ -15,7 +16,7 @@ equations = cotree.load("slider-pendulum").equations(sensitivities=["L"])
 print(equations)
 
 # %%
-# LaTeX comes as an ``align`` environment. Here its first lines are drawn one by one.
+# The LaTeX text is an ``align`` environment, of which two lines are drawn here.
 body = equations.latex().split(r"\begin{align}")[1].split(r"\end{align}")[0]
 rows = [row.replace("&", "").strip(" ,\n") for row in body.split(r"\\")]
 figure = plt.figure(figsize=(7.5, 1.7))
@@ -25,7 +26,7 @@ for number, row in enumerate(rows[:2]):
 plt.show()
 
 # %%
-# Both sides of Eq. (8), typed from the paper, differ by zero: exactly, since SymPy compares
+# The difference to Eq. (8), typed from the paper, is exactly zero, since SymPy compares
 # expressions.
 symbol = equations.symbols
 s, theta, theta_dot = (symbol[name] for name in ("j1.s", "h2.theta", "h2.theta_dot"))

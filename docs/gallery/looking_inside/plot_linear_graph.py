@@ -2,9 +2,8 @@
 Linear graph of a scene
 =======================
 
-Nodes are frames or points, edges are components, and a tree (bold) decides which variables are
-unknowns. Cutsets and circuits of the tree are the balance and the compatibility equations of the
-system.
+Nodes are frames or points, edges are components, and the tree (bold) determines the unknowns. The
+cutsets and circuits of the tree are the balance and compatibility equations of the system.
 """
 
 import numpy as np
@@ -15,15 +14,15 @@ report = cotree.load("slider-pendulum").graph()
 figure = report.draw()
 
 # %%
-# Each branch of the tree has a cutset: the edges by which the rest hangs on it. Each chord has a
-# circuit.
+# Each branch of the tree has a cutset: the edges that connect the two parts into which it divides
+# the tree. Each chord has a circuit.
 print(report.f_cutset["translation"].summary())
 print(report.f_circuit["translation"].summary())
 
 # %%
-# The source is a theorem: rows of cutsets and circuits are orthogonal (H. E. Koenig, Y. Tokad, H.
-# K. Kesavan, *Analysis of Discrete Physical Systems*). The entries are integers, so that zero is
-# zero.
+# By the orthogonality theorem the rows of both matrices are orthogonal (H. E. Koenig, Y. Tokad, H.
+# K. Kesavan, *Analysis of Discrete Physical Systems*). The entries are integers, so the products
+# are exactly zero.
 for domain in report.graphs:
     cutsets, circuits = report.f_cutset[domain], report.f_circuit[domain]
     assert cutsets.columns == circuits.columns

@@ -2,8 +2,8 @@
 Double pendulum
 ===============
 
-The path of a double pendulum is chaotic: it cannot be predicted for long, but its energy can.
-What is left of the energy's constancy measures the integration.
+The motion of a double pendulum is chaotic and cannot be predicted for long, but its energy is
+constant. The remaining change of the energy measures the accuracy of the integration.
 """
 
 import matplotlib.pyplot as plt
@@ -36,8 +36,8 @@ plt.ylabel("y of the tip [m]")
 plt.show()
 
 # %%
-# Without dampers the energy is conserved. Errors of a step are at most 1e-11 of the states;
-# several hundred steps, of states up to 10 rad/s, leave less than 1e-7 J.
+# Without dampers the energy is conserved. The error of each step is at most 1e-11 of the states,
+# which reach 10 rad/s; several hundred steps change the energy by less than 1e-7 J.
 drift = np.max(np.abs(result["energy"] - result["energy"][0]))
 print(f"energy {result['energy'][0]:.6f} J, largest change {drift:.1e} J")
 assert drift < 1e-7

@@ -3,8 +3,8 @@ Four-bar linkage and its coupler curve
 ======================================
 
 Three bars and the ground form a closed loop: the fourth pin is not in the tree, and its two
-constraints are held by multipliers and projection. A point of the coupler draws the curve that
-such linkages are built for.
+constraints are enforced by multipliers and projection. A point of the coupler traces the curve
+that such linkages are built for.
 """
 
 import math
@@ -47,8 +47,8 @@ plt.show()
 
 # %%
 # Freudenstein's equation gives the rocker's angle for that of the crank in closed form (R. L.
-# Norton, *Design of Machinery*, Eq. 4.10). Projection holds the loop to rounding, so that nothing
-# but the arithmetic of both sides separates them.
+# Norton, *Design of Machinery*, Eq. 4.10). Projection keeps the loop closed to rounding errors, so
+# both sides differ by rounding errors only.
 k1, k2, k3 = d / a, d / c, (a**2 - b**2 + c**2 + d**2) / (2 * a * c)
 p = np.cos(crank) - k1 - k2 * np.cos(crank) + k3
 q = -2 * np.sin(crank)

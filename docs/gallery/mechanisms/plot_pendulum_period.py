@@ -2,8 +2,8 @@
 Period of a pendulum at large amplitude
 =======================================
 
-A pendulum swings the more slowly the further it swings. An event marks where it turns, so that
-the period is known to the accuracy of the run, and not to the distance of stored points.
+The period of a pendulum grows with its amplitude. Events mark the turning points, so the period
+is as accurate as the integration, whatever the spacing of the stored points.
 """
 
 import math
@@ -43,7 +43,7 @@ plt.legend()
 plt.show()
 
 # %%
-# A hundred steps or so, each good to 1e-11, lie between two turns.
+# There are about a hundred steps between two turning points, each with an error of about 1e-11.
 worst = np.max(np.abs(periods / exact - 1))
 print(f"largest relative difference {worst:.1e}")
 assert worst < 1e-8

@@ -2,9 +2,9 @@
 Disc that rolls in a circle
 ===========================
 
-A disc leans inwards and rolls in a circle without slipping. Its three constraints are one on its
-height and two on velocities (nonholonomic); multipliers enforce them, and the animation follows
-from the graph.
+A disc leans inwards and rolls in a circle without slipping. One constraint holds its height, and
+two nonholonomic ones its velocity; multipliers enforce all three. The animation is drawn from the
+graph.
 """
 
 import math
@@ -19,8 +19,8 @@ A, C = m * R**2 / 4, m * R**2 / 2  # across the disc and about its axis
 lean, turn = math.radians(25), 2.0  # from the vertical [rad], about the vertical [rad/s]
 
 # %%
-# Steady rolling needs one spin for a lean and a rate of turn, by the balance of moments about the
-# centre (for example Neimark and Fufaev, *Dynamics of Nonholonomic Systems*):
+# For steady rolling, the balance of moments about the centre determines the spin for a given lean
+# and rate of turn (for example Neimark and Fufaev, *Dynamics of Nonholonomic Systems*):
 #
 # .. math:: (C + m R^2)\,\omega\,\Omega\cos\varphi = (m g R - A\,\Omega^2\cos\varphi)\sin\varphi
 spin = (m * g * R - A * turn**2 * math.cos(lean)) * math.tan(lean) / ((C + m * R**2) * turn)
@@ -45,8 +45,8 @@ right.axis("off")
 plt.show()
 
 # %%
-# The centre keeps its distance from the axis of the circle. A hundred steps with errors of 1e-11
-# are between start and end.
+# The centre keeps its distance from the axis of the circle. The run takes about a hundred steps
+# with errors of 1e-11.
 radius = np.hypot(result["x"], result["y"] - R * spin / turn)
 print(f"radius {R * spin / turn:.9f} m, simulated {radius.min():.9f} to {radius.max():.9f} m")
 assert np.max(np.abs(radius - R * spin / turn)) < 1e-8

@@ -2,10 +2,9 @@
 Slider-pendulum with sensitivities
 ==================================
 
-A block slides on a guide, held by a spring, and carries a hinged rod. This is the example of
-Banerjee and McPhee, *Graph-Theoretic Modelling and Sensitivity Analysis of Dynamic Systems*:
-cotree forms the governing equations, Eq. (8), and their sensitivities, Eq. (9), from the linear
-graph.
+A block on a guide is held by a spring and carries a hinged rod. This is the example of Banerjee
+and McPhee, *Graph-Theoretic Modelling and Sensitivity Analysis of Dynamic Systems*: cotree forms
+the governing equations, Eq. (8), and the sensitivity equations, Eq. (9), from the linear graph.
 """
 
 import numpy as np
@@ -35,7 +34,7 @@ figure = result.plot(["j1.s", "h2.theta", "d(j1.s)/d(L)", "d(h2.theta)/d(L)"])
 
 # %%
 # Eq. (8) of the paper, typed by hand and integrated by SciPy, gives the same block position after
-# 10 s. Both runs keep errors of 1e-10 per step, so that nine digits have to agree.
+# 10 s. With errors of 1e-10 per step in both runs, nine digits must agree.
 m1, m2, L, r, zeta, k, s0, g = values.values()
 
 

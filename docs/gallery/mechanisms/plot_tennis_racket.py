@@ -2,9 +2,9 @@
 Tennis racket that turns over
 =============================
 
-A body that spins about its middle axis of inertia turns over again and again, without any moment
-(the theorem of the tennis racket, or the effect of Dzhanibekov). The time between two turns is an
-elliptic integral.
+A free body that spins about its intermediate principal axis flips over periodically without any
+applied torque (the tennis racket theorem, or Dzhanibekov effect). The period is an elliptic
+integral.
 """
 
 import math
@@ -35,8 +35,8 @@ right.axis("off")
 plt.show()
 
 # %%
-# Landau and Lifshitz (*Mechanics*, section 37) give the period in energy and angular momentum. A
-# turn takes some tens of steps with errors of 1e-11, which the unstable axis amplifies a
+# Landau and Lifshitz (*Mechanics*, section 37) express the period by energy and angular momentum.
+# A period takes some tens of steps with errors of 1e-11, which the unstable axis amplifies a
 # hundredfold.
 energy2 = I1 * w[0] ** 2 + I2 * w[1] ** 2 + I3 * w[2] ** 2  # twice the energy
 momentum2 = (I1 * w[0]) ** 2 + (I2 * w[1]) ** 2 + (I3 * w[2]) ** 2

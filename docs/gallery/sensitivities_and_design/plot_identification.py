@@ -2,9 +2,8 @@
 Parameters from a measurement
 =============================
 
-Stiffness and damping of a mount are fitted to a noisy record. ``least_squares`` of SciPy gets
-residuals and their exact Jacobian from the same run, so that a fit takes a handful of runs and
-ends where it should.
+Stiffness and damping of a mount are fitted to a noisy record. SciPy's ``least_squares`` receives
+the exact Jacobian of the residuals from the model, so the fit converges in a few iterations.
 """
 
 import matplotlib.pyplot as plt
@@ -60,6 +59,6 @@ plt.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3)
 plt.show()
 
 # %%
-# The source is the record itself: the fit lies within three standard deviations of what it was
-# made with, as linear regression has it for noise of this size.
+# The fit must lie within three standard deviations of the values that the record was made with;
+# the standard deviations follow from the Jacobian and the noise, as in linear regression.
 assert np.all(np.abs(fit.x - [true["k"], true["c"]]) < 3 * spread)

@@ -2,9 +2,9 @@
 Tolerances of parts
 ===================
 
-How far may the step response of a filter lie from its drawing if resistors are good to 5 % and
-capacitors to 10 %? Sensitivities to all parts give the spread from one run; a thousand runs
-confirm it.
+How far may the step response of a filter deviate if resistors have a tolerance of 5 % and
+capacitors of 10 %? The sensitivities to all parts give the spread from a single run; a Monte
+Carlo study with a thousand runs confirms it.
 """
 
 import matplotlib.pyplot as plt
@@ -29,7 +29,7 @@ each = [v * tolerance / 3 * result.sensitivity("C2.v", n) for n, (v, tolerance) 
 sigma = np.sqrt(np.sum(np.square(each), axis=0))  # tolerances are three standard deviations
 
 # %%
-# The same by chance, without sensitivities:
+# The same by a Monte Carlo study, without sensitivities:
 plain = scene.compile()
 nominal = np.array([value for value, _ in parts.values()])
 deviation = np.array([value * tolerance / 3 for value, tolerance in parts.values()])
@@ -50,8 +50,8 @@ plt.legend(loc="lower right")
 plt.show()
 
 # %%
-# The source is the law of large numbers: a standard deviation of 1000 runs is itself uncertain by
-# :math:`1/\sqrt{2 \cdot 1000}`, 2.2 %, here taken four times, and second order adds less than 1 %.
+# The standard deviation of 1000 samples is itself uncertain by :math:`1/\sqrt{2 \cdot 1000}`, 2.2
+# %. Four times that is allowed, and 1 % for terms of second order.
 at = np.argmax(sigma)
 chance = np.std(runs[:, at])
 print(f"at {1e3 * t[at]:.1f} ms: {sigma[at]:.5f} V by sensitivities, {chance:.5f} V by 1000 runs")

@@ -2,9 +2,9 @@
 Speed against error on a scene of your own
 ==========================================
 
-Which method is the fastest for an accuracy depends on the scene, the sensitivities and the
-machine. ``cotree.bench`` measures it: every method at several tolerances, against a reference on
-which two methods agree.
+The fastest method for a required accuracy depends on the scene, the sensitivities and the
+machine. ``cotree.bench`` measures all methods at several tolerances against a reference on which
+two methods agree.
 """
 
 import numpy as np
@@ -19,9 +19,10 @@ print(report.summary())
 figure = report.plot()
 
 # %%
-# Errors of a method of order :math:`p` go with the tolerance to a power of about :math:`p/(p + 1)`
-# or one (E. Hairer, S. P. Nørsett, G. Wanner, *Solving Ordinary Differential Equations I*, section
-# II.4): a hundred times less tolerance leaves between a tenth and a thousandth of the error.
+# The error of a method of order :math:`p` is proportional to the tolerance to a power between
+# :math:`p/(p + 1)` and one (E. Hairer, S. P. Nørsett, G. Wanner, *Solving Ordinary Differential
+# Equations I*, section II.4): a tolerance that is a hundred times smaller divides the error by 10
+# to 1000.
 errors = [row.error for row in report.rows if row.method == "dopri5"]
 ratios = np.divide(errors[:-1], errors[1:])
 print("errors of dopri5", *(f"{error:.1e}" for error in errors))
