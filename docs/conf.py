@@ -33,6 +33,7 @@ exclude_patterns = ["gallery", "_templates", "sg_execution_times.rst"]
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 4
 nitpicky = False
+smartquotes = False  # two dashes begin an option
 autosummary_generate = True
 autodoc_typehints = "none"
 autodoc_member_order = "bysource"
