@@ -2,7 +2,7 @@
 Nutation of a heavy top
 =======================
 
-The axis of a fast top is released in a horizontal position; it falls, rises again and precesses
+The axis of a fast top is released in a horizontal position; it falls, rises again and turns
 about the vertical. Mass and inertia are those of the heavy-top benchmark of Géradin and Cardona
 (*Flexible Multibody Dynamics*, 2001) as given by Terze, Müller and Zlatar (*Multibody System
 Dynamics* 38, 2016); the initial precession is slower.
