@@ -17,7 +17,7 @@ MODULES = [
 ]
 
 
-@pytest.mark.sampled(96)
+@pytest.mark.sampled(40)
 @pytest.mark.parametrize("name", MODULES)
 def test_examples_of_module(name):
     assert doctest.testmod(importlib.import_module(name)).failed == 0

@@ -41,6 +41,7 @@ MIDDLE = graph_of("a ground A", "b ground B")
 IN_PIECES = LinearGraph("rotation", ("ground", "A", "B", "C"), (GraphEdge("e", "B", "C", "x"),))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "graph", [FIGURE_1, PENDULUM, CHAIN, BODIES, STAR, COMPLETE, MIDDLE, IN_PIECES]
 )
@@ -253,6 +254,7 @@ def test_wrong_names_are_named(pendulum: FakeResult):
         plot_result(pendulum, overlay={("j1.s", "m1"): (pendulum.t, pendulum.t)})
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("suffix", "begin"),
     [("svg", b"<?xml"), ("png", b"\x89PNG"), ("pdf", b"%PDF"), ("PNG", b"\x89")],

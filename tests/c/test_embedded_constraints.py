@@ -251,6 +251,7 @@ def test_without_a_projection_nothing_is_added(driver: Path) -> None:
     assert evaluations == 2 + 6 * (steps + rejected)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("result", [0, 1])
 def test_a_failing_projection_gives_its_code(driver: Path, result: int) -> None:
     """The steps shorten up to the time beyond which it fails, or gives no number."""

@@ -30,6 +30,7 @@ def driven(has_corner):
     return scene
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("integrator", "has_corner", "sensitivities"),
     [

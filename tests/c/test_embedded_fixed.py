@@ -74,6 +74,7 @@ def test_constraints_are_held(tmp_path):
         assert found[name] == pytest.approx(value, abs=1e-6 * max(1.0, abs(value))), name
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("scene", "integrator", "step", "text"),
     [

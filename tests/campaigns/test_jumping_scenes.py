@@ -226,6 +226,7 @@ def _compared(
     return counts
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("seed", range(-(-CASES // PER_SCENE)))
 def test_no_sensitivity_is_wrong_without_a_message(seed):
     made = _make(seed)

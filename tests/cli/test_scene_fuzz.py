@@ -80,6 +80,7 @@ def test_any_text_as_expression_is_an_expression_or_an_error(text: str) -> None:
             assert not scene.outputs
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", sorted(TEXTS))
 def test_unchanged_scene_is_accepted(name: str) -> None:
     scene = read_scene(TEXTS[name], f"{name}.toml", Scene)

@@ -187,7 +187,7 @@ ARGUMENTS: list[tuple[list[str], list[str]]] = [
 ]
 
 
-@pytest.mark.sampled(21)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("arguments", "culprits"), ARGUMENTS, ids=[" ".join(a) for a, _ in ARGUMENTS]
 )

@@ -93,6 +93,7 @@ def test_a_busy_scene_with_hostile_texts_is_clean(run_compiler):
     run_compiler(files, "-c")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("sensitivities", [(), ("m", "L")])
 def test_a_scene_with_constraints_is_clean(run_compiler, sensitivities):
     run_compiler(_files(_closed(sensitivities)), "-c")
@@ -108,7 +109,7 @@ def test_solve_call_and_table_are_clean(made_up, run_compiler, is_staged):
         run_compiler(_files(program), "-c")
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", STEPPERS)
 def test_engines_are_clean(run_compiler, method):
     run_compiler(engine_files(method), "-c")
@@ -319,6 +320,7 @@ def test_a_scene_with_algebraic_unknowns_runs_clean_under_sanitizers(run_compile
     _check_against_python(program, found)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("n", [1, 4])
 @pytest.mark.usefixtures("in_blocks")
 def test_redundant_systems_run_clean_under_sanitizers(made_up, run_compiler, n):

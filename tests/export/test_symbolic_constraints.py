@@ -84,7 +84,7 @@ def solved(
     return np.linalg.solve(np.array(columns).T, -rest)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("scene", "tree", "name"),
     [

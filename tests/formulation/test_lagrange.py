@@ -131,7 +131,7 @@ def scene_of(bodies, gravity):
     return scene
 
 
-@pytest.mark.sampled(7)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("own_axes", [(), (1, 2, 3, 4)])
 @pytest.mark.parametrize(
     ("seed", "kinds"),

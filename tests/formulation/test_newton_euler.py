@@ -72,7 +72,7 @@ def test_random_trees_obey_the_principle(seed):
     check_model(scene, state=np.random.default_rng(seed).uniform(-1.0, 1.0, n_states))
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @every_joint
 @pytest.mark.compiler
 @pytest.mark.parametrize("seed", range(10))
@@ -101,7 +101,7 @@ def test_the_length_of_a_quaternion_is_of_no_account(seed):
     assert np.allclose(model.rhs(0.3, longer)[n:], ours, rtol=1e-11, atol=1e-11)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @every_joint
 @pytest.mark.compiler
 @pytest.mark.parametrize("seed", range(9))
@@ -118,6 +118,7 @@ def test_spatial_loops_obey_the_principle(seed):
     assert np.allclose(model.initial_state, start, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.sampled(1)
 @every_joint
 @pytest.mark.compiler
 @pytest.mark.parametrize("seed", range(3))
@@ -151,6 +152,7 @@ def test_absolute_coordinates_obey_the_principle(seed):
     check_model(restarted(scene, absolute, start), absolute.branches, start)
 
 
+@pytest.mark.sampled(2)
 @every_constraint
 @pytest.mark.compiler
 @pytest.mark.parametrize("name", CONSTRAINED)
@@ -238,7 +240,7 @@ def test_energy_of_every_joint_changes_by_the_power_of_drives_and_dampers(seed):
     check_energy(oracle, oracle.start)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @every_joint
 @pytest.mark.parametrize("seed", range(9))
 def test_energy_of_loops_changes_by_the_power_of_drives_and_dampers(seed):

@@ -127,6 +127,7 @@ def clusters(scene):
 # ---- the mass matrix
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("seed", seeds(7, 40))
 def test_the_mass_matrix_is_that_of_the_kinetic_energy(seed):
     scene = random_mechanism(seed)
@@ -134,6 +135,7 @@ def test_the_mass_matrix_is_that_of_the_kinetic_energy(seed):
     check_mass_matrix(scene, tree, NewtonEuler(scene, tree).start, seed)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("seed", seeds(4, 6))
 def test_the_mass_matrix_of_a_loop_is_that_of_its_tree(seed):
     scene, tree = random_loop(seed)
@@ -377,6 +379,7 @@ def test_energy_is_kept_where_nothing_dissipates_or_drives(seed):
     assert np.ptp(energy) <= 1e-9 * max(1.0, size)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.compiler
 @pytest.mark.parametrize("seed", seeds(1, 6))
 def test_energy_falls_where_dampers_act(seed):

@@ -46,7 +46,7 @@ def wanted_of(scene):
     return ["a", "b", "g", f"j1.{scene.edges['j1'].component.motion_space[0].name}"]
 
 
-@pytest.mark.sampled(10)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize("own_axes", AXES)
 def test_mass_matrix_is_the_derivative_of_the_balances(seed, own_axes):

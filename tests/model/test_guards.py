@@ -63,7 +63,7 @@ def _cases(component):
             yield field, edge.name, scene
 
 
-@pytest.mark.sampled(34)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("component", SIGNED, ids=lambda c: c.name)
 def test_every_field_with_a_sign_is_guarded(component):
     cases = list(_cases(component))
@@ -80,6 +80,7 @@ def test_every_field_with_a_sign_is_guarded(component):
                 kernels.prepare(p)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.compiler
 @pytest.mark.filterwarnings("ignore:COTREE_COMPILER=none")
 @pytest.mark.parametrize("name", OF_DOMAINS)

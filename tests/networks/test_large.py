@@ -42,7 +42,7 @@ def test_a_stiff_long_ladder_is_found_stiff():
     assert np.abs(result.y[:, -1] - ladder_response(N, 5000.0)).max() <= 1e-4
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.compiler
 @pytest.mark.parametrize("make", [rc_ladder, rlc_ladder, rc_grid])
 def test_loops_compute_what_the_statements_did(make):

@@ -25,6 +25,7 @@ NETWORK = [
 ]
 
 
+@pytest.mark.sampled(9)
 @pytest.mark.parametrize("name", NETWORK)
 def test_graphs_agree_with_the_complex_step(name):
     text = (PAGES / f"{name}.md").read_text(encoding="utf-8")

@@ -317,7 +317,7 @@ def test_the_operating_point_and_its_sensitivities():
         np.testing.assert_allclose(start.s[:, j], difference, rtol=3e-6, atol=1e-14)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["amplifier", "junction", "nand"])
 def test_sensitivities_agree_with_differences(name):
     scene = cotree.load(HERE / "netlists" / f"{name}.cir")
@@ -376,7 +376,7 @@ def cmos(rows):
     )
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("volts", [0.0, 1.0, 2.4, 5.0])
 @pytest.mark.parametrize("n", [1, 2, 5])
 def test_chains_of_inverters_without_capacitors_have_operating_points(volts, n):
@@ -505,7 +505,7 @@ LONG_TAIL = (
 )
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "method", ["rodas5", *(pytest.param(n, marks=pytest.mark.slow) for n in ("ida", "BDF"))]
 )

@@ -376,6 +376,7 @@ def test_circles_are_refused(read):
         read(f'<robot name="r"><link name="c"/><link name="a"/><link name="b"/>{ring}</robot>')
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("data", "said"),
     [

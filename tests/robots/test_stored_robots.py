@@ -54,7 +54,7 @@ def test_accelerations(name):
         assert apart(found, list(case["rates"].values())) < CLOSE
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.compiler
 @pytest.mark.parametrize("name", [name for name, row in STORED.items() if row[1] == "fixed"])
 def test_jacobians(name):

@@ -150,7 +150,7 @@ def test_a_scene_comes_back_as_it_was(name, tmp_path):
 FAST = ("slider-pendulum", "bouncing-ball", "motor-linkage", "everything", "held", "network 3")
 
 
-@pytest.mark.sampled(47)
+@pytest.mark.sampled(23)
 @pytest.mark.parametrize("name", cases(FAST, [name for name in SCENES if name not in FAST]))
 def test_the_program_stays_the_same(name):
     scene = SCENES[name]()

@@ -48,6 +48,7 @@ def run(
         return model.simulate((start, start + length), **settings)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", INSTALLED)
 def test_motion_that_knows_no_time_is_right_at_any(decay: cotree.Model, method: str) -> None:
     shares = np.array([0.0, 0.25, 0.5, 1.0])  # exact in the times below

@@ -109,7 +109,7 @@ def test_positions_that_are_set_in_a_loop(kind):
     assert "sets fewer states than the constraints leave free" in result.message
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("method", ["dop853", "cvode", "ida"])
 def test_a_loop_that_is_redundant(method):
     if method != "dop853":
@@ -192,6 +192,7 @@ def test_every_step_and_every_event_is_a_point(in_c):
     assert result.t[-1] == 2.0
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("times", [None, [0.0, 0.3, 1.0]])
 @pytest.mark.parametrize("loop", ["dop853", "rodas5", "cvode", "ida"])
 def test_what_jumps_at_a_breakpoint_is_stored_once(loop, times):
@@ -215,6 +216,7 @@ def test_inputs_that_are_replaced(kind):
     assert result["n"][-1] > 3.0
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("scene", [rail, relaxation])
 def test_a_stop_at_the_start(in_c, scene):
     drawn = scene()
@@ -302,6 +304,7 @@ def contradiction():
     return scene
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("scene", [endless, undefined, overflow, chatter])
 def test_what_ends_a_run_is_said_in_the_same_words(scene, kind):
     # The last good point is where a step ended, which are not the same.

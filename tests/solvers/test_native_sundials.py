@@ -84,6 +84,7 @@ def test_agrees_with_a_tight_solution(slider, tested, method):
     assert np.array_equal(result.t, times)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("name", "span"), [("chem_hires", 321.8122), ("chem_robertson", 1e5)])
 @pytest.mark.parametrize("tested", [True, False])
 @pytest.mark.parametrize("method", METHODS)
@@ -417,6 +418,7 @@ def test_algebraic_unknowns_jump_with_an_input(method):
     assert result.drift.worst < 1e-12
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("tested", [True, False])
 def test_constrained_motions_stay_on_their_constraints(method, tested):

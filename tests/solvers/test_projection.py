@@ -150,7 +150,7 @@ def test_outputs_decide_nothing_about_a_method_with_a_memory(method):
     assert many.statistics.n_steps < 2000
 
 
-@pytest.mark.sampled(9)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("is_tested", [True, False])
 @pytest.mark.parametrize("method", ALL)
 def test_sensitivities_obey_the_differentiated_constraint(method, is_tested):
@@ -210,6 +210,7 @@ def test_a_driven_speed_jumps_at_a_breakpoint(method):
     assert result.drift.worst == 0.0
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", ALL)
 def test_a_projection_that_changes_nothing_changes_no_result(method):
     for times in (None, np.linspace(0, 5, 41)):
@@ -224,7 +225,7 @@ def test_a_projection_that_changes_nothing_changes_no_result(method):
         assert free.statistics.nfev == held.statistics.nfev
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("wants_outputs", [True, False])
 @pytest.mark.parametrize("error", [SolveError, SingularSystemError])
 @pytest.mark.parametrize("method", ALL)

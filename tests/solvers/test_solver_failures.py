@@ -14,6 +14,7 @@ from cotree.solvers import METHODS, check_problem, integrate
 ALL = [name for name, row in METHODS.items() if row.family == "scipy"]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", ALL)
 def test_past_a_pole(method):
     times = np.array([0.0, 0.25, 1.5])
@@ -96,6 +97,7 @@ def test_longest_step(method):
     assert np.diff(result.t).max() <= 0.01 * (1 + 1e-9)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", ALL)
 def test_start_at_rest_that_ends_soon(method):
     # x' = -1e9 (x - sin t): nothing moves at t = 0, and a first step of a share of the span is

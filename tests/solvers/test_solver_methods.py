@@ -30,7 +30,7 @@ def _error(trajectory) -> float:
     return float(np.max(np.abs(trajectory.z - exact) / np.maximum(1, np.abs(exact))))
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("damped", [True, False])
 @pytest.mark.parametrize("method", cases(SHORT, ["Radau"]))
 def test_closed_form_at_tight_tolerance(method, damped, monkeypatch):
@@ -148,7 +148,7 @@ def test_stiff_reactions_with_sensitivities(method, has_jacobian):
     assert result.statistics.n_steps < 1000
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("method", IMPLICIT)
 def test_sensitivities_outside_the_error_test_survive_a_stiff_problem(method):
     result = integrate(robertson(1e11, rtol=1e-8, error_test_sensitivities=False), method)
@@ -174,6 +174,7 @@ def test_error_test_off_keeps_the_accuracy_of_states(method):
     assert np.max(np.abs(untested.z - exact)) < 1e-5
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", ALL)
 @pytest.mark.parametrize("tests_sensitivities", [True, False])
 def test_many_parameters_take_the_sparse_or_banded_way(method, tests_sensitivities):
@@ -260,6 +261,7 @@ def test_missing_sundials_names_the_package(method, monkeypatch):
         integrate(oscillator(), method)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", ["dopri5", "rodas5", "cvode", "ida"])
 def test_functions_of_python_are_left_to_scipy(method):
     if method in ("cvode", "ida"):

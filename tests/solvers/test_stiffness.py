@@ -113,7 +113,7 @@ def test_a_method_that_was_asked_for_goes_on(method):
     assert "rodas5 may take far fewer" in result.message
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("rtol", [1e-3, 1e-5, 1e-8, 1e-11])
 @pytest.mark.parametrize("method", ["auto", *TABLEAUS])
 def test_what_is_not_stiff_is_not_called_so(method, rtol):

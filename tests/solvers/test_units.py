@@ -44,7 +44,7 @@ def _values(model, p):
     return projection, np.concatenate([start.y, start.s.T.ravel()])
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("shape", "n", "tree"),
     [("four-bar", 0, None), ("four-bar", 0, BODIES), ("flat", 1, BODIES)],

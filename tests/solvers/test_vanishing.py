@@ -124,6 +124,7 @@ def test_nothing_is_left_where_only_outputs_depend(method):
     np.testing.assert_allclose(found.sensitivity("felt", "k"), found["W.T"], rtol=1e-14)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", ["dopri5", "dop853", "rodas5", "cvode", "ida"])
 def test_events_with_algebraic_unknowns(method, both, monkeypatch):
     """Unknowns are solved for at each point, not integrated; the event's time depends on R."""

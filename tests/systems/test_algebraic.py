@@ -200,6 +200,7 @@ def diode_current(v, n, E, R, Is, Vt, **others):
     return a * lambertw(Is / a * np.exp((E - v + R * Is) / (n * Vt))).real - Is
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("n", [1, 3, 8])
 @pytest.mark.parametrize("guess", [0.0, 0.6, 15.0, -30.0, 40.0])
 def test_diodes_in_series_find_their_start(n, guess):
@@ -330,7 +331,7 @@ def test_singular_systems_name_what_they_leave_free(rates, names):
     assert f"determine {names}" in str(caught.value)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", ALL)
 def test_a_run_into_a_fold_stops_with_its_reason(method):
     """x' = -1, 0 = z^2 - x: no solution is left beyond t = 1."""

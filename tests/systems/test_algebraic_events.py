@@ -62,6 +62,7 @@ def differences():
     return run(), found
 
 
+@pytest.mark.sampled(2)
 def test_a_charger_with_a_diode(method, differences):
     model = charger().compile(list(CHARGER))
     assert model.layout.n_algebraic == 1

@@ -50,6 +50,7 @@ LAWS = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", list(LAWS))
 def test_branches_are_events_with_exact_sensitivities(name):
     values = {"g": 0.3, "c": 0.53}

@@ -59,6 +59,7 @@ def scale_of(name, expected):
     return np.abs(expected) if name.startswith("chem") else np.max(np.abs(expected))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_values_and_sensitivities(name):
     reference = read_reference(name)

@@ -187,11 +187,13 @@ def pendulum(**event):
     return scene
 
 
+@pytest.mark.sampled(2)
 def test_pendulum_against_a_stop(method):
     scene = pendulum(when="h.theta - a", set={"h.theta_dot": "-e*h.theta_dot"})
     check_pendulum(scene.compile(list(PENDULUM)).simulate((0, 4), method=method, **TIGHT))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("when", ["h.theta - a", "B.x - L*sin(a)"])
 @pytest.mark.parametrize("loop", ["dop853", "rodas5", "cvode", "ida"])
 def test_an_impact_of_one_coordinate_reverses_its_rate(when, loop):
@@ -199,7 +201,7 @@ def test_an_impact_of_one_coordinate_reverses_its_rate(when, loop):
     check_pendulum(scene.compile(list(PENDULUM)).simulate((0, 4), method=loop, **TIGHT))
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "event", [{"set": {"x.s_dot": "-e*x.s_dot"}}, {"impact": {"restitution": "e"}}]
 )

@@ -25,6 +25,7 @@ SLOW = (
 PAGE = Path(__file__).parents[2] / "docs" / "hard_cases.md"
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("name", "rtol", "digits"),
     [

@@ -41,6 +41,7 @@ CASES = {
 METHODS = ["RK45", "LSODA", "BDF", "dop853", "dopri5", "rodas4", "rodas5", "cvode", "ida", "auto"]
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("kind", CASES)
 def test_momentum_is_the_integral_of_the_force(mass, kind, method):

@@ -53,7 +53,7 @@ def coin(way, spin, radius=0.3, mass=1.5):
     return scene.compile(tree=["f" if way == "free" else "m"], optimize="-O0")
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("way", ["free", "axes", "body"])
 def test_a_rolling_disc_is_stable_above_its_critical_speed(way):
     """lambda^2 = 4 g/(5 r) - 12 w^2/5 of a thin disc: stable if w > sqrt(g/(3 r))."""

@@ -109,7 +109,7 @@ def parameters_of(name: str) -> tuple[str, ...]:
     return tuple(read_reference(name)["sensitivities"]["values"])
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 @each_coordinates
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_every_reference_value_to_eight_digits(name, coordinates):
@@ -119,7 +119,7 @@ def test_every_reference_value_to_eight_digits(name, coordinates):
     check_states(compiled(name, coordinates), reference, bound, **TIGHT)
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 @in_both_coordinates(*PROBLEMS)
 def test_multistep_methods(name, coordinates):
     """Local errors of 1e-10 add up over 1e3 to 2e4 steps, and problems amplify them tenfold."""
@@ -214,7 +214,7 @@ def test_any_pins_of_andrews_mechanism_may_be_cut(cuts):
         assert error(result[key], expected[key]) < 1e-9, key
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @in_both_coordinates(
     "heavy_top", "iftomm_a01_pendulum", "ivp_andrews", "nonholonomic_skate", "torque_free_top"
 )

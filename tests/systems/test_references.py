@@ -29,7 +29,7 @@ def error(found, expected):
     return np.max(np.abs(found - expected) / np.maximum(1.0, np.abs(expected)))
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", METHODS)
 def test_states_and_all_sensitivities(model_of, scene_name, method):
     t, states, sensitivities = reference(scene_name)
@@ -98,6 +98,7 @@ def _differences(run, name, value, h):
     return (above - below) / (2 * h)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("parameter", ["L", "m2", "s0"])
 def test_output_sensitivity_against_finite_differences(model_of, parameter):
     model = model_of("slider-pendulum")

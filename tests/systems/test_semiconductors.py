@@ -69,6 +69,7 @@ GUMMEL_POON = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("type", "sign"), [("bjt_npn", 1), ("bjt_pnp", -1)])
 @pytest.mark.parametrize(("vbe", "vbc"), [(0.75, -3.0), (0.7, 0.6), (-1.0, 0.65), (-2.0, -2.0)])
 def test_currents_are_those_of_gummel_and_poon(type, sign, vbe, vbc):

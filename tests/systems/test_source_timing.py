@@ -94,6 +94,7 @@ def test_the_same_without_a_compiler(monkeypatch):
     assert model.simulate((0, 0.9), method="dopri5").status == 0
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", ["RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA"])
 def test_scipys_methods_name_others(loop, method):
     with pytest.raises(SolveError, match=rf"'{method}' cannot take sensitivities.*use 'dopri5'"):
@@ -147,7 +148,7 @@ WAVEFORMS = [
 ]
 
 
-@pytest.mark.sampled(7)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("waveform", WAVEFORMS, ids=str)
 @pytest.mark.parametrize("method", ["dopri5", "rodas5", "ida"])
 def test_waveforms_with_corners_and_jumps(waveform, method):

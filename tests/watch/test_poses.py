@@ -143,6 +143,7 @@ def test_frames_are_even_and_bounded():
     assert len(choose_frames(0.0, 1e4, 25.0, 1.0, n_bodies=1000).times) == 300
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("settings", "told"),
     [

@@ -105,7 +105,7 @@ def test_visuals_are_where_the_format_puts_them(tmp_path):
         np.testing.assert_allclose(found, mesh.points @ pose[:3, :3].T + pose[:3, 3], atol=1e-12)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("file", WRITERS)
 def test_meshes_are_read_placed_and_scaled(tmp_path, file):
     folder = tmp_path / "pack" / "meshes"
