@@ -25,6 +25,8 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 SCENES = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
 ARCHITECTURE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 PAGES = ROOT / "docs" / "components"
+SITE = ["index.md", "first_steps.md", "coming_from.md", "theory.md"]
+SITE += sorted(f"how_to/{page.name}" for page in (ROOT / "docs" / "how_to").glob("*.md"))
 INDEX = (PAGES / "README.md").read_text(encoding="utf-8")
 # A copy: tests elsewhere may register types of their own.
 BUILT_IN = tuple(row for name, row in COMPONENTS.items() if name in OWN)
@@ -36,6 +38,14 @@ def blocks(text, language):
 
 def page(name):
     return (PAGES / f"{name}.md").read_text(encoding="utf-8")
+
+
+def run_block(block, source, names):
+    """Run an example; numbers in its comments are what the expressions before them give."""
+    exec(compile(block, source, "exec"), names)
+    for expression, number in re.findall(r"^(\S.*)  # (-?\d+\.\d+) ", block, re.MULTILINE):
+        half_a_digit = 0.5 * 10.0 ** -len(number.partition(".")[2])
+        assert abs(eval(expression, names) - float(number)) <= half_a_digit, expression
 
 
 @pytest.fixture
@@ -51,15 +61,23 @@ def own_types():
     "block", blocks(README, "python"), ids=["first", "loops", "networks", "events"]
 )
 def test_the_readme_examples_run(block, tmp_path, monkeypatch):
-    """Files go where it runs; numbers in its comments are what the expressions before them give."""
+    """Files go where it runs."""
     monkeypatch.chdir(tmp_path)
-    names: dict = {}
-    exec(compile(block, "README.md", "exec"), names)
+    run_block(block, "README.md", {})
     for folder in re.findall(r'model\.write\("(.*)"\)', block):
         assert (tmp_path / folder / "main.c").is_file()
-    for expression, number in re.findall(r"^(\S.*)  # (\d+\.\d+) ", block, re.MULTILINE):
-        half_a_digit = 0.5 * 10.0 ** -len(number.partition(".")[2])
-        assert abs(eval(expression, names) - float(number)) <= half_a_digit, expression
+
+
+@pytest.mark.compiler
+@pytest.mark.sampled(4)
+@pytest.mark.usefixtures("own_types")
+@pytest.mark.parametrize("source", SITE)
+def test_the_code_of_a_page_runs(source, tmp_path, monkeypatch):
+    """Blocks of one page share their names."""
+    monkeypatch.chdir(tmp_path)
+    names: dict = {}
+    for block in blocks((ROOT / "docs" / source).read_text(encoding="utf-8"), "python"):
+        run_block(block, source, names)
 
 
 @pytest.mark.compiler

@@ -2,8 +2,9 @@
 Best damping by gradients
 =========================
 
-Which damper minimises the integral of the squared displacement of a mass? A capacitor accumulates
-the integral, its sensitivity is the gradient, and SciPy's ``minimize`` obtains both from one run.
+The best damper minimises the integral of the squared displacement of a mass. A capacitor
+accumulates the integral, its sensitivity is the gradient, and SciPy's ``minimize`` obtains both
+from one run.
 """
 
 import math

@@ -2,9 +2,9 @@
 Tolerances of parts
 ===================
 
-How far may the step response of a filter deviate if resistors have a tolerance of 5 % and
-capacitors of 10 %? The sensitivities to all parts give the spread from a single run; a Monte
-Carlo study with a thousand runs confirms it.
+Resistors with a tolerance of 5 % and capacitors with one of 10 % spread the step response of a
+filter. The sensitivities to all parts give that spread from a single run; a Monte Carlo study with
+a thousand runs confirms it.
 """
 
 import matplotlib.pyplot as plt

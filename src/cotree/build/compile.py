@@ -10,7 +10,7 @@ import shlex
 import shutil
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -124,18 +124,20 @@ def build_library(
             cpu_features=cpu_features() if options.native else "",
         )
 
-    headers = {name: files[name] for name in shared if name.endswith(".h")}
-    kept = {
-        name: key_of({**headers, name: files[name]}, levels.get(name, ""))
-        for name in sources
-        if name in shared
-    }
-    steps = _steps((*toolchain.command, *flags), sources, levels, kept)
+    steps = _steps((*toolchain.command, *flags), sources, levels)
     # Levels of single files change the bytes of the library, so they belong to its key.
     key = key_of(files, *(f"{name} {level}" for name, level in sorted(levels.items())))
     found = find_published(key)
     path = found
     if path is None:
+        headers = {name: files[name] for name in shared if name.endswith(".h")}
+        # The last step links, or is the only one: it makes a library and no object.
+        steps[:-1] = [
+            replace(step, key=key_of({**headers, name: files[name]}, levels.get(name, "")))
+            if (name := step.source) in shared
+            else step
+            for step in steps[:-1]
+        ]
         with building(key, options.time_limit):
             found = find_published(key)  # another process may have built it meanwhile
             path = found or _compile(files, steps, key, options.time_limit)
@@ -168,10 +170,7 @@ class _Step:
 
 
 def _steps(
-    compiler: tuple[str, ...],
-    sources: Sequence[str],
-    levels: Mapping[str, str],
-    kept: Mapping[str, str],
+    compiler: tuple[str, ...], sources: Sequence[str], levels: Mapping[str, str]
 ) -> list[_Step]:
     """Write the commands: one for a single file, else one for each file and one that links."""
     # The library comes last: linkers take from it only what the files before it ask for.
@@ -181,7 +180,7 @@ def _steps(
     if len(sources) == 1:
         return [_Step(source, (*command, source, *to)) for source, command in own.items()]
     steps = [
-        _Step(source, (*command, "-c", source, "-o", f"{source}.o"), kept.get(source, ""))
+        _Step(source, (*command, "-c", source, "-o", f"{source}.o"))
         for source, command in own.items()
     ]
     # The common flags hold -shared, which matters only to this last step, the one that links.

@@ -102,14 +102,14 @@ def split_extras(
     fields : tuple of Field
         Fields whose term is left out where they are zero or not given.
     given : mapping of str to object
-        What a scene gives.
+        The fields that a scene gives.
 
     Returns
     -------
     has : frozenset of str
         Names of the fields that add a term.
     rest : dict
-        What was given, without fields that add nothing.
+        The given fields, without those that add nothing.
     """
     names = {row.name for row in fields}
     has = frozenset(name for name in names if not is_absent(given.get(name)))

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 #: Operations that values of a column may be made by; divisions by shared values become products.
 _LINEAR = frozenset({"add", "sub", "mul", "neg"})
 #: Operations that give a finite value wherever their arguments are finite, but for overflow.
-_FINITE = _LINEAR | {"abs", "sign", "floor", "sin", "cos", "atan", "tanh", "min", "max", "select"}
+_FINITE = _LINEAR | {"abs", "sign", "floor", "sin", "cos", "atan", "tanh", "select"}
 #: Columns that C takes at a time on most machines; values that vanish in all are left out.
 BLOCK = 4
 

@@ -23,7 +23,7 @@ def spread(row: Mapping[int, Node], n: int, zero: Node) -> list[Node]:
     n : int
         Its length.
     zero : Node
-        What stands in the places that it leaves out.
+        The value at the places that it leaves out.
     """
     return [row.get(i, zero) for i in range(n)]
 

@@ -113,7 +113,7 @@ def released(
     gate : Gate
         The wrench w = a s over its pivot d = s . w, and 1 / d.
     left : Spatial
-        What the parent feels.
+        The matrix that the parent feels.
 
     References
     ----------

@@ -60,7 +60,7 @@ def name_of(element: Element, what: str, attribute: str = "name") -> str:
     element : Element
         The element.
     what : str
-        What it names, for messages.
+        The part that it names, for messages.
     attribute : str
         The attribute that holds it.
 

@@ -26,8 +26,9 @@ class Simulation:
     t_end, rtol, atol, method
         End time, [s], tolerances and method.
     start : {"initial values", "operating point"}
-        Where it begins. At its operating point an electrical network rests with what its sources
-        give at the start: no current flows into capacitors, no voltage is across inductors.
+        The state in which it begins. At its operating point an electrical network rests with what
+        its sources give at the start: no current flows into capacitors, no voltage is across
+        inductors.
     held : tuple of (str, Expression)
         Nodes whose voltages are held during the search for the operating point, then released.
     """
