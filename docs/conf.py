@@ -40,8 +40,8 @@ autodoc_member_order = "bysource"
 numpydoc_show_class_members = False
 numpydoc_xref_param_type = False
 
-# What scripts of the gallery warn of is a defect of the script.
-warnings.filterwarnings("error", module="gallery")
+# A script of the gallery that makes cotree warn, or NumPy, has a defect.
+warnings.filterwarnings("error", category=RuntimeWarning)
 sphinx_gallery_conf = {
     "examples_dirs": "gallery",
     "gallery_dirs": "examples",
