@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cotree.model.arrays import as_array
+from cotree.model.arrays import as_array, derived_values
 from cotree.model.model import CompiledModel
 from cotree.model.moment import Moment
 from cotree.model.start import find_start, scene_start
@@ -75,6 +75,21 @@ class Model(CompiledModel):
             # Kernels that a pass leaves as they are have no row.
             lines += rows or ["  none changed"]
         return "\n".join(lines)
+
+    def derived(self, p: Any = None) -> dict[str, float]:
+        """Give the values of the parameters that are derived from others, by name.
+
+        Parameters
+        ----------
+        p : array_like, shape (n_parameters,), or mapping of str to float, optional
+            What they follow from; the scene's values where absent.
+
+        Raises
+        ------
+        ParameterError
+            If a value is not accepted.
+        """
+        return derived_values(self.layout.derived, self.parameter_array(p))
 
     @property
     def initial_state(self) -> Array:

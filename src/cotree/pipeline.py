@@ -167,7 +167,7 @@ def formulate(
 
 def _check_corners(first: FirstGraph, sensitivities: Sequence[str]) -> None:
     """Refuse sensitivities that would jump at a corner whose time is not known beforehand."""
-    parameters = first.system.parameters
+    parameters = first.system.tunable
     for what, symbols in (first.network.corners if first.network else {}).items():
         # A corner that depends on states or inputs moves with every parameter.
         of_time = all(symbol.data[0] in ("p", "t") for symbol in symbols)

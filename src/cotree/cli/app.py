@@ -184,7 +184,7 @@ def run_scene(
     result = model.simulate((0.0, end), times, **settings)
     # The report comes before the files, so that it is there even where one of them cannot be
     # written.
-    typer.echo(run_report(described, model, result))
+    typer.echo(run_report(described, model, result, settings["parameters"]))
     if csv is not None:
         result.to_csv(csv)
         typer.echo(f"wrote {csv}")

@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING
 from cotree.plot.result import quotient
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from cotree.api import Model, Scene
     from cotree.results import Result
 
 
-def run_report(scene: Scene, model: Model, result: Result) -> str:
+def run_report(
+    scene: Scene, model: Model, result: Result, parameters: Mapping[str, float] | None = None
+) -> str:
     """Describe a run and its last point.
 
     Parameters
@@ -22,6 +24,8 @@ def run_report(scene: Scene, model: Model, result: Result) -> str:
         The scene and the model that ran.
     result : Result
         Result of the run; its last point is the end, or the last good point.
+    parameters : mapping of str to float, optional
+        Parameters of the run in place of the scene's.
 
     Returns
     -------
@@ -46,6 +50,7 @@ def run_report(scene: Scene, model: Model, result: Result) -> str:
     for title, names in (("outputs", result.outputs), ("inputs", result.inputs)):
         if names:
             lines += [title, *_aligned((n, result[n][-1], result.unit(n)) for n in names)]
+    lines += derived_lines(model, parameters)
     for parameter in result.parameters_of_sensitivity:
         lines.append(f"sensitivities to {parameter}")
         lines += _aligned(
@@ -57,6 +62,15 @@ def run_report(scene: Scene, model: Model, result: Result) -> str:
             for name in (*result.states, *result.outputs)
         )
     return "\n".join(lines)
+
+
+def derived_lines(model: Model, parameters: Mapping[str, float] | None) -> list[str]:
+    """Write the parameters that follow from others: name, expression, value and unit."""
+    values = model.derived(parameters)
+    if not values:
+        return []
+    rows = ((f"{r.name} = {r.text}", values[r.name], r.unit) for r in model.layout.derived)
+    return ["derived parameters", *_aligned(rows)]
 
 
 def _aligned(rows: Iterable[tuple[str, float, str]]) -> list[str]:

@@ -23,6 +23,7 @@ from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
     Setting,
     TreeOption,
 )
+from cotree.cli.report import derived_lines
 from cotree.cli.source import read_scene
 
 
@@ -42,11 +43,13 @@ def check_scene(
     values, branches = read_numbers("--set", setting), read_tree(tree)
     described = read_scene(scene)
     # Parameters that are folded into the code have no sensitivities.
-    names = sensitivity or [row.name for row in described.parameters.values() if row.tunable]
+    names = sensitivity or [row.name for row in described.parameters.values() if row.is_argument]
     _progress(f"compiling {described.name} with {len(names)} sensitivities, then without")
     # Finite differences need no sensitivities: runs of the plain model are faster, and independent
     # of the derivatives that they check.
     model, plain = described.compile(names, branches), described.compile(tree=branches)
+    for line in derived_lines(model, values):
+        typer.echo(line)
     report = check_sensitivities(
         model, t_end=t_end, values=values, plain=plain, method=method, rtol=rtol, report=_at_once
     )

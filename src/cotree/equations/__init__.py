@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from cotree.equations.derivative import Derivative, spread, substituted
+from cotree.equations.derived import DerivedParameter
 from cotree.equations.equations import (
     ConstraintSet,
     Equations,
@@ -16,6 +17,7 @@ from cotree.equations.equations import (
 __all__ = [
     "ConstraintSet",
     "Derivative",
+    "DerivedParameter",
     "Equations",
     "EventRow",
     "Guard",

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
     from cotree.equations.derivative import Derivative
+    from cotree.equations.derived import DerivedParameter
     from cotree.linear.tree import TreeLink
 
 #: Parameters that a message names.
@@ -266,6 +267,8 @@ class Equations:
         p, u and y, in the order of their symbols.
     parameter_values : tuple of float
         The scene's values of p.
+    derived : tuple of DerivedParameter
+        Parameters that follow from p.
     input_symbols, input_values : tuple of Node
         The symbols of u, and the scene's own values of time and parameters.
     unknowns, unknown_tangents : tuple of Node
@@ -337,6 +340,7 @@ class Equations:
     events: tuple[EventRow, ...] = ()
     motion: Derivative | None = None
     direction: Derivative | None = None
+    derived: tuple[DerivedParameter, ...] = ()
 
     @property
     def n_algebraic(self) -> int:

@@ -42,7 +42,7 @@ def check_numbers(first: FirstGraph) -> None:
         If the mass matrix, bordered by the constraints, is singular in every configuration.
     """
     system = first.system
-    names = [name for name, row in first.scene.parameters.items() if row.tunable]
+    names = list(system.tunable)
     for guard in first.guards:
         number = system.at_scene(guard.value)
         # Infinities, too, are mistakes here, and no guard accepts nan.
@@ -101,7 +101,7 @@ def _random_state(
     """Give every symbol a number: parameters their own, quaternions length one."""
     system = first.system
     values = dict(zip(symbols, random.uniform(0.3, 1.0, len(symbols)).tolist(), strict=True))
-    values |= {s: first.scene.parameters[name].value for name, s in system.parameters.items()}
+    values |= {s: first.scene.parameters[name].number for name, s in system.tunable.items()}
     for step in chain(*system.steps.values()):
         if isinstance(step.kind, FreeRotation):
             # A normal distribution has no preferred direction.

@@ -86,11 +86,7 @@ def _is_body(scene: SceneDescription, name: str) -> bool:
 
 
 def _parameter_values(scene: SceneDescription, motion: Motion) -> dict[Node, float]:
-    return {
-        symbol: scene.parameters[name].value
-        for name, symbol in motion.system.parameters.items()
-        if symbol.op == "symbol"
-    }
+    return {symbol: scene.parameters[name].number for name, symbol in motion.system.tunable.items()}
 
 
 def _start(

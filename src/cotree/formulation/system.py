@@ -20,6 +20,7 @@ from cotree.formulation.fields import Resolver, Resolvers, bind_edge, lower_vect
 from cotree.formulation.initial import initial_values
 from cotree.formulation.signals import FieldNames, resolver_of
 from cotree.scene.motion_spaces import motion_spaces
+from cotree.scene.parameters import parameter_nodes, parameter_values
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from cotree.equations import Guard
     from cotree.formulation.fields import BoundEdge
     from cotree.scene.description import SceneDescription
+    from cotree.scene.parameters import Parameter
     from cotree.scene.trees import Trees
 
 
@@ -103,8 +105,11 @@ class System:
         The arena of all its values.
     time : Node
         The symbol of time.
+    tunable : mapping of str to Node
+        Symbols of the parameters that a run may change, by name: the arguments of the program.
     parameters, inputs : mapping of str to Node
-        Symbols (or numbers, for parameters that are not tunable) by name.
+        Nodes of all parameters and symbols of inputs, by name. Parameters that are not tunable are
+        numbers, derived ones are expressions of others.
     modes : tuple of State
         Numbers that only events change: states without a rate, which come after the speeds.
     steps : mapping of str to tuple of Step
@@ -132,6 +137,7 @@ class System:
 
     dag: Dag
     time: Node
+    tunable: Mapping[str, Node]
     parameters: Mapping[str, Node]
     inputs: Mapping[str, Node]
     modes: tuple[State, ...]
@@ -202,14 +208,9 @@ def bind(
         If an axis has no direction.
     """
     time = dag.symbol(TIME, 0)
-    # Parameters that are not tunable are numbers, which fold into the expressions.
-    tunable = [name for name, parameter in scene.parameters.items() if parameter.tunable]
-    places = {name: i for i, name in enumerate(tunable)}
-    parameters = {
-        name: dag.symbol(PARAMETER, places[name]) if row.tunable else dag.constant(row.value)
-        for name, row in scene.parameters.items()
-    }
-    at_scene = partial(_at, {parameters[name]: scene.parameters[name].value for name in tunable})
+    tunable, parameters = _parameters(scene, dag)
+    values = parameter_values(scene.parameters)
+    at_scene = partial(_at, {symbol: values[name] for name, symbol in tunable.items()})
     inputs = {name: dag.symbol(INPUT, i) for i, name in enumerate(scene.inputs)}
     # Three scopes: fields of parameters only, of time too, and of everything that changes.
     of_parameters = resolver_of([parameters], "parameters", scene.modes)
@@ -240,6 +241,7 @@ def bind(
     return System(
         dag=dag,
         time=time,
+        tunable=tunable,
         parameters=parameters,
         inputs=inputs,
         modes=modes,
@@ -260,6 +262,18 @@ def bind(
         of_parameters=of_parameters,
         signals=signals,
     )
+
+
+def _parameters(scene: SceneDescription, dag: Dag) -> tuple[dict[str, Node], dict[str, Node]]:
+    """Give the symbols of the parameters that runs may change, and the nodes of all."""
+    names = [name for name, row in scene.parameters.items() if row.is_argument]
+    tunable = {name: dag.symbol(PARAMETER, i) for i, name in enumerate(names)}
+
+    def number(row: Parameter) -> Node:
+        # Parameters that are not tunable are numbers, which fold into the expressions.
+        return tunable[row.name] if row.is_argument else dag.constant(row.number)
+
+    return tunable, parameter_nodes(scene.parameters, dag, number)
 
 
 def _at_start(step: Step) -> Step:

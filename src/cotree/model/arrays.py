@@ -8,11 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from cotree.dag.evaluate import evaluate
+from cotree.dag.symbols import PARAMETER
 from cotree.errors import ParameterError, nearest
 from cotree.scene.expressions import check_number
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from cotree.equations import DerivedParameter
 
 Array = npt.NDArray[np.float64]
 
@@ -47,7 +51,9 @@ def as_array(value: Any, shape: Sequence[int], what: str) -> Array:
     return array
 
 
-def as_parameters(values: Any, names: Sequence[str], defaults: Array) -> Array:
+def as_parameters(
+    values: Any, names: Sequence[str], defaults: Array, derived: Sequence[DerivedParameter] = ()
+) -> Array:
     """Make the array of parameters of some by name, of an array of all, or of nothing.
 
     Parameters
@@ -58,6 +64,8 @@ def as_parameters(values: Any, names: Sequence[str], defaults: Array) -> Array:
         Of all parameters.
     defaults : ndarray, shape (n_parameters,)
         The scene's values, for those that are not given.
+    derived : sequence of DerivedParameter
+        Parameters that follow from these, for messages.
 
     Raises
     ------
@@ -69,9 +77,31 @@ def as_parameters(values: Any, names: Sequence[str], defaults: Array) -> Array:
     p = defaults.copy()
     places = {name: i for i, name in enumerate(names)} if values else {}
     for name, value in (values or {}).items():
+        followers = [row for row in derived if row.name == name]
+        if followers:
+            raise ParameterError(f"{followers[0].told}: give those, and it follows")
         if name not in places:
             raise ParameterError(
                 f"the model has no tunable parameter '{name}'{nearest(name, names)}"
             )
         p[places[name]] = check_number(value, f"parameter '{name}'")
     return p
+
+
+def derived_values(derived: Sequence[DerivedParameter], p: Array) -> dict[str, float]:
+    """Give the values of derived parameters, by name.
+
+    Parameters
+    ----------
+    derived : sequence of DerivedParameter
+        The parameters.
+    p : ndarray, shape (n_parameters,)
+        What they follow from.
+    """
+    if not derived:
+        return {}
+    dag = derived[0].node.dag
+    symbols = {dag.symbol(PARAMETER, i): value for i, value in enumerate(p.tolist())}
+    with np.errstate(all="ignore"):
+        found = evaluate([row.node for row in derived], symbols)
+    return {row.name: float(value) for row, value in zip(derived, found, strict=True)}

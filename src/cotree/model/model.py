@@ -208,7 +208,8 @@ class CompiledModel:
             If a name is not a tunable parameter, a value is not a finite number, or an array has
             the wrong shape.
         """
-        return as_parameters(values, self.parameters, self.default_parameters)
+        derived = self.layout.derived
+        return as_parameters(values, self.parameters, self.default_parameters, derived)
 
     def initial(self, p: Any = None) -> Array:
         """Give the initial states, shape (n_states,), for parameters ``p``."""

@@ -235,4 +235,5 @@ def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
         uses_multipliers=tuple(node in on_multipliers for node in observed),
         followers=followers(equations),
         events=equations.events,
+        derived=equations.derived,
     )

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from cotree.dag.corners import Corner
     from cotree.dag.nodes import Dag, Node
     from cotree.dag.stops import Stop
-    from cotree.equations import EventRow, Guard, Quantity, RedundantRow
+    from cotree.equations import DerivedParameter, EventRow, Guard, Quantity, RedundantRow
     from cotree.program.kernels import KernelSpec
 
 
@@ -78,6 +78,8 @@ class Layout:
         Parameters and states that sensitivities are taken to.
     parameter_values : tuple of float
         The scene's values.
+    derived : tuple of DerivedParameter
+        Parameters that follow from these, and are no arguments.
     column_starts, row_indices : tuple of int
         The Jacobian's pattern, compressed by columns.
     sensitivity_starts, sensitivity_rows : tuple of int
@@ -149,6 +151,7 @@ class Layout:
     followers: tuple[tuple[int, int], ...] = ()
     sensitivity_starts: tuple[int, ...] = (0,)
     sensitivity_rows: tuple[int, ...] = ()
+    derived: tuple[DerivedParameter, ...] = ()
 
     @property
     def sensitivity_places(self) -> tuple[int, ...]:
@@ -163,7 +166,8 @@ class Layout:
     def units(self) -> dict[str, str]:
         """Unit of each state, output, input and parameter; a name of several is the last's."""
         rows = (*self.states, *self.outputs, *self.inputs, *self.parameters)
-        return {row.name: row.unit for row in rows}
+        derived = {row.name: row.unit for row in self.derived}
+        return {row.name: row.unit for row in rows} | derived
 
     @property
     def value_rows(self) -> tuple[int, ...]:

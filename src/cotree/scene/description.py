@@ -9,8 +9,9 @@ from cotree.components import COMPONENTS, Component, Role
 from cotree.errors import SceneError, brief, nearest
 from cotree.naming import check_name, check_scene_name, check_text
 from cotree.scene.events import Event, Mode, make_event
-from cotree.scene.expressions import Expression, check_number, parse
+from cotree.scene.expressions import Expression, parse
 from cotree.scene.fields import check_fields, check_initial, check_vector
+from cotree.scene.parameters import Parameter, check_cycle, make_parameter
 from cotree.scene.ports import check_heat, check_ports
 from cotree.scene.simulation import Simulation, with_settings
 from cotree.scene.statements import edge_statement, plain
@@ -25,17 +26,6 @@ if TYPE_CHECKING:
     from cotree.scene.ports import PortEnds
 
 _LARGEST_SCENE = 250_000  # edges; a bound on what untrusted input may ask for
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A named number: value, unit, meaning, and whether it may change after compiling."""
-
-    name: str
-    value: float
-    unit: str = ""
-    doc: str = ""
-    tunable: bool = True
 
 
 @dataclass(frozen=True)
@@ -155,11 +145,13 @@ class SceneDescription:
         for edge in self.edges.values():
             nodes = (" -> " if len(edge.nodes) == 2 else ", ").join(edge.nodes)
             lines.append(f"  {edge.name:12} {edge.component.name:12} {nodes}")
+        rows = self.parameters.values()
+        lines += [f"  {p.name} = {p.value.text}" for p in rows if isinstance(p.value, Expression)]
         lines += [f"  note: {note}" for note in (self.origin.notes if self.origin else ())]
         return "\n".join(lines)
 
     def parameter(
-        self, name: str, value: float, *, unit: str = "", doc: str = "", tunable: bool = True
+        self, name: str, value: float | str, *, unit: str = "", doc: str = "", tunable: bool = True
     ) -> None:
         """Declare a parameter.
 
@@ -167,8 +159,8 @@ class SceneDescription:
         ----------
         name : str
             Its name in expressions.
-        value : float
-            Its value, finite.
+        value : float or str
+            Its value, finite; or an expression of other parameters, which it is then derived from.
         unit, doc : str
             Its unit and meaning, for people.
         tunable : bool
@@ -176,17 +168,14 @@ class SceneDescription:
 
         Raises
         ------
-        SceneError, ParameterError
-            If the name is not allowed or taken, or the value is not a finite number.
+        SceneError, ParameterError, ExpressionError
+            If the name is not allowed or taken, the value is neither a finite number nor an
+            expression, or a derived parameter leads back to itself.
         """
         self._check_new("parameter", name, {**self.parameters, **self.inputs, **self.modes})
-        what = f"parameter '{name}'"
-        # A parameter's value can change between runs, an expression cannot: numbers only.
-        number = check_number(value, what)
-        if not isinstance(tunable, bool):
-            raise SceneError(f"tunable of {what} must be true or false")
-        unit, doc = check_text(unit, f"unit of {what}"), check_text(doc, f"doc of {what}")
-        self.parameters[name] = Parameter(name, number, unit, doc, tunable)
+        row = make_parameter(name, value, unit, doc, tunable)
+        check_cycle({**self.parameters, name: row}, name)
+        self.parameters[name] = row
 
     def input(
         self,

@@ -15,6 +15,7 @@ from cotree.components import Shape
 from cotree.dag.nodes import Dag
 from cotree.scene.expressions import Expression
 from cotree.scene.motion_spaces import motion_spaces
+from cotree.scene.parameters import parameter_values
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -77,10 +78,10 @@ def impossible_inertias(scene: SceneDescription) -> Iterator[str]:
 def _numbers(scene: SceneDescription, field: FieldValue) -> npt.NDArray[np.float64]:
     """Evaluate a tensor, or three principal values, at the parameters' values."""
     # Expressions fold to numbers in an arena where parameters are constants.
-    dag = Dag()
+    dag, values = Dag(), parameter_values(scene.parameters)
 
     def number(entry: Expression) -> float:
-        node = entry.lower(dag, lambda name: dag.constant(scene.parameters[name].value))
+        node = entry.lower(dag, lambda name: dag.constant(values[name]))
         assert node.value is not None  # there are but numbers in it
         return node.value
 

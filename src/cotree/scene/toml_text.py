@@ -15,6 +15,7 @@ from cotree.dag.multi_output import Table
 from cotree.errors import ModelError, SceneError
 from cotree.files import written_whole
 from cotree.scene.description import SceneDescription
+from cotree.scene.expressions import Expression
 from cotree.scene.origin import origin_table
 from cotree.scene.simulation import Simulation
 from cotree.scene.toml_file import LARGEST_FILE, read_scene
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from cotree.scene.events import Event
-    from cotree.scene.expressions import Expression
+    from cotree.scene.parameters import Parameter
 
 _WIDEST = 99  # columns
 _BARE = re.compile(r"[A-Za-z0-9_-]+\Z")
@@ -79,7 +80,9 @@ def _lines(scene: SceneDescription) -> Iterator[str]:
     # What equals the default is not written, here and below.
     if any(item.text != "0.0" for item in scene.gravity):
         yield f"gravity = {_value([item.told for item in scene.gravity])}"
-    yield from _rows("parameters", {n: _named(p, p.value) for n, p in scene.parameters.items()})
+    yield from _rows(
+        "parameters", {n: _named(p, _parameter(p)) for n, p in scene.parameters.items()}
+    )
     yield from _rows("inputs", {n: _named(i, _signal(i.value)) for n, i in scene.inputs.items()})
     yield from _rows("modes", {n: _named(m, m.initial.told) for n, m in scene.modes.items()})
     for edge in scene.edges.values():
@@ -97,6 +100,10 @@ def _lines(scene: SceneDescription) -> Iterator[str]:
         yield from _table("origin", table)
         for visual in visuals:
             yield from _table("origin.visuals", visual, "[[{}]]")
+
+
+def _parameter(row: Parameter) -> float | str:
+    return row.value.told if isinstance(row.value, Expression) else row.value
 
 
 def _signal(value: Expression | Table) -> object:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 from cotree.errors import ParameterError, nearest
 from cotree.scene.description import SceneDescription
+from cotree.scene.expressions import Expression
+from cotree.scene.parameters import sources
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -58,12 +60,19 @@ def keep_tunable(
         if name not in scene.parameters:
             hint = nearest(name, scene.parameters)
             raise ParameterError(f"tunable names '{name}', which is no parameter{hint}")
+        row = scene.parameters[name]
+        if isinstance(row.value, Expression):
+            of = ", ".join(f"'{source}'" for source in sources(scene.parameters, name))
+            raise ParameterError(
+                f"tunable names '{name}', which is derived, {name} = {row.value.text}: name "
+                f"{of or 'none'} in its place"
+            )
     # A parameter that is folded into the code as a number has no derivative.
     kept = {*wanted, *sensitivities}
     # The scene of the caller stays as it is: only the table of parameters is another one.
     changed = copy.copy(scene)
     changed.parameters = {
-        name: row if name in kept else replace(row, tunable=False)
+        name: row if name in kept or row.is_derived else replace(row, tunable=False)
         for name, row in scene.parameters.items()
     }
     return changed

@@ -7,7 +7,6 @@ initial-value sensitivities differ in their seed only.
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -22,7 +21,6 @@ from cotree.dag.symbols import (
 )
 from cotree.dag.traverse import substitute
 from cotree.equations import Derivative, Equations, Quantity, substituted
-from cotree.errors import ParameterError, nearest
 from cotree.formulation.constraints import stabilised
 from cotree.formulation.observed import observed_unit
 from cotree.formulation.outputs import output_tangents
@@ -32,6 +30,7 @@ from cotree.sensitivity.reach import Reach, rows_touched
 from cotree.sensitivity.seed import Seed, Support
 from cotree.sensitivity.through import residual_tangents
 from cotree.sensitivity.turning import derivatives_labelled, view_along
+from cotree.sensitivity.wanted import check_wanted, derived_parameters
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -205,7 +204,7 @@ def form_derivatives(
     ParameterError
         If a name is neither, is not tunable, or occurs twice.
     """
-    _check_wanted(first, wanted)
+    check_wanted(first, wanted)
     dag, n = first.system.dag, len(first.states)
     support = support or Support()
     directions = {}
@@ -214,10 +213,10 @@ def form_derivatives(
         directions[name] = {
             state.symbol: dag.symbol(SENSITIVITY, j * n + i) for i, state in enumerate(first.states)
         }
-        if name in first.system.parameters:
-            directions[name] |= _of_parameters(first, {first.system.parameters[name]: dag.one})
+        if name in first.system.tunable:
+            directions[name] |= _of_parameters(first, {first.system.tunable[name]: dag.one})
     return tuple(
-        row if row.name in first.system.parameters else _initial_value(row, first)
+        row if row.name in first.system.tunable else _initial_value(row, first)
         for row in differentiate(first, directions, support)
     )
 
@@ -265,9 +264,8 @@ def form_equations(
         If a name is neither, is not tunable, or occurs twice.
     """
     scene, system = first.scene, first.system
-    tunable = {n: symbol for n, symbol in system.parameters.items() if symbol.op == "symbol"}
     support = Support()
-    parameters = [scene.parameters[name] for name in tunable]
+    parameters = [scene.parameters[name] for name in system.tunable]
     equations = Equations(
         name=scene.name,
         dag=system.dag,
@@ -275,7 +273,8 @@ def form_equations(
         parameters=tuple(Quantity(p.name, p.unit, p.doc) for p in parameters),
         inputs=tuple(Quantity(row.name, row.unit, row.doc) for row in scene.inputs.values()),
         outputs=tuple(Quantity(name, output_unit(first, name)) for name in scene.outputs),
-        parameter_values=tuple(p.value for p in parameters),
+        parameter_values=tuple(p.number for p in parameters),
+        derived=derived_parameters(first),
         input_symbols=tuple(system.inputs.values()),
         input_values=system.input_values,
         unknowns=first.unknowns,
@@ -326,7 +325,7 @@ def _motion_seed(first: FirstGraph) -> dict[Node, Node]:
 
 def _common_direction(first: FirstGraph, wanted: Sequence[str], support: Support) -> Derivative:
     """Differentiate along a change of all states and parameters, which other directions share."""
-    dag, parameters = first.system.dag, first.system.parameters
+    dag, parameters = first.system.dag, first.system.tunable
     seed = {state.symbol: dag.symbol(STATE_CHANGE, i) for i, state in enumerate(first.states)}
     changes = {
         parameters[name]: dag.symbol(PARAMETER_CHANGE, j)
@@ -368,22 +367,3 @@ def output_unit(first: FirstGraph, name: str) -> str:
         if state.name == text:
             return state.unit
     return observed_unit(text)
-
-
-def _check_wanted(first: FirstGraph, wanted: Sequence[str]) -> None:
-    """Refuse names that nothing can have a sensitivity to."""
-    tunable = [n for n, symbol in first.system.parameters.items() if symbol.op == "symbol"]
-    states = [state.name for state in first.states]
-    for name, times in Counter(wanted).items():
-        if times > 1:
-            raise ParameterError(f"the sensitivity to '{name}' is asked for twice")
-        if name in tunable or name in states:
-            continue
-        if name in first.scene.parameters:
-            raise ParameterError(
-                f"parameter '{name}' is not tunable, so nothing has a sensitivity to it: "
-                "declare it tunable"
-            )
-        raise ParameterError(
-            f"'{name}' is neither a parameter nor a state{nearest(name, [*tunable, *states])}"
-        )

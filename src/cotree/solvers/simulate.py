@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.errors import ParameterError, SolveError, nearest
+from cotree.model.arrays import derived_values
 from cotree.model.consistent import consistent_start
 from cotree.model.contents import content_sizes
 from cotree.model.moment import Moment
@@ -92,6 +93,7 @@ def simulate(
     _check_settings(settings)
     p = model.parameter_array(settings.parameters)
     values = dict(zip(model.parameters, p.tolist(), strict=True))
+    values |= derived_values(model.layout.derived, p)
     signals = read_signals(settings.inputs, model.inputs, values)
     _check_replaced(model, settings.inputs, signals)
     u = _input_function(model, p, signals)
@@ -274,7 +276,9 @@ def _check_replaced(
     model: CompiledModel, inputs: Mapping[str, Any], signals: ReplacedInputs
 ) -> None:
     """Refuse to replace an input where sensitivities depend on the input's own."""
-    for name, used in signals.parameters.items():
+    sources = {row.name: row.sources for row in model.layout.derived if signals.parameters}
+    for name, given in signals.parameters.items():
+        used = given.union(*(sources.get(own, ()) for own in given))
         for parameter in model.sensitivities:
             if parameter in used:
                 raise ParameterError(

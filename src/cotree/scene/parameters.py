@@ -1,0 +1,192 @@
+"""Parameters of a scene: numbers, and those derived from other parameters by an expression.
+
+A derived parameter is no argument of the program. It becomes a node of those it is made of, so
+that derivatives along them pass through it as through any expression in a field.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
+from typing import TYPE_CHECKING
+
+from cotree.dag.nodes import Dag
+from cotree.errors import ExpressionError, ParameterError, SceneError, nearest
+from cotree.naming import check_text
+from cotree.scene.expressions import Expression, check_number, parse
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from cotree.dag.nodes import Node
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A named number: value, unit, meaning, and whether it may change after compiling.
+
+    Attributes
+    ----------
+    name : str
+        Its name in expressions.
+    value : float or Expression
+        A number; of a derived parameter, the expression of other parameters.
+    unit, doc : str
+        Its unit and meaning, for people.
+    tunable : bool
+        Whether a run may change the number.
+    """
+
+    name: str
+    value: float | Expression
+    unit: str = ""
+    doc: str = ""
+    tunable: bool = True
+
+    @property
+    def is_derived(self) -> bool:
+        """Whether it follows from other parameters."""
+        return isinstance(self.value, Expression)
+
+    @property
+    def number(self) -> float:
+        """The value of a parameter that is not derived."""
+        assert not isinstance(self.value, Expression)  # callers ask for numbers only
+        return self.value
+
+    @property
+    def is_argument(self) -> bool:
+        """Whether a run may change it: a tunable one that is not derived."""
+        return self.tunable and not self.is_derived
+
+
+def make_parameter(
+    name: str, value: object, unit: object, doc: object, tunable: object
+) -> Parameter:
+    """Check a parameter's value, unit, meaning and flag.
+
+    Raises
+    ------
+    SceneError, ParameterError, ExpressionError
+        If one of them is not accepted.
+    """
+    what = f"parameter '{name}'"
+    number = parse(value, what) if isinstance(value, str) else check_number(value, what)
+    if not isinstance(tunable, bool):
+        raise SceneError(f"tunable of {what} must be true or false")
+    if isinstance(number, Expression) and not tunable:
+        raise ParameterError(
+            f"{what} follows from others by '{number.text}', and is fixed where they are: leave "
+            "tunable away here, and say it of those"
+        )
+    unit, doc = check_text(unit, f"unit of {what}"), check_text(doc, f"doc of {what}")
+    return Parameter(name, number, unit, doc, tunable)
+
+
+def check_cycle(parameters: Mapping[str, Parameter], name: str) -> None:
+    """Refuse a derived parameter that leads back to itself.
+
+    Raises
+    ------
+    ParameterError
+        If it does; the message names the way.
+    """
+    uses = _uses(parameters, name)
+    try:
+        TopologicalSorter(uses).prepare()
+    except CycleError as error:
+        # The sorter lists each name before the one that uses it.
+        way = list(reversed(error.args[1]))
+        raise ParameterError(
+            f"parameter '{way[0]}' is made of itself: {' -> '.join(way)}; give one of them a number"
+        ) from None
+
+
+def sources(parameters: Mapping[str, Parameter], name: str) -> tuple[str, ...]:
+    """List the parameters with numbers that a derived one follows from, in the scene's order."""
+    reached = _uses(parameters, name)
+    return tuple(n for n, row in parameters.items() if n in reached and not row.is_derived)
+
+
+def parameter_nodes(
+    parameters: Mapping[str, Parameter], dag: Dag, numbers: Callable[[Parameter], Node]
+) -> dict[str, Node]:
+    """Give every parameter its node; derived ones are nodes of others.
+
+    Parameters
+    ----------
+    parameters : mapping of str to Parameter
+        The parameters, in the scene's order.
+    dag : Dag
+        The arena.
+    numbers : callable
+        Gives the node of a parameter that has a number.
+
+    Raises
+    ------
+    ParameterError, ExpressionError
+        If a derived one is made of itself, of a name that is no parameter, or of numbers that
+        give none.
+    """
+    found = {name: numbers(row) for name, row in parameters.items() if not row.is_derived}
+    if len(found) == len(parameters):
+        return found
+
+    def resolve(name: str) -> Node:
+        if name not in found:
+            raise ExpressionError(
+                f"uses '{name}', which is no parameter{nearest(name, parameters)}"
+            )
+        return found[name]
+
+    for name in _order(parameters):
+        value = parameters[name].value
+        if isinstance(value, Expression):
+            with dag.labelled(f"parameter {name}"):
+                found[name] = value.lower(dag, resolve)
+                dag.note_origin(found[name], f"parameter '{name}'")
+    return {name: found[name] for name in parameters}
+
+
+def parameter_values(parameters: Mapping[str, Parameter]) -> dict[str, float]:
+    """Give the scene's value of every parameter.
+
+    Raises
+    ------
+    ParameterError, ExpressionError
+        As :func:`parameter_nodes`.
+    """
+    dag = Dag()
+    nodes = parameter_nodes(parameters, dag, lambda row: dag.constant(row.number))
+    return {name: _value(node) for name, node in nodes.items()}
+
+
+def _order(parameters: Mapping[str, Parameter]) -> list[str]:
+    """Sort parameters such that each comes after those it is made of."""
+    uses = {name: _own_uses(row) for name, row in parameters.items()}
+    try:
+        return [name for name in TopologicalSorter(uses).static_order() if name in parameters]
+    except CycleError as error:
+        check_cycle(parameters, error.args[1][0])
+        raise AssertionError("each name of a cycle leads back to itself") from None
+
+
+def _value(node: Node) -> float:
+    assert node.value is not None  # expressions of constants fold
+    return node.value
+
+
+def _own_uses(row: Parameter) -> frozenset[str]:
+    return row.value.names - {"pi"} if isinstance(row.value, Expression) else frozenset()
+
+
+def _uses(parameters: Mapping[str, Parameter], name: str) -> dict[str, frozenset[str]]:
+    """List what a parameter is made of, and what that is made of in turn."""
+    found: dict[str, frozenset[str]] = {}
+    waiting = [name]
+    while waiting:
+        own = waiting.pop()
+        if own in parameters and own not in found:
+            found[own] = _own_uses(parameters[own])
+            waiting += found[own]
+    return found
