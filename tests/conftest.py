@@ -32,7 +32,7 @@ settings.load_profile("cotree")
 
 SCENES = ("slider-pendulum", "spring-mass-damper")
 
-_GENERATED = Path(__file__).resolve().parents[1] / "generated"
+_ROOT = Path(__file__).resolve().parents[1]
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -95,11 +95,11 @@ def _session_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 
 @pytest.fixture
-def golden(request: pytest.FixtureRequest) -> Callable[[str, str], None]:
-    """Compare a text with a file below generated/, byte for byte."""
+def golden(request: pytest.FixtureRequest) -> Callable[..., None]:
+    """Compare a text with a file below generated/, or another folder, byte for byte."""
 
-    def compare(path: str, text: str) -> None:
-        file = _GENERATED / path
+    def compare(path: str, text: str, folder: str = "generated") -> None:
+        file = _ROOT / folder / path
         if request.config.getoption("--update-golden"):
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(text.encode())
@@ -109,7 +109,7 @@ def golden(request: pytest.FixtureRequest) -> Callable[[str, str], None]:
             diff = difflib.unified_diff(
                 known.splitlines(keepends=True),
                 text.splitlines(keepends=True),
-                f"generated/{path}",
+                f"{folder}/{path}",
                 "generated now",
             )
             pytest.fail(f"{''.join(diff)}\nIf this is meant: pytest --update-golden", pytrace=False)

@@ -46,7 +46,7 @@ def test_templates_and_scenes_are_in_the_wheel(wheel):
     sources = {
         f"cotree/{path.relative_to(_ROOT / 'src' / 'cotree').as_posix()}"
         for path in (_ROOT / "src" / "cotree").rglob("*")
-        if path.suffix in (".py", ".toml", ".typed")
+        if path.suffix in (".py", ".pyi", ".toml", ".typed")
     }
     templates = {
         f"cotree/_templates/{path.relative_to(_ROOT / 'templates').as_posix()}"
@@ -55,6 +55,7 @@ def test_templates_and_scenes_are_in_the_wheel(wheel):
     }
     assert len(templates) > 3
     assert sources | templates <= names
+    assert {"cotree/py.typed", "cotree/scene/component_methods.pyi"} <= sources
 
 
 def test_the_command_runs_from_an_installed_wheel(wheel, tmp_path):

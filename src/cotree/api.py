@@ -12,6 +12,7 @@ from cotree.compiled import Model
 from cotree.errors import ParameterError
 from cotree.model.start import check_start
 from cotree.readers import load_source
+from cotree.scene.component_methods import ComponentMethods
 from cotree.scene.description import SceneDescription
 from cotree.scene.expressions import check_number
 from cotree.scene.tunable import keep_tunable, listed_names
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["Model", "Scene", "load"]
 
 
-class Scene(SceneDescription):
+class Scene(SceneDescription, ComponentMethods):
     """A system drawn as edges between named nodes.
 
     Parameters

@@ -21,6 +21,7 @@ from cotree.cli.arguments import (
     read_pairs,
     read_tree,
 )
+from cotree.cli.guide import new_scene, show_components
 from cotree.cli.messages import complain, warnings_in_one_line
 from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
     EndTime,
@@ -287,6 +288,11 @@ def save_scene(
     """Write a scene as TOML, whatever it was read from."""
     read_scene(scene).save(output)
     typer.echo(f"wrote {output}")
+
+
+# These live in a module of their own, since both print from the tables.
+app.command("components")(show_components)
+app.command("new")(new_scene)
 
 
 @app.command("scenes")

@@ -188,6 +188,8 @@ class Component:
         Of a scalar component: the power that it turns into heat, [W].
     terminals : tuple of str
         Of a scalar component whose ports share nodes: names of its nodes, in order.
+    optional_terminals : tuple of str
+        Names of further nodes that a scene may list after these; ``adapt`` takes them.
     adapt : callable or None
         Where ports depend on the scene: takes the edge's name, its nodes as listed and its fields
         as given; returns the component adapted to them, the nodes, and the fields that remain.
@@ -208,6 +210,7 @@ class Component:
     acts: Acts = Acts.LINE
     ports: tuple[Terminal, ...] = ()
     terminals: tuple[str, ...] = ()
+    optional_terminals: tuple[str, ...] = ()
     loss: Law | None = None
     adapt: Adapt | None = None
     measures: tuple[PortMeasure, ...] = ()

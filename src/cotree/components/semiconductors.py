@@ -55,6 +55,7 @@ def _bipolar(name: str, doc: str, sign: int) -> Component:
         port("be", "bc", "forward_gain", ("base", "emitter")),
         port("bc", "be", "reverse_gain", ("base", "collector")),
         terminals=TERMINALS,
+        optional_terminals=("substrate",),
         measures=measures({}),
     )
     return replace(plain, adapt=bipolar(name, doc, sign, plain))
@@ -122,6 +123,7 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
             between=("gate", "source"),
         ),
         terminals=("drain", "gate", "source"),
+        optional_terminals=("bulk",),
         measures=(
             PortMeasure("id", "A", ((1, "through", "ds"),)),
             PortMeasure("vds", "V", ((1, "across", "ds"),)),

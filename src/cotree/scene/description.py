@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from cotree.components import COMPONENTS, Component, Role
-from cotree.errors import SceneError, brief, nearest
+from cotree.errors import SceneError, brief
 from cotree.naming import check_name, check_scene_name, check_text
 from cotree.scene.events import Event, Mode, make_event
 from cotree.scene.expressions import Expression, parse
@@ -16,6 +16,7 @@ from cotree.scene.ports import check_heat, check_ports
 from cotree.scene.simulation import Simulation, with_settings
 from cotree.scene.statements import edge_statement, plain
 from cotree.scene.tables import parse_signal
+from cotree.scene.usage import proposed_types
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -247,7 +248,7 @@ class SceneDescription:
         # The type comes from a file as it stands there, and may be anything.
         component = COMPONENTS.get(type) if isinstance(type, str) else None
         if component is None:
-            hint = nearest(type, COMPONENTS)
+            hint = proposed_types(type)
             raise SceneError(f"edge '{name}' has the unknown type '{brief(type)}'{hint}")
         listed: Sequence[object] = nodes
         # Lists are copied, so that later changes to them do not affect the scene.

@@ -21,6 +21,11 @@ if TYPE_CHECKING:
 _MECHANICAL = ("translational", "rotational")
 
 
+def acts_on_multibody(port: Terminal) -> bool:
+    """Tell whether a port may act on a joint, or along a line, in place of two nodes."""
+    return bool(port.port) and port.domain in _MECHANICAL
+
+
 @dataclass(frozen=True)
 class PortEnds:
     """End nodes of a port's edge; its across variable is the head's minus the tail's.
@@ -106,7 +111,8 @@ def check_ports(
     for port in component.ports:
         where = f"{port.port} of edge '{edge}'"
         # A mechanical port without nodes of its own acts on the multibody system.
-        if port.domain in _MECHANICAL and port.port not in rest and rest.keys() & {"joint", "line"}:
+        has_nodes = port.port in rest or not rest.keys() & {"joint", "line"}
+        if acts_on_multibody(port) and not has_nodes:
             placed.append(_multibody(edge, rest))
             continue
         pair = _pair(edge, rest.pop(port.port, ()), where, may_be_one=True)

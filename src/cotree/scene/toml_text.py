@@ -75,6 +75,11 @@ def scene_text(scene: SceneDescription) -> str:
     return text
 
 
+def table_text(name: str, rows: Mapping[str, Any]) -> str:
+    """Write one table as TOML, with a line before it."""
+    return "\n".join(_table(name, rows)) + "\n"
+
+
 def _lines(scene: SceneDescription) -> Iterator[str]:
     yield f"name = {_text(scene.name)}"
     # What equals the default is not written, here and below.

@@ -1,0 +1,163 @@
+"""Commands for those who begin: what scenes are made of, and a scene to start from."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cotree.cli.arguments import check_folder
+from cotree.errors import SceneError, nearest
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+#: Short names of shipped scenes to start from.
+TEMPLATES = {
+    "mechanism": "spring-mass-damper",
+    "pendulum": "slider-pendulum",
+    "robot": "robot-arm",
+    "circuit": "resonant-circuit",
+    "hydraulic": "two-tanks",
+    "thermal": "heated-room",
+    "drive": "motor-linkage",
+    "battery": "battery-cell",
+    "events": "bouncing-ball",
+}
+
+
+def show_components(
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="A component; all of them if absent.")
+    ] = None,
+) -> None:
+    """List the components, or show the nodes and fields of one with an example."""
+    typer.echo(_list_components() if name is None else _describe(name))
+
+
+def _list_components() -> str:
+    from cotree.components import COMPONENTS
+
+    rows = [(row.name, _graphs(row.domains), row.doc) for row in COMPONENTS.values()]
+    told = "cotree components NAME shows nodes, fields and an example of one."
+    return f"{_table(('component', 'graphs', 'meaning'), rows)}\n\n{told}"
+
+
+def _graphs(domains: Iterable[str]) -> str:
+    return ", ".join(domains) or "none"
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Align columns by spaces; the last column is left as wide as it is."""
+    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)][:-1]
+    lines = []
+    for row in (head, *rows):
+        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=False)]
+        lines.append("  ".join([*cells, row[-1]]).rstrip())
+    return "\n".join(lines)
+
+
+def _describe(name: str) -> str:
+    """Describe a component: its nodes, its entries, initial values, and an example."""
+    from cotree.scene.python_text import edge_call
+    from cotree.scene.toml_text import table_text
+    from cotree.scene.usage import examples, usage_of
+    from cotree.scene.usage_text import default_of, nodes_of, takes_of
+
+    usage = usage_of(name)
+    row = usage.component
+    parts = [f"{name}: {row.doc}\ngraphs: {_graphs(row.domains)}\nnodes:  {nodes_of(usage)}"]
+    if usage.entries:
+        cells = [(e.name, takes_of(e), e.unit, default_of(e), e.doc) for e in usage.entries]
+        parts.append(_table(("field", "takes", "unit", "default", "meaning"), cells))
+    if usage.initial:
+        parts.append(f"initial values: {', '.join(usage.initial)}")
+    edge, statement = examples()[name]
+    text = table_text(f"edges.{edge}", statement).strip()
+    parts += [f"in a scene file:\n\n{_indented(text)}"]
+    parts += [f"in Python:\n\n{_indented(edge_call(edge, statement))}"]
+    return "\n\n".join(parts)
+
+
+def _indented(text: str) -> str:
+    return "\n".join(f"    {line}".rstrip() for line in text.splitlines())
+
+
+def new_scene(
+    name: Annotated[
+        str | None,
+        typer.Argument(metavar="NAME", help="Name of the scene, or path of its .toml file."),
+    ] = None,
+    like: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TEMPLATE",
+            help="What to start from: a name that --list prints; mechanism if absent.",
+        ),
+    ] = None,
+    list_: Annotated[bool, typer.Option("--list", help="List what to start from.")] = False,
+) -> None:
+    """Write a scene file to start from."""
+    if list_:
+        rows = [(short, scene, _about(_text(scene))) for short, scene in TEMPLATES.items()]
+        typer.echo(_table(("template", "scene", "what it is"), rows))
+        typer.echo("\ncotree new NAME --like TEMPLATE writes NAME.toml.")
+        return
+    if name is None:
+        raise typer.BadParameter("name the scene, as in: cotree new arm --like robot")
+    path = Path(name if name.endswith(".toml") else f"{name}.toml")
+    # ``cotree new robot`` starts from the template of this name.
+    wanted = like or (path.stem if path.stem in TEMPLATES else "mechanism")
+    text = _text(_shipped(wanted))
+    check_folder(path)
+    _write_new(path, _renamed(text, path.stem))
+    picture = path.with_suffix(".svg")
+    typer.echo(f"wrote {path}, from '{_shipped(wanted)}': {_about(text)}")
+    typer.echo(f"next: cotree run {path} --plot {picture}")
+    typer.echo("cotree components lists what scenes are made of.")
+
+
+def _shipped(template: str) -> str:
+    """Give the shipped scene of a template, which may be named itself."""
+    from cotree.scene.toml_file import shipped_scenes
+
+    known = shipped_scenes()
+    scene = TEMPLATES.get(template, template)
+    if scene not in known:
+        hint = nearest(template, [*TEMPLATES, *known])
+        raise SceneError(f"--like '{template}' is no template{hint}")
+    return scene
+
+
+def _text(scene: str) -> str:
+    file = resources.files("cotree") / "scenes" / f"{scene}.toml"
+    return file.read_text(encoding="utf-8")
+
+
+def _about(text: str) -> str:
+    """Give the first line of a shipped scene, a comment that describes it."""
+    return text.partition("\n")[0].lstrip("# ")
+
+
+def _renamed(text: str, name: str) -> str:
+    """Give the text of a scene another name; its comments stay."""
+    from cotree.naming import check_scene_name
+
+    check_scene_name(name)
+    lines = [
+        f'name = "{name}"' if line.startswith("name = ") else line for line in text.split("\n")
+    ]
+    return "\n".join(lines)
+
+
+def _write_new(path: Path, text: str) -> None:
+    """Write a file that does not exist yet."""
+    try:
+        with path.open("x", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+    except FileExistsError:
+        raise SceneError(f"'{path}' exists already: choose another name, or move it away") from None
+    except OSError as error:
+        raise SceneError(f"cannot write '{path}': {error.strerror}") from None

@@ -1,0 +1,123 @@
+"""Descriptions of components as docstrings and signatures."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import TYPE_CHECKING
+
+from cotree.scene.python_text import edge_call
+from cotree.scene.usage import examples
+
+if TYPE_CHECKING:
+    from cotree.scene.usage import Entry, Usage
+
+_WIDEST = 88  # columns of a line of a docstring
+
+#: Kinds of values in words.
+_TAKES = {
+    "value": "float, str or table",
+    "constant": "float or str",
+    "vector": "three of float or str",
+    "expression": "str",
+    "names": "list of str",
+    "numbers": "list of float",
+    "rotation": "three angles, or a matrix",
+    "inertia": "float, str, three of them, or a matrix",
+    "nodes": "pair of str",
+    "name": "str",
+    "node or nodes": "str or pair of str",
+}
+
+
+def takes_of(entry: Entry) -> str:
+    """Say in words what an entry takes."""
+    return _TAKES[entry.takes]
+
+
+def default_of(entry: Entry) -> str:
+    """Say what holds where an entry is not given: a number, ``required`` or nothing."""
+    if entry.required:
+        return "required"
+    return "" if entry.default is None else f"{entry.default:g}"
+
+
+def docstring_of(usage: Usage) -> str:
+    """Write the docstring of a component's method."""
+    lines = [*_headline(usage), "", "Parameters", "----------"]
+    lines += ["name : str", *_wrapped(_name_doc(usage))]
+    if usage.nodes:
+        lines += [f"{', '.join(usage.nodes)} : str", *_wrapped(_nodes_doc(usage))]
+    if usage.has_ports:
+        doc = "In place of the entries of its ports: one node of each, the other being the ground."
+        lines += ["*nodes : str", *_wrapped(doc)]
+    for entry in usage.entries:
+        lines += [_entry_line(entry), *_wrapped(sentence(entry.doc))]
+    if usage.initial:
+        names = ", ".join(f"``{name}``" for name in usage.initial)
+        lines += ["initial : mapping, optional", *_wrapped(f"Initial values of {names}.")]
+    lines += _example(usage)
+    return "\n".join(lines)
+
+
+def sentence(text: str) -> str:
+    """Begin a text with a capital and end it with a full stop, unless it begins with a name."""
+    first = text.partition(" ")[0]
+    is_word = first.replace(",", "").isalpha() and first.islower() and len(first) > 1
+    return (text[0].upper() + text[1:] if is_word or len(first) == 1 else text) + "."
+
+
+def _headline(usage: Usage) -> list[str]:
+    """Describe the type in one line where it fits, otherwise in a paragraph of its own."""
+    name, doc = usage.component.name, usage.component.doc
+    article = "an" if name[0] in "aeio" else "a"
+    line = f"Add {article} ``{name}``: {doc}."
+    if len(line) <= _WIDEST:
+        return [line]
+    return [f"Add {article} ``{name}``.", "", *textwrap.wrap(sentence(doc), _WIDEST)]
+
+
+def _name_doc(usage: Usage) -> str:
+    if not usage.initial:
+        return "Name of the edge."
+    return f"Name of the edge; its variables are called ``name.{usage.initial[0]}`` and so on."
+
+
+def nodes_of(usage: Usage) -> str:
+    """Tell in a line which nodes are listed."""
+    needed, rest = usage.nodes[: usage.n_needed], usage.nodes[usage.n_needed :]
+    if usage.has_ports:
+        return "those of its ports, below; or a list of one of each, the other being the ground"
+    if not usage.nodes:
+        return "none listed; its fields name them"
+    told = ", ".join(needed)
+    return f"{told}, and {', '.join(rest)} if wanted" if rest else told
+
+
+def _nodes_doc(usage: Usage) -> str:
+    optional = usage.nodes[usage.n_needed :]
+    if not optional:
+        return "Its nodes."
+    if usage.n_needed:
+        return f"Its nodes; {' and '.join(optional)} may be left out."
+    return "Its nodes; none where it acts on a joint or along a line."
+
+
+def _entry_line(entry: Entry) -> str:
+    unit = f", [{entry.unit}]" if entry.unit else ""
+    default = default_of(entry)
+    told = f", default {default}" if entry.default is not None else ""
+    told = told if entry.required or told else ", optional"
+    return f"{entry.name} : {takes_of(entry)}{unit}{told}"
+
+
+def _wrapped(text: str) -> list[str]:
+    indent = "    "
+    return textwrap.wrap(text, _WIDEST, initial_indent=indent, subsequent_indent=indent)
+
+
+def _example(usage: Usage) -> list[str]:
+    found = examples().get(usage.component.name)
+    if found is None:
+        return []
+    call = textwrap.indent(edge_call(*found), "    ")
+    return ["", "Examples", "--------", "::", "", *call.splitlines()]
