@@ -14,7 +14,9 @@ from cotree.operating import OperatingPoint
 from cotree.results import Result
 from cotree.scene.simulation import OPERATING_POINT
 from cotree.sharing import formed_once, forming
-from cotree.solvers.simulate import Settings, simulate
+from cotree.solvers.budgets import LONGEST_TIME, MOST_EVENTS, MOST_STEPS
+from cotree.solvers.settings import Settings
+from cotree.solvers.simulate import simulate
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -200,9 +202,9 @@ class Model(CompiledModel):
         error_test_sensitivities: bool = True,
         scales: Mapping[str, float] | None = None,
         max_step: float | None = None,
-        max_steps: int | None = None,
-        max_events: int | None = None,
-        time_limit: float | None = None,
+        max_steps: float | None = MOST_STEPS,
+        max_events: float | None = MOST_EVENTS,
+        time_limit: float | None = LONGEST_TIME,
         throw: bool = False,
         project: bool = True,
     ) -> Result:
@@ -213,7 +215,8 @@ class Model(CompiledModel):
         t_span : (float, float), optional
             Start and end, [s]; the scene's ``t_end`` where absent.
         t_eval : array_like, shape (n_t,), optional
-            Times to report; the solver's own steps where absent.
+            Times to report; the solver's own steps where absent, of which every second, fourth, ...
+            is stored where all of them would take more than 256 MiB.
         method : str, optional
             ``dopri5``, ``rkf45``, ``dop853``, ``rodas4``, ``rodas5`` (in C), ``RK45``, ``RK23``,
             ``DOP853``, ``Radau``, ``BDF``, ``LSODA`` (SciPy), ``cvode``, ``ida``, and as an extra
@@ -235,8 +238,11 @@ class Model(CompiledModel):
         max_step : float, optional
             Longest step, [s]; infinity for no limit. The default is a 32nd of the shortest period
             where sines of time drive laws that act for a part of it, as diodes do; else none.
-        max_steps, max_events, time_limit : int, int and float, optional
-            Budgets of steps, of events that happen, and of seconds.
+        max_steps, max_events, time_limit : int, int and float
+            Budgets of steps, of events that happen, and of seconds of computing time: a million, a
+            hundred thousand and 3600 s. None, or infinity, for no limit. A run that spends one
+            stops with what is there, and the message names the state that grows without bound, if
+            one does.
         throw : bool
             Raise SolveError where the integration fails; else it warns, and the result says so.
         project : bool

@@ -17,6 +17,7 @@ from cotree.cli.arguments import (
     check_animated,
     check_folder,
     check_picture,
+    given,
     read_numbers,
     read_pairs,
     read_tree,
@@ -25,10 +26,12 @@ from cotree.cli.guide import new_scene, show_components
 from cotree.cli.messages import complain, warnings_in_one_line
 from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
     EndTime,
+    MaxSteps,
     Method,
     SceneName,
     Sensitivity,
     Setting,
+    TimeLimit,
     TreeOption,
 )
 from cotree.cli.report import run_report
@@ -155,6 +158,12 @@ def run_scene(
         int | None,
         typer.Option(min=2, help="Number of evenly spaced times; the solver's steps if absent."),
     ] = None,
+    max_steps: MaxSteps = None,
+    max_events: Annotated[
+        float | None,
+        typer.Option(metavar="N", help="Budget of events: 100000 if absent; inf for none."),
+    ] = None,
+    time_limit: TimeLimit = None,
 ) -> None:
     """Integrate a scene and print its end state and sensitivities."""
     import numpy as np
@@ -172,6 +181,7 @@ def run_scene(
         "initial": read_numbers("--initial", initial),
         "inputs": read_pairs("--input", inputs),
     }
+    settings |= given(max_steps=max_steps, max_events=max_events, time_limit=time_limit)
     described = read_scene(scene)
     check_animated(animate, described)
     model = described.compile(sensitivity, read_tree(tree))

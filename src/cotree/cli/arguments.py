@@ -14,6 +14,11 @@ if TYPE_CHECKING:
     from cotree.scene.graphs import TreeChoice
 
 
+def given(**options: float | None) -> dict[str, float]:
+    """Keep the options that were given; what the others stand for is decided elsewhere."""
+    return {name: value for name, value in options.items() if value is not None}
+
+
 def read_numbers(option: str, texts: Sequence[str]) -> dict[str, float]:
     """Read ``name=number`` for each time that an option is given.
 

@@ -33,6 +33,14 @@ TreeOption = Annotated[
 EndTime = Annotated[
     float | None, typer.Option("--t-end", metavar="S", help="End time in s; the scene's if absent.")
 ]
+MaxSteps = Annotated[
+    float | None,
+    typer.Option(metavar="N", help="Budget of steps of a run: 1000000 if absent; inf for none."),
+]
+TimeLimit = Annotated[
+    float | None,
+    typer.Option(metavar="S", help="Computing time of a run in s: 3600 if absent; inf for none."),
+]
 Method = Annotated[
     str | None,
     typer.Option(

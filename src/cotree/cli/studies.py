@@ -11,16 +11,19 @@ import typer
 from cotree.cli.arguments import (
     check_folder,
     check_picture,
+    given,
     read_numbers,
     read_tolerances,
     read_tree,
 )
 from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
     EndTime,
+    MaxSteps,
     Method,
     SceneName,
     Sensitivity,
     Setting,
+    TimeLimit,
     TreeOption,
 )
 from cotree.cli.report import derived_lines
@@ -35,6 +38,8 @@ def check_scene(
     rtol: Annotated[float, typer.Option(help="Relative tolerance of all runs.")] = 1e-12,
     setting: Setting = [],  # noqa: B006
     tree: TreeOption = [],  # noqa: B006
+    max_steps: MaxSteps = None,
+    time_limit: TimeLimit = None,
 ) -> None:
     """Compare sensitivities with finite differences; all parameters if none is named."""
     from cotree.studies.check import check_sensitivities
@@ -51,7 +56,14 @@ def check_scene(
     for line in derived_lines(model, values):
         typer.echo(line)
     report = check_sensitivities(
-        model, t_end=t_end, values=values, plain=plain, method=method, rtol=rtol, report=_at_once
+        model,
+        t_end=t_end,
+        values=values,
+        plain=plain,
+        method=method,
+        rtol=rtol,
+        budgets=given(max_steps=max_steps, time_limit=time_limit),
+        report=_at_once,
     )
     if not report.passed:
         raise typer.Exit(1)

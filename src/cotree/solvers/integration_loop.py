@@ -24,6 +24,7 @@ from cotree.errors import SolveError
 from cotree.quiet import without_warnings
 from cotree.solvers.algebraic import solve_reduced
 from cotree.solvers.base import Drift, Statistics, Trajectory
+from cotree.solvers.budgets import Thinning
 from cotree.solvers.corners import segments
 from cotree.solvers.evaluate import (
     BUDGET_SPENT,
@@ -117,6 +118,8 @@ def _drive(problem: Problem, method: str) -> Trajectory:
             status, reason = stop.status, stop.reason
             if status == FAILED and problem.singular is not None:
                 run.passage.lost = problem.singular(run.t, run.z)
+        # A step that was dropped may be the last one.
+        if status != 0 or run.thinning.stride > 1:
             run.keep_last_point()
     evaluator = run.evaluator
     cause = evaluator.not_finite if reason else ""
@@ -128,13 +131,14 @@ def _drive(problem: Problem, method: str) -> Trajectory:
         n_steps=run.n_steps,
         seconds=time.perf_counter() - begin,
     )
+    message = told(problem, method, run.t, reason, cause, run.passage.summary())
     # Completed points hold more values than are integrated.
     width = len(run.columns[0]) if run.columns else problem.size
     return Trajectory(
         t=np.array(run.times),
         z=np.array(run.columns).reshape(len(run.columns), width).T.copy(),
         status=status,
-        message=told(problem, method, run.t, reason, cause, run.passage.summary()),
+        message=f"{message} {run.thinning.note}".rstrip(),
         statistics=statistics,
         drift=run.drift(),
     )
@@ -153,6 +157,7 @@ class _Run:
         self.times: list[float] = []
         self.columns: list[FloatArray] = []
         self.residuals: list[FloatArray] = []
+        self.thinning = Thinning()
         self.n_steps = 0
         self.nlu = 0
         self._wanted = [] if problem.t_eval is None else [float(t) for t in problem.t_eval]
@@ -292,6 +297,7 @@ class _Run:
     def _accept(self, stepper: _Stepper) -> None:
         """Take a step, with the outputs in it."""
         self._steps_unheld += 1
+        problem = self.problem
         self.evaluator.step_done()
         self.progress.reached(stepper.t)
         first = self._next
@@ -300,7 +306,7 @@ class _Run:
         try:
             # All outputs of a step are found before one is stored, so that a step that fails here
             # can be taken back with them.
-            if self.problem.project is not None:
+            if problem.project is not None:
                 points = self._hold(stepper, points)
             columns = [(t, self.evaluator.complete(t, z)) for t, z in points]
         except IntegrationStopError:
@@ -309,7 +315,8 @@ class _Run:
         self.n_steps += 1
         self.t, self.z = stepper.t, stepper.z
         for t, column in columns:
-            self._store(t, column)
+            if problem.t_eval is not None or self._has_place():
+                self._store(t, column)
 
     def _wanted_until(self, t: float) -> list[float]:
         """Take the outputs up to a time from those still wanted; without t_eval, the step's end."""
@@ -354,6 +361,7 @@ class _Run:
         if self.t == float(self.problem.t_span[0]) and not self.times:
             for t in self._wanted_until(self.t):
                 self._keep(t, self.z)
+                self.thinning.taken(1)
 
     def _keep(self, t: float, z: FloatArray) -> None:
         self._store(t, self.evaluator.complete(t, z))
@@ -363,6 +371,14 @@ class _Run:
         self.columns.append(column)
         if self.problem.residual is not None:
             self.residuals.append(self.evaluator.residual(t, column))
+
+    def _has_place(self) -> bool:
+        """Tell whether a step is to be stored; where there is no room, drop every second one."""
+        if len(self.times) >= self.problem.most_rows:
+            kept = self.thinning.thin()
+            self.times, self.columns = self.times[kept], self.columns[kept]
+            self.residuals = self.residuals[kept]
+        return bool(range(1)[self.thinning.taken(1)])
 
     def _check_steps(self) -> None:
         limit = self.problem.max_steps

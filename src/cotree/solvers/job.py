@@ -16,11 +16,13 @@ from cotree.dag.corners import Corner
 from cotree.model.kernels import SINGULAR
 from cotree.solvers.augmented import augmented_tolerances
 from cotree.solvers.base import Occurrence
+from cotree.solvers.budgets import most_rows
 from cotree.solvers.corners import corner_times, turn_tolerances, turning
 from cotree.solvers.event_messages import BY_STATUS, verdict
 from cotree.solvers.messages import undefined_ahead
 from cotree.solvers.problem import describe_entry
 from cotree.solvers.rescue import Rescue
+from cotree.solvers.rows import Rows
 from cotree.solvers.sundials_aid import SundialsAid
 from cotree.tolerances import LIMITS
 
@@ -59,8 +61,8 @@ class Job:
         The structure.
     z : ndarray, shape (n_states * (1 + n_sensitivities),)
         The last good point, which C moves.
-    times, values : ndarray
-        Rows that C writes values to; the first ``job.n_kept`` count.
+    rows : Rows
+        What C keeps of the run.
     rescue : Rescue
         Looks for points that the iterations in C do not find.
     is_wide : bool
@@ -154,11 +156,8 @@ class Job:
 
     def _make_all_room(self, problem: Problem) -> None:
         """Make room for values and events to begin with."""
-        self._n, self._room = problem.size, 0
+        self.rows = Rows(self._ffi, self.job, problem)
         self._looks_from: int | None = None
-        self.times, self.values = np.zeros(0), np.zeros((0, self._n))
-        self._keeps_steps = problem.t_eval is None
-        self._make_room(256 if problem.t_eval is None else len(problem.t_eval))
         self._at_once = 0
         # A record holds time, event, sensitivities of the time, and states before and after.
         self._width = 2 + problem.n_sensitivities + 2 * problem.n_states
@@ -167,18 +166,15 @@ class Job:
             # The most records of one step: C returns where there is no room for as many.
             self._at_once = len(problem.events.rows) + LIMITS.event_rounds
             self._make_records(4 * self._at_once)
-            self.job.most_events = problem.max_events or 0
+            bound = most_rows(self._width)
+            self.job.most_events = min(problem.max_events or bound, bound)
 
     def run(self, most_steps: int) -> int:
         """Take some steps; see ``COTREE_JOB_DONE`` and its like.
 
         An exception of an input that is a Python function ends the job, and is raised here.
         """
-        if self._keeps_steps:
-            # One row for each step, and one for the start.
-            needed = int(self.job.n_kept) + most_steps + 1
-            if needed > self._room:
-                self._make_room(max(needed, 2 * self._room))
+        most_steps = self.rows.steps_with_room(most_steps)
         if self._at_once and self.job.n_records + self._at_once > self.job.most_records:
             self._make_records(2 * self.job.most_records)
         # Steps before `_looks_from` are taken without asking whether the problem is stiff.
@@ -190,6 +186,7 @@ class Job:
         result = int(self._lib.cotree_job_run(self.job, most_steps))
         if self._errors:
             raise self._errors[0]
+        self.rows.drop_between()
         return result
 
     @property
@@ -264,15 +261,6 @@ class Job:
             events = [row.name for i, row in enumerate(rows) if c.has_fired[i]]
         said = verdict(name, events, float(c.event_time), float(c.event_detail))
         return f"{said} ({self.rescue.complaint})" if self.rescue.complaint else said
-
-    def _make_room(self, rows: int) -> None:
-        """Make room for kept values; existing ones stay."""
-        kept = int(self.job.n_kept)
-        times, values = np.zeros(rows), np.zeros((rows, self._n))
-        times[:kept], values[:kept] = self.times[:kept], self.values[:kept]
-        self.times, self.values, self._room = times, values, rows
-        self.job.times = self._ffi.from_buffer("double[]", times)
-        self.job.values = self._ffi.from_buffer("double[]", values) if self._n else self._ffi.NULL
 
     def _make_records(self, rows: int) -> None:
         """Make room for the records that events write; existing ones stay."""

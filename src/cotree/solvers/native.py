@@ -33,8 +33,9 @@ if TYPE_CHECKING:
 # Results of cotree_job_run.
 _MORE, _FAILED, _STOPPED, _STIFF = 1, 2, 3, 4
 
-# Time that C runs before Python regains control, [s], and the number of steps it begins with.
-_GLANCE, _FIRST_STEPS = 0.1, 1000
+# Time that C runs before Python regains control, [s], and the number of steps it begins with: few,
+# since steps of a large model may take milliseconds each.
+_GLANCE, _FIRST_STEPS = 0.1, 20
 
 
 def check_available(method: str) -> None:
@@ -258,11 +259,7 @@ def trajectory_of(job: Job, problem: Problem, method: str, ended: Ended) -> Traj
         Its outcome.
     """
     c = job.job
-    kept = int(c.n_kept)
-    t, values = job.times[:kept], job.values[:kept]
-    # A run that stops early also stores where it stopped, whether that was asked for or not.
-    if (ended.status != 0 or ended.reason) and not (kept and t[-1] == c.t):
-        t, values = np.append(t, c.t), np.vstack([values, job.z])
+    t, z = job.rows.stored(job.z, is_cut=ended.status != 0 or bool(ended.reason))
     statistics = Statistics(
         method=method,
         nfev=int(c.n_evaluations),
@@ -271,8 +268,8 @@ def trajectory_of(job: Job, problem: Problem, method: str, ended: Ended) -> Traj
         n_steps=int(c.n_steps),
         seconds=ended.seconds,
     )
-    message = " ".join(summary(problem, method, float(c.t), ended.reason))
-    t, z = t.copy(), values.T.copy()
+    sentences = summary(problem, method, float(c.t), ended.reason)
+    message = " ".join([*sentences, job.rows.thinning.note]).rstrip()
     drift = _drift(job, problem, t, z)
     return Trajectory(t, z, ended.status, message, statistics, drift, job.happened(problem))
 

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.errors import SolveError
+from cotree.solvers.budgets import most_rows
 from cotree.tolerances import rtol_fault
 
 if TYPE_CHECKING:
@@ -140,6 +141,8 @@ class Problem:
         :mod:`cotree.solvers.singularity_crossing`.
     events : ModelEvents or None
         The events of the problem, which only methods in C take; time must increase.
+    n_observed : int
+        How many values are evaluated at each stored point besides z, for the bound on memory.
     places : ndarray of int or None
         The positions in z of the entries that do not vanish at all times, states first, in order:
         methods integrate nothing else. None where no entry is known to vanish.
@@ -181,6 +184,12 @@ class Problem:
     not_native: str = "its equations are Python functions"
     events: ModelEvents | None = None
     places: npt.NDArray[np.intp] | None = None
+    n_observed: int = 0
+
+    @property
+    def most_rows(self) -> int:
+        """Return how many steps are stored at most where no times are asked for."""
+        return most_rows(1 + self.size + self.n_observed)
 
     @property
     def state_atol(self) -> FloatArray:

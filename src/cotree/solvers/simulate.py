@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,49 +18,36 @@ from cotree.model.signals import ReplacedInputs, read_signals
 from cotree.model.start import find_start
 from cotree.scene.expressions import check_number
 from cotree.solvers.augmented import DENSE_LIMIT
+from cotree.solvers.growth import with_growth
 from cotree.solvers.jumps import ModelEvents
 from cotree.solvers.problem import Native, Problem
 from cotree.solvers.project import Projection
 from cotree.solvers.result import EventTimes, RunRecord
 from cotree.solvers.select import integrate
+from cotree.solvers.settings import (
+    check_settings,
+    read_bound,
+    read_span,
+    read_times,
+    read_whole,
+)
 from cotree.solvers.sweep import sweep
 from cotree.solvers.timely import timely
 from cotree.solvers.trust import held, warn_of_redundancy, warn_of_result, warn_of_tolerances
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     import numpy.typing as npt
     from scipy.sparse import csc_matrix
 
     from cotree.model.model import CompiledModel
     from cotree.solvers.base import FloatArray, Occurrence, Trajectory
+    from cotree.solvers.settings import Settings
 
 
 # Share of a Jacobian's entries beyond which sparse matrices cost more than dense ones.
 _LARGEST_SHARE = 0.1
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Settings of a run; see :meth:`cotree.Model.simulate`."""
-
-    t_span: tuple[float, float]
-    t_eval: Any = None
-    method: str = "auto"
-    rtol: float = 1e-8
-    atol: float = 1e-10
-    parameters: Any = None
-    initial: Mapping[str, float] = field(default_factory=dict)
-    inputs: Mapping[str, Any] = field(default_factory=dict)
-    error_test_sensitivities: bool = True
-    scales: Mapping[str, float] = field(default_factory=dict)
-    max_step: float | None = None
-    max_steps: int | None = None
-    max_events: int | None = None
-    time_limit: float | None = None
-    throw: bool = False
-    project: bool = True
 
 
 def simulate(
@@ -90,7 +75,7 @@ def simulate(
         integration fails.
     """
     begin = time.perf_counter()
-    _check_settings(settings)
+    check_settings(settings)
     p = model.parameter_array(settings.parameters)
     values = dict(zip(model.parameters, p.tolist(), strict=True))
     values |= derived_values(model.layout.derived, p)
@@ -100,7 +85,7 @@ def simulate(
     # Norms of quaternions are among the constraints: a free body is projected, too.
     is_held = settings.project and bool(model.layout.constraints)
     projection = Projection(model, p, u) if is_held else None
-    t_span, jacobian = _span(settings.t_span), model.bound_jacobian(p)
+    t_span, jacobian = read_span(settings.t_span), model.bound_jacobian(p)
     corners = model.corners(p, t_span, settings.inputs, signals.breakpoints)
     at = Moment(model, t_span[0], p, u(t_span[0]))
     start = find_start(at, settings.initial)
@@ -116,7 +101,7 @@ def simulate(
         n_sensitivities=len(model.sensitivities),
         z0=z0,
         t_span=t_span,
-        t_eval=_times(settings.t_eval),
+        t_eval=read_times(settings.t_eval),
         rtol=check_number(settings.rtol, "rtol"),
         atol=check_number(settings.atol, "atol"),
         sizes=sizes,
@@ -129,9 +114,9 @@ def simulate(
         names=model.states,
         parameters=model.sensitivities,
         max_step=_max_step(model, p, settings),
-        max_steps=_whole(settings.max_steps, "max_steps"),
-        max_events=_whole(settings.max_events, "max_events"),
-        time_limit=settings.time_limit,
+        max_steps=read_whole(settings.max_steps, "max_steps"),
+        max_events=read_whole(settings.max_events, "max_events"),
+        time_limit=read_bound(settings.time_limit, "time_limit"),
         project=projection,
         residual=projection.residual if projection else None,
         constraints=projection.names if projection else (),
@@ -144,13 +129,14 @@ def simulate(
         **_native(model, p, signals),
         events=events,
         places=_places(model),
+        n_observed=_n_observed(model),
     )
     warn_of_tolerances(problem)
     # A run may still be refused: by the rounding of t, then by its constraints.
     trajectory = timely(problem, integrate(problem, settings.method))
     # Redundancy may come and go along a motion, so a few points are looked at, not the start alone.
     redundant = _redundant(model, projection, trajectory)
-    trajectory = held(problem, trajectory, redundant)
+    trajectory = with_growth(problem, held(problem, trajectory, redundant))
     if trajectory.status != 0:
         if settings.throw:
             raise SolveError(trajectory.message)
@@ -216,24 +202,10 @@ def _times_of(trajectory: Trajectory, seconds: float) -> dict[str, float]:
     return {"compile": compiling, "integrate": seconds - compiling}
 
 
-def _check_settings(settings: Settings) -> None:
-    """Refuse settings of the wrong kind, by name."""
-    if not isinstance(settings.method, str):
-        raise SolveError(f"method is {settings.method!r}: give a name in quotes")
-    for name in ("initial", "inputs", "scales"):
-        if not isinstance(getattr(settings, name), Mapping):
-            raise ParameterError(f"{name} must be a mapping of names to values")
-    if settings.time_limit is not None:
-        check_number(settings.time_limit, "time_limit")
-
-
-def _whole(value: float | None, name: str) -> int | None:
-    """Accept a whole number, and return it as an int."""
-    if value is None:
-        return None
-    if not check_number(value, name).is_integer():
-        raise ParameterError(f"{name} is {value}: give a whole number")
-    return int(value)
+def _n_observed(model: CompiledModel) -> int:
+    """Count what is evaluated at each stored point besides states and sensitivities."""
+    n_outputs = len(model.outputs) * (1 + len(model.sensitivities))
+    return n_outputs + len(model.inputs) + len(model.constraints) + model.layout.n_algebraic
 
 
 def _scales(
@@ -263,15 +235,6 @@ def _max_step(model: CompiledModel, p: FloatArray, settings: Settings) -> float:
     return check_number(settings.max_step, "max_step")
 
 
-def _times(t_eval: Any) -> FloatArray | None:
-    if t_eval is None:
-        return None
-    try:
-        return np.array(t_eval, dtype=float)
-    except (TypeError, ValueError):
-        raise SolveError("t_eval must be a sequence of numbers") from None
-
-
 def _check_replaced(
     model: CompiledModel, inputs: Mapping[str, Any], signals: ReplacedInputs
 ) -> None:
@@ -299,14 +262,6 @@ def _check_replaced(
                 f"input '{name}' depends on '{wanted[0]}' in the scene, and the sensitivity to it "
                 f"is compiled in: to replace the input, compile without that sensitivity"
             )
-
-
-def _span(t_span: Any) -> tuple[float, float]:
-    try:
-        first, last = t_span
-    except (TypeError, ValueError):
-        raise SolveError("t_span must be a pair (start, end)") from None
-    return check_number(first, "start of t_span"), check_number(last, "end of t_span")
 
 
 def _input_function(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -156,6 +156,7 @@ def check_sensitivities(
     *,
     method: str | None = None,
     rtol: float = _RTOL,
+    budgets: Mapping[str, Any] | None = None,
     report: Callable[[str], None] | None = None,
 ) -> CheckReport:
     """Compare sensitivities with central finite differences over a range of step sizes.
@@ -177,6 +178,8 @@ def check_sensitivities(
         The method of all runs; what ``auto`` takes where absent.
     rtol : float
         Relative tolerance of all runs; the absolute one is a hundredth of it.
+    budgets : mapping, optional
+        ``max_steps`` and ``time_limit`` of each run.
     report : callable, optional
         Gets the parts of :meth:`CheckReport.summary` one by one, each as soon as it is known.
 
@@ -222,13 +225,13 @@ def check_sensitivities(
     """
     names = _checked_names(model, parameters)
     # A short way to learn what "auto" chooses and where the scene ends.
-    values = dict(values or {})
+    common = {"parameters": dict(values or {}), **(budgets or {})}
     span = None if t_end is None else (0.0, t_end)
-    probe = model.simulate(span, parameters=values, method=method, throw=True)
+    probe = model.simulate(span, method=method, throw=True, **common)
     found = CheckReport((), float(probe.t[-1]), probe.statistics.method, rtol)
     tell = report or _say_nothing
     tell(found.heading)
-    runs = _reference_runs(model, plain, found, values)
+    runs = _reference_runs(model, plain, found, common)
     for name in names:
         row = _check(runs, name)
         found = replace(found, rows=(*found.rows, row))
@@ -269,14 +272,14 @@ class _Runs:
 
 
 def _reference_runs(
-    model: Model, plain: Model | None, report: CheckReport, values: Mapping[str, float]
+    model: Model, plain: Model | None, report: CheckReport, common: Mapping[str, Any]
 ) -> _Runs:
     """Run at the values themselves, at the tolerances and at looser ones."""
     times = np.linspace(0.0, report.t_end, _N_TIMES)
     # For each model two experiments: at the tolerances, and at looser ones.
     own, differenced = (
         tuple(
-            _experiment(each, times, report.method, values, factor * report.rtol)
+            _experiment(each, times, report.method, common, factor * report.rtol)
             for factor in (1.0, _LOOSER)
         )
         for each in (model, plain or model)
@@ -290,9 +293,9 @@ def _reference_runs(
 
 
 def _experiment(
-    model: Model, times: Array, method: str, values: Mapping[str, float], rtol: float
+    model: Model, times: Array, method: str, common: Mapping[str, Any], rtol: float
 ) -> Experiment:
-    settings = {"method": method, "rtol": rtol, "atol": rtol * _ATOL_SHARE, "parameters": values}
+    settings = {"method": method, "rtol": rtol, "atol": rtol * _ATOL_SHARE, **common}
     return Experiment(model, times, settings)
 
 

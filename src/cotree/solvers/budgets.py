@@ -1,0 +1,61 @@
+"""What a run may take: steps, events, time, and the memory of what it stores.
+
+Runs whose times nobody chose store each step, and a run that goes wrong may take steps without end.
+Each has a bound, whatever the method. Where stored steps would take more memory, every second one
+is dropped: what is left are points of the same accuracy, and the run goes on.
+"""
+
+from __future__ import annotations
+
+#: Steps, events and seconds of a run that names no budgets of its own.
+MOST_STEPS = 1_000_000
+MOST_EVENTS = 100_000
+LONGEST_TIME = 3600.0
+
+#: Memory for the steps that a run stores with what is evaluated at them, and for its events,
+#: [byte]. A result of this size takes up to four times as much while it is made.
+MOST_STORED = 256 * 2**20
+
+# With fewer points a curve cannot be drawn, however wide its rows are.
+_LEAST_ROWS = 64
+
+
+def most_rows(width: int) -> int:
+    """Give how many rows of so many doubles are stored at most."""
+    return max(_LEAST_ROWS, MOST_STORED // (8 * max(1, width)))
+
+
+class Thinning:
+    """Which of the steps of a run are stored: every one, then every second, fourth, and so on.
+
+    Attributes
+    ----------
+    stride : int
+        Every so many steps one is stored.
+    """
+
+    def __init__(self) -> None:
+        self.stride = 1
+        self._seen = 0
+
+    def taken(self, n_new: int) -> slice:
+        """Give the places, among so many new steps, of those to store."""
+        first = -self._seen % self.stride
+        self._seen += n_new
+        return slice(first, n_new, self.stride)
+
+    def thin(self) -> slice:
+        """Double the stride, and give the places of the stored steps that stay."""
+        self.stride *= 2
+        # The first step is stored, and the others at multiples of the stride behind it.
+        return slice(None, None, 2)
+
+    @property
+    def note(self) -> str:
+        """What a result says of steps that are not in it; empty where all of them are."""
+        if self.stride == 1:
+            return ""
+        return (
+            f"One step in {self.stride} is stored, since all of them would take more than "
+            f"{MOST_STORED >> 20} MiB: choose times by t_eval."
+        )

@@ -1,0 +1,71 @@
+"""The state that grows without bound, as the likely cause of a run that did not reach its end.
+
+In: a ``Problem`` and its ``Trajectory``. Out: the trajectory, whose message names the state. No run
+is stopped by what is said here: budgets and values that are not finite end it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from cotree.solvers.base import FloatArray, Trajectory
+    from cotree.solvers.problem import Problem
+
+# The share of the elapsed time that counts as the beginning, and the one that counts as the end.
+_EARLY, _LATE = 0.1, 0.9
+
+# Growth by less than this has other reasons: in ten times the time a steady motion covers ten times
+# the way, and an accelerated one a hundred times.
+_LEAST = 1e3
+
+
+def with_growth(problem: Problem, trajectory: Trajectory) -> Trajectory:
+    """Add to the message of a run that stopped early which state grows, since when and how far."""
+    if trajectory.status == 0:
+        return trajectory
+    said = growth(problem, trajectory)
+    if not said:
+        return trajectory
+    return replace(trajectory, message=f"{trajectory.message} {said}")
+
+
+def growth(problem: Problem, trajectory: Trajectory) -> str:
+    """Name the state that has grown most, as a sentence; empty where none has grown much.
+
+    A state has grown if it has left the range of the first tenth of the run a thousandfold, and is
+    as large as ever in the last one. The range is at least the size below which the absolute
+    tolerance decides.
+    """
+    n, start = problem.n_states, float(problem.t_span[0])
+    if not trajectory.t.size or not n:
+        return ""
+    # The start may not be among the times that were asked for.
+    t = np.abs(np.concatenate([[start], trajectory.t]) - start)
+    y = np.abs(np.column_stack([problem.z0[:n], trajectory.z[:n]]))
+    early, late = t <= _EARLY * t[-1], t >= _LATE * t[-1]
+    with np.errstate(all="ignore"):
+        floor = problem.state_atol / problem.rtol
+        # The unknowns that the run began with may have been guesses.
+        ranges = np.maximum(np.max(y[:, early], axis=1), floor)
+        ranges[n - problem.n_algebraic :] = np.inf
+        last, most = np.max(y[:, late], axis=1), np.max(y, axis=1)
+        factors = np.where(last >= most, last / ranges, 0.0)
+    worst = int(np.argmax(factors))
+    if not factors[worst] >= _LEAST:
+        return ""
+    since = start + _left(problem.direction, t, y[worst], ranges[worst])
+    name = f"'{problem.names[worst]}'" if problem.names else f"State {worst}"
+    return (
+        f"{name} grows without bound: since t = {since:.4g} it has left the range of its beginning "
+        f"and reached {last[worst]:.3g}, {factors[worst]:.2g} times as much; look at the signs of "
+        "what feeds it."
+    )
+
+
+def _left(direction: float, t: FloatArray, y: FloatArray, largest: float) -> float:
+    """Give the time, from the start on, at which a value last was within its first range."""
+    return direction * float(t[np.flatnonzero(y <= largest)[-1]])

@@ -1,0 +1,82 @@
+"""Settings of a run, and the checks of those that need no model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cotree.errors import ParameterError, SolveError
+from cotree.scene.expressions import check_number
+from cotree.solvers.budgets import LONGEST_TIME, MOST_EVENTS, MOST_STEPS
+
+if TYPE_CHECKING:
+    from cotree.solvers.base import FloatArray
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of a run; see :meth:`cotree.Model.simulate`."""
+
+    t_span: tuple[float, float]
+    t_eval: Any = None
+    method: str = "auto"
+    rtol: float = 1e-8
+    atol: float = 1e-10
+    parameters: Any = None
+    initial: Mapping[str, float] = field(default_factory=dict)
+    inputs: Mapping[str, Any] = field(default_factory=dict)
+    error_test_sensitivities: bool = True
+    scales: Mapping[str, float] = field(default_factory=dict)
+    max_step: float | None = None
+    max_steps: float | None = MOST_STEPS
+    max_events: float | None = MOST_EVENTS
+    time_limit: float | None = LONGEST_TIME
+    throw: bool = False
+    project: bool = True
+
+
+def check_settings(settings: Settings) -> None:
+    """Refuse settings of the wrong kind, by name."""
+    if not isinstance(settings.method, str):
+        raise SolveError(f"method is {settings.method!r}: give a name in quotes")
+    for name in ("initial", "inputs", "scales"):
+        if not isinstance(getattr(settings, name), Mapping):
+            raise ParameterError(f"{name} must be a mapping of names to values")
+
+
+def read_bound(value: float | None, name: str) -> float | None:
+    """Accept a budget: a number, or None or infinity for none."""
+    return None if value is None or value == math.inf else check_number(value, name)
+
+
+def read_whole(value: float | None, name: str) -> int | None:
+    """Accept a budget that is a whole number, and return it as an int."""
+    bound = read_bound(value, name)
+    if bound is None:
+        return None
+    if not bound.is_integer():
+        raise ParameterError(f"{name} is {value}: give a whole number")
+    return int(bound)
+
+
+def read_times(t_eval: Any) -> FloatArray | None:
+    """Accept the times that are asked for."""
+    if t_eval is None:
+        return None
+    try:
+        return np.array(t_eval, dtype=float)
+    except (TypeError, ValueError):
+        raise SolveError("t_eval must be a sequence of numbers") from None
+
+
+def read_span(t_span: Any) -> tuple[float, float]:
+    """Accept a start and an end."""
+    try:
+        first, last = t_span
+    except (TypeError, ValueError):
+        raise SolveError("t_span must be a pair (start, end)") from None
+    return check_number(first, "start of t_span"), check_number(last, "end of t_span")

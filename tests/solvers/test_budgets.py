@@ -1,0 +1,192 @@
+"""What a run may take: steps, events, time and memory, whatever the method, and what it says then."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import cotree
+from cotree.errors import ParameterError
+from cotree.solvers import budgets
+from cotree.solvers.budgets import Thinning
+
+METHODS = ["dop853", "rodas5", "cvode", "DOP853", "LSODA"]
+
+
+def _swing(gain: float) -> cotree.Scene:
+    """A pendulum on a cart; a positive gain feeds its speed back with the wrong sign."""
+    scene = cotree.Scene("swing", gravity=[0, -9.81, 0])
+    scene.parameter("c", gain)
+    scene.edge("rail", "prismatic", "ground", "R", axis=[1, 0, 0])
+    scene.edge("cart", "rigid_body", "ground", "R", mass=1.0)
+    scene.edge(
+        "hinge",
+        "revolute",
+        "R",
+        "A",
+        axis=[0, 0, 1],
+        torque="c*hinge.theta_dot",
+        initial={"theta": 0.1},
+    )
+    scene.edge("rod", "arm", "A", "B", vector=[0, -1, 0])
+    scene.edge("bob", "rigid_body", "ground", "B", mass=1.0)
+    return scene
+
+
+@pytest.fixture(scope="module")
+def swing() -> cotree.Model:
+    return _swing(5.0).compile(["c"])
+
+
+@pytest.fixture(scope="module")
+def decay() -> cotree.Model:
+    """x'' = -x with x(0) = 1: cos t."""
+    scene = cotree.Scene("oscillator")
+    scene.parameter("k", 1.0)
+    scene.edge("x", "prismatic", "ground", "A", axis=[1, 0, 0], force="-k*x.s", initial={"s": 1.0})
+    scene.edge("m", "rigid_body", "ground", "A", mass=1.0)
+    return scene.compile(["k"])
+
+
+def _needs(method: str) -> None:
+    if method in ("cvode", "ida"):
+        pytest.importorskip("sksundae")
+
+
+@pytest.mark.parametrize(
+    ("method", "t_eval"), [*((method, None) for method in METHODS), ("dop853", [1.0, 6.0])]
+)
+def test_growth_without_bound_names_the_state(swing, method, t_eval):
+    _needs(method)
+    with pytest.warns(RuntimeWarning, match=r"limit of 1000 steps is reached.*'\w+\.\w+' grows"):
+        result = swing.simulate((0, 6), t_eval, method=method, max_steps=1000, rtol=1e-5)
+    assert result.status == -2
+    # What is there of the run is there: from the start or the first wanted time to the last point.
+    assert 0.0 < result.t[-1] < 6.0
+    assert np.all(np.isfinite(result.y))
+    assert "since t = " in result.message
+
+
+def test_growth_backwards_is_dated_backwards():
+    model = _swing(-30.0).compile()
+    with pytest.warns(RuntimeWarning, match="grows without bound: since t = -0"):
+        result = model.simulate((0, -1), max_steps=5000)
+    assert result.status == -2
+
+
+def test_finite_escape_names_the_state():
+    """v' = v^2 from 1 is 1 / (1 - t)."""
+    scene = cotree.Scene("escape")
+    scene.edge(
+        "x", "prismatic", "ground", "A", axis=[1, 0, 0], force="x.s_dot**2", initial={"s_dot": 1.0}
+    )
+    scene.edge("m", "rigid_body", "ground", "A", mass=1.0)
+    with pytest.warns(RuntimeWarning, match=r"'x.s_dot' grows without bound: since t = 0.0"):
+        result = scene.compile().simulate((0, 2))
+    # Steps end where they end in the first tenth; the pole is reached to rounding.
+    assert result.t[-1] == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("rate", [1.0, 40.0])
+def test_growth_that_ends_is_no_failure(rate):
+    """x' = a x over one second, as chemical chains and populations grow: e^a."""
+    scene = cotree.Scene("chain")
+    scene.edge("C", "capacitor", "n", "ground", capacitance=1.0, initial={"v": 1.0})
+    scene.edge("G", "current_source", "ground", "n", current=f"{rate}*C.v")
+    result = scene.compile().simulate((0, 1), rtol=1e-10)
+    assert result.success
+    # Relative errors of 1e-10 a step grow at most by the number of e-foldings and of steps.
+    assert result["C.v"][-1] == pytest.approx(math.exp(rate), rel=1e-6)
+
+
+def test_what_stays_is_not_said_to_grow(decay):
+    with pytest.warns(RuntimeWarning, match="limit of 50 steps is reached") as caught:
+        decay.simulate((0, 1e6), max_steps=50)
+    assert "grows" not in str(caught[0].message)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_steps_beyond_the_memory_are_thinned(decay, method, monkeypatch):
+    """Whatever the method, the points left are steps, and begin and end are among them."""
+    _needs(method)
+    whole = decay.simulate((0, 60), method=method, rtol=1e-9, atol=1e-11)
+    # Rows of t, 2 states, 2 sensitivities, and no outputs: room for 100 of them.
+    monkeypatch.setattr(budgets, "MOST_STORED", 100 * 8 * 5)
+    thinned = decay.simulate((0, 60), method=method, rtol=1e-9, atol=1e-11)
+    assert thinned.success
+    assert len(whole.t) > 101 >= len(thinned.t) > 33
+    assert thinned.statistics.n_steps == whole.statistics.n_steps
+    assert "One step in" in thinned.message
+    assert thinned.t[-1] == 60.0
+    places = np.searchsorted(whole.t, thinned.t)
+    stride = int(places[1])
+    assert places[:-1].tolist() == list(range(0, stride * (len(places) - 1), stride))
+    np.testing.assert_array_equal(whole.y[:, places], thinned.y)
+    np.testing.assert_array_equal(whole.s[:, :, places], thinned.s)
+
+
+def test_thinned_steps_beside_events(monkeypatch):
+    """Each bounce is an event, whose points are stored or not like others."""
+    model = cotree.load("bouncing-ball").compile()
+    whole = model.simulate((0, 2), rtol=1e-12)
+    monkeypatch.setattr(budgets, "MOST_STORED", 1)
+    thinned = model.simulate((0, 2), rtol=1e-12)
+    # The least that a curve needs is stored at any rate.
+    assert len(thinned.t) <= 65
+    assert set(thinned.t) <= set(whole.t)
+    for name, row in whole.events.items():
+        np.testing.assert_array_equal(row.t, thinned.events[name].t)
+
+
+def test_every_so_manyth_step_is_taken():
+    thinning, stored = Thinning(), []
+    for start in range(0, 100, 7):
+        new = list(range(start, start + 7))
+        stored += new[thinning.taken(len(new))]
+        if len(stored) > 10:
+            stored = stored[thinning.thin()]
+    assert stored == list(range(0, 105, thinning.stride))
+
+
+def test_bounds_can_be_lifted(decay):
+    for unbounded in (None, math.inf):
+        result = decay.simulate(
+            (0, 1), max_steps=unbounded, max_events=unbounded, time_limit=unbounded
+        )
+        assert result.success
+    with pytest.raises(ParameterError, match="max_steps is nan"):
+        decay.simulate((0, 1), max_steps=math.nan)
+
+
+_IN_LITTLE_MEMORY = """
+import resource, warnings, sys
+import cotree
+sys.path.insert(0, {folder!r})
+from test_budgets import _swing
+from cotree.solvers import budgets
+warnings.simplefilter("ignore")
+model = _swing(5.0).compile(["c"])
+model.simulate((0, 0.1), method="dop853")  # everything is loaded
+budgets.MOST_STORED = 2**18
+taken = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+# Room for a result of the bound, for four times as much while it is made, and for Python's own.
+resource.setrlimit(resource.RLIMIT_AS, (taken + 12 * 2**20,) * 2)
+result = model.simulate((0, 6), method="dop853", max_steps=100_000)
+assert result.status == -2, result.message
+assert "grows without bound" in result.message, result.message
+print(len(result.t))
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="RLIMIT_AS and /proc are Linux's")
+def test_a_run_without_end_keeps_its_memory(request):
+    """Of 100,000 steps the rows alone would take 7 MB, and four times as much as they are made."""
+    code = _IN_LITTLE_MEMORY.format(folder=str(request.path.parent))
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    # Rows of t, 4 states and as many sensitivities.
+    assert int(done.stdout) <= 2**18 // (8 * 9) + 1
