@@ -139,6 +139,15 @@ def test_run_warns_where_there_is_no_compiler(
     assert printed.err.startswith("cotree: warning: no C compiler")
 
 
+def test_run_takes_budgets(capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["run", "spring-mass-damper"]
+    assert main([*command, "--max-steps", "5"]) == 1
+    assert "the limit of 5 steps is reached" in capsys.readouterr().out
+    assert main([*command, "--max-steps", "inf", "--time-limit", "inf", "--max-events", "7"]) == 0
+    assert main([*command, "--max-steps", "2.5"]) == 2
+    assert "give a whole number" in capsys.readouterr().err
+
+
 def test_failed_integration_shows_the_last_good_point(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
