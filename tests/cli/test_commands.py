@@ -142,7 +142,7 @@ def test_run_warns_where_there_is_no_compiler(
 def test_run_takes_budgets(capsys: pytest.CaptureFixture[str]) -> None:
     command = ["run", "spring-mass-damper"]
     assert main([*command, "--max-steps", "5"]) == 1
-    assert "the limit of 5 steps is reached" in capsys.readouterr().out
+    assert "the limit of 5 steps is reached" in capsys.readouterr().err
     assert main([*command, "--max-steps", "inf", "--time-limit", "inf", "--max-events", "7"]) == 0
     assert main([*command, "--max-steps", "2.5"]) == 2
     assert "give a whole number" in capsys.readouterr().err
