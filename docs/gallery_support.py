@@ -1,7 +1,7 @@
 """Serve the gallery: one look for its pictures, and figures that pyplot does not know.
 
-``Result.plot``, ``GraphReport.draw`` and ``BenchReport.plot`` return figures of their own, which
-the scraper of sphinx-gallery, made for pyplot, does not see.
+``Result.plot``, ``GraphReport.draw`` and ``BenchReport.plot`` return figures of their own where a
+script does not import pyplot; the scraper of sphinx-gallery, made for pyplot, does not see those.
 """
 
 from __future__ import annotations

@@ -13,6 +13,7 @@ from cotree.formulation.first_graph import form_first_graph, tree_links
 from cotree.formulation.lazy_mass_matrix import is_deep
 from cotree.graph import tree_walk
 from cotree.linear.tree import factorise_bordered
+from cotree.markup import block, preformatted, table
 from cotree.program.cost_model import cycles
 from cotree.program.counts import OperationCount, count_operations
 from cotree.program.solved import SolvedSystem
@@ -91,6 +92,18 @@ class Operations(dict[str, OperationCount]):
     ) -> None:
         super().__init__(counts)
         self.alternatives = tuple(alternatives)
+
+    def __repr__(self) -> str:
+        return str(self)
+
+    def _repr_html_(self) -> str:
+        """Show what each kernel takes in a notebook, and the formulations."""
+        rows = [
+            (name, row.kernel, row.prepare, row.total) for name, row in self.items() if row.total
+        ]
+        head = ["kernel", "each call", "prepared", "total"]
+        tried = "\n".join(self.tried())
+        return block("Operations", table("", head, rows, n_rows=len(rows)), preformatted(tried))
 
     def __str__(self) -> str:
         """Show what each kernel takes, and the formulations."""

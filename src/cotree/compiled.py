@@ -15,6 +15,7 @@ from cotree.results import Result
 from cotree.scene.simulation import OPERATING_POINT
 from cotree.sharing import formed_once, forming
 from cotree.solvers.budgets import LONGEST_TIME, MOST_EVENTS, MOST_STEPS
+from cotree.solvers.methods import METHODS
 from cotree.solvers.settings import Settings
 from cotree.solvers.simulate import simulate
 
@@ -49,6 +50,17 @@ class Model(CompiledModel):
         self._compiled, self._scene = compiled, scene
         self.first_graph = compiled.first
         self.times: dict[str, float] = dict(compiled.times)
+
+    def __repr__(self) -> str:
+        from cotree.model.display import model_text
+
+        return model_text(self, ("auto", *METHODS))
+
+    def _repr_html_(self) -> str:
+        """Show names, parameters, methods and compiler in a notebook."""
+        from cotree.model.display import model_html
+
+        return model_html(self, ("auto", *METHODS))
 
     @property
     def source(self) -> str:
@@ -293,7 +305,7 @@ class Model(CompiledModel):
         built = self.times.get("compile", 0.0) + run.times["compile"]
         times = {**self.times, **run.times, "compile": built}
         # The record belongs to a room below, which knows neither pictures nor this model.
-        return Result(**{**vars(run), "times": times}, model=self)
+        return Result(**{**vars(run), "times": times}, model=self, settings=settings)
 
     def write(
         self, directory: str | Path, integrator: str = "dopri5", step: float | None = None

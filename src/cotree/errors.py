@@ -21,14 +21,23 @@ functions below shorten what they quote.
 from __future__ import annotations
 
 import difflib
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+    from types import TracebackType
 
 
 class Error(Exception):
     """Base of every error that cotree raises on purpose."""
+
+    def _render_traceback_(self) -> list[str]:
+        """Show a notebook the statements of its user and the sentence, without frames of cotree.
+
+        ``%debug`` still has all frames.
+        """
+        return [*_own_frames(self.__traceback__), f"{type(self).__name__}: {self}"]
 
 
 class ModelError(Error, ValueError):
@@ -139,3 +148,23 @@ def listed(names: Iterable[str]) -> str:
     names = list(names)
     hidden = len(names) - _MOST_IN_SENTENCE
     return ", ".join(names[:_MOST_IN_SENTENCE]) + (f" and {hidden} more" if hidden > 0 else "")
+
+
+def _own_frames(trace: TracebackType | None) -> list[str]:
+    """List the frames of a traceback outside this package and the notebook's machinery.
+
+    A line for each frame, with the statement under it.
+    """
+    package = str(Path(__file__).parent)
+    # Only where a notebook shows an error: commands start faster without.
+    import traceback
+
+    lines = []
+    for frame in traceback.extract_tb(trace):
+        parts = Path(frame.filename).parts
+        if frame.filename.startswith(package) or "IPython" in parts or "ipykernel" in parts:
+            continue
+        # A cell has a file name that tells nobody anything.
+        where = "cell" if any("ipykernel" in part for part in parts) else frame.filename
+        lines += [f"{where}, line {frame.lineno}, in {frame.name}", f"    {frame.line}"]
+    return lines

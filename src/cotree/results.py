@@ -14,8 +14,10 @@ from cotree.solvers.result import RunRecord
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from cotree.solvers.settings import Settings
     from cotree.watch import Animation
     from cotree.watch.frames import WatchedModel
 
@@ -28,24 +30,72 @@ class Result(RunRecord):
     ----------
     model : WatchedModel or None
         The model that ran; it is left behind where a result is copied or pickled.
+    settings : Settings or None
+        The settings of the run, which are left behind with it.
     """
 
     model: WatchedModel | None = None
+    settings: Settings | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave the model behind, which is a library in memory."""
-        # Another process could not use its pointers.
-        return {**self.__dict__, "model": None}
+        """Leave the model behind, which is a library in memory, and settings of it."""
+        # Another process could not use its pointers, nor inputs that are functions.
+        return {**self.__dict__, "model": None, "settings": None}
 
-    def plot(self, names: str | Sequence[str | tuple[str, str]] | None = None) -> Figure:
-        """Draw curves over time by the titles of ``columns()``; see ``cotree.plot.plot_result``.
+    def smooth(self) -> RunRecord:
+        """Give the same run at as many times as make its curves smooth.
 
-        Sensitivities are "d(j1.s)/d(L)" or ("j1.s", "L"); where none is named, all those of the
-        states and outputs that are stand beside them.
+        Values between the points of this result are those of the method's own interpolation, with
+        both sides of each jump. Of runs that have 400 points, failed, took more than 4000 steps or
+        have functions of Python as inputs, and of results without their model, this is the result
+        itself.
         """
-        from cotree.plot import plot_result
+        from cotree.model.model import CompiledModel
+        from cotree.solvers.dense import at_more_times
 
-        return plot_result(self, names)
+        if not isinstance(self.model, CompiledModel) or self.settings is None:
+            return self
+        return at_more_times(self, self.model, self.settings)
+
+    def plot(
+        self,
+        names: str | Sequence[str | tuple[str, str]] | None = None,
+        *,
+        ax: Axes | None = None,
+    ) -> Figure:
+        """Draw curves over time by the titles of ``columns()``.
+
+        Curves are smooth between the points of the result; see :meth:`smooth`. ``plt.show()``
+        shows the figure, and a notebook does, where matplotlib's pyplot was imported before, and
+        at any interactive prompt.
+
+        Parameters
+        ----------
+        names : str, sequence of str or of (str, str), optional
+            States, outputs, inputs, and sensitivities as "d(j1.s)/d(L)" or ("j1.s", "L"); where
+            none is named, all those of the states and outputs that are stand beside them. The
+            coordinates where absent.
+        ax : Axes, optional
+            Axes to draw into, beside what they show: curves of one unit, and no sensitivity that is
+            not named.
+
+        Returns
+        -------
+        Figure
+            A panel for each unit, and beside it one for each parameter.
+
+        Raises
+        ------
+        SceneError
+            If there is nothing of a name in the result, or curves for ``ax`` have several units.
+        """
+        from cotree.plot import draw_curves, plot_result
+
+        if ax is not None:
+            return draw_curves(self.smooth(), names, ax)
+        from cotree.plot.known import figure_for_people
+
+        return plot_result(self.smooth(), names, make=figure_for_people)
 
     def animate(
         self,

@@ -149,7 +149,8 @@ def run_scene(
         ),
     ] = [],  # noqa: B006
     animate: Annotated[
-        Path | None, typer.Option(help="Show it moving, in this file: .html or .gif.")
+        Path | None,
+        typer.Option(help="Show it moving, in this file: .html or .gif; curves of a circuit."),
     ] = None,
     trust_paths: Annotated[
         bool, typer.Option("--trust-paths", help="Read meshes outside the robot's folder, too.")
@@ -171,7 +172,7 @@ def run_scene(
     # Files are checked before the run, whose results would be lost otherwise.
     check_folder(csv)
     check_picture(plot)
-    if show and plot is None:
+    if show and plot is None and animate is None:
         raise typer.BadParameter("--show says what --plot draws: give --plot FILE, too")
     settings: dict[str, Any] = {
         "method": method,
@@ -183,10 +184,10 @@ def run_scene(
     }
     settings |= given(max_steps=max_steps, max_events=max_events, time_limit=time_limit)
     described = read_scene(scene)
-    check_animated(animate, described)
+    is_moving = check_animated(animate, described)
     model = described.compile(sensitivity, read_tree(tree))
-    if plot is not None:
-        from cotree.cli.picture import check_names, draw_run
+    if plot is not None or (animate is not None and not is_moving):
+        from cotree.cli.picture import check_names, draw_curves, draw_run
 
         check_names(model, show)
     end = described.defaults.t_end if t_end is None else t_end
@@ -203,8 +204,14 @@ def run_scene(
         draw_run(model, result, plot, settings, show)
         typer.echo(f"wrote {plot}")
     if animate is not None:
-        result.animate(trust_paths=trust_paths).save(animate)
-        typer.echo(f"wrote {animate}")
+        if is_moving:
+            result.animate(trust_paths=trust_paths).save(animate)
+            typer.echo(f"wrote {animate}")
+        else:
+            draw_curves(result, animate, show)
+            typer.echo(
+                f"wrote {animate}: nothing moves in space here, so it shows curves over time"
+            )
     # What was computed is written all the same; the exit code tells of the failure.
     if not result.success:
         raise typer.Exit(1)

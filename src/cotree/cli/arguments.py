@@ -148,18 +148,23 @@ def check_picture(path: Path | None) -> None:
     plot.check_picture(path)
 
 
-def check_animated(path: Path | None, scene: Scene) -> None:
-    """Refuse an animation that cannot be made, before any work is done for it.
+def check_animated(path: Path | None, scene: Scene) -> bool:
+    """Refuse a file of an animation that cannot be written, before any work is done for it.
+
+    Returns
+    -------
+    bool
+        Whether something in the scene moves in space; curves are drawn where nothing does.
 
     Raises
     ------
     SceneError
-        If its folder does not exist, its suffix is unknown, or nothing in the scene moves in space.
+        If its folder does not exist, or its suffix is unknown.
     """
     if path is None:
-        return
-    from cotree.watch import check_animation, check_moving
+        return False
+    from cotree.watch import check_animation
 
     check_folder(path)
     check_animation(path)
-    check_moving(scene)
+    return bool(scene.mechanics.edges)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cotree.errors import Error
-from cotree.plot import choose_curves, plot_result, save_figure
+from cotree.files import written_whole
+from cotree.plot import choose_curves, plot_result, save_figure, svg_text
 from cotree.studies.differences import Experiment
 
 if TYPE_CHECKING:
@@ -20,7 +22,6 @@ if TYPE_CHECKING:
     from cotree.results import Result
     from cotree.studies.differences import Array
 
-_SMOOTH = 401  # times that make a curve look like one
 _CIRCLES = 40
 # Relative step of the differences, and tolerance of their runs: truncation and integration error
 # then stay below 1e-5 of the curve, less than the width of its line.
@@ -54,15 +55,42 @@ def draw_run(
     """
     chosen = check_names(model, names)
     overlay: dict[tuple[str, str], tuple[Array, Array]] = {}
-    curves = result
     # A run that failed is drawn as far as it went; differences of it would fail as well.
     if result.success:
-        span = (float(result.t[0]), float(result.t[-1]))
-        if len(result.t) < _SMOOTH:
-            # A second run, so that the one that is reported does not depend on the picture.
-            curves = model.simulate(span, np.linspace(*span, _SMOOTH), **settings)
         overlay = _finite_differences(model, result, chosen.sensitivities, settings)
-    save_figure(plot_result(curves, [*chosen.values, *chosen.sensitivities], overlay), path)
+    save_figure(
+        plot_result(result.smooth(), [*chosen.values, *chosen.sensitivities], overlay), path
+    )
+
+
+def draw_curves(result: Result, path: Path, names: Sequence[str] = ()) -> None:
+    """Draw the curves of a run into a page or a GIF, in place of an animation.
+
+    Parameters
+    ----------
+    result : Result
+        The run.
+    path : Path
+        The file, ``.html`` or ``.gif``.
+    names : sequence of str
+        What is drawn; see :func:`check_names`.
+
+    Raises
+    ------
+    SceneError
+        If the file cannot be written.
+    """
+    figure = plot_result(result.smooth(), names or None)
+    with written_whole(path, "the picture") as draft:
+        if path.suffix.lower() == ".html":
+            head = '<!DOCTYPE html>\n<meta charset="utf-8">\n<title>cotree</title>\n'
+            draft.write_text(head + svg_text(figure), encoding="utf-8")
+            return
+        from PIL import Image
+
+        png = io.BytesIO()
+        figure.savefig(png, format="png", dpi=100)
+        Image.open(png).convert("P", palette=Image.Palette.ADAPTIVE).save(draft, format="GIF")
 
 
 def check_names(model: Model, names: Sequence[str]) -> Curves:

@@ -32,6 +32,7 @@ from cotree.errors import CodegenError, nearest
 from cotree.export.c_checks import check_loops, check_numbers, check_start, check_step
 from cotree.export.evaluated import Evaluated
 from cotree.files import target_path
+from cotree.markup import names
 from cotree.naming import c_string
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
 _METHODS = {**INTEGRATORS, **FIXED}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CProject:
     """A folder of C files.
 
@@ -62,6 +63,11 @@ class CProject:
     directory: Path
     files: tuple[Path, ...]
     command: str
+
+    def __repr__(self) -> str:
+        files = names([file.name for file in self.files])
+        where = str(self.directory)
+        return f"<CProject {where}: {files}>\n  build it there with: {self.command}"
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cotree.equations import spread
+from cotree.export.spelling import joined, printer
 from cotree.export.symbolic_events import SymbolicEvent, symbolic_events
 from cotree.export.to_sympy import to_sympy
 from cotree.export.variable_names import (
@@ -35,8 +36,11 @@ Key = str | tuple[str, str]
 # costs more than it shows.
 _LARGEST_TIDIED = 40
 
+# Lines of a representation, and characters of LaTeX that a notebook sets.
+_MOST_LINES, _MOST_SET = 40, 20_000
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, repr=False)
 class SymbolicEquations:
     """Governing and sensitivity equations as SymPy expressions.
 
@@ -115,6 +119,24 @@ class SymbolicEquations:
         spell = printer("text", {})
         return [event.line(name, spell, self.symbols) for name, event in self.events.items()]
 
+    def __repr__(self) -> str:
+        lines = str(self).splitlines()
+        hidden = len(lines) - _MOST_LINES
+        return "\n".join(lines[:_MOST_LINES] + ([f"… {hidden} more"] if hidden > 0 else []))
+
+    def _repr_latex_(self) -> str | None:
+        """Show the equations in a notebook; long ones stay text, which takes no minutes to set."""
+        if sum(map(len, map(str, self.governing))) > _MOST_SET:
+            return None
+        text = self.latex()
+        if len(text) > _MOST_SET:
+            return None
+        # Set to the left, since wide equations run out of the page on the right.
+        text = (
+            text.replace("{align}", "{aligned}").replace(" &= 0", " = 0").replace("\n  ", "\n  & ")
+        )
+        return f"$${text}$$"
+
     def __str__(self) -> str:
         lines = [line for name in (None, *self.sensitivity) for line in self.lines(name)]
         return "\n".join([*lines, *self.event_lines()])
@@ -138,57 +160,6 @@ class SymbolicEquations:
 
         terms = sorted(equation.lhs.as_ordered_terms(), key=place)
         return f"{joined([spell(term) for term in terms])} = 0"
-
-
-def printer(kind: str, latex_names: Mapping[Any, str]) -> Callable[[Any], str]:
-    """Give SymPy's printer, made to spell each shared subexpression once.
-
-    Parameters
-    ----------
-    kind : {'text', 'latex'}
-        The language.
-    latex_names : mapping of sympy.Symbol to str
-        LaTeX of symbols.
-    """
-    from sympy.printing.latex import LatexPrinter
-    from sympy.printing.str import StrPrinter
-
-    settings = {"full_prec": False}  # 1.5e-9, not 1.50000000000000e-9
-    if kind == "latex":
-        printer = LatexPrinter({**settings, "symbol_names": dict(latex_names)})
-    else:
-        printer = StrPrinter(settings)
-    plain, known = printer._print, {}
-
-    def print_once(item: Any, **options: Any) -> Any:
-        # Numbers of different types are equal, but spelt differently: 2 and 2.0.
-        key = (type(item), item)
-        if options or not hasattr(item, "free_symbols"):
-            return plain(item, **options)
-        if key not in known:
-            known[key] = plain(item)
-        return known[key]
-
-    ordered = printer._as_ordered_terms
-
-    def plus_first(item: Any, order: Any = None) -> list[Any]:
-        terms = list(ordered(item, order))
-        # Sums begin with a positive term where there is one: a - b, not -b + a.
-        first = next((t for t in terms if not t.could_extract_minus_sign()), terms[0])
-        terms.remove(first)
-        return [first, *terms]
-
-    printer._print, printer._as_ordered_terms = print_once, plus_first
-    spell: Callable[[Any], str] = printer.doprint
-    return spell
-
-
-def joined(terms: Sequence[str]) -> str:
-    """Join terms, some of which begin with a minus sign, to a sum."""
-    text = terms[0] if terms else "0"
-    for term in terms[1:]:
-        text += f" - {term[1:].lstrip()}" if term.startswith("-") else f" + {term}"
-    return text
 
 
 def symbolic_equations(equations: Equations) -> SymbolicEquations:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.graph import f_circuit, f_cutset, incidence
+from cotree.markup import labelled, names
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from cotree.graph import LinearGraph, TopologyMatrix, Tree
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class GraphReport:
     """Linear graphs, trees and matrices by domain.
 
@@ -40,10 +41,11 @@ class GraphReport:
     costs: tuple[Alternative, ...] = ()
 
     def draw(self) -> Figure:
-        """Draw the graphs side by side, trees in bold."""
+        """Draw the graphs side by side, trees in bold, for ``plt.show()`` and notebooks, too."""
         from cotree.plot import draw_graphs
+        from cotree.plot.known import figure_for_people
 
-        return draw_graphs([(graph, self.trees[name]) for name, graph in self.graphs.items()])
+        return draw_graphs(self._pairs(), figure_for_people)
 
     def save(self, path: str | Path) -> None:
         """Draw into a file; its suffix says which kind: svg, png or pdf.
@@ -53,9 +55,12 @@ class GraphReport:
         SceneError
             If the suffix is unknown or the file cannot be written.
         """
-        from cotree.plot import save_figure
+        from cotree.plot import draw_graphs, save_figure
 
-        save_figure(self.draw(), path)
+        save_figure(draw_graphs(self._pairs()), path)
+
+    def _pairs(self) -> list[tuple[LinearGraph, Tree]]:
+        return [(graph, self.trees[name]) for name, graph in self.graphs.items()]
 
     def summary(self) -> str:
         """Describe graphs, trees and matrices."""
@@ -73,6 +78,21 @@ class GraphReport:
             rows = [f"  {row.summary()}" for row in self.costs if row.trees.is_one == is_one]
             parts += [head, *rows] if rows else []
         return "\n".join(parts)
+
+    def __repr__(self) -> str:
+        return labelled(
+            "GraphReport",
+            [
+                (f"{name} tree", names(graph_tree.branches))
+                for name, graph_tree in self.trees.items()
+            ],
+        )
+
+    def _repr_svg_(self) -> str:
+        """Show the graphs in a notebook."""
+        from cotree.plot import draw_graphs, svg_text
+
+        return svg_text(draw_graphs(self._pairs()))
 
     def __str__(self) -> str:
         """Describe graphs, trees and matrices."""

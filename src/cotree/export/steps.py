@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 from cotree.dag.derivative import tangents
 from cotree.dag.traverse import reachable
 from cotree.domains import DOMAINS
-from cotree.export.equations import SymbolTable, joined, printer, symbolic_equations
+from cotree.export.equations import SymbolTable, symbolic_equations
+from cotree.export.spelling import joined, printer
 from cotree.export.terms import balance_terms, cluster_terms, edge_terms
 from cotree.export.to_sympy import to_sympy
 from cotree.export.variable_names import real_symbol

@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from cotree.scene.trees import Trees
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FirstGraph:
     """The first graph, solved for its through and across variables.
 

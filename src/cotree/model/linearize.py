@@ -11,6 +11,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from cotree.dag.evaluate import evaluate
 from cotree.dag.multi_output import results
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 _ASIDE = 0.1
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Linearization:
     """A linear system about a motion: z' = A z + B u, y = C z + D u for small deviations.
 
@@ -66,6 +67,26 @@ class Linearization:
     outputs: tuple[str, ...]
     basis: Array
     is_steady: bool
+
+    def __repr__(self) -> str:
+        from cotree.model.display import linear_text
+
+        return linear_text(self)
+
+    def _repr_html_(self) -> str:
+        """Show the matrices with the names of their rows and columns in a notebook."""
+        from cotree.model.display import linear_html
+
+        return linear_html(self)
+
+    @property
+    def eigenvalues(self) -> npt.NDArray[np.complex128]:
+        """The eigenvalues of A, [1/s], shape (n,): the largest real part first.
+
+        They tell stability as :attr:`is_steady` says.
+        """
+        found = np.linalg.eigvals(self.A).astype(complex)
+        return found[np.lexsort((-found.imag, -found.real))]
 
     def summary(self) -> str:
         """Say in a sentence what it is about, and what its eigenvalues tell."""

@@ -39,6 +39,8 @@ def choose_curves(
     outputs: Sequence[str],
     inputs: Sequence[str],
     parameters: Sequence[str],
+    *,
+    is_alone: bool = False,
 ) -> Curves:
     """Choose the curves that some names stand for.
 
@@ -50,6 +52,8 @@ def choose_curves(
         that are come with them. None means the coordinates, the states that are no rates.
     states, outputs, inputs, parameters : sequence of str
         The names that the result has; parameters are those of its sensitivities.
+    is_alone : bool
+        Whether no sensitivity comes along that is not named.
 
     Raises
     ------
@@ -77,7 +81,7 @@ def choose_curves(
             raise SceneError(f"cannot plot '{brief(name)}', no state, output or input{hint}")
     if not values and not pairs:
         raise SceneError("nothing is named that could be plotted")
-    if not pairs:
+    if not pairs and not is_alone:
         pairs = {(name, to): None for name in values if name in known for to in parameters}
     return Curves(tuple(values), tuple(pairs))
 

@@ -43,6 +43,19 @@ def save_figure(fig: Figure, path: str | os.PathLike[str]) -> None:
         fig.savefig(draft, format=format, dpi=150, metadata=dates.get(format, {}))
 
 
+def svg_text(fig: Figure) -> str:
+    """Give a figure as the text of an SVG element, on its own light ground."""
+    import io
+
+    import matplotlib
+
+    text = io.StringIO()
+    with matplotlib.rc_context({"svg.hashsalt": "cotree"}):
+        fig.savefig(text, format="svg", metadata={"Date": None})
+    # A page takes the element, without the declaration of a document.
+    return text.getvalue().partition("<svg")[2].join(["<svg", ""])
+
+
 def check_picture(path: Path) -> str:
     """Give the suffix of a picture's file.
 

@@ -12,7 +12,7 @@ import numpy as np
 from cotree.plot.layout import Array, Curve, GraphDrawing, lay_out, of_one_height
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -51,13 +51,18 @@ def draw_graph(graph: LinearGraph, tree: Tree | None, ax: Axes | None = None) ->
     return cast("Figure", ax.figure)
 
 
-def draw_graphs(graphs_with_trees: Iterable[tuple[LinearGraph, Tree | None]]) -> Figure:
+def draw_graphs(
+    graphs_with_trees: Iterable[tuple[LinearGraph, Tree | None]],
+    make: Callable[[float, float], Figure] | None = None,
+) -> Figure:
     """Draw several graphs side by side, translation and rotation for example.
 
     Parameters
     ----------
     graphs_with_trees : iterable of (LinearGraph, Tree or None)
         The graphs with their trees.
+    make : callable, optional
+        Makes a figure of a width and a height, [in]; one that pyplot does not know where absent.
 
     Returns
     -------
@@ -66,7 +71,7 @@ def draw_graphs(graphs_with_trees: Iterable[tuple[LinearGraph, Tree | None]]) ->
     """
     pairs = list(graphs_with_trees)
     drawings = of_one_height([lay_out(graph) for graph, _ in pairs])
-    figure = _new_figure(drawings)
+    figure = _new_figure(drawings, make)
     # Panels are as wide as their graphs, which gives all of them one scale.
     axes = figure.subplots(
         1, len(drawings), squeeze=False, width_ratios=[drawing.size[0] for drawing in drawings]
@@ -76,12 +81,15 @@ def draw_graphs(graphs_with_trees: Iterable[tuple[LinearGraph, Tree | None]]) ->
     return figure
 
 
-def _new_figure(drawings: Sequence[GraphDrawing]) -> Figure:
+def _new_figure(
+    drawings: Sequence[GraphDrawing], make: Callable[[float, float], Figure] | None = None
+) -> Figure:
     from matplotlib.figure import Figure
 
     width = sum(drawing.size[0] for drawing in drawings) * _INCHES
     height = max(drawing.size[1] for drawing in drawings) * _INCHES
-    return Figure(figsize=(max(width, 2.6), height + 0.8), layout="constrained")
+    size = (max(width, 2.6), height + 0.8)
+    return make(*size) if make else Figure(figsize=size, layout="constrained")
 
 
 def _draw(drawing: GraphDrawing, tree: Tree | None, ax: Axes) -> None:

@@ -6,7 +6,7 @@ In: a result. Out: a matplotlib `Figure`.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from cotree.errors import SceneError
 from cotree.plot.curves import Name, choose_curves
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -58,6 +58,7 @@ def plot_result(
     result: RunRecord,
     names: str | Sequence[Name] | None = None,
     overlay: Mapping[tuple[str, str], tuple[Array, Array]] | None = None,
+    make: Callable[[float, float], Figure] | None = None,
 ) -> Figure:
     """Plot states, outputs and inputs over time, and sensitivities beside them.
 
@@ -72,6 +73,8 @@ def plot_result(
     overlay : mapping of (name, parameter) to (t, values), or None
         Sensitivities found in another way, by finite differences for example, of shape (n,) each;
         drawn as open circles.
+    make : callable, optional
+        Makes a figure of a width and a height, [in]; one that pyplot does not know where absent.
 
     Returns
     -------
@@ -98,7 +101,7 @@ def plot_result(
     first = 1 if curves.values else 0  # column of the sensitivities
     n_columns = max((min(len(row.by_parameter), _COLUMNS) for row in rows.values()), default=0)
     n_rows = sum(row.height for row in rows.values())
-    figure = new_figure((5.4 if first else 1.0) + 4.4 * n_columns, max(2.7 * n_rows, 3.4))
+    figure = (make or new_figure)((5.4 if first else 1.0) + 4.4 * n_columns, max(2.7 * n_rows, 3.4))
     grid = figure.add_gridspec(n_rows, first + n_columns)
     top = 0
     for row in rows.values():
@@ -123,6 +126,46 @@ def plot_result(
             _finish(ax, subject, quotient(row.unit, result.unit(parameter)))
         top += row.height
     return figure
+
+
+def draw_curves(result: RunRecord, names: str | Sequence[Name] | None, ax: Axes) -> Figure:
+    """Draw curves of one unit into given axes, beside what they show already.
+
+    Parameters
+    ----------
+    result : RunRecord
+        The result of a simulation.
+    names : str, sequence of str or of (str, str), or None
+        As of :func:`plot_result`, but no sensitivity comes along unnamed.
+    ax : Axes
+        Where to draw.
+
+    Raises
+    ------
+    SceneError
+        If there is nothing of a name in the result, or the curves have several units.
+    """
+    known = (result.states, result.outputs, result.inputs, result.parameters_of_sensitivity)
+    curves = choose_curves(names, *known, is_alone=True)
+    drawn = [(name, result.unit(name), result[name]) for name in curves.values]
+    for name, to in curves.sensitivities:
+        unit = quotient(result.unit(name), result.unit(to))
+        drawn.append((f"∂ {name} / ∂ {to}", unit, result.sensitivity(name, to)))
+    units = list(dict.fromkeys(unit for _, unit, _ in drawn))
+    if len(units) > 1:
+        raise SceneError(
+            f"'{drawn[0][0]}' [{units[0]}] and another curve in [{units[1]}] do not share an axis: "
+            "give axes of their own, or leave out ax"
+        )
+    is_first = not ax.lines
+    for label, _, values in drawn:
+        ax.plot(result.t, values, lw=1.6, label=label)
+    # Axes that show something already keep their labels.
+    if is_first:
+        _finish(ax, drawn[0][0] if len(drawn) == 1 else "", units[0])
+    elif ax.get_legend() is not None:
+        ax.legend()
+    return cast("Figure", ax.figure)
 
 
 def _check_overlay(

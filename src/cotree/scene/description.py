@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from cotree.components import COMPONENTS, Component, Role
 from cotree.errors import SceneError, brief
 from cotree.naming import check_name, check_scene_name, check_text
+from cotree.scene.display import EdgeListing, ParameterListing, edge_cells, scene_html
 from cotree.scene.events import Event, Mode, make_event
 from cotree.scene.expressions import Expression, parse
 from cotree.scene.fields import check_fields, check_initial, check_vector
@@ -39,7 +40,7 @@ class Input:
     doc: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Edge:
     """A component between its nodes, with its fields and initial values.
 
@@ -68,6 +69,14 @@ class Edge:
     ports: tuple[PortEnds, ...] = ()
     statement: Mapping[str, Any] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        name, kind, nodes, fields = self.cells()
+        return f"<Edge {name}: {kind} {nodes}{', ' + fields if fields else ''}>"
+
+    def cells(self) -> tuple[str, str, str, str]:
+        """Give the row of a table: name, type, nodes and fields."""
+        return edge_cells(self)
+
 
 @dataclass(repr=False)
 class SceneDescription:
@@ -93,12 +102,17 @@ class SceneDescription:
         # Written by hand, since a dataclass would take tables that nothing has checked.
         self.name = check_scene_name(name)
         self.gravity = check_vector(plain(gravity), "gravity")
-        self.parameters, self.inputs, self.edges, self.outputs = {}, {}, {}, {}
+        self.parameters, self.edges = ParameterListing(), EdgeListing()
+        self.inputs, self.outputs = {}, {}
         self.modes, self.events = {}, {}
         self.defaults = Simulation()
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.headline}>"
+
+    def _repr_html_(self) -> str:
+        """Show edges, parameters and expressions in a notebook."""
+        return scene_html(self)
 
     @property
     def nodes(self) -> tuple[str, ...]:

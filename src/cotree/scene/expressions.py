@@ -71,9 +71,9 @@ class Expression:
     """
 
     text: str
-    where: str
-    tree: ast.expr = field(compare=False)  # the text says the same
-    names: frozenset[str]
+    where: str = field(repr=False)
+    tree: ast.expr = field(compare=False, repr=False)  # the text says the same
+    names: frozenset[str] = field(repr=False)
 
     @classmethod
     def of_tree(cls, tree: ast.expr, where: str = "") -> Expression:

@@ -54,6 +54,11 @@ class Parameter:
         assert not isinstance(self.value, Expression)  # callers ask for numbers only
         return self.value
 
+    def cells(self) -> tuple[str, float | str, str, str]:
+        """Give the row of a table: name, value or expression, unit and meaning."""
+        value = self.value.text if isinstance(self.value, Expression) else self.value
+        return self.name, value, self.unit, self.doc
+
     @property
     def is_argument(self) -> bool:
         """Whether a run may change it: a tunable one that is not derived."""

@@ -118,6 +118,12 @@ class RunRecord:
     def __repr__(self) -> str:
         return f"<Result of {len(self.states)} states at {len(self.t)} times: {self.message}>"
 
+    def _repr_html_(self) -> str:
+        """Show what came out, and how it went, in a notebook."""
+        from cotree.solvers.display import result_html
+
+        return result_html(self)
+
     @property
     def success(self) -> bool:
         """Tell whether the integration reached its end."""

@@ -27,6 +27,7 @@ def plot_bench(
     sensitivities: Sequence[str],
     rows: Sequence[BenchRow],
     reference: Reference,
+    make: Callable[[float, float], Figure] = new_figure,
 ) -> Figure:
     """Plot seconds over error, of states and beside them of sensitivities.
 
@@ -40,6 +41,8 @@ def plot_bench(
         The runs; those without a time or an error are left out.
     reference : Reference
         The reference of all errors, with the agreement of its two solutions.
+    make : callable
+        Makes a figure of a width and a height, [in].
 
     Returns
     -------
@@ -59,7 +62,7 @@ def plot_bench(
             )
         )
     # Panels share the axis of seconds, so a method stands at the same height in both.
-    figure = new_figure(1.6 + 4.8 * len(panels), 4.4)
+    figure = make(1.6 + 4.8 * len(panels), 4.4)
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     for ax, (what, error, agreement) in zip(axes, panels, strict=True):
         _draw_methods(ax, rows, error, agreement)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.files import written_whole
 from cotree.studies.accuracy import ERROR
+from cotree.studies.display import bench_html
 
 if TYPE_CHECKING:
     import os
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 TARGETS = (1e-3, 1e-6, 1e-9)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class BenchReport:
     """Speed against error of methods on one scene.
 
@@ -55,6 +56,17 @@ class BenchReport:
     reference: Reference
     rows: tuple[BenchRow, ...]
     machine: Mapping[str, str]
+
+    def __repr__(self) -> str:
+        return f"<BenchReport of {self.scene}: {len(self.rows)} runs; print(report) for the table>"
+
+    def __str__(self) -> str:
+        """Give the table and the recommendations."""
+        return self.summary()
+
+    def _repr_html_(self) -> str:
+        """Show the table and the recommendations in a notebook."""
+        return bench_html(self)
 
     def recommended(self, target: float) -> BenchRow | None:
         """Give the fastest run whose error, of states and sensitivities, is at most ``target``.
@@ -120,10 +132,12 @@ class BenchReport:
             draft.write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")
 
     def plot(self) -> Any:
-        """Draw time over error; see :func:`cotree.studies.bench_picture.plot_bench`."""
+        """Draw time over error, for ``plt.show()``, too; see ``cotree.studies.bench_picture``."""
+        from cotree.plot.known import figure_for_people
         from cotree.studies.bench_picture import plot_bench
 
-        return plot_bench(self.scene, self.sensitivities, self.rows, self.reference)
+        parts = self.scene, self.sensitivities, self.rows, self.reference
+        return plot_bench(*parts, make=figure_for_people)
 
     def _table(self) -> list[str]:
         with_sensitivities = bool(self.sensitivities)

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from cotree.errors import Error, ParameterError, nearest
 from cotree.studies.differences import Experiment, quantities, sensitivities
+from cotree.studies.display import check_html
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -99,7 +100,7 @@ class ParameterCheck:
         return "\n".join([*lines, f"{verdict}; {self.note}" if self.note else verdict])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CheckReport:
     """Sensitivities of a model against finite differences.
 
@@ -119,6 +120,11 @@ class CheckReport:
     t_end: float
     method: str
     rtol: float
+
+    def __repr__(self) -> str:
+        return f"<CheckReport: {self.verdict}>"
+
+    _repr_html_ = check_html
 
     @property
     def passed(self) -> bool:

@@ -1,0 +1,102 @@
+"""A run at more times than it was asked for, for curves between the points of its result.
+
+In: the record of a run, its model and its settings. Out: the record of the same run at more times.
+Values between two steps are those of the method's own interpolation, so the run is repeated with
+the times that are wanted: a run of few steps takes about as long as drawing it. Times right before
+and after each event, and each corner of a source, are among them, so that jumps stay jumps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cotree.errors import Error
+from cotree.model.signals import read_signals
+from cotree.quiet import without_warnings
+from cotree.solvers.simulate import simulate
+
+if TYPE_CHECKING:
+    from cotree.model.model import CompiledModel
+    from cotree.solvers.base import FloatArray
+    from cotree.solvers.result import RunRecord
+    from cotree.solvers.settings import Settings
+
+# Points that make a curve look like one, parts of each interval between points, and the most steps
+# of a run that is repeated.
+_SMOOTH, _PARTS, _MOST_STEPS = 400, 4, 4000
+
+# Sides of a jump are drawn these shares of the span away from it, less than a tenth of a pixel. An
+# event is located to a tolerance, so that the nearer one may be on the other side already.
+_ASIDE = np.array([[1e-5], [1e-4]])
+
+# A repetition that differs by more of the range of a state, about the width of a line, is not used.
+_LINE_WIDTH = 2e-3
+
+
+def at_more_times(record: RunRecord, model: CompiledModel, settings: Settings) -> RunRecord:
+    """Repeat a run of few points at more times; give the record itself where that cannot be done.
+
+    Runs that failed, have many points, took many steps, or whose inputs are functions of Python,
+    which may remember their calls, are left as they are.
+
+    Parameters
+    ----------
+    record : RunRecord
+        The run.
+    model, settings : CompiledModel, Settings
+        What made it.
+    """
+    t = record.t
+    is_short = 2 <= len(t) < _SMOOTH and record.statistics.n_steps <= _MOST_STEPS
+    if record.status != 0 or not is_short or any(map(callable, settings.inputs.values())):
+        return record
+    jumps = _jumps(record, model, settings)
+    wanted = _times(t, jumps)
+    try:
+        with without_warnings():
+            found = simulate(model, replace(settings, t_eval=wanted, throw=False), record.units)
+    except Error:
+        return record
+    return found if _agrees(record, found, jumps) else record
+
+
+def _jumps(record: RunRecord, model: CompiledModel, settings: Settings) -> FloatArray:
+    """List the times within a run where something may jump, in no order."""
+    span = (float(record.t[0]), float(record.t[-1]))
+    signals = read_signals(settings.inputs, model.inputs, dict(record.parameter_values))
+    p = model.parameter_array(record.parameter_values)
+    corners = [row.t for row in model.corners(p, span, settings.inputs, signals.breakpoints)]
+    return np.concatenate([np.array(corners, dtype=float), *(e.t for e in record.events.values())])
+
+
+def _times(t: FloatArray, jumps: FloatArray) -> FloatArray:
+    """Divide each interval, space times evenly over the whole, and add the sides of jumps."""
+    shares = np.arange(1, _PARTS) / _PARTS
+    inside = (t[:-1, None] + shares * np.diff(t)[:, None]).ravel()
+    # A fixed distance would be lost in the rounding of late times.
+    aside = np.maximum(_ASIDE * abs(t[-1] - t[0]), 8 * np.spacing(np.abs(jumps)))
+    sides = np.concatenate([(jumps - aside).ravel(), (jumps + aside).ravel()])
+    even = np.linspace(t[0], t[-1], _SMOOTH)
+    times = np.concatenate([t, inside, even, sides])
+    low, high = min(t[0], t[-1]), max(t[0], t[-1])
+    found = np.unique(times[(times >= low) & (times <= high)])
+    return found if t[-1] >= t[0] else found[::-1]
+
+
+def _agrees(record: RunRecord, found: RunRecord, jumps: FloatArray) -> bool:
+    """Tell whether a repetition passes through the points of the run, to the width of a line."""
+    if found.status != 0:
+        return False
+    # At a jump itself one may have the value before and the other the one after.
+    is_smooth = ~np.isin(record.t, jumps)
+    here = np.flatnonzero(np.isin(found.t, record.t[is_smooth]))
+    y = record.y[:, is_smooth]
+    if len(here) != y.shape[1]:
+        return False
+    size = np.ptp(record.y, axis=1, keepdims=True)
+    # A state that stays as it is has no range; its rounding is no curve.
+    size = np.maximum(size, 1e-6 * np.max(np.abs(record.y), axis=1, keepdims=True, initial=0.0))
+    return bool(np.all(np.abs(found.y[:, here] - y) <= _LINE_WIDTH * size + 1e-300))
