@@ -36,6 +36,22 @@ def dc_motor(s: Sheet) -> None:
 
 
 @figure
+def voice_coil(s: Sheet) -> None:
+    """Draw a coil on its former, in the gap of a magnet."""
+    _terminals(s, -0.1, "i")
+    for y in (-0.75, 0.57):
+        s.face([(-0.75, y), (0.5, y), (0.5, y + 0.18), (-0.75, y + 0.18)], FIRST)
+    s.face([(-0.2, -0.38), (0.9, -0.38), (0.9, 0.38), (-0.2, 0.38)], SECOND)
+    for x in np.linspace(-0.1, 0.4, 5):
+        for y in (-0.45, 0.45):
+            s.face(ring((x, y), 0.055), ("#e8b57a", INK))
+    s.line([(0.9, 0.0), (1.6, 0.0)], lw=3.0)
+    s.node((1.6, 0.0), "coil", (0.0, -0.3))
+    s.arrow([(1.0, 0.3), (1.5, 0.3)], FREEDOM, 1.7)
+    s.text((1.25, 0.5), "v", FREEDOM)
+
+
+@figure
 def hydraulic_cylinder(s: Sheet) -> None:
     """Draw a piston in its cylinder."""
     s.face([(-0.8, -0.4), (0.7, -0.4), (0.7, 0.4), (-0.8, 0.4)], ("#ffffff", INK))

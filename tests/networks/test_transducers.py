@@ -236,9 +236,9 @@ def test_losses_heat_what_the_scene_says():
     [
         ({"joint": "k"}, "acts on 'k', which is no joint"),
         ({"joint": "m"}, "acts on 'm', which is no joint"),
-        ({"joint": "s"}, "type 'prismatic', which has no angle to act on"),
-        ({"joint": "u"}, "has 2 angles to act on: name one"),
-        ({"joint": "u.theta3"}, "has no angle to act on"),
+        ({"joint": "s"}, "type 'prismatic' has no angle to act on: take a voice_coil"),
+        ({"joint": "u"}, 'has 2 angles: name one, joint = "u.theta1" or joint = "u.theta2"'),
+        ({"joint": "u.theta3"}, "is no angle of joint 'u'"),
         ({"line": ["A", "B"]}, "turns, so that it cannot act along a line"),
         ({}, "shaft of edge 'M' needs two nodes"),
     ],

@@ -15,70 +15,77 @@ from cotree.components.ports import ideal_gyration, scalar
 from cotree.components.terminal import Kind, Terminal
 
 if TYPE_CHECKING:
-    from cotree.components.component import Adapted, Given, Nodes
+    from cotree.components.component import Adapted, Component, Field, Given, Nodes
 
-
-# v = R i + L di/dt + K w, and the shaft gives the torque K i: one constant serves both ways, since
-# the conversion takes up no power.
-def _voltage(through: Any, resistance: Any, constant: Any, across_shaft: Any) -> Any:
-    return resistance * through + constant * across_shaft
-
-
-def _current(across: Any, resistance: Any, constant: Any, across_shaft: Any) -> Any:
-    return (across - constant * across_shaft) / resistance
-
-
-# With the shaft the equations of windings are not symmetric, so that they are not passive.
-_WINDING = Terminal(
-    "electrical",
-    Kind.THROUGH_STORAGE,
-    "electrical",
-    across=Law(_voltage),
-    storage=Law.field("inductance"),
-    is_passive=False,
-)
-_RESISTIVE_WINDING = Terminal(
-    "electrical",
-    Kind.DISSIPATOR,
-    "electrical",
-    across=Law(_voltage),
-    through=Law(_current),
-    is_passive=False,
-)
-
-_SHAFT = Terminal(
-    "rotational",
-    Kind.THROUGH_SOURCE,
-    "shaft",
-    through=Law(lambda constant, through_electrical: -constant * through_electrical),
-    is_passive=False,
-)
 
 # Copper loss: the electromechanical conversion itself has none.
 _LOSS = Law(lambda through_electrical, resistance: resistance * through_electrical**2)
 
-_DC_MOTOR = scalar(
-    "dc_motor",
-    "direct current motor or generator with a constant field",
-    (
+
+def _motor(name: str, doc: str, domain: str, port: str, constant: Field) -> Component:
+    """Make a machine with a constant field, which turns or slides.
+
+    v = R i + L di/dt + K w, and the moving part gives the torque or force K i: one constant serves
+    both ways, since the conversion takes up no power.
+    """
+    moving = f"across_{port}"
+    voltage = Law.taking(
+        ("through", "resistance", "constant", moving), lambda i, r, k, w: r * i + k * w
+    )
+    current = Law.taking(
+        ("across", "resistance", "constant", moving), lambda v, r, k, w: (v - k * w) / r
+    )
+    # With the moving part the equations of windings are not symmetric, so that they are not
+    # passive.
+    resistive = Terminal(
+        "electrical",
+        Kind.DISSIPATOR,
+        "electrical",
+        across=voltage,
+        through=current,
+        is_passive=False,
+    )
+    winding = replace(
+        resistive, kind=Kind.THROUGH_STORAGE, through=None, storage=Law.field("inductance")
+    )
+    output = Terminal(
+        domain,
+        Kind.THROUGH_SOURCE,
+        port,
+        through=Law(lambda constant, through_electrical: -constant * through_electrical),
+        is_passive=False,
+    )
+    fields = (
         value("resistance", "ohm", "of the winding"),
         optional("inductance", "H", "of the winding; none where absent", None, "positive"),
-        value("constant", "N m/A", "torque per current, and voltage per speed", ""),
-    ),
-    _WINDING,
-    _SHAFT,
-    loss=_LOSS,
+        constant,
+    )
+    made = scalar(name, doc, fields, winding, output, loss=_LOSS)
+
+    def adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
+        """Take the winding's inductance away where none is given."""
+        if "inductance" in given:
+            return made, nodes, given
+        return replace(made, ports=(resistive, output)), nodes, given
+
+    return replace(made, adapt=adapt)
+
+
+DC_MOTOR = _motor(
+    "dc_motor",
+    "direct current motor or generator with a constant field",
+    "rotational",
+    "shaft",
+    value("constant", "N m/A", "torque per current, and voltage per speed", ""),
 )
 
-
-def _without_inductance(edge: str, nodes: Nodes, given: Given) -> Adapted:
-    """Take the winding's inductance away where none is given."""
-    if "inductance" in given:
-        return DC_MOTOR, nodes, given
-    return replace(DC_MOTOR, ports=(_RESISTIVE_WINDING, _SHAFT)), nodes, given
-
-
-DC_MOTOR = replace(_DC_MOTOR, adapt=_without_inductance)
+VOICE_COIL = _motor(
+    "voice_coil",
+    "linear motor or generator with a constant field: a coil in the gap of a magnet",
+    "translational",
+    "coil",
+    value("constant", "N/A", "force per current, and voltage per velocity", ""),
+)
 
 HYDRAULIC_CYLINDER = ideal_gyration(
     "hydraulic_cylinder",
@@ -151,4 +158,4 @@ SOLENOID = scalar(
     loss=_LOSS,
 )
 
-COMPONENTS = (DC_MOTOR, HYDRAULIC_CYLINDER, HYDRAULIC_MACHINE, SOLENOID)
+COMPONENTS = (DC_MOTOR, VOICE_COIL, HYDRAULIC_CYLINDER, HYDRAULIC_MACHINE, SOLENOID)

@@ -1052,10 +1052,12 @@ class ComponentMethods:
     def force_source(
         self,
         name: str,
-        first: str,
-        second: str,
+        first: str = ...,
+        second: str = ...,
         /,
         *,
+        joint: str | None = None,
+        line: _Nodes | None = None,
         force: _Value,
         initial: _Initial | None = None,
     ) -> None:
@@ -1066,7 +1068,11 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.v`` and so on.
         first, second : str
-            Its nodes.
+            Its nodes; none where it acts on a joint or along a line.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
+        line : pair of str, optional
+            Two nodes of the multibody system; it acts along their line.
         force : float, str or table, [N]
             On the second node.
         initial : mapping, optional
@@ -2610,10 +2616,11 @@ class ComponentMethods:
     def rotational_damper(
         self,
         name: str,
-        first: str,
-        second: str,
+        first: str = ...,
+        second: str = ...,
         /,
         *,
+        joint: str | None = None,
         damping: _Value,
         heat: str | _Nodes | None = None,
         initial: _Initial | None = None,
@@ -2625,7 +2632,9 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.w`` and so on.
         first, second : str
-            Its nodes.
+            Its nodes; none where it acts on a joint or along a line.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
         damping : float, str or table, [N m s/rad]
             Torque per relative speed.
         heat : str or pair of str, optional
@@ -2643,10 +2652,11 @@ class ComponentMethods:
     def rotational_friction(
         self,
         name: str,
-        first: str,
-        second: str,
+        first: str = ...,
+        second: str = ...,
         /,
         *,
+        joint: str | None = None,
         torque: _Value,
         damping: _Value = 0.0,
         transition: _Value = 0.001,
@@ -2660,7 +2670,9 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.w`` and so on.
         first, second : str
-            Its nodes.
+            Its nodes; none where it acts on a joint or along a line.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
         torque : float, str or table, [N m]
             Of dry friction.
         damping : float, str or table, [N m s/rad], default 0
@@ -2682,10 +2694,11 @@ class ComponentMethods:
     def rotational_inertia(
         self,
         name: str,
-        first: str,
-        second: str,
+        first: str = ...,
+        second: str = ...,
         /,
         *,
+        joint: str | None = None,
         inertia: _Value,
         initial: _Initial | None = None,
     ) -> None:
@@ -2696,7 +2709,9 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.w`` and so on.
         first, second : str
-            Its nodes.
+            Its nodes; none where it acts on a joint or along a line.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
         inertia : float, str or table, [kg m^2]
             About the axis.
         initial : mapping, optional
@@ -2712,10 +2727,11 @@ class ComponentMethods:
     def rotational_spring(
         self,
         name: str,
-        first: str,
-        second: str,
+        first: str = ...,
+        second: str = ...,
         /,
         *,
+        joint: str | None = None,
         stiffness: _Value | None = None,
         free_angle: _Value = 0.0,
         torque: _Value | None = None,
@@ -2728,7 +2744,9 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.w`` and so on.
         first, second : str
-            Its nodes.
+            Its nodes; none where it acts on a joint or along a line.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
         stiffness : float, str or table, [N m/rad], optional
             Torque per angle.
         free_angle : float, str or table, [rad], default 0
@@ -2748,10 +2766,11 @@ class ComponentMethods:
     def rotational_stop(
         self,
         name: str,
-        first: str,
-        second: str,
+        first: str = ...,
+        second: str = ...,
         /,
         *,
+        joint: str | None = None,
         lower: _Value,
         upper: _Value,
         stiffness: _Value,
@@ -2766,7 +2785,9 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.w`` and so on.
         first, second : str
-            Its nodes.
+            Its nodes; none where it acts on a joint or along a line.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
         lower : float, str or table, [rad]
             Angle at which the lower stop begins.
         upper : float, str or table, [rad]
@@ -2847,10 +2868,11 @@ class ComponentMethods:
     def shaft(
         self,
         name: str,
-        first: str,
-        second: str,
+        first: str = ...,
+        second: str = ...,
         /,
         *,
+        joint: str | None = None,
         stiffness: _Value,
         damping: _Value,
         free_angle: _Value = 0.0,
@@ -2864,7 +2886,9 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.w`` and so on.
         first, second : str
-            Its nodes.
+            Its nodes; none where it acts on a joint or along a line.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
         stiffness : float, str or table, [N m/rad]
             Torque per angle.
         damping : float, str or table, [N m s/rad]
@@ -3090,10 +3114,11 @@ class ComponentMethods:
     def speed_source(
         self,
         name: str,
-        first: str,
-        second: str,
+        first: str = ...,
+        second: str = ...,
         /,
         *,
+        joint: str | None = None,
         speed: _Value,
         initial: _Initial | None = None,
     ) -> None:
@@ -3104,7 +3129,9 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.w`` and so on.
         first, second : str
-            Its nodes.
+            Its nodes; none where it acts on a joint or along a line.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
         speed : float, str or table, [rad/s]
             Second node less first.
         initial : mapping, optional
@@ -3408,10 +3435,11 @@ class ComponentMethods:
     def torque_source(
         self,
         name: str,
-        first: str,
-        second: str,
+        first: str = ...,
+        second: str = ...,
         /,
         *,
+        joint: str | None = None,
         torque: _Value,
         initial: _Initial | None = None,
     ) -> None:
@@ -3422,7 +3450,9 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.w`` and so on.
         first, second : str
-            Its nodes.
+            Its nodes; none where it acts on a joint or along a line.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
         torque : float, str or table, [N m]
             On the second node.
         initial : mapping, optional
@@ -3474,10 +3504,12 @@ class ComponentMethods:
     def translational_damper(
         self,
         name: str,
-        first: str,
-        second: str,
+        first: str = ...,
+        second: str = ...,
         /,
         *,
+        joint: str | None = None,
+        line: _Nodes | None = None,
         damping: _Value,
         heat: str | _Nodes | None = None,
         initial: _Initial | None = None,
@@ -3489,7 +3521,11 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.v`` and so on.
         first, second : str
-            Its nodes.
+            Its nodes; none where it acts on a joint or along a line.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
+        line : pair of str, optional
+            Two nodes of the multibody system; it acts along their line.
         damping : float, str or table, [N s/m]
             Force per relative speed.
         heat : str or pair of str, optional
@@ -3507,10 +3543,12 @@ class ComponentMethods:
     def translational_friction(
         self,
         name: str,
-        first: str,
-        second: str,
+        first: str = ...,
+        second: str = ...,
         /,
         *,
+        joint: str | None = None,
+        line: _Nodes | None = None,
         force: _Value,
         damping: _Value = 0.0,
         transition: _Value = 0.001,
@@ -3526,7 +3564,11 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.v`` and so on.
         first, second : str
-            Its nodes.
+            Its nodes; none where it acts on a joint or along a line.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
+        line : pair of str, optional
+            Two nodes of the multibody system; it acts along their line.
         force : float, str or table, [N]
             Of dry friction.
         damping : float, str or table, [N s/m], default 0
@@ -3548,10 +3590,12 @@ class ComponentMethods:
     def translational_mass(
         self,
         name: str,
-        first: str,
-        second: str,
+        first: str = ...,
+        second: str = ...,
         /,
         *,
+        joint: str | None = None,
+        line: _Nodes | None = None,
         mass: _Value,
         initial: _Initial | None = None,
     ) -> None:
@@ -3562,7 +3606,11 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.v`` and so on.
         first, second : str
-            Its nodes.
+            Its nodes; none where it acts on a joint or along a line.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
+        line : pair of str, optional
+            Two nodes of the multibody system; it acts along their line.
         mass : float, str or table, [kg]
             Of the body.
         initial : mapping, optional
@@ -3578,10 +3626,12 @@ class ComponentMethods:
     def translational_spring(
         self,
         name: str,
-        first: str,
-        second: str,
+        first: str = ...,
+        second: str = ...,
         /,
         *,
+        joint: str | None = None,
+        line: _Nodes | None = None,
         stiffness: _Value | None = None,
         free_length: _Value = 0.0,
         force: _Value | None = None,
@@ -3594,7 +3644,11 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.v`` and so on.
         first, second : str
-            Its nodes.
+            Its nodes; none where it acts on a joint or along a line.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
+        line : pair of str, optional
+            Two nodes of the multibody system; it acts along their line.
         stiffness : float, str or table, [N/m], optional
             Force per length.
         free_length : float, str or table, [m], default 0
@@ -3621,10 +3675,12 @@ class ComponentMethods:
     def translational_stop(
         self,
         name: str,
-        first: str,
-        second: str,
+        first: str = ...,
+        second: str = ...,
         /,
         *,
+        joint: str | None = None,
+        line: _Nodes | None = None,
         lower: _Value,
         upper: _Value,
         stiffness: _Value,
@@ -3639,7 +3695,11 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.v`` and so on.
         first, second : str
-            Its nodes.
+            Its nodes; none where it acts on a joint or along a line.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
+        line : pair of str, optional
+            Two nodes of the multibody system; it acts along their line.
         lower : float, str or table, [m]
             Length at which the lower stop begins.
         upper : float, str or table, [m]
@@ -3820,10 +3880,12 @@ class ComponentMethods:
     def velocity_source(
         self,
         name: str,
-        first: str,
-        second: str,
+        first: str = ...,
+        second: str = ...,
         /,
         *,
+        joint: str | None = None,
+        line: _Nodes | None = None,
         velocity: _Value,
         initial: _Initial | None = None,
     ) -> None:
@@ -3834,7 +3896,11 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.v`` and so on.
         first, second : str
-            Its nodes.
+            Its nodes; none where it acts on a joint or along a line.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
+        line : pair of str, optional
+            Two nodes of the multibody system; it acts along their line.
         velocity : float, str or table, [m/s]
             Second node less first.
         initial : mapping, optional
@@ -3845,6 +3911,65 @@ class ComponentMethods:
         ::
 
             scene.velocity_source("drive", "ground", "D", velocity="vs")
+        """
+
+    def voice_coil(
+        self,
+        name: str,
+        /,
+        *nodes: str,
+        electrical: _Nodes | None = None,
+        coil: _Nodes | None = None,
+        joint: str | None = None,
+        line: _Nodes | None = None,
+        resistance: _Value,
+        inductance: _Value | None = None,
+        constant: _Value,
+        heat: str | _Nodes | None = None,
+        initial: _Initial | None = None,
+    ) -> None:
+        """Add a ``voice_coil``.
+
+        Linear motor or generator with a constant field: a coil in the gap of a magnet.
+
+        Parameters
+        ----------
+        name : str
+            Name of the edge; its variables are called ``name.i`` and so on.
+        *nodes : str
+            In place of the entries of its ports: one node of each, the other being the ground.
+        electrical : pair of str, optional
+            Its nodes in the electrical graph: plus, minus.
+        coil : pair of str, optional
+            Its nodes in the translational graph: first, second.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
+        line : pair of str, optional
+            Two nodes of the multibody system; it acts along their line.
+        resistance : float, str or table, [ohm]
+            Of the winding.
+        inductance : float, str or table, [H], optional
+            Of the winding; none where absent.
+        constant : float, str or table, [N/A]
+            Force per current, and voltage per velocity.
+        heat : str or pair of str, optional
+            Thermal node that takes up its loss, or two.
+        initial : mapping, optional
+            Initial values of ``i``, ``f``, ``s``, ``electrical.v``, ``electrical.i``,
+            ``coil.v``, ``coil.f``, ``coil.s``.
+
+        Examples
+        --------
+        ::
+
+            scene.voice_coil(
+                "M",
+                electrical=["a", "ground"],
+                joint="rail",
+                resistance=2.5,
+                inductance=1.0,
+                constant=1.0,
+            )
         """
 
     def voltage_source(

@@ -159,7 +159,9 @@ class SceneDescription:
         lines = [self.headline]
         for edge in self.edges.values():
             nodes = (" -> " if len(edge.nodes) == 2 else ", ").join(edge.nodes)
-            lines.append(f"  {edge.name:12} {edge.component.name:12} {nodes}")
+            places = (f"on {' - '.join(ends.acts_on)}" for ends in edge.ports if ends.acts_on)
+            where = ", ".join([*([nodes] if nodes else []), *places])
+            lines.append(f"  {edge.name:12} {edge.component.name:12} {where}")
         rows = self.parameters.values()
         lines += [f"  {p.name} = {p.value.text}" for p in rows if isinstance(p.value, Expression)]
         lines += [f"  note: {note}" for note in (self.origin.notes if self.origin else ())]

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from cotree.components import Role
+from cotree.components.counterparts import ON_JOINTS
 from cotree.components.heat import HEAT, loss_of, with_heat
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError
@@ -17,13 +18,16 @@ if TYPE_CHECKING:
 
     from cotree.components import Component, Terminal
 
+#: Entries that place a port on a multibody system.
+_PLACES = frozenset({"joint", "line"})
+
 #: Domains whose ports may act on a multibody system.
 _MECHANICAL = ("translational", "rotational")
 
 
 def acts_on_multibody(port: Terminal) -> bool:
     """Tell whether a port may act on a joint, or along a line, in place of two nodes."""
-    return bool(port.port) and port.domain in _MECHANICAL
+    return port.domain in _MECHANICAL
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,7 @@ def check_ports(
     """
     rest = dict(fields)
     if component.role is not Role.NETWORK:
+        _refuse_joint(edge, component, rest)
         first, second = _pair(edge, nodes, f"edge '{edge}'")
         return (first, second), (), rest
     # The thermal port was appended by ``check_heat``: its nodes come from the field, those of the
@@ -92,6 +97,12 @@ def check_ports(
     if component.terminals:
         return _by_terminal(edge, component, nodes, rest)
     if len(component.ports) == 1:
+        (port,) = component.ports
+        if acts_on_multibody(port) and rest.keys() & _PLACES:
+            _refuse_nodes(edge, nodes)
+            return (), (_multibody(edge, rest),), rest
+        if acts_on_multibody(port) and not nodes:
+            raise SceneError(f"edge '{edge}' needs two nodes, or joint = \"...\" to act on a joint")
         pair = _pair(edge, nodes, f"edge '{edge}'", may_be_one=True)
         return pair, (_ends(component.ports[0], pair, f"edge '{edge}'"),), rest
     # One node for each port is short for ports to the ground.
@@ -111,10 +122,15 @@ def check_ports(
     for port in component.ports:
         where = f"{port.port} of edge '{edge}'"
         # A mechanical port without nodes of its own acts on the multibody system.
-        has_nodes = port.port in rest or not rest.keys() & {"joint", "line"}
+        has_nodes = port.port in rest or not rest.keys() & _PLACES
         if acts_on_multibody(port) and not has_nodes:
             placed.append(_multibody(edge, rest))
             continue
+        if acts_on_multibody(port) and port.port not in rest and any(e.acts_on for e in placed):
+            raise SceneError(
+                f"{where} needs two nodes of its own, since its other port acts on the multibody "
+                "system; two joints are tied by a gear"
+            )
         pair = _pair(edge, rest.pop(port.port, ()), where, may_be_one=True)
         listed += pair
         placed.append(_ends(port, pair, where))
@@ -162,6 +178,26 @@ def _heat_nodes(edge: str, value: object) -> tuple[str, str]:
     """Accept the thermal node that is heated, or the two that it is heated between."""
     pair = (value, "ground") if isinstance(value, str) else value
     return _pair(edge, pair, f"{HEAT} of edge '{edge}'")
+
+
+def _refuse_joint(edge: str, component: Component, rest: Mapping[str, Any]) -> None:
+    """Refuse a joint where a component acts between two nodes; name types that take one."""
+    if "joint" in rest and component.field("joint") is None:
+        others = " or ".join(ON_JOINTS.get(component.name, ()))
+        cure = f"take a {others} in its place" if others else "leave the joint out"
+        raise SceneError(
+            f"edge '{edge}' of type '{component.name}' runs between two nodes and takes no joint: "
+            f"{cure}"
+        )
+
+
+def _refuse_nodes(edge: str, nodes: Sequence[object]) -> None:
+    """Refuse nodes of a component that acts on a joint or along a line, which are not its own."""
+    if nodes:
+        raise SceneError(
+            f"edge '{edge}' has nodes of the one-dimensional graph and acts on the multibody "
+            "system by joint or line, too: leave one of them out"
+        )
 
 
 def _multibody(edge: str, rest: dict[str, Any]) -> PortEnds:
