@@ -7,6 +7,7 @@
     │   ├── SceneError                     a file, field, name or value of a scene
     │   ├── ExpressionError                an expression string
     │   ├── ParameterError                 a parameter's name or value
+    │   ├── UnitError                      a unit that is none, or does not fit
     │   └── TopologyError                  the linear graph or its tree
     ├── FormulationError (ValueError)      the equations cannot be formed
     │   └── SingularSystemError            the mass matrix is singular
@@ -54,6 +55,10 @@ class ExpressionError(ModelError):
 
 class ParameterError(ModelError):
     """A parameter's name or value is wrong."""
+
+
+class UnitError(ModelError):
+    """A unit is unknown, or does not fit where it stands."""
 
 
 class TopologyError(ModelError):

@@ -25,6 +25,7 @@ from cotree.model.kernels import CKernels, PythonKernels
 from cotree.passes.recipe import run_passes
 from cotree.program.lower import lower
 from cotree.quiet import without_collection
+from cotree.scene.dimensions import check_scene_units
 from cotree.scene.graphs import (
     candidate_trees,
     choose_trees,
@@ -157,6 +158,7 @@ def formulate(
     ModelError, FormulationError
         If the scene is wrong, or its equations cannot be formed.
     """
+    check_scene_units(scene)
     trees = trees_to_try(scene, tree)
     # Walks, elimination and derivatives along one parameter are done for every alternative; the
     # full set of sensitivity graphs (Eq. (4) of the paper) is formed for the chosen one alone.

@@ -45,9 +45,9 @@ int swirl_partials(const double *arguments, double *results)
 def busy_scene() -> Scene:
     """Give a scene with tables, branches, hostile texts and pivots checked at run time."""
     scene = cotree.Scene("double", gravity=[0, 0, "-9.81"])  # a word that C has taken
-    scene.parameter("m", 2.0, unit=HOSTILE, doc=HOSTILE)
+    scene.parameter("m", 2.0, unit="kg", doc=HOSTILE)
     scene.parameter("a", 0.7)
-    scene.input("F", ([0, 1, 1.5, 4], [0, 2, "-1", 0.5]), unit=HOSTILE, doc=HOSTILE)
+    scene.input("F", ([0, 1, 1.5, 4], [0, 2, "-1", 0.5]), unit="N", doc=HOSTILE)
     scene.input("G", "min(t, a) + max(t - 1, a*t) + sign(t - 2) + abs(t - 3)*exp(-t)")
     scene.edge("j1", "prismatic", "ground", "A", axis=[1, 0, 0], force="F - 3*sign(j1.s_dot)")
     scene.edge("j2", "revolute", "A", "B", axis=[0, 1, 0], torque="G*atan2(t, a)")

@@ -199,7 +199,7 @@ class _SceneWriter(Generic[_Scene]):
     def _friction_speed(self) -> str:
         """Name the rate over which friction changes its sign, one for all joints."""
         if "friction_speed" not in self.scene.parameters:
-            self.speed = self._parameter("friction_speed", _FRICTION_SPEED, "rad/s or m/s")
+            self.speed = self._parameter("friction_speed", _FRICTION_SPEED, "")
         return self.speed
 
     def _follows(self, joint: Joint) -> bool:

@@ -18,6 +18,7 @@ from cotree.scene.simulation import Simulation, with_settings
 from cotree.scene.statements import edge_statement, plain
 from cotree.scene.tables import parse_signal
 from cotree.scene.usage import proposed_types
+from cotree.units import check_unit
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -38,6 +39,7 @@ class Input:
     value: Expression | Table
     unit: str = ""
     doc: str = ""
+    given: tuple[Any, str] | None = None  # where it was given in a unit that is not of SI
 
 
 @dataclass(frozen=True, repr=False)
@@ -179,15 +181,16 @@ class SceneDescription:
         value : float or str
             Its value, finite; or an expression of other parameters, which it is then derived from.
         unit, doc : str
-            Its unit and meaning, for people.
+            The unit of the value, which is converted to SI (``1000, unit="mm"`` is 1 m), and its
+            meaning. Runs give values in SI.
         tunable : bool
             False folds the value into the generated code as a number.
 
         Raises
         ------
-        SceneError, ParameterError, ExpressionError
-            If the name is not allowed or taken, the value is neither a finite number nor an
-            expression, or a derived parameter leads back to itself.
+        SceneError, ParameterError, ExpressionError, UnitError
+            If the name is not allowed or taken, the unit is none, the value is neither a finite
+            number nor an expression, or a derived parameter leads back to itself.
         """
         self._check_new("parameter", name, {**self.parameters, **self.inputs, **self.modes})
         row = make_parameter(name, value, unit, doc, tunable)
@@ -212,18 +215,22 @@ class SceneDescription:
             A number, an expression of ``t`` and parameters, or a table that is linear between
             its times and constant outside them.
         unit, doc : str
-            Its unit and meaning, for people.
+            The unit of the value, which is converted to SI, and its meaning. Runs give values in
+            SI, and so do expressions.
 
         Raises
         ------
-        SceneError, ExpressionError
-            If the name is not allowed or taken, or the value is none of these.
+        SceneError, ExpressionError, UnitError
+            If the name is not allowed or taken, the unit is none, or the value is none of these.
         """
         self._check_new("input", name, self._signals)
         what = f"input '{name}'"
-        signal = parse_signal(value, what)
-        unit, doc = check_text(unit, f"unit of {what}"), check_text(doc, f"doc of {what}")
-        self.inputs[name] = Input(name, signal, unit, doc)
+        text, doc = check_text(unit, f"unit of {what}"), check_text(doc, f"doc of {what}")
+        own = check_unit(text, f"unit of {what}")
+        signal, given = parse_signal(value, what, own), None
+        if own is not None and not own.is_si:
+            text, given = own.si, (plain(value), text)
+        self.inputs[name] = Input(name, signal, text, doc, given)
 
     def edge(
         self,
@@ -250,12 +257,13 @@ class SceneDescription:
         initial : mapping, optional
             Initial values of its coordinates and their rates, numbers or expressions of parameters.
         **fields
-            What the component needs: numbers, expressions, or lists of them; the two nodes of
-            each port, where it has several.
+            What the component needs: numbers, expressions, or lists of them, in SI;
+            ``{"value": 20, "unit": "mm"}`` in other units; the two nodes of each port, where it
+            has several.
 
         Raises
         ------
-        SceneError, ExpressionError
+        SceneError, ExpressionError, UnitError
             If a name, field or value is not accepted.
         """
         self._check_new("edge", name, self.edges)

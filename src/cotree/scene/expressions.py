@@ -11,6 +11,7 @@ from __future__ import annotations
 import ast
 import math
 import numbers
+import re
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
 _LONGEST = 4000  # characters; keeps the parser's own recursion bounded
 _DEEPEST = 100  # nesting levels
+_WITH_UNIT = re.compile(r"\s*([-+]?\d[\d.eE+-]{0,30})\s*([A-Za-zµΩ°%][\w/^ ²³]{0,30})\s*\Z")
 
 #: Functions by name, with their number of arguments.
 FUNCTIONS: dict[str, int] = {
@@ -172,7 +174,11 @@ def _parse_text(text: str, where: str) -> Expression:
     try:
         tree, names = _tree_of(text)
     except ExpressionError as error:
-        raise ExpressionError(f"{where}: '{brief(text)}' {error}") from None
+        hint = ""
+        if with_unit := _WITH_UNIT.match(text):
+            number, unit = with_unit.groups()
+            hint = f': for a number with a unit write {{ value = {number}, unit = "{unit}" }}'
+        raise ExpressionError(f"{where}: '{brief(text)}' {error}{hint}") from None
     return Expression(text, where, tree, names)
 
 

@@ -14,15 +14,18 @@ from cotree.components.spaces import body_space
 from cotree.dag.rotation import quaternion_of_matrix
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError, check_known
+from cotree.naming import check_text
 from cotree.scene.expressions import parse
 from cotree.scene.statements import is_list
-from cotree.scene.tables import parse_lookup
+from cotree.scene.tables import converted, parse_lookup
+from cotree.units import check_fits, check_unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from cotree.components import Component, Field
     from cotree.scene.expressions import Expression, FieldValue
+    from cotree.units import Unit
 
 
 def check_fields(
@@ -51,7 +54,8 @@ def check_fields(
     for row in component.fields:
         where = f"{row.name} of edge '{edge}'"
         if row.name in given:
-            fields[row.name] = _check_field(row, given[row.name], where)
+            value = _in_si(given[row.name], row.unit, where)
+            fields[row.name] = _check_field(row, value, where)
         elif row.required:
             raise SceneError(
                 f"edge '{edge}' of type '{component.name}' needs the field '{row.name}'"
@@ -84,9 +88,11 @@ def check_initial(
         raise SceneError(f"initial of edge '{edge}' must be a table of names and values")
     known = initial_names(component)
     initial: dict[str, FieldValue] = {}
+    units = initial_units(component)
     for name, value in _by_port(component, given):
         check_known((name,), known, f"edge '{edge}' has no coordinate")
         where = f"initial {name} of edge '{edge}'"
+        value = _in_si(value, units.get(name, ""), where)
         # Orientations are given by angles or a matrix, and become a quaternion.
         initial[name] = _rotation(value, where) if name == "rotation" else parse(value, where)
     return initial
@@ -97,17 +103,22 @@ def initial_names(component: Component) -> list[str]:
 
     What a body in the tree moves along follows from the whole scene, so all of it is listed.
     """
+    return list(initial_units(component))
+
+
+def initial_units(component: Component) -> dict[str, str]:
+    """Give the units of the variables whose initial values a scene may give."""
     if component.role is Role.NETWORK:
-        return _network_names(component)
+        return _network_units(component)
     spaces = [component.motion_space]
     if component.role is Role.BODY:
         # Names are the same for every plane; z stands for all of them.
         spaces = [body_space(plane, is_particle=False) for plane in ("", "z")]
     steps = [step for space in spaces for step in space]
-    names = [name for step in steps for name, _ in (*step.coordinates, *step.rates)]
+    units = {name: unit for step in steps for name, unit in (*step.coordinates, *step.rates)}
     if any(isinstance(step, FreeRotation) for step in steps):
-        names.append("rotation")
-    return list(dict.fromkeys(names))
+        units["rotation"] = "rad"
+    return units
 
 
 def _by_port(component: Component, given: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
@@ -120,23 +131,24 @@ def _by_port(component: Component, given: Mapping[str, Any]) -> Iterator[tuple[s
             yield name, value
 
 
-def _network_names(component: Component) -> list[str]:
-    """List the variables of a scalar component that may be states.
+def _network_units(component: Component) -> dict[str, str]:
+    """Give the units of the variables of a scalar component that may be states.
 
     A name that several ports have is that of the port before it: ``port.name``.
     """
-    found: list[tuple[str, str]] = []
+    found: list[tuple[str, str, str]] = []
     for port in component.ports:
         row, integral = DOMAINS[port.domain], integral_of(port)
         # Whichever of these becomes a state depends on the tree, hence a scene may give any of
         # them.
-        names = [row.across_symbol, row.through_symbol, *([integral.name] if integral else [])]
-        names += [content[0]] if (content := content_of(port)) else []
-        found += [(port.port, name) for name in names]
+        names = [(row.across_symbol, row.across_unit), (row.through_symbol, row.through_unit)]
+        names += [(integral.name, integral.unit)] if integral else []
+        names += [content] if (content := content_of(port)) else []
+        found += [(port.port, name, unit) for name, unit in names]
     # A short name must be unambiguous; the long one is always accepted.
-    count = Counter(name for _, name in found)
-    alone = [name for _, name in found if count[name] == 1]
-    return [*alone, *(f"{port}.{name}" for port, name in found if port)]
+    count = Counter(name for _, name, _ in found)
+    alone = {name: unit for _, name, unit in found if count[name] == 1}
+    return alone | {f"{port}.{name}": unit for port, name, unit in found if port}
 
 
 def check_vector(value: object, where: str) -> tuple[Expression, ...]:
@@ -150,6 +162,31 @@ def check_vector(value: object, where: str) -> tuple[Expression, ...]:
     if not is_list(value) or len(value) != 3:
         raise SceneError(f"{where} must be a list of three numbers or expressions")
     return tuple(parse(item, f"component {'xyz'[i]} of {where}") for i, item in enumerate(value))
+
+
+def _in_si(value: Any, wanted: str, where: str) -> Any:
+    """Convert a table of a value and its unit, of numbers; all else stays as it is.
+
+    Raises
+    ------
+    UnitError, SceneError
+        If the unit is none, does not fit, or belongs to an expression and is not of SI.
+    """
+    if not isinstance(value, Mapping) or "unit" not in value:
+        return value
+    if set(value) != {"value", "unit"}:
+        raise SceneError(f"{where} is a table with a unit: give it 'value' and 'unit', no more")
+    own = check_unit(check_text(value["unit"], f"unit of {where}"), f"unit of {where}")
+    if own is None:
+        return value["value"]
+    check_fits(own, wanted, where)
+    return _converted(value["value"], own, where)
+
+
+def _converted(value: Any, unit: Unit, where: str) -> Any:
+    if is_list(value):
+        return [_converted(item, unit, where) for item in value]
+    return converted(parse(value, where), unit, where).told
 
 
 def _check_field(row: Field, value: Any, where: str) -> FieldValue:

@@ -11,9 +11,10 @@ from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING
 
 from cotree.dag.nodes import Dag
-from cotree.errors import ExpressionError, ParameterError, SceneError, nearest
+from cotree.errors import ExpressionError, ParameterError, SceneError, UnitError, nearest
 from cotree.naming import check_text
 from cotree.scene.expressions import Expression, check_number, parse
+from cotree.units import check_unit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -32,9 +33,11 @@ class Parameter:
     value : float or Expression
         A number; of a derived parameter, the expression of other parameters.
     unit, doc : str
-        Its unit and meaning, for people.
+        Its unit, of SI, and its meaning.
     tunable : bool
         Whether a run may change the number.
+    given : (float, str) or None
+        Where it was given in another unit: the number and the unit.
     """
 
     name: str
@@ -42,6 +45,7 @@ class Parameter:
     unit: str = ""
     doc: str = ""
     tunable: bool = True
+    given: tuple[float, str] | None = None
 
     @property
     def is_derived(self) -> bool:
@@ -72,11 +76,13 @@ def make_parameter(
 
     Raises
     ------
-    SceneError, ParameterError, ExpressionError
+    SceneError, ParameterError, ExpressionError, UnitError
         If one of them is not accepted.
     """
     what = f"parameter '{name}'"
     number = parse(value, what) if isinstance(value, str) else check_number(value, what)
+    if isinstance(number, Expression) and number.number is not None:
+        raise ParameterError(f"{what} is a number in quotes, '{number.text}': leave them away")
     if not isinstance(tunable, bool):
         raise SceneError(f"tunable of {what} must be true or false")
     if isinstance(number, Expression) and not tunable:
@@ -84,8 +90,15 @@ def make_parameter(
             f"{what} follows from others by '{number.text}', and is fixed where they are: leave "
             "tunable away here, and say it of those"
         )
-    unit, doc = check_text(unit, f"unit of {what}"), check_text(doc, f"doc of {what}")
-    return Parameter(name, number, unit, doc, tunable)
+    text, doc = check_text(unit, f"unit of {what}"), check_text(doc, f"doc of {what}")
+    own = check_unit(text, f"unit of {what}")
+    if own is None or own.is_si:
+        return Parameter(name, number, text, doc, tunable)
+    if isinstance(number, Expression):
+        raise UnitError(
+            f"{what} is an expression, whose value is in SI: its unit is '{own.si}', not '{text}'"
+        )
+    return Parameter(name, own.to_si(number), own.si, doc, tunable, (number, text))
 
 
 def check_cycle(parameters: Mapping[str, Parameter], name: str) -> None:

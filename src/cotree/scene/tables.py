@@ -8,13 +8,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
 from cotree.dag.multi_output import Table, table
-from cotree.errors import SceneError
+from cotree.errors import SceneError, UnitError
 from cotree.scene.expressions import Expression, parse
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from cotree.dag.nodes import Dag, Node
+    from cotree.units import Unit
 
 
 @dataclass(frozen=True)
@@ -93,8 +94,44 @@ def make_table(value: object, where: str, argument: str) -> Table:
     return made
 
 
-def parse_signal(value: object, where: str) -> Expression | Table:
-    """Accept a number, an expression string or a pair (times, values)."""
+def parse_signal(value: object, where: str, unit: Unit | None = None) -> Expression | Table:
+    """Accept a number, an expression string or a pair (times, values).
+
+    Parameters
+    ----------
+    value : object
+        What the user gave.
+    where : str
+        What it belongs to, for messages.
+    unit : Unit, optional
+        The unit of numbers and values, which become those of SI.
+
+    Raises
+    ------
+    SceneError, ExpressionError, UnitError
+        If it is none of these, or an expression in a unit that is not of SI.
+    """
     if isinstance(value, (str, numbers.Real)):
-        return parse(value, where)
-    return make_table(value, where, "times")
+        return converted(parse(value, where), unit, where)
+    made = make_table(value, where, "times")
+    if unit is None or unit.is_si:
+        return made
+    return Table(made.x, tuple(unit.to_si(item) for item in made.y))
+
+
+def converted(value: Expression, unit: Unit | None, where: str) -> Expression:
+    """Convert a number to SI.
+
+    Raises
+    ------
+    UnitError
+        If it is an expression in a unit that is not of SI.
+    """
+    if unit is None or unit.is_si:
+        return value
+    if value.number is None:
+        raise UnitError(
+            f"{where} is an expression, whose value is in SI: its unit is '{unit.si}', not "
+            f"'{unit.text}'"
+        )
+    return parse(unit.to_si(value.number), where)

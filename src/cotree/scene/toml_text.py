@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+    from cotree.scene.description import Input
     from cotree.scene.events import Event
     from cotree.scene.parameters import Parameter
 
@@ -88,7 +89,7 @@ def _lines(scene: SceneDescription) -> Iterator[str]:
     yield from _rows(
         "parameters", {n: _named(p, _parameter(p)) for n, p in scene.parameters.items()}
     )
-    yield from _rows("inputs", {n: _named(i, _signal(i.value)) for n, i in scene.inputs.items()})
+    yield from _rows("inputs", {n: _named(i, _input(i)) for n, i in scene.inputs.items()})
     yield from _rows("modes", {n: _named(m, m.initial.told) for n, m in scene.modes.items()})
     for edge in scene.edges.values():
         yield from _table(f"edges.{edge.name}", edge.statement)
@@ -108,7 +109,13 @@ def _lines(scene: SceneDescription) -> Iterator[str]:
 
 
 def _parameter(row: Parameter) -> float | str:
+    if row.given is not None:
+        return row.given[0]
     return row.value.told if isinstance(row.value, Expression) else row.value
+
+
+def _input(row: Input) -> object:
+    return _signal(row.value) if row.given is None else row.given[0]
 
 
 def _signal(value: Expression | Table) -> object:
@@ -118,6 +125,8 @@ def _signal(value: Expression | Table) -> object:
 def _named(row: Any, value: object) -> object:
     """Give the value of a parameter, input or mode, in a table where there is more to say."""
     more = {key: getattr(row, key, "") for key in ("unit", "doc")}
+    if (given := getattr(row, "given", None)) is not None:
+        more["unit"] = given[1]  # the file says what the user said
     more = {key: text for key, text in more.items() if text}
     if not getattr(row, "tunable", True):
         more["tunable"] = False

@@ -22,7 +22,7 @@ from cotree.dag.symbols import (
 from cotree.dag.traverse import substitute
 from cotree.equations import Derivative, Equations, Quantity, substituted
 from cotree.formulation.constraints import stabilised
-from cotree.formulation.observed import observed_unit
+from cotree.formulation.output_units import output_units
 from cotree.formulation.outputs import output_tangents
 from cotree.sensitivity.constraint_data import gather_constraints, start_tangents
 from cotree.sensitivity.networks import coupling_tangents, network_tangents
@@ -266,13 +266,14 @@ def form_equations(
     scene, system = first.scene, first.system
     support = Support()
     parameters = [scene.parameters[name] for name in system.tunable]
+    units = output_units(scene, {state.name: state.unit for state in first.states})
     equations = Equations(
         name=scene.name,
         dag=system.dag,
         states=first.states,
         parameters=tuple(Quantity(p.name, p.unit, p.doc) for p in parameters),
         inputs=tuple(Quantity(row.name, row.unit, row.doc) for row in scene.inputs.values()),
-        outputs=tuple(Quantity(name, output_unit(first, name)) for name in scene.outputs),
+        outputs=tuple(Quantity(name, unit) for name, unit in units.items()),
         parameter_values=tuple(p.number for p in parameters),
         derived=derived_parameters(first),
         input_symbols=tuple(system.inputs.values()),
@@ -358,12 +359,3 @@ def _closed(equations: Equations, measured: Mapping[Node, Node]) -> Equations:
         motion=equations.motion and substituted([equations.motion], known)[0],
         direction=equations.direction and substituted([equations.direction], known)[0],
     )
-
-
-def output_unit(first: FirstGraph, name: str) -> str:
-    """Give the unit of an output that is one coordinate or node variable; else nothing."""
-    text = first.scene.outputs[name].text.strip()
-    for state in first.states:
-        if state.name == text:
-            return state.unit
-    return observed_unit(text)

@@ -239,6 +239,8 @@ class RunRecord:
     def to_dataframe(self) -> Any:
         """Return a pandas DataFrame with the columns of ``columns()``.
 
+        Its ``attrs["units"]`` has the unit of each column that has one.
+
         Raises
         ------
         Error
@@ -251,7 +253,10 @@ class RunRecord:
                 "to_dataframe() needs pandas: run `pip install pandas` (the extra cotree[data]), "
                 "or use to_csv()."
             ) from error
-        return pd.DataFrame(self.columns())
+        table = pd.DataFrame(self.columns())
+        own = {"t": "s", **self.units}
+        table.attrs["units"] = {name: own[name] for name in table.columns if own.get(name)}
+        return table
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write the columns of ``columns()`` with 17 significant digits.

@@ -1,0 +1,195 @@
+"""Dimensions of expressions, from the units of the names in them.
+
+What is not known stays unknown: a number written into a product may have any unit, so that nothing
+is said of such a product unless numbers are declared to be plain.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+from cotree.components import Shape
+from cotree.scene.expressions import Expression
+from cotree.scene.fields import initial_units
+from cotree.units import check_fits, read_unit, same_dimension, stated_unit, unit_text
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from cotree.scene.description import Edge, SceneDescription
+    from cotree.scene.expressions import FieldValue
+    from cotree.units import Dimension
+
+#: Gives the dimension of a name; None where it is not known.
+Known = Callable[[str], "Dimension | None"]
+
+_NONE = read_unit("1").dimension
+_ANGLE = read_unit("rad").dimension
+_OF_NUMBERS = {"sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "erf"}
+_KEEPING = {"abs", "floor", "min", "max", "mod"}
+#: Numbers that stand in formulas of physics, as in m*v**2/2, where they have no unit.
+_PLAIN = {0.25, 0.5, 1.5, *map(float, range(1, 13))}
+
+
+class Dimensions:
+    """Finds the dimension of an expression, and contradictions on the way.
+
+    Parameters
+    ----------
+    known : callable
+        Gives the dimension of a name.
+    with_plain_numbers : bool
+        Whether small numbers such as 2 and 0.5 have no unit; else a number may have any.
+    """
+
+    def __init__(self, known: Known, *, with_plain_numbers: bool = False) -> None:
+        self._known, self._with_plain = known, with_plain_numbers
+        self.faults: list[str] = []
+
+    def of(self, tree: ast.expr) -> Dimension | None:
+        """Find the dimension of a checked tree; None where it is not known."""
+        match tree:
+            case ast.Constant(value=value):
+                is_plain = self._with_plain and value in _PLAIN
+                return _NONE if is_plain else None
+            case ast.Name(id="pi"):
+                return _NONE
+            case ast.Name() | ast.Attribute():
+                return self._known(ast.unparse(tree))
+            case ast.UnaryOp(operand=operand):
+                return self.of(operand)
+            case ast.BinOp(left=left, op=ast.Pow(), right=right):
+                return self._power(left, right)
+            case ast.BinOp(left=left, op=ast.Mult() | ast.Div() as op, right=right):
+                a, b = self.of(left), self.of(right)
+                sign = 1.0 if isinstance(op, ast.Mult) else -1.0
+                if a is None or b is None:
+                    return None
+                return tuple(x + sign * y for x, y in zip(a, b, strict=True))
+            case ast.BinOp(left=left, right=right):
+                return self._alike([left, right])
+            case ast.Call(func=ast.Name(id="where"), args=[condition, *values]):
+                self._condition(condition)
+                return self._alike(values)
+            case ast.Call(func=ast.Name(id=function), args=args):
+                return self._call(function, args)
+        return None
+
+    def _alike(self, trees: list[ast.expr]) -> Dimension | None:
+        """Give the dimension that all must have, and note where they differ."""
+        found: Dimension | None = None
+        first: ast.expr | None = None
+        for tree in trees:
+            own = self.of(tree)
+            if own is None:
+                continue
+            if found is None or first is None:
+                found, first = own, tree
+            elif not same_dimension(found, own):
+                self.faults.append(
+                    f"'{ast.unparse(first)}' is in {unit_text(found)} and '{ast.unparse(tree)}' in "
+                    f"{unit_text(own)}"
+                )
+        return found
+
+    def _power(self, left: ast.expr, right: ast.expr) -> Dimension | None:
+        base, exponent = self.of(left), _number(right)
+        if base is None or (exponent is None and base != _NONE):
+            return None
+        return tuple(x * (exponent or 0.0) for x in base)
+
+    def _call(self, function: str, args: list[ast.expr]) -> Dimension | None:
+        if function in _KEEPING:
+            return self._alike(args)
+        own = [self.of(arg) for arg in args]
+        if function in _OF_NUMBERS and own[0] is not None and not same_dimension(own[0], _NONE):
+            shown = f"'{ast.unparse(args[0])}' is in {unit_text(own[0])}"
+            self.faults.append(f"{shown}, of which {function} has no value")
+        if function == "sqrt":
+            return None if own[0] is None else tuple(x / 2.0 for x in own[0])
+        if function == "atan2":
+            self._alike(args)
+        return _ANGLE if function in ("asin", "acos", "atan", "atan2") else _NONE
+
+    def _condition(self, tree: ast.expr) -> None:
+        match tree:
+            case ast.Compare(left=left, comparators=others):
+                self._alike([left, *others])
+            case ast.BoolOp(values=parts):
+                for part in parts:
+                    self._condition(part)
+            case ast.UnaryOp(operand=part):
+                self._condition(part)
+
+
+def dimension_of_unit(text: str) -> Dimension | None:
+    """Give the dimension of a unit that a field or result states; None where it states none."""
+    unit = stated_unit(text)
+    return None if unit is None else unit.dimension
+
+
+def entries(value: FieldValue | None) -> Iterator[Expression]:
+    """List the expressions of a field: one, three, or three rows of three."""
+    if isinstance(value, Expression):
+        yield value
+    else:
+        for item in value or ():
+            yield from entries(item)
+
+
+def stated_values(edge: Edge) -> Iterator[tuple[str, str, Expression]]:
+    """List what a scene states of an edge: its name, its unit, and each expression in it."""
+    for row in edge.component.fields:
+        if row.unit and row.shape is not Shape.EXPRESSION and row.name not in _DIRECTIONS:
+            for entry in entries(edge.fields.get(row.name)):
+                yield f"{row.name} of edge '{edge.name}'", row.unit, entry
+    units = initial_units(edge.component) if edge.initial else {}
+    for name, value in edge.initial.items():
+        for entry in entries(value):
+            yield f"initial {name} of edge '{edge.name}'", units.get(name, ""), entry
+
+
+#: Fields whose length does not matter.
+_DIRECTIONS = frozenset({"axis", "axis2", "normal"})
+
+
+def check_scene_units(scene: SceneDescription) -> None:
+    """Refuse a parameter or input that alone is a field of another dimension.
+
+    Raises
+    ------
+    UnitError
+        For the first one; the message names both units.
+    """
+    units = stated_units(scene)
+    if not units:
+        return
+    for edge in scene.edges.values():
+        for what, wanted, value in stated_values(edge):
+            name = _alone(value)
+            if name not in units:
+                continue
+            kind = "parameter" if name in scene.parameters else "input"
+            check_fits(read_unit(units[name]), wanted, f"{what} is {kind} '{name}', which")
+
+
+def stated_units(scene: SceneDescription) -> dict[str, str]:
+    """Give the units of the parameters and inputs that state one."""
+    rows: Mapping[str, str] = {n: row.unit for n, row in scene.inputs.items()}
+    rows = {**rows, **{n: row.unit for n, row in scene.parameters.items()}}
+    return {name: unit for name, unit in rows.items() if unit.strip()}
+
+
+def _alone(value: Expression) -> str:
+    """Give the name that an expression is, but for its sign; nothing for others."""
+    tree = value.tree.operand if isinstance(value.tree, ast.UnaryOp) else value.tree
+    return tree.id if isinstance(tree, ast.Name) and type(value) is Expression else ""
+
+
+def _number(tree: ast.expr) -> float | None:
+    if isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.USub):
+        inner = _number(tree.operand)
+        return None if inner is None else -inner
+    return float(tree.value) if isinstance(tree, ast.Constant) else None  # type: ignore[arg-type]

@@ -1,0 +1,383 @@
+"""Units: texts such as ``N m s/rad`` or ``mm``, their dimensions, and factors to SI.
+
+A small grammar reads products, quotients and powers of symbols. The symbols of SI are known here;
+the library pint knows the others. It never sees more than a name: its own parser evaluates
+arithmetic, and a text such as ``10**10**10`` from a file would keep it busy for ever.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from cotree.errors import UnitError, brief, nearest
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+#: Exponents of m, kg, s, A, K, mol, cd, and of angle and cycles, which are numbers in SI. Fields
+#: say rad and Hz where it matters: a speed in rad/s is none in Hz, though both are 1/s.
+Dimension = tuple[float, ...]
+
+_BASES = ("m", "kg", "s", "A", "K", "mol", "cd", "rad", "Hz")
+_N_TRUE = 7  # angle and cycles follow
+_SECOND, _ANGLE, _CYCLE = 2, 7, 8
+
+
+def _of(**exponents: float) -> Dimension:
+    return tuple(float(exponents.get(base, 0)) for base in _BASES)
+
+
+_NONE = _of()
+
+#: Symbols whose factor is one. Where several have one dimension, the first stands for it.
+_SI: dict[str, Dimension] = {
+    **{base: _of(**{base: 1}) for base in _BASES[:_ANGLE]},
+    "rad": _of(rad=1),
+    "N": _of(kg=1, m=1, s=-2),
+    "Pa": _of(kg=1, m=-1, s=-2),
+    "J": _of(kg=1, m=2, s=-2),
+    "W": _of(kg=1, m=2, s=-3),
+    "C": _of(A=1, s=1),
+    "V": _of(kg=1, m=2, s=-3, A=-1),
+    "F": _of(kg=-1, m=-2, s=4, A=2),
+    "ohm": _of(kg=1, m=2, s=-3, A=-2),
+    "Ω": _of(kg=1, m=2, s=-3, A=-2),
+    "S": _of(kg=-1, m=-2, s=3, A=2),
+    "H": _of(kg=1, m=2, s=-2, A=-2),
+    "Wb": _of(kg=1, m=2, s=-2, A=-1),
+    "T": _of(kg=1, s=-2, A=-1),
+    "Hz": _of(s=-1, Hz=1),
+    "1": _NONE,
+    "-": _NONE,
+}
+
+_LONGEST, _LARGEST_POWER = 60, 12.0
+_TOKEN = re.compile(
+    r"\s*(?:(?P<name>[^\W\d_][^\W\d]*|%|°[CF]?)|(?P<number>\d+(?:\.\d+)?)"
+    r"|(?P<op>\*\*|[*·.×/^()-])|(?P<power>[⁻]?[⁰¹²³⁴⁵⁶⁷⁸⁹]+))\s*"
+)
+_RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit: a value in it times ``factor`` plus ``offset`` is one in ``si``.
+
+    Attributes
+    ----------
+    text : str
+        As it was written.
+    si : str
+        The unit of SI in its place.
+    factor, offset : Fraction
+        One and zero for units of SI themselves. Fractions, since 35 mm is to be the double that
+        0.035 m is.
+    dimension : tuple of float
+        Exponents of the base units, and of angle and cycles.
+    """
+
+    text: str
+    si: str
+    factor: Fraction
+    offset: Fraction
+    dimension: Dimension
+
+    @property
+    def is_si(self) -> bool:
+        """Whether values in it are values in SI."""
+        return self.factor == 1 and self.offset == 0
+
+    def to_si(self, value: float) -> float:
+        """Convert a value."""
+        return float(Fraction(repr(value)) * self.factor + self.offset)
+
+    def fits(self, other: Unit) -> bool:
+        """Whether values in both may stand for the same quantity.
+
+        Radians may be left out, but cycles are no radians.
+        """
+        return same_dimension(self.dimension, other.dimension)
+
+
+@dataclass(frozen=True)
+class _Symbol:
+    """A symbol: its factor and offset, its dimension, and symbols of SI in its place."""
+
+    factor: Fraction
+    offset: Fraction
+    dimension: Dimension
+    si: tuple[tuple[str, float], ...]
+
+
+def same_dimension(a: Dimension, b: Dimension) -> bool:
+    """Whether two dimensions are the same; radians count only against cycles."""
+    if any(abs(x - y) > 1e-9 for x, y in zip(a[:_N_TRUE], b[:_N_TRUE], strict=True)):
+        return False
+    return not ((a[_ANGLE] and b[_CYCLE]) or (b[_ANGLE] and a[_CYCLE]))
+
+
+def unit_text(dimension: Dimension) -> str:
+    """Write a dimension as a unit of SI: one symbol if there is one, else base units."""
+    # Radians are left out beside other units; a torque per radian times radians is a torque.
+    if any(dimension[base] for base in range(_N_TRUE) if base != _SECOND):
+        dimension = (*dimension[:_ANGLE], 0.0, *dimension[_ANGLE + 1 :])
+    if dimension == _SI["J"]:
+        return "N m"  # of energies and of torques
+    for symbol, known in _SI.items():
+        if known == dimension:
+            return symbol
+    return _written([(b, e) for b, e in zip(_BASES, dimension, strict=True) if e])
+
+
+def check_unit(text: str, what: str) -> Unit | None:
+    """Read a unit; None for an empty text, which says nothing.
+
+    Parameters
+    ----------
+    text : str
+        The unit: products, quotients and powers of symbols, as ``kg m^2`` or ``W/(m^2 K)``.
+    what : str
+        What it belongs to, for messages: "unit of parameter 'L'".
+
+    Raises
+    ------
+    UnitError
+        If it is no unit.
+    """
+    if not text.strip():
+        return None
+    try:
+        return read_unit(text)
+    except UnitError as error:
+        raise UnitError(f"{what} is '{brief(text)}', {error}") from None
+
+
+def stated_unit(text: str) -> Unit | None:
+    """Read the unit that a field or result states; None where it states none, or one of several."""
+    if not text or text == "any" or " or " in text:
+        return None
+    try:
+        return read_unit(text)
+    except UnitError:
+        return None  # components of users may state what they like
+
+
+def check_fits(unit: Unit, wanted: str, what: str) -> None:
+    """Refuse a unit of another dimension than the one that is wanted.
+
+    Raises
+    ------
+    UnitError
+        If it is; the message names both.
+    """
+    stated = stated_unit(wanted)
+    if stated is None or unit.fits(stated):
+        return
+    about = (
+        " (a cycle is 2*pi rad)" if unit.dimension[:_N_TRUE] == stated.dimension[:_N_TRUE] else ""
+    )
+    raise UnitError(f"{what} is given in '{unit.text}', but is in '{wanted}'{about}")
+
+
+@lru_cache(maxsize=1024)
+def read_unit(text: str) -> Unit:
+    """Read a unit.
+
+    Raises
+    ------
+    UnitError
+        If it is none; the message goes on after its name: "which holds ...".
+    """
+    if len(text) > _LONGEST:
+        raise UnitError(f"which is longer than {_LONGEST} characters")
+    parts = _parts(_Tokens(text), 0)
+    symbols = [(_symbol(name), power) for name, power in parts]
+    if len(parts) > 1 or any(power != 1.0 for _, power in parts):
+        for (name, _), (symbol, _) in zip(parts, symbols, strict=True):
+            if symbol.offset:
+                raise UnitError(
+                    f"where '{name}' has its own zero: a difference is in 'K' or 'delta_{name}'"
+                )
+    factor = Fraction(1)
+    for symbol, power in symbols:
+        whole = power.is_integer()
+        # Powers of fractions by whole numbers are exact; others go by doubles.
+        factor *= symbol.factor ** int(power) if whole else _exact(float(symbol.factor) ** power)
+    if not 1e-100 < factor < 1e100:
+        raise UnitError("whose factor to SI is out of reach")
+    total = [0.0] * len(_BASES)
+    for symbol, power in symbols:
+        total = [a + power * b for a, b in zip(total, symbol.dimension, strict=True)]
+    offset = symbols[0][0].offset if symbols else Fraction(0)
+    si = _written([(n, e * power) for symbol, power in symbols for n, e in symbol.si])
+    return Unit(text, text if factor == 1 and not offset else si, factor, offset, tuple(total))
+
+
+def _exact(value: float) -> Fraction:
+    """Give the decimal fraction that a number is written as."""
+    return Fraction(repr(float(value)))
+
+
+class _Tokens:
+    """The tokens of a text, one after another."""
+
+    def __init__(self, text: str) -> None:
+        self._found = list(self._split(text.strip()))
+        self._at = 0
+
+    @staticmethod
+    def _split(text: str) -> Iterator[tuple[str, str]]:
+        at = 0
+        while at < len(text):
+            match = _TOKEN.match(text, at)
+            if match is None or match.end() == at:
+                raise UnitError(f"which holds '{brief(text[at])}'")
+            at = match.end()
+            yield str(match.lastgroup), match.group(str(match.lastgroup))
+
+    @property
+    def next(self) -> tuple[str, str]:
+        """The next token: its kind and text; empty at the end."""
+        return self._found[self._at] if self._at < len(self._found) else ("", "")
+
+    def take(self) -> tuple[str, str]:
+        """Give the next token and go on."""
+        token = self.next
+        self._at += 1
+        return token
+
+
+def _parts(tokens: _Tokens, depth: int) -> list[tuple[str, float]]:
+    """Read a product: symbols with their exponents, from left to right."""
+    if depth > 4:
+        raise UnitError("which is nested too deeply")
+    found: list[tuple[str, float]] = []
+    sign = 1.0
+    while True:
+        kind, text = tokens.take()
+        if kind == "op" and text == "(":
+            own = _parts(tokens, depth + 1)
+            if tokens.take() != ("op", ")"):
+                raise UnitError("which lacks a ')'")
+        elif kind == "name":
+            own = [(text, 1.0)]
+        elif kind == "number" and text == "1":
+            own = []
+        elif (kind, text) == ("op", "-") and not found and tokens.next == ("", ""):
+            own = []  # a dash says that there is none
+        else:
+            shown = f"holds '{text}' where a symbol is due" if kind else "ends where one is due"
+            raise UnitError(f"which {shown}")
+        power = sign * _power(tokens)
+        found += [(name, power * own_power) for name, own_power in own]
+        if any(abs(exponent) > _LARGEST_POWER for _, exponent in found):
+            raise UnitError(f"which has a power beyond {_LARGEST_POWER:g}")
+        kind, text = tokens.next
+        if kind == "" or text == ")":
+            if text == ")" and not depth:
+                raise UnitError("which has a ')' too many")
+            return found
+        sign = -1.0 if text == "/" else 1.0
+        if kind == "op" and text in ("*", "·", ".", "×", "/"):
+            tokens.take()
+        elif kind == "op" and text != "(":
+            raise UnitError(f"which holds '{text}' where none is due")
+
+
+def _power(tokens: _Tokens) -> float:
+    kind, text = tokens.next
+    if kind == "power":
+        tokens.take()
+        try:
+            return float(text.translate(_RAISED))
+        except ValueError:
+            raise UnitError(f"which holds the power '{text}'") from None
+    if text not in ("^", "**"):
+        return 1.0
+    tokens.take()
+    sign = 1.0
+    if tokens.next == ("op", "-"):
+        tokens.take()
+        sign = -1.0
+    kind, text = tokens.take()
+    if kind != "number":
+        raise UnitError("which has a power that is no number")
+    return sign * float(text)
+
+
+def _written(parts: list[tuple[str, float]]) -> str:
+    """Write symbols with exponents as a text, those with negative ones below a stroke."""
+    total: dict[str, float] = {}
+    for name, power in parts:
+        total[name] = total.get(name, 0.0) + power
+    above = [_raised(name, power) for name, power in total.items() if power > 0 and name != "1"]
+    below = [_raised(name, -power) for name, power in total.items() if power < 0 and name != "1"]
+    if not below:
+        return " ".join(above) or "1"
+    under = below[0] if len(below) == 1 else f"({' '.join(below)})"
+    return f"{' '.join(above) or '1'}/{under}"
+
+
+def _raised(name: str, power: float) -> str:
+    return name if power == 1.0 else f"{name}^{power:g}"
+
+
+def _symbol(name: str) -> _Symbol:
+    known = _SI.get(name)
+    if known is not None:
+        return _Symbol(Fraction(1), Fraction(0), known, ((name, 1.0),))
+    return _foreign(name)
+
+
+@lru_cache(maxsize=512)
+def _foreign(name: str) -> _Symbol:
+    """Ask the library for a symbol that is not of SI, or has a prefix."""
+    import pint
+
+    registry = _registry()
+    asked = {"°": "degree", "°C": "degC", "°F": "degF", "%": "percent"}.get(name, name)
+    try:
+        (own,) = dict(registry.parse_units(asked)._units) or {"dimensionless": 1}
+        zero, one, two = (registry.Quantity(x, own).to_base_units() for x in (0.0, 1.0, 2.0))
+    except (pint.PintError, ValueError, TypeError, AttributeError, ArithmeticError):
+        raise UnitError(_unknown(name, registry)) from None
+    if not math.isclose(two.magnitude - one.magnitude, one.magnitude - zero.magnitude):
+        raise UnitError(f"where '{name}' is logarithmic: give the number itself")
+    bases = {"meter": "m", "kilogram": "kg", "second": "s", "ampere": "A", "kelvin": "K"}
+    bases |= {"mole": "mol", "candela": "cd", "radian": "rad"}
+    exponents: dict[str, float] = {}
+    for base, power in one._units.items():
+        if base not in bases:
+            raise UnitError(f"which counts in '{base}': no quantity here does")
+        exponents[bases[base]] = float(power)
+    if own.endswith("hertz"):
+        exponents["Hz"] = 1.0
+    dimension = _of(**exponents)
+    offset = _exact(zero.magnitude)
+    if offset:  # the difference of two temperatures has more rounding than the library's table
+        one = registry.Quantity(1.0, f"delta_{own}").to_base_units()
+    factor = _exact(one.magnitude)
+    si = next((n for n, own_dimension in _SI.items() if own_dimension == dimension), None)
+    parts = ((si, 1.0),) if si else tuple(exponents.items())
+    return _Symbol(factor, offset, dimension, parts)
+
+
+def _unknown(name: str, registry: Any) -> str:
+    """Say that there is no such unit, and which may be meant."""
+    close = nearest(name, [row for row in registry if isinstance(row, str)])
+    digits = re.match(r"([A-Za-z]+)-?\d", name)
+    hint = f"; a power is written '{digits[1]}^2'" if digits else close
+    return f"where '{brief(name)}' is no known unit{hint if 'known:' not in hint else ''}"
+
+
+@lru_cache(maxsize=1)
+def _registry() -> Any:
+    """Make the library's table of units: once, since it takes a good part of a second."""
+    import pint
+
+    return pint.UnitRegistry(cache_folder=None, autoconvert_offset_to_baseunit=True)
