@@ -37,15 +37,40 @@ _ROOT = Path(__file__).resolve().parents[1]
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--slow", action="store_true", help="run the slow tests too")
+    parser.addoption("--campaign", action="store_true", help="run whole campaigns of damage too")
     parser.addoption("--update-golden", action="store_true", help="rewrite the golden files")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if not config.getoption("--campaign"):
+        of_campaign = pytest.mark.skip(reason="a campaign: run with --campaign")
+        for item in items:
+            if item.get_closest_marker("campaign"):
+                item.add_marker(of_campaign)
+    _keep_one_with_clang(config, items)
     if config.getoption("--slow") or os.environ.get("CI") == "true":
         return
     skip = pytest.mark.skip(reason="slow: run with --slow")
     for item in (*filter(_is_slow, items), *_beyond_samples(items)):
         item.add_marker(skip)
+
+
+def _keep_one_with_clang(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Of tests that run what was compiled, run one case with clang: the others share most C."""
+    cases: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        called = getattr(item, "callspec", None)
+        is_run = item.path.parent.name == "c" or "runs_clean_under" in item.name
+        if is_run and called is not None and called.params.get("compiler") == "clang":
+            cases.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    # By name, those with sensitivities, which have more C, come behind those without.
+    left_out = {
+        item
+        for found in cases.values()
+        for item in sorted(found, key=lambda item: item.nodeid)[:-1]
+    }
+    config.hook.pytest_deselected(items=list(left_out))
+    items[:] = [item for item in items if item not in left_out]
 
 
 def _is_slow(item: pytest.Item) -> bool:

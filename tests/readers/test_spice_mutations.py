@@ -85,6 +85,7 @@ def test_damaged_netlists():
 
 
 @pytest.mark.slow
+@pytest.mark.campaign
 def test_many_damaged_netlists():
     check_range(range(10_000, 20_000), 200)
 

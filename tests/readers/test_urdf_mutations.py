@@ -153,6 +153,7 @@ def test_damaged_robots():
 
 
 @pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("first", [10_000, 15_000])
 def test_many_damaged_robots(first):
     scenes = check_range(range(first, first + 2_000))

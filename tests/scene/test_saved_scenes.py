@@ -147,11 +147,18 @@ def test_a_scene_comes_back_as_it_was(name, tmp_path):
     assert list(read.edges) == list(scene.edges)
 
 
+# A scene that is equal has the same program. One scene of each kind shows it: of those that are
+# drawn at random, and of those that stand in two lists, the first will do.
+OF_PROGRAMS = [
+    name
+    for name in SCENES
+    if not re.match(r"hard: |random [1-9]|mechanism [0-2]|network [1245]", name)
+]
 FAST = ("slider-pendulum", "bouncing-ball", "motor-linkage", "everything", "held", "network 3")
 
 
 @pytest.mark.sampled(23)
-@pytest.mark.parametrize("name", cases(FAST, [name for name in SCENES if name not in FAST]))
+@pytest.mark.parametrize("name", cases(FAST, [name for name in OF_PROGRAMS if name not in FAST]))
 def test_the_program_stays_the_same(name):
     scene = SCENES[name]()
     assert digest(read_scene(scene_text(scene), "x.toml", Scene)) == digest(scene)
@@ -166,7 +173,11 @@ def test_what_was_read_from_elsewhere_comes_back(file, tmp_path):
     assert read.summary() == scene.summary()
 
 
-@pytest.mark.parametrize("file", cases(FILES[:1], FILES[1:]), ids=lambda file: file.name)
+# Larger robots have more of the same.
+SMALL = [file for file in FILES[1:] if file.stem not in ("solo12", "panda", "kinova")]
+
+
+@pytest.mark.parametrize("file", cases(FILES[:1], SMALL), ids=lambda file: file.name)
 def test_the_program_of_what_was_read_stays_the_same(file):
     scene = cotree.load(file)
     assert digest(read_scene(scene_text(scene), "x.toml", Scene)) == digest(scene)

@@ -61,8 +61,10 @@ def test_every_method_agrees_with_the_whole_integration(name, method, both):
     if METHODS[method].family in ("scipy", "correctors") and name.startswith("ball"):
         pytest.skip("it refuses events")
     packed, whole = both(name)
-    times = np.linspace(0.0, 1.2, 13)
-    runs = [m.simulate((0.0, 1.2), times, method, RTOL, ATOL, throw=True) for m in (packed, whole)]
+    # More than a period of its source; the rectifier is slow where steps are taken in Python.
+    end = 0.4 if name.startswith("rectifier") else 1.2
+    times = np.linspace(0.0, end, 13)
+    runs = [m.simulate((0.0, end), times, method, RTOL, ATOL, throw=True) for m in (packed, whole)]
     found, expected = (r.s for r in runs)
     assert found.shape == expected.shape == (len(packed.states), len(NAMES[name]), 13)
     assert not packed.sensitivity_pattern.all()

@@ -359,15 +359,20 @@ def test_a_run_into_a_fold_stops_with_its_reason(method):
 )
 def test_transistor_amplifier(method, tolerance):
     model = AMPLIFIER.model(list(SENSITIVITIES))
-    result = model.simulate((0.0, 0.2), TIMES, method, tolerance, tolerance / 100.0, throw=True)
+    # The steps of Radau are taken in Python: the first quarter is enough of them.
+    times = TIMES[:1] if method == "Radau" else TIMES
+    settings = {"rtol": tolerance, "atol": tolerance / 100.0, "throw": True}
+    result = model.simulate((0.0, times[-1]), times, method, **settings)
+    n = len(times)
     found = np.array([result[f"outv{i}"] for i in range(1, 9)])
     # Eight digits. v1, of some mV at these instants, is the difference of two potentials of 3 V.
-    np.testing.assert_allclose(found[1:], POTENTIALS[1:], rtol=1e-8)
-    np.testing.assert_allclose(found[0], POTENTIALS[0], atol=3e-8)
+    np.testing.assert_allclose(found[1:], POTENTIALS[1:, :n], rtol=1e-8)
+    np.testing.assert_allclose(found[0], POTENTIALS[0, :n], atol=3e-8)
     for name, expected in SENSITIVITIES.items():
         along = np.array([result.sensitivity(f"outv{i}", name) for i in range(1, 9)])
         # Eight of the nine digits of the reference, of the largest potential's sensitivity.
-        np.testing.assert_allclose(along, expected, atol=1e-8 * np.max(np.abs(expected)))
+        largest = np.max(np.abs(expected))
+        np.testing.assert_allclose(along, expected[:, :n], atol=1e-8 * largest)
 
 
 @pytest.mark.sampled(2)
