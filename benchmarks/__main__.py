@@ -1,15 +1,18 @@
-"""All benchmarks, or some, with one command: ``python benchmarks [NAME ...] [--out DIR]``.
+"""All benchmarks, or some, with one command: ``python -m benchmarks [NAME ...] [--all] [--quick]``.
 
-Each script runs in a process of its own, one after the other. What it prints is kept as
-``DIR/NAME.md``, its tables as ``DIR/NAME.json``, both with machine, compiler, flags, versions and
-time; ``DIR/README.md`` lists them. A script that cannot run, since a peer is not installed, is
-listed with its reason, and the others run.
+Without a name it lists them. ``--quick`` takes small cases of each, some minutes in all; numbers
+that are quoted are taken without. Each script runs in a process of its own, one after the other.
+What it prints is kept as ``DIR/NAME.md``, its tables as ``DIR/NAME.json``, both with machine,
+compiler, flags, versions and time; ``DIR/README.md`` lists them, where DIR is that of ``--out``. A
+script that cannot run, since a peer is not installed, is listed with its reason, others run.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
+import shlex
 import subprocess
 import sys
 import time
@@ -17,7 +20,15 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from timing import about, table
+try:
+    import cotree
+except ModuleNotFoundError:
+    raise SystemExit("cotree is not installed here: run `pip install .` in the clone") from None
+
+if __package__:
+    from benchmarks.timing import about, table
+else:  # the folder itself was run
+    from timing import about, table
 
 HERE = Path(__file__).parent
 
@@ -36,6 +47,22 @@ SCRIPTS = {
     "correctors": "augmented sensitivities beside CVODES' and IDAS' correctors",
     "work_precision": "speed against error of every method",
     "hard_cases": "digits, drift and cost of hard cases",
+}
+
+#: The smallest cases of each, which show that it runs and about what it finds.
+QUICK = {
+    "operations": ["5"],
+    "networks": ["ladder", "5", "50", "500"],
+    "growth": ["ladder", "10", "100"],
+    "multibody": ["arm", "loop"],
+    "kernels": ["slider-pendulum, rhs + L", "--rounds", "3"],
+    "claim": ["chain of 2", "--rounds", "3"],
+    "robots": ["ur5", "--seconds", "0.05"],
+    "peers": ["slider-pendulum, L", "--repeats", "3"],
+    "references": ["chem_hires", "--runs", "3"],
+    "correctors": ["slider-pendulum", "--runs", "2"],
+    "work_precision": ["slider-pendulum", "--repeats", "3", "--time-limit", "1"],
+    "hard_cases": ["slider_pendulum"],
 }
 
 
@@ -67,13 +94,17 @@ class Outcome:
     tables: list[dict[str, Any]] = field(default_factory=list)
 
 
-def run(name: str) -> Outcome:
-    """Run a script from the root of the repository."""
-    command = ["python", f"benchmarks/{name}.py"]
+def run(name: str, *, is_quick: bool) -> Outcome:
+    """Run a script from the root of the repository, with the library that runs here."""
+    given = QUICK.get(name, []) if is_quick else []
+    command = ["python", f"benchmarks/{name}.py", *given]
+    # Another folder may be the current one, against which a path of this process was meant.
+    paths = [str(Path(cotree.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
     began = time.perf_counter()
     done = subprocess.run(
-        [sys.executable, HERE / f"{name}.py"],
+        [sys.executable, HERE / f"{name}.py", *given],
         cwd=HERE.parent,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
         capture_output=True,
         text=True,
         check=False,
@@ -107,7 +138,7 @@ def heading(versions: dict[str, str]) -> str:
 def keep(outcome: Outcome, versions: dict[str, str], folder: Path) -> None:
     """Write what a script gave, with what it was measured with, as Markdown and as JSON."""
     said = f"It stopped: {outcome.problem}\n\n" if outcome.problem else ""
-    took = f"`{' '.join(outcome.command)}`, {outcome.seconds:.0f} s"
+    took = f"`{shlex.join(outcome.command)}`, {outcome.seconds:.0f} s"
     text = f"# {outcome.name}\n\n{heading(versions)}\n\n{took}\n\n{said}{outcome.text}"
     (folder / f"{outcome.name}.md").write_text(text.rstrip() + "\n", encoding="utf-8")
     kept = {key: value for key, value in asdict(outcome).items() if key != "text"}
@@ -115,16 +146,37 @@ def keep(outcome: Outcome, versions: dict[str, str], folder: Path) -> None:
     (folder / f"{outcome.name}.json").write_text(numbers + "\n", encoding="utf-8")
 
 
+def listing() -> str:
+    """List the benchmarks."""
+    return "\n".join(f"  {name}: {what}" for name, what in SCRIPTS.items())
+
+
 def main() -> None:
     """Run what is named, and list it."""
     parser = argparse.ArgumentParser(
-        prog="python benchmarks",
-        description="Run benchmarks, and keep their tables as Markdown and JSON.",
-        epilog="; ".join(f"{name}: {what}" for name, what in SCRIPTS.items()),
+        prog="python -m benchmarks",
+        description="Run benchmarks; print their tables, and keep them as Markdown and JSON.",
+        epilog=f"benchmarks:\n{listing()}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("names", nargs="*", metavar="NAME", help="all of them if absent")
-    parser.add_argument("--out", type=Path, default=Path("out") / "benchmarks", metavar="DIR")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="see below; listed if absent")
+    parser.add_argument("--all", action="store_true", help="run all of them, for an hour or two")
+    parser.add_argument(
+        "--quick", action="store_true", help="smallest cases; without a name, of all"
+    )
+    parser.add_argument(
+        *("--out",),
+        type=Path,
+        default=Path("out") / "benchmarks",
+        metavar="DIR",
+        help="where tables are kept, out/benchmarks if absent",
+    )
     given = parser.parse_args()
+    if not (given.names or given.all or given.quick):
+        print(
+            f"{listing()}\n\npython -m benchmarks NAME runs one, --quick the smallest cases of all"
+        )
+        return
     unknown = [name for name in given.names if name not in SCRIPTS]
     if unknown:
         parser.error(f"there is no benchmark '{unknown[0]}'; the known ones: {', '.join(SCRIPTS)}")
@@ -133,7 +185,8 @@ def main() -> None:
     rows = []
     for name in given.names or SCRIPTS:
         print(f"{name}: {SCRIPTS[name]}", file=sys.stderr, flush=True)
-        outcome = run(name)
+        outcome = run(name, is_quick=given.quick)
+        print(f"# {name}\n\n{outcome.text}", flush=True)
         keep(outcome, versions, given.out)
         state = outcome.problem or "ended"
         rows.append([f"[{name}]({name}.md)", SCRIPTS[name], f"{outcome.seconds:.0f}", state])
@@ -141,7 +194,7 @@ def main() -> None:
         listed = table(["benchmark", "what it measures", "s", "how it ended"], rows)
         text = f"# Benchmarks\n\n{heading(versions)}\n\n{listed}\n"
         (given.out / "README.md").write_text(text, encoding="utf-8")
-    print(given.out / "README.md")
+    print(f"kept in {given.out / 'README.md'}", file=sys.stderr)
     if any(row[-1] != "ended" for row in rows):
         raise SystemExit(1)
 

@@ -29,7 +29,7 @@ extensions = [
     "sphinx-mathjax-offline",
 ]
 templates_path = ["_templates"]
-exclude_patterns = ["gallery", "_templates", "sg_execution_times.rst"]
+exclude_patterns = ["gallery", "_templates", "readme_pictures.py", "sg_execution_times.rst"]
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 4
 nitpicky = False
@@ -80,7 +80,7 @@ html_static_path = ["_static"]
 html_css_files = ["site.css"]
 # Pages that have none below them need no list of those.
 _ALONE = (
-    *("index", "first_steps", "scenes", "solvers", "watching", "spice", "urdf", "c", "faq"),
+    *("index", "first_steps", "tour", "scenes", "solvers", "watching", "spice", "urdf", "c", "faq"),
     *("coming_from", "theory", "formulation", "hard_cases", "benchmarks", "architecture"),
     *("contributing", "changelog", "command_line"),
 )

@@ -26,6 +26,34 @@ def benchmarks(*arguments, cwd=ROOT):
     )
 
 
+def test_without_a_name_they_are_listed():
+    """As a module from the clone's folder, and nothing is run or written."""
+    path = os.pathsep.join(filter(None, [str(ROOT / "src"), os.environ.get("PYTHONPATH", "")]))
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks"],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert "  operations: operations of the slider-pendulum" in done.stdout
+    assert len(done.stdout.splitlines()) > 13
+
+
+@pytest.mark.slow
+@pytest.mark.compiler
+def test_a_quick_one_prints_its_table_and_says_where_it_is(tmp_path):
+    """From any folder."""
+    done = benchmarks("operations", "--quick", "--out", "kept", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("# operations")
+    assert "| " in done.stdout
+    assert f"kept in {Path('kept') / 'README.md'}" in done.stderr
+    kept = json.loads((tmp_path / "kept" / "operations.json").read_text("utf-8"))
+    assert kept["command"] == ["python", "benchmarks/operations.py", "5"]
+
+
 @pytest.mark.slow
 @pytest.mark.compiler
 def test_tables_are_kept_with_what_they_were_measured_with(tmp_path):

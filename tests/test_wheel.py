@@ -58,6 +58,22 @@ def test_templates_and_scenes_are_in_the_wheel(wheel):
     assert {"cotree/py.typed", "cotree/scene/component_methods.pyi"} <= sources
 
 
+def test_the_wheel_is_for_every_platform_and_describes_itself(wheel):
+    assert wheel.name.endswith("-py3-none-any.whl")
+    with zipfile.ZipFile(wheel) as files:
+        folder = next(name.partition("/")[0] for name in files.namelist() if ".dist-info/" in name)
+        metadata = files.read(f"{folder}/METADATA").decode()
+        assert "Root-Is-Purelib: true" in files.read(f"{folder}/WHEEL").decode()
+        assert "cotree = cotree.cli:main" in files.read(f"{folder}/entry_points.txt").decode()
+    head, _, description = metadata.partition("\n\n")
+    for line in ("License-Expression: BSD-3-Clause", "Description-Content-Type: text/markdown"):
+        assert line in head
+    assert "Requires-Python: >=3.11" in head
+    # Markdown, whose only demands are whole blocks of code.
+    assert description.lstrip().startswith("# cotree")
+    assert description.count("```") % 2 == 0
+
+
 def test_the_command_runs_from_an_installed_wheel(wheel, tmp_path):
     site, elsewhere = tmp_path / "site", tmp_path / "elsewhere"
     elsewhere.mkdir()
