@@ -17,6 +17,7 @@ test: .venv-test/ready
 
 docs: .venv-docs/ready
 	.venv-docs/bin/sphinx-build --fail-on-warning --keep-going --quiet docs out/docs
+	.venv-docs/bin/python docs/check_links.py out/docs
 	@echo "site: out/docs/index.html"
 
 lint: .venv-test/ready

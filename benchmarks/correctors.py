@@ -2,7 +2,7 @@
 
 Run it with ``python benchmarks/correctors.py [ROW ...] [--runs N] [--write]``; it needs CVODES and
 IDAS (the extra cotree[sundials], or COTREE_SUNDIALS), and with COTREE_SUNDIALS takes CVODE and IDA
-from the same library. It prints Markdown, and with ``--write`` puts it into ``docs/solvers.md``.
+from the same library. It prints Markdown, and with ``--write`` puts it into ``docs/engine.md``.
 For each error, the least time of all tolerances that reach it: error = max |y - ref| / max(1, max
 |ref|) over 101 points, states and sensitivities. Times are the least of many runs, taken in turn,
 from the first call of C to the last; they are comparable within a row only.
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from cotree import Result
 
-PAGE = Path(__file__).parents[1] / "docs" / "solvers.md"
+PAGE = Path(__file__).parents[1] / "docs" / "engine.md"
 
 TOLERANCES = tuple(10.0 ** (-0.5 * i) for i in range(7, 27))
 TARGETS = (1e-6, 1e-10)

@@ -1,7 +1,7 @@
 """The least time to an error, of each method, on stiff, index-1 and constrained references.
 
 Run it with ``python benchmarks/references.py [NAME ...] [--methods A,B] [--runs N] [--json FILE]
-[--write]``; it prints Markdown, and with ``--write`` puts it into ``docs/solvers.md``. Errors are
+[--write]``; it prints Markdown, and with ``--write`` puts it into ``docs/engine.md``. Errors are
 those of the values that tests/references has, published or computed by others, as shares of the
 largest of each quantity; with sensitivities, of these, too. Each method runs at tolerances two to
 the decade; of those that reach an error the quickest counts, by the least time of many runs, from
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from cotree import Model, Result
 
-PAGE = Path(__file__).parents[1] / "docs" / "solvers.md"
+PAGE = Path(__file__).parents[1] / "docs" / "engine.md"
 
 #: Those of them that this version has.
 OURS = tuple(name for name in ("rodas4", "rodas5", "dop853", "cvode", "ida") if name in METHODS)

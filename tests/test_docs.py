@@ -25,7 +25,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 SCENES = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
 ARCHITECTURE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 PAGES = ROOT / "docs" / "components"
-SITE = ["index.md", "first_steps.md", "tour.md", "coming_from.md", "theory.md"]
+SITE = ["index.md", "first_steps.md", "tour.md", "solvers.md", "coming_from.md", "theory.md"]
 SITE += sorted(f"how_to/{page.name}" for page in (ROOT / "docs" / "how_to").glob("*.md"))
 TOUR = (ROOT / "docs" / "tour.md").read_text(encoding="utf-8")
 INDEX = (PAGES / "README.md").read_text(encoding="utf-8")
@@ -222,6 +222,33 @@ def test_the_example_of_an_own_scalar_component_runs():
         COMPONENTS.pop("tunnel_diode", None)
     # The time constant is that of R and C, 0.05 s; the default tolerance is 1e-8.
     assert abs(names["result"]["C.v"][-1] - 0.5) <= 1e-6
+
+
+@pytest.fixture
+def check_links(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    import check_links
+
+    return check_links
+
+
+def test_links_of_the_repository_lead_somewhere(check_links):
+    assert list(check_links.wrong_links_of_repository(ROOT)) == []
+
+
+def test_wrong_links_are_found(check_links, tmp_path):
+    (tmp_path / "a.html").write_text(
+        '<h1 id="here"></h1><a href="#here"></a><a href="b.html#there"></a><a href="#no"></a>'
+        '<img src="c.png"><a href="b.html#gone"></a><a href="https://x y"></a>'
+        '<a href="https://example.org/x#y"></a><a href="htp://example.org"></a>'
+    )
+    (tmp_path / "b.html").write_text('<p id="there"></p>')
+    (tmp_path / "p.md").write_text("# A `b` c\n[x](#a-b-c) [y](#a-b) [z](gone.md)\n")
+    found = [*check_links.wrong_links_of_site(tmp_path)]
+    found += check_links.wrong_links_of_repository(tmp_path)
+    links = [line.split("'")[1] for line in found]
+    wrong = ["#no", "c.png", "b.html#gone", "https://x y", "htp://example.org", "#a-b", "gone.md"]
+    assert links == wrong
 
 
 def test_links_of_the_component_pages_lead_somewhere():
