@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cotree.build import BuildOptions
-from cotree.compiled import Model
+from cotree.compiled import Model, Recipe
 from cotree.errors import ParameterError
 from cotree.model.start import check_start
 from cotree.readers import load_source
@@ -37,6 +37,23 @@ class Scene(SceneDescription, ComponentMethods):
         Its name: letters, digits, underscores, dashes.
     gravity : sequence of three float or str, [m/s^2]
         Acceleration of free fall in ground axes; expressions of parameters are allowed.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    gravity : tuple of Expression
+        Acceleration of free fall, along the axes of the ground.
+    parameters, inputs, modes, events : dict of str to Parameter, Input, Mode and Event
+        What was declared, by name.
+    edges : dict of str to Edge
+        The components between their nodes, by name.
+    outputs : dict of str to Expression
+        The outputs by name.
+    defaults : Simulation
+        Settings of runs where a call gives none.
+    origin : Origin or None
+        The file of another tool that the scene was read from.
 
     Examples
     --------
@@ -107,7 +124,10 @@ class Scene(SceneDescription, ComponentMethods):
             raise ParameterError(f"baumgarte is {rate}: it must not be negative")
         options = BuildOptions(optimize=optimize, native=native)
         prepared = time.perf_counter() - begun
-        model = Model(compile_scene(described, names, tree, options, rate), described)
+        # The model keeps the scene as it is now, whatever is added to it later.
+        described = described.copied()
+        recipe = Recipe(described, tuple(names), tree, options, rate)
+        model = Model(compile_scene(described, names, tree, options, rate), recipe)
         model.times["formulate"] += prepared
         # Faults that only numbers show, such as a motion without inertia, are refused here.
         check_start(model)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,7 @@ from cotree.solvers.simulate import simulate
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from cotree.build import BuildOptions
     from cotree.choice import Operations
     from cotree.export.c_project import CProject
     from cotree.model.arrays import Array
@@ -29,6 +31,36 @@ if TYPE_CHECKING:
     from cotree.model.linearize import Linearization, Linearizer
     from cotree.pipeline import Compiled
     from cotree.scene.description import SceneDescription
+    from cotree.scene.graphs import TreeChoice
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """All that a model is compiled from, so that it can be compiled again.
+
+    Attributes
+    ----------
+    scene : SceneDescription
+        The scene, which nobody changes.
+    sensitivities : tuple of str
+        Parameters and states to take sensitivities to.
+    tree, options, baumgarte
+        As of :func:`cotree.pipeline.compile_scene`.
+    """
+
+    scene: SceneDescription
+    sensitivities: tuple[str, ...]
+    tree: TreeChoice
+    options: BuildOptions
+    baumgarte: float
+
+    def made(self) -> Model:
+        """Compile the model; its library comes from the cache where it is there."""
+        from cotree.pipeline import compile_scene
+
+        names = self.sensitivities
+        compiled = compile_scene(self.scene, names, self.tree, self.options, self.baumgarte)
+        return Model(compiled, self)
 
 
 class Model(CompiledModel):
@@ -42,14 +74,19 @@ class Model(CompiledModel):
         Seconds spent in each stage: formulate, generate, compile, start.
     """
 
-    def __init__(self, compiled: Compiled, scene: SceneDescription) -> None:
+    def __init__(self, compiled: Compiled, recipe: Recipe) -> None:
+        scene = recipe.scene
         begins_at_rest = scene.defaults.start == OPERATING_POINT
         # Only bound here: the network at rest is formed when a start is first asked for.
         rest = OperatingPoint(self, scene) if begins_at_rest else None
         super().__init__(compiled.program, compiled.kernels, rest)
-        self._compiled, self._scene = compiled, scene
+        self._compiled, self._scene, self._recipe = compiled, scene, recipe
         self.first_graph = compiled.first
         self.times: dict[str, float] = dict(compiled.times)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Libraries belong to a process; another one forms the same text and finds it in the cache.
+        return Recipe.made, (self._recipe,)
 
     def __repr__(self) -> str:
         from cotree.model.display import model_text

@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
     from types import TracebackType
 
 
@@ -110,13 +110,27 @@ def nearest(name: object, known: Iterable[str]) -> str:
     """Say which known name was probably meant, for the end of a message."""
     choices = sorted(known)
     # Names come from files: they may be many and long, and every pair takes time to compare.
-    close = difflib.get_close_matches(str(name)[:80], choices[:_MOST_COMPARED], n=1)
+    close = _closest(str(name)[:80], choices[:_MOST_COMPARED])
     if close:
-        return f"; did you mean '{brief(close[0])}'?"
+        return f"; did you mean '{brief(close)}'?"
     # A file of another tool may name thousands of things.
     if len(choices) > _MOST_LISTED:
         return ""
     return f"; known: {', '.join(choices) if choices else 'none'}"
+
+
+def _closest(name: str, choices: Sequence[str]) -> str:
+    """Find the choice that is most alike: but for the case of its letters, or else with it."""
+    folded: dict[str, str] = {}
+    for choice in choices:
+        folded.setdefault(choice.lower(), choice)
+    # Another case alone is the likeliest slip, and the only one that a single letter shows.
+    if name.lower() in folded:
+        return folded[name.lower()]
+    close = difflib.get_close_matches(name, choices, n=1)
+    if not close:
+        close = [folded[n] for n in difflib.get_close_matches(name.lower(), folded, n=1)]
+    return close[0] if close else ""
 
 
 def check_known(given: Iterable[object], known: Iterable[str], what: str) -> None:

@@ -20,6 +20,9 @@ RESERVED = frozenset({"t", "pi"})
 #: Entries of an edge in a scene that are no fields of its component.
 _OF_EDGES = frozenset({"name", "type", "nodes", "initial"})
 
+#: Kinds whose names stand before a dot in expressions, as in ``in.v``: they may be any word.
+_DOTTED = frozenset({"node", "edge", "joint"})
+
 _C_KEYWORDS = frozenset(
     (
         *("auto", "break", "case", "char", "const", "continue", "default", "do", "double"),
@@ -42,15 +45,19 @@ def check_name(kind: str, name: object) -> str:
     ------
     SceneError
         If it is not a letter or underscore followed by at most 63 letters, digits or underscores,
-        or is a word of the expression language.
+        or is a word of the language of expressions, unless it is that of a node or edge, which
+        stands before a dot there.
     """
     if not isinstance(name, str) or not _NAME.match(name):
         raise SceneError(
             f"{kind} name {brief(repr(name))} is not allowed: use a letter followed by at most 63 "
             "letters, digits or underscores"
         )
-    if keyword.iskeyword(name):
-        raise SceneError(f"{kind} name '{name}' is a reserved word: try '{name}_'")
+    if keyword.iskeyword(name) and kind not in _DOTTED:
+        raise SceneError(
+            f"{kind} name '{name}' is a word of the language of expressions, where it would stand "
+            f"alone: try '{name}_'"
+        )
     if kind in ("parameter", "input", "output", "mode") and name in RESERVED:
         raise SceneError(f"{kind} name '{name}' already means something in expressions: rename it")
     if kind in ("field", "port") and name in _OF_EDGES:

@@ -95,7 +95,8 @@ def check_contents(scene: SceneDescription, edge: Edge) -> None:
         time, seen = dag.symbol("t", 0), dict[str, Node]()
 
         def resolve(name: str, dag: Dag = dag, seen: dict[str, Node] = seen) -> Node:
-            if name in scene.outputs:
+            # Parameters hide outputs of the same name, in every expression.
+            if name in scene.outputs and name not in scene.parameters:
                 return scene.outputs[name].lower(dag, resolve)
             # Outputs stand for their expressions. What is neither time nor a parameter may move.
             kind = "p" if name in scene.parameters else "x"

@@ -2,82 +2,54 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
-from cotree.components import COMPONENTS, Component, Role
-from cotree.errors import SceneError, brief
+from cotree.components import Role
+from cotree.errors import SceneError, UnitError, brief, nearest
 from cotree.naming import check_name, check_scene_name, check_text
-from cotree.scene.display import EdgeListing, ParameterListing, edge_cells, scene_html
+from cotree.scene.display import EdgeListing, ParameterListing, scene_html
+from cotree.scene.edge import Edge, make_edge
 from cotree.scene.events import Event, Mode, make_event
 from cotree.scene.expressions import Expression, parse
-from cotree.scene.fields import check_fields, check_initial, check_vector
+from cotree.scene.fields import check_vector
 from cotree.scene.parameters import Parameter, check_cycle, make_parameter
-from cotree.scene.ports import check_heat, check_ports
 from cotree.scene.simulation import Simulation, with_settings
-from cotree.scene.statements import edge_statement, plain
+from cotree.scene.statements import plain
 from cotree.scene.tables import parse_signal
-from cotree.scene.usage import proposed_types
 from cotree.units import check_unit
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cotree.dag.multi_output import Table
-    from cotree.scene.expressions import FieldValue
     from cotree.scene.origin import Origin
-    from cotree.scene.ports import PortEnds
+
+__all__ = ["Edge", "Input", "SceneDescription"]
 
 _LARGEST_SCENE = 250_000  # edges; a bound on what untrusted input may ask for
 
 
 @dataclass(frozen=True)
 class Input:
-    """A signal from outside: an expression of t and parameters, or a table over t."""
+    """A signal from outside: an expression of t and parameters, or a table over t.
+
+    Attributes
+    ----------
+    name : str
+        Its name in expressions.
+    value : Expression or Table
+        What it is where a run gives nothing else.
+    unit, doc : str
+        Its unit and meaning, for people.
+    """
 
     name: str
     value: Expression | Table
     unit: str = ""
     doc: str = ""
     given: tuple[Any, str] | None = None  # where it was given in a unit that is not of SI
-
-
-@dataclass(frozen=True, repr=False)
-class Edge:
-    """A component between its nodes, with its fields and initial values.
-
-    Attributes
-    ----------
-    name : str
-        Its name.
-    component : Component
-        What it is.
-    nodes : tuple of str
-        Its nodes: two, but for scalar components with several ports.
-    fields, initial : mapping
-        Values of its fields, and initial values, by name.
-    ports : tuple of PortEnds
-        Of a scalar component: where each port's edge runs.
-    statement : mapping
-        The original statement, as the table of a scene file: the component's type, the nodes as
-        listed, the fields as given. The rest of an edge follows from this.
-    """
-
-    name: str
-    component: Component = field(compare=False)  # some are made anew for each edge
-    nodes: tuple[str, ...]
-    fields: Mapping[str, FieldValue]
-    initial: Mapping[str, FieldValue]
-    ports: tuple[PortEnds, ...] = ()
-    statement: Mapping[str, Any] = field(default_factory=dict)
-
-    def __repr__(self) -> str:
-        name, kind, nodes, fields = self.cells()
-        return f"<Edge {name}: {kind} {nodes}{', ' + fields if fields else ''}>"
-
-    def cells(self) -> tuple[str, str, str, str]:
-        """Give the row of a table: name, type, nodes and fields."""
-        return edge_cells(self)
 
 
 @dataclass(repr=False)
@@ -141,6 +113,13 @@ class SceneDescription:
         }
         return part
 
+    def copied(self) -> Self:
+        """Give a scene of the same statements, whose tables do not follow this one's."""
+        other = copy.copy(self)
+        for name in ("parameters", "inputs", "edges", "outputs", "modes", "events"):
+            setattr(other, name, copy.copy(getattr(self, name)))
+        return other
+
     @property
     def headline(self) -> str:
         """The scene in one line: its name, and the numbers of its parts."""
@@ -197,6 +176,45 @@ class SceneDescription:
         check_cycle({**self.parameters, name: row}, name)
         self.parameters[name] = row
 
+    def set(
+        self, name: str, value: float | str | Sequence[Sequence[float]], *, unit: str = ""
+    ) -> None:
+        """Change the value of a parameter or an input; its meaning and place stay.
+
+        Models that were compiled before keep the value that they had; a single run takes others by
+        ``simulate(parameters={"L": 2.0})``.
+
+        Parameters
+        ----------
+        name : str
+            A parameter or an input of the scene.
+        value : float, str or (times, values)
+            As of :meth:`parameter` and :meth:`input`.
+        unit : str
+            Its unit; the scene's, of SI, where absent.
+
+        Raises
+        ------
+        SceneError, ParameterError, ExpressionError, UnitError
+            If there is none of this name, or the value or the unit is not accepted.
+        """
+        row = self.inputs.get(name) or self.parameters.get(name)
+        if row is None:
+            hint = nearest(name, {**self.parameters, **self.inputs})
+            raise SceneError(f"'{brief(name)}' is neither a parameter nor an input{hint}")
+        own, changed = unit or row.unit, row
+        if isinstance(row, Parameter):
+            changed = make_parameter(name, value, own, row.doc, row.tunable)
+            check_cycle({**self.parameters, name: changed}, name)
+        else:
+            changed = _make_input(name, value, own, row.doc)
+        if row.unit and changed.unit != row.unit:
+            raise UnitError(f"'{name}' is in '{row.unit}', which '{unit}' cannot be converted to")
+        if isinstance(changed, Parameter):
+            self.parameters[name] = changed
+        else:
+            self.inputs[name] = changed
+
     def input(
         self,
         name: str,
@@ -224,13 +242,7 @@ class SceneDescription:
             If the name is not allowed or taken, the unit is none, or the value is none of these.
         """
         self._check_new("input", name, self._signals)
-        what = f"input '{name}'"
-        text, doc = check_text(unit, f"unit of {what}"), check_text(doc, f"doc of {what}")
-        own = check_unit(text, f"unit of {what}")
-        signal, given = parse_signal(value, what, own), None
-        if own is not None and not own.is_si:
-            text, given = own.si, (plain(value), text)
-        self.inputs[name] = Input(name, signal, text, doc, given)
+        self.inputs[name] = _make_input(name, value, unit, doc)
 
     def edge(
         self,
@@ -269,31 +281,7 @@ class SceneDescription:
         self._check_new("edge", name, self.edges)
         if len(self.edges) >= _LARGEST_SCENE:
             raise SceneError(f"the scene has more than {_LARGEST_SCENE} edges")
-        # The type comes from a file as it stands there, and may be anything.
-        component = COMPONENTS.get(type) if isinstance(type, str) else None
-        if component is None:
-            hint = proposed_types(type)
-            raise SceneError(f"edge '{name}' has the unknown type '{brief(type)}'{hint}")
-        listed: Sequence[object] = nodes
-        # Lists are copied, so that later changes to them do not affect the scene.
-        given: Mapping[str, Any] = plain(fields)
-        first: Any = {} if initial is None else plain(initial)
-        statement = edge_statement(type, nodes, given, first)
-        # Adapting comes first, since it decides on the ports. The thermal port is appended next, so
-        # that ``check_ports`` finds it last; what nodes leave over are the fields.
-        if component.adapt is not None:
-            component, listed, given = component.adapt(name, nodes, given)
-        component = check_heat(name, component, given)
-        names, ports, rest = check_ports(name, component, listed, given)
-        self.edges[name] = Edge(
-            name,
-            component,
-            names,
-            check_fields(name, component, rest),
-            check_initial(name, component, first),
-            ports,
-            statement,
-        )
+        self.edges[name] = make_edge(name, type, nodes, initial, fields)
 
     def output(self, name: str, value: str | float) -> None:
         """Declare an output: an expression of coordinates, node positions, inputs and parameters.
@@ -377,4 +365,22 @@ class SceneDescription:
 
     def _check_new(self, kind: str, name: str, taken: Mapping[str, object]) -> None:
         if check_name(kind, name) in taken:
-            raise SceneError(f"the name of {kind} '{name}' is taken: every {kind} needs its own")
+            own: Mapping[str, object] = {}
+            if kind in ("parameter", "input"):
+                own = self.parameters if kind == "parameter" else self.inputs
+            # Whoever declares a name of a loaded scene again wants another value.
+            cure = f'; scene.set("{name}", ...) changes its value' if name in own else ""
+            raise SceneError(
+                f"the name of {kind} '{name}' is taken: every {kind} needs its own{cure}"
+            )
+
+
+def _make_input(name: str, value: Any, unit: str, doc: str) -> Input:
+    """Check an input's value, unit and meaning."""
+    what = f"input '{name}'"
+    text, doc = check_text(unit, f"unit of {what}"), check_text(doc, f"doc of {what}")
+    own = check_unit(text, f"unit of {what}")
+    signal, given = parse_signal(value, what, own), None
+    if own is not None and not own.is_si:
+        text, given = own.si, (plain(value), text)
+    return Input(name, signal, text, doc, given)

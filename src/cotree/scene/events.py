@@ -23,10 +23,19 @@ _FIELDS = ("when", "direction", "set", "stop", "impact")
 
 @dataclass(frozen=True)
 class Mode:
-    """A number that only events change: name, initial value, meaning.
+    """A number that only events change.
 
-    One that stands for what jumps inside an expression begins with the value of that: ``initial``
-    is then one of the states.
+    Attributes
+    ----------
+    name : str
+        Its name in expressions and results.
+    initial : Expression
+        Its value at the start, of parameters. A mode that stands for what jumps inside an
+        expression begins with the value of that: an expression of the states.
+    doc : str
+        Its meaning, for people.
+    is_jump : bool
+        Whether it stands for such a jump.
     """
 
     name: str
