@@ -9,7 +9,6 @@ into nodes later.
 from __future__ import annotations
 
 import ast
-import keyword
 import math
 import numbers
 import re
@@ -19,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.nodes import Dag
 from cotree.errors import ExpressionError, ParameterError, brief, nearest
-from cotree.quiet import without_warnings
+from cotree.scene.words import read_tree
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,11 +28,6 @@ if TYPE_CHECKING:
 _LONGEST = 4000  # characters; keeps the parser's own recursion bounded
 _DEEPEST = 100  # nesting levels
 _WITH_UNIT = re.compile(r"\s*([-+]?\d[\d.eE+-]{0,30})\s*([A-Za-zµΩ°%][\w/^ ²³]{0,30})\s*\Z")
-
-# Words of Python that name a node or an edge, as in ``in.v``: a name follows the dot, which nothing
-# else of the grammar has. The parser of Python reads them with a mark, which is taken off again.
-_WORDS = re.compile(rf"(?<![\w.])({'|'.join(keyword.kwlist)})(?=\.[A-Za-z_])")
-_MARK = "_ö"
 
 #: Functions by name, with their number of arguments.
 FUNCTIONS: dict[str, int] = {
@@ -191,16 +185,7 @@ def _parse_text(text: str, where: str) -> Expression:
 @lru_cache(maxsize=1024)
 def _tree_of(text: str) -> tuple[ast.expr, frozenset[str]]:
     """Parse and check a text once: thousands of edges may have the same."""
-    try:
-        # Leading spaces would be an indentation to Python's parser.
-        with without_warnings(category=SyntaxWarning):  # what it warns of is refused below
-            tree = ast.parse(_WORDS.sub(rf"\1{_MARK}", text.strip()), mode="eval").body
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        raise ExpressionError("is not an expression") from None
-    if _WORDS.search(text):
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Name):
-                node.id = node.id.removesuffix(_MARK)
+    tree = read_tree(text)
     names: set[str] = set()
     _check(tree, names, 0)
     return tree, frozenset(names)
