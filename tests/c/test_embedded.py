@@ -6,6 +6,7 @@ import math
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from c_programs import SANITIZE, STRICT, build, execute, need, printed, run
 
@@ -339,3 +340,57 @@ def test_corners_that_end_at_a_time_are_stopped_at(tmp_path, compiler, integrato
         expected = level + (expected - level) * math.exp(-0.5)
     # Steps over the corners at 0.5 s and 1 s left 2e-6 and more; smooth pieces leave 1e-8.
     assert found == pytest.approx(expected, abs=1e-7)
+
+
+def rows_of(text: str) -> tuple[list[str], np.ndarray]:
+    head, *rows = text.splitlines()
+    return head.split(","), np.array([[float(cell) for cell in row.split(",")] for row in rows]).T
+
+
+@pytest.mark.parametrize("integrator", ["dopri5", "rk4"])
+def test_the_way_is_printed_as_python_has_it(tmp_path, compiler, integrator):
+    scene = load("slider-pendulum")
+    model = scene.compile(["L", "k"])
+    step = 0.001 if integrator == "rk4" else None
+    program = build(model.write(tmp_path, integrator, step), compiler)
+    head, values = rows_of(run([program, "2.0", "21"], tmp_path))
+    result = model.simulate((0, 2), np.linspace(0, 2, 21), method="dopri5")
+    assert head == list(result.columns())
+    # The same method takes the same steps; 1 ms are a thousandth of a period for the other one, and
+    # Python's run has its own tolerance of 1e-8.
+    for title, row in zip(head, values, strict=True):
+        expected = result.columns()[title]
+        allowed = (1e-12 if integrator == "dopri5" else 1e-7) * max(1.0, np.max(np.abs(expected)))
+        np.testing.assert_allclose(row, expected, rtol=0, atol=allowed, err_msg=title)
+
+
+def test_the_way_of_a_ball_leaves_events_to_the_other_stream(tmp_path, compiler):
+    model = load("bouncing-ball").compile()
+    program = build(model.write(tmp_path), compiler)
+    done = execute([program, "2.0", "11"], tmp_path)
+    head, values = rows_of(done.stdout)
+    assert done.returncode == 0
+    assert done.stderr.startswith("hit[0] = 0.638550856814")
+    assert head[:2] == ["t", "j.s"]
+    # Free fall from 2 m until the first hit; values are known to the tolerance of the scene.
+    assert values[1, :4] == pytest.approx(2 - 0.5 * 9.81 * values[0, :4] ** 2, abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (["1", "1"], "the number of points is not a whole number from 2 on"),
+        (["1", "2.5"], "the number of points is not"),
+        (["0", "3"], "points need an end time other than 0"),
+        (["1", "3", "4"], "two arguments at most"),
+        (["x"], "the end time is not a finite number"),
+    ],
+)
+def test_wrong_arguments_are_told(tmp_path_factory, compiler, arguments, why):
+    folder = tmp_path_factory.getbasetemp() / "arguments"
+    if not folder.exists():
+        build(load("spring-mass-damper").compile().write(folder), compiler)
+    done = execute(["./spring_mass_damper", *arguments], folder)
+    assert done.returncode == 1
+    assert why in done.stderr
+    assert not done.stdout
