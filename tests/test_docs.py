@@ -17,6 +17,7 @@ import pytest
 from cotree import Scene
 from cotree.components import COMPONENTS, OWN, Role
 from cotree.formulation.observed import EDGE_VARIABLES, ENERGIES, NODE_VARIABLES
+from cotree.scene.allowances import RULES
 from cotree.scene.expressions import FUNCTIONS
 from cotree.scene.toml_file import read_scene
 
@@ -293,3 +294,9 @@ def test_the_c_example_compiles(tmp_path):
         shlex.split(command), cwd=tmp_path, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_the_page_of_the_linter_lists_every_rule():
+    text = (ROOT / "docs" / "how_to" / "lint.md").read_text(encoding="utf-8")
+    table = "".join(re.findall(r"^\| (`.*?`) \|", text, re.MULTILINE))
+    assert re.findall(r"`([a-z-]+)`", table) == list(RULES)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from cotree.build import BuildOptions
 from cotree.compiled import Model, Recipe
-from cotree.errors import ParameterError
+from cotree.errors import ParameterError, SingularSystemError, TopologyError
 from cotree.model.start import check_start
 from cotree.readers import load_source
 from cotree.scene.component_methods import ComponentMethods
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from cotree.export.equations import SymbolicEquations
     from cotree.export.graph_report import GraphReport
+    from cotree.lint import Finding
     from cotree.scene.graphs import TreeChoice
 
 
@@ -127,7 +128,14 @@ class Scene(SceneDescription, ComponentMethods):
         # The model keeps the scene as it is now, whatever is added to it later.
         described = described.copied()
         recipe = Recipe(described, tuple(names), tree, options, rate)
-        model = Model(compile_scene(described, names, tree, options, rate), recipe)
+        try:
+            compiled = compile_scene(described, names, tree, options, rate)
+        except (SingularSystemError, TopologyError) as error:
+            # A node that is misspelt leaves another one without what it should carry.
+            from cotree.lint import dangling_hint
+
+            raise type(error)(f"{error}{dangling_hint(self)}") from None
+        model = Model(compiled, recipe)
         model.times["formulate"] += prepared
         # Faults that only numbers show, such as a motion without inertia, are refused here.
         check_start(model)
@@ -174,6 +182,30 @@ class Scene(SceneDescription, ComponentMethods):
 
         names = listed_names(sensitivities, "sensitivities")
         return symbolic_equations(formulate(self, names, tree)[1])
+
+    def lint(self, allow: Sequence[str] = ()) -> tuple[Finding, ...]:
+        """List what is suspicious: unused parameters, dangling nodes, contradicting units...
+
+        Parameters
+        ----------
+        allow : sequence of str
+            Findings that are on purpose, ``rule`` or ``rule:name``, besides those that
+            :meth:`allow` has declared.
+
+        Returns
+        -------
+        tuple of Finding
+            Each with ``rule``, ``severity``, ``kind`` and ``name`` of the culprit, ``line`` of the
+            scene file, and ``message``.
+
+        Raises
+        ------
+        SceneError
+            If an entry of allow names no rule.
+        """
+        from cotree.lint import lint
+
+        return lint(self, allow)
 
     def save(self, path: str | Path) -> None:
         """Write the scene to a TOML file, whole or not at all.

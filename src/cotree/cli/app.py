@@ -23,6 +23,7 @@ from cotree.cli.arguments import (
     read_tree,
 )
 from cotree.cli.guide import new_scene, show_components
+from cotree.cli.linting import lint_scene
 from cotree.cli.messages import complain, warnings_in_one_line
 from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
     EndTime,
@@ -293,6 +294,7 @@ def show_graph(
 
 
 # These live in a module of their own, since both run studies.
+app.command("lint")(lint_scene)
 app.command("check")(check_scene)
 app.command("bench")(bench_scene)
 

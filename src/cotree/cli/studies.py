@@ -16,6 +16,7 @@ from cotree.cli.arguments import (
     read_tolerances,
     read_tree,
 )
+from cotree.cli.linting import finding_lines
 from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
     EndTime,
     MaxSteps,
@@ -42,6 +43,7 @@ def check_scene(
     time_limit: TimeLimit = None,
 ) -> None:
     """Compare sensitivities with finite differences; all parameters if none is named."""
+    from cotree.lint import lint
     from cotree.studies.check import check_sensitivities
 
     # Arguments are read before the scene is compiled, so that a slip costs no time.
@@ -53,6 +55,9 @@ def check_scene(
     # Finite differences need no sensitivities: runs of the plain model are faster, and independent
     # of the derivatives that they check.
     model, plain = described.compile(names, branches), described.compile(tree=branches)
+    # The equations have been formed just now.
+    for line in finding_lines(lint(described, is_formed=False)):
+        typer.echo(line)
     for line in derived_lines(model, values):
         typer.echo(line)
     report = check_sensitivities(

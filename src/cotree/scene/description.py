@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 from cotree.components import Role
 from cotree.errors import SceneError, UnitError, brief, nearest
 from cotree.naming import check_name, check_scene_name, check_text
+from cotree.scene.allowances import check_allowed
 from cotree.scene.display import EdgeListing, ParameterListing, scene_html
 from cotree.scene.edge import Edge, make_edge
 from cotree.scene.events import Event, Mode, make_event
@@ -71,6 +72,7 @@ class SceneDescription:
     events: dict[str, Event] = field(default_factory=dict)
     defaults: Simulation = field(default_factory=Simulation)
     origin: Origin | None = None  # of what was read from another tool's file
+    allowed: tuple[str, ...] = ()  # findings of the linter that are on purpose
 
     def __init__(self, name: str, gravity: Sequence[float | str] = (0.0, 0.0, 0.0)) -> None:
         # Written by hand, since a dataclass would take tables that nothing has checked.
@@ -80,6 +82,7 @@ class SceneDescription:
         self.inputs, self.outputs = {}, {}
         self.modes, self.events = {}, {}
         self.defaults = Simulation()
+        self.file = ""  # where it was read from; no part of what it says
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.headline}>"
@@ -358,6 +361,16 @@ class SceneDescription:
             If a setting is unknown or has no sensible value.
         """
         self.defaults = with_settings(self.defaults, settings)
+
+    def allow(self, *entries: str) -> None:
+        """Declare findings of the linter to be on purpose: ``rule`` or ``rule:name``.
+
+        Raises
+        ------
+        SceneError
+            If an entry does not begin with the name of a rule.
+        """
+        self.allowed += tuple(e for e in check_allowed(entries) if e not in self.allowed)
 
     @property
     def _signals(self) -> dict[str, object]:

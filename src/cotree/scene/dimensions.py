@@ -168,7 +168,7 @@ def check_scene_units(scene: SceneDescription) -> None:
         return
     for edge in scene.edges.values():
         for what, wanted, value in stated_values(edge):
-            name = _alone(value)
+            name = alone(value)
             if name not in units:
                 continue
             kind = "parameter" if name in scene.parameters else "input"
@@ -182,7 +182,7 @@ def stated_units(scene: SceneDescription) -> dict[str, str]:
     return {name: unit for name, unit in rows.items() if unit.strip()}
 
 
-def _alone(value: Expression) -> str:
+def alone(value: Expression) -> str:
     """Give the name that an expression is, but for its sign; nothing for others."""
     tree = value.tree.operand if isinstance(value.tree, ast.UnaryOp) else value.tree
     return tree.id if isinstance(tree, ast.Name) and type(value) is Expression else ""

@@ -165,13 +165,15 @@ def check_vector(value: object, where: str) -> tuple[Expression, ...]:
 
 
 def _in_si(value: Any, wanted: str, where: str) -> Any:
-    """Convert a table of a value and its unit, of numbers; all else stays as it is.
+    """Convert tables of a value and its unit, also in lists; all else stays as it is.
 
     Raises
     ------
     UnitError, SceneError
         If the unit is none, does not fit, or belongs to an expression and is not of SI.
     """
+    if is_list(value):
+        return [_in_si(item, wanted, where) for item in value]
     if not isinstance(value, Mapping) or "unit" not in value:
         return value
     if set(value) != {"value", "unit"}:

@@ -33,6 +33,11 @@ ROUNDING = 1e-12
 
 
 def impossible_inertias(scene: SceneDescription) -> Iterator[str]:
+    """Give the sentences of :func:`inertia_faults`."""
+    return (told for _, told in inertia_faults(scene))
+
+
+def inertia_faults(scene: SceneDescription) -> Iterator[tuple[str, str]]:
     """Name the bodies with negative principal moments, or that break the triangle rule.
 
     In a plane scene, where only the moment about one axis is read, negative ones alone are named.
@@ -44,8 +49,8 @@ def impossible_inertias(scene: SceneDescription) -> Iterator[str]:
 
     Yields
     ------
-    str
-        A sentence for each such body.
+    edge, sentence : str
+        For each such body.
     """
     is_plane = bool(motion_spaces(scene).plane)
     for edge in scene.edges.values():
@@ -68,10 +73,11 @@ def impossible_inertias(scene: SceneDescription) -> Iterator[str]:
             else:
                 continue
             yield (
+                edge.name,
                 f"{row.name} of edge '{edge.name}' is that of no body: of its principal "
                 f"moments {least:.6g}, {middle:.6g} and {largest:.6g} {row.unit} {fault}; "
                 "check the numbers, the signs of the products of inertia, and that they are "
-                "about the centre of mass"
+                "about the centre of mass",
             )
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from cotree.errors import ModelError, SceneError, check_known, nearest
 from cotree.files import read_text
+from cotree.scene.allowances import check_allowed
 from cotree.scene.description import SceneDescription
 from cotree.scene.events import check_event_table
 from cotree.scene.origin import read_origin
@@ -25,7 +26,7 @@ LARGEST_FILE = 50_000_000
 
 _SECTIONS = (
     *("name", "gravity", "parameters", "inputs", "modes", "edges", "outputs", "events"),
-    *("simulation", "origin"),
+    *("simulation", "allow", "origin"),
 )
 
 
@@ -56,12 +57,16 @@ def load_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
     # Names of shipped scenes go before files of the same name.
     if isinstance(source, str) and source in shipped:
         file = resources.files("cotree") / "scenes" / f"{source}.toml"
-        return read_scene(file.read_text(encoding="utf-8"), f"{source}.toml", scene_type)
+        made = read_scene(file.read_text(encoding="utf-8"), f"{source}.toml", scene_type)
+        made.file = str(file)
+        return made
     if not os.path.isfile(source):  # unlike Path.is_file, it takes names that are too long
         raise SceneError(
             f"'{source}' is neither a file nor a shipped scene{nearest(source, shipped)}"
         )
-    return read_scene(read_text(source, LARGEST_FILE), str(source), scene_type)
+    made = read_scene(read_text(source, LARGEST_FILE), str(source), scene_type)
+    made.file = str(source)
+    return made
 
 
 def read_scene(text: str, where: str, scene_type: type[_Scene]) -> _Scene:
@@ -112,6 +117,7 @@ def _fill(data: Mapping[str, Any], stem: str, scene_type: type[_Scene]) -> _Scen
     for name, event in _table(data, "events").items():
         scene.event(name, **check_event_table(name, event))
     scene.simulation(**_table(data, "simulation"))
+    scene.allow(*check_allowed(data.get("allow", [])))
     # Shapes name nodes, which are known after all edges.
     if "origin" in data:
         scene.origin = read_origin(data["origin"], set(scene.nodes))

@@ -86,6 +86,8 @@ def _lines(scene: SceneDescription) -> Iterator[str]:
     # What equals the default is not written, here and below.
     if any(item.text != "0.0" for item in scene.gravity):
         yield f"gravity = {_value([item.told for item in scene.gravity])}"
+    if scene.allowed:
+        yield f"allow = {_value(list(scene.allowed))}"
     yield from _rows(
         "parameters", {n: _named(p, _parameter(p)) for n, p in scene.parameters.items()}
     )

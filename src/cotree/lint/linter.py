@@ -1,0 +1,115 @@
+"""The linter itself: every rule over a scene, less what is on purpose."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from cotree.errors import Error
+from cotree.files import read_text
+from cotree.formulation.early import check_numbers
+from cotree.lint import names, topology, values
+from cotree.lint.findings import Finding
+from cotree.lint.lines import statement_lines
+from cotree.model.kernels import PythonKernels
+from cotree.model.model import CompiledModel
+from cotree.model.start import check_start
+from cotree.pipeline import formulate, generate
+from cotree.scene.allowances import check_allowed, is_allowed
+from cotree.scene.jumps import with_jumps
+from cotree.scene.simulation import OPERATING_POINT
+from cotree.scene.toml_file import LARGEST_FILE
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from cotree.scene.description import SceneDescription
+
+# A start is evaluated without C; of larger scenes that takes longer than compiling them.
+_LARGEST_STARTED = 60  # edges
+
+
+def lint(
+    scene: SceneDescription, allow: Sequence[str] = (), *, is_formed: bool = True
+) -> tuple[Finding, ...]:
+    """List what is suspicious in a scene.
+
+    Parameters
+    ----------
+    scene : SceneDescription
+        The scene.
+    allow : sequence of str
+        Findings that are on purpose, ``rule`` or ``rule:name``, besides those of the scene.
+    is_formed : bool
+        Whether to form the equations, too, and report what refuses them.
+
+    Raises
+    ------
+    SceneError
+        If an entry of allow names no rule.
+    """
+    allowed = (*scene.allowed, *check_allowed(list(allow)))
+    found: list[Finding] = []
+    if is_formed:
+        found += _refused(scene)
+    for rules in (names, topology, values):
+        found += rules.findings(scene)
+    kept = [row for row in found if not is_allowed(row.rule, row.name, allowed)]
+    for entry in dict.fromkeys(allowed):
+        if not any(is_allowed(row.rule, row.name, (entry,)) for row in found):
+            told = f"allow has '{entry}', but there is no such finding: remove it"
+            kept.append(Finding("unused-allow", "scene", entry, told))
+    return tuple(_with_lines(scene, kept))
+
+
+def dangling_hint(scene: SceneDescription) -> str:
+    """Say which node may be misspelt, as the end of a message; nothing where none looks so."""
+    found = [row for row in topology.dangling_nodes(scene) if "did you mean" in row.message]
+    return f"; {found[0].message}" if found else ""
+
+
+def _refused(scene: SceneDescription) -> Iterable[Finding]:
+    """Form the equations and find a start, without C."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            acting = with_jumps(scene, has_sensitivities=False)
+            equations = formulate(acting, (), None, 0.0, check_numbers)[1]
+            if len(scene.edges) <= _LARGEST_STARTED and scene.defaults.start != OPERATING_POINT:
+                program, _ = generate(equations)
+                check_start(CompiledModel(program, PythonKernels(program)))
+    except Error as error:
+        told = f"{error}{dangling_hint(scene)}"
+        yield Finding("refused", *_culprit(scene, told), told, "error")
+
+
+def _culprit(scene: SceneDescription, message: str) -> tuple[str, str]:
+    """Find the part of a scene that a message names first."""
+    kinds: dict[str, Mapping[str, object]] = {
+        "edge": scene.edges,
+        "parameter": scene.parameters,
+        "input": scene.inputs,
+        "output": scene.outputs,
+        "event": scene.events,
+    }
+    named = [(kind, name) for kind, row in kinds.items() for name in row]
+    places = [(message.find(f"{kind} '{name}'"), kind, name) for kind, name in named]
+    found = sorted(place for place in places if place[0] >= 0)
+    return (found[0][1], found[0][2]) if found else ("scene", scene.name)
+
+
+def _with_lines(scene: SceneDescription, found: Iterable[Finding]) -> Iterable[Finding]:
+    """Add lines of the scene's file."""
+    lines: dict[tuple[str, str], int] = {}
+    if scene.file.endswith(".toml") and os.path.isfile(scene.file):
+        lines = statement_lines(read_text(scene.file, LARGEST_FILE))
+    first: dict[str, str] = {}
+    for edge in scene.edges.values():
+        for node in edge.nodes:
+            first.setdefault(node, edge.name)
+    for row in found:
+        # A node stands where its first edge does.
+        key = ("edge", first.get(row.name, "")) if row.kind == "node" else (row.kind, row.name)
+        yield replace(row, line=lines.get(key))
