@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cotree.build import BuildOptions
 from cotree.compiled import Model, Recipe
@@ -15,10 +15,11 @@ from cotree.readers import load_source
 from cotree.scene.component_methods import ComponentMethods
 from cotree.scene.description import SceneDescription
 from cotree.scene.expressions import check_number
+from cotree.scene.replaced import with_inputs
 from cotree.scene.tunable import keep_tunable, listed_names
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from cotree.export.equations import SymbolicEquations
     from cotree.export.graph_report import GraphReport
@@ -148,6 +149,38 @@ class Scene(SceneDescription, ComponentMethods):
         # What the other stages leave of the time.
         model.times["start"] = time.perf_counter() - begun - sum(model.times.values())
         return model
+
+    def with_inputs(
+        self, inputs: Mapping[str, Any], parameters: Mapping[str, float] | None = None
+    ) -> Scene:
+        """Return a scene in which inputs are other signals, or feedback.
+
+        Parameters
+        ----------
+        inputs : mapping of str to number, str or (times, values)
+            In place of the input of that name: an expression of t, parameters, states, outputs,
+            other inputs and whatever fields may name; a number; or a table over time. An input that
+            depends on more than t and parameters becomes an output of the new scene.
+        parameters : mapping of str to float, optional
+            Values of new parameters, such as gains, that the expressions use. Sensitivities to
+            them may be asked for as to any other.
+
+        Raises
+        ------
+        ModelError
+            If a name is unknown, a value is not accepted, or an input would depend on itself.
+
+        Examples
+        --------
+        >>> scene = Scene("cart")
+        >>> scene.input("push", 0.0, unit="N")
+        >>> scene.edge("rail", "prismatic", "ground", "A", axis=[1, 0, 0], force="push")
+        >>> scene.edge("cart", "rigid_body", "ground", "A", mass=2.0)
+        >>> closed = scene.with_inputs({"push": "-k*rail.s - d*rail.s_dot"}, {"k": 8.0, "d": 4.0})
+        >>> closed.compile(["k"]).linearize().A.tolist()
+        [[0.0, 1.0], [-4.0, -2.0]]
+        """
+        return with_inputs(self, inputs, parameters)
 
     def graph(self, tree: TreeChoice = None) -> GraphReport:
         """Draw the linear graphs, with trees and topology matrices.

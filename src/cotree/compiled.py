@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,16 +14,16 @@ from cotree.model.start import find_start, scene_start
 from cotree.model.unknowns import solve_states
 from cotree.operating import OperatingPoint
 from cotree.results import Result
+from cotree.scene.replaced import expressions_among
 from cotree.scene.simulation import OPERATING_POINT
 from cotree.sharing import formed_once, forming
 from cotree.solvers.budgets import LONGEST_TIME, MOST_EVENTS, MOST_STEPS
 from cotree.solvers.methods import METHODS
 from cotree.solvers.settings import Settings
 from cotree.solvers.simulate import simulate
+from cotree.variants import Variants
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from cotree.build import BuildOptions
     from cotree.choice import Operations
     from cotree.export.c_project import CProject
@@ -81,6 +82,7 @@ class Model(CompiledModel):
         rest = OperatingPoint(self, scene) if begins_at_rest else None
         super().__init__(compiled.program, compiled.kernels, rest)
         self._compiled, self._scene, self._recipe = compiled, scene, recipe
+        self._variants = Variants(scene, self._with_scene)
         self.first_graph = compiled.first
         self.times: dict[str, float] = dict(compiled.times)
 
@@ -98,6 +100,13 @@ class Model(CompiledModel):
         from cotree.model.display import model_html
 
         return model_html(self, ("auto", *METHODS))
+
+    def _with_scene(self, changed: SceneDescription) -> Model:
+        """Compile another scene as this one was, in the coordinates of this model."""
+        tree, own = self._recipe.tree, self.first_graph.system.trees
+        if self._scene.mechanics.edges:
+            tree = {"translation": own.translation.branches, "rotation": own.rotation.branches}
+        return replace(self._recipe, scene=changed, tree=tree).made()
 
     @property
     def source(self) -> str:
@@ -277,8 +286,11 @@ class Model(CompiledModel):
         initial : mapping of str to float, optional
             Initial values of states in place of the scene's; they depend on no parameter.
         inputs : mapping, optional
-            Inputs in place of the scene's: a number, an expression of t and parameters,
-            (times, values), or a Python function of t.
+            Inputs in place of the scene's: a number, (times, values), a Python function of t, or
+            an expression of t, parameters, states, outputs and whatever fields may name.
+            Expressions are compiled into the model at their first use. Parameters that the model
+            does not have, such as gains, get their values by ``parameters``; for sensitivities to
+            them compile ``scene.with_inputs(...)``.
         error_test_sensitivities : bool
             Whether sensitivities take part in the error test.
         scales : mapping of str to float, optional
@@ -337,6 +349,16 @@ class Model(CompiledModel):
             throw=throw,
             project=project,
         )
+        return self._run(settings)
+
+    def _run(self, settings: Settings) -> Result:
+        """Integrate, with expressions among the inputs compiled in."""
+        given = settings.inputs
+        expressions = expressions_among(given) if isinstance(given, Mapping) else {}
+        if expressions:
+            rest = {name: value for name, value in given.items() if name not in expressions}
+            model = self._variants.of(expressions, settings.parameters)
+            return model._run(replace(settings, inputs=rest))
         run = simulate(self, settings, self.layout.units)
         # The model's library was compiled before; the first run of a method compiles its engine.
         built = self.times.get("compile", 0.0) + run.times["compile"]

@@ -18,8 +18,8 @@ from cotree.cli.arguments import (
     check_folder,
     check_picture,
     given,
+    read_inputs,
     read_numbers,
-    read_pairs,
     read_tree,
 )
 from cotree.cli.guide import new_scene, show_components
@@ -27,6 +27,7 @@ from cotree.cli.linting import lint_scene
 from cotree.cli.messages import complain, warnings_in_one_line
 from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
     EndTime,
+    InputOption,
     MaxSteps,
     Method,
     SceneName,
@@ -128,14 +129,7 @@ def run_scene(
         list[str],
         typer.Option(metavar="STATE=NUMBER", help="Initial value of a state; may be repeated."),
     ] = [],  # noqa: B006
-    inputs: Annotated[
-        list[str],
-        typer.Option(
-            "--input",
-            metavar="NAME=VALUE",
-            help="Number, or expression of t and parameters; may be repeated.",
-        ),
-    ] = [],  # noqa: B006
+    inputs: InputOption = [],  # noqa: B006
     tree: TreeOption = [],  # noqa: B006
     csv: Annotated[Path | None, typer.Option(help="Write all columns to this file.")] = None,
     plot: Annotated[
@@ -181,10 +175,9 @@ def run_scene(
         "atol": atol,
         "parameters": read_numbers("--set", setting),
         "initial": read_numbers("--initial", initial),
-        "inputs": read_pairs("--input", inputs),
     }
     settings |= given(max_steps=max_steps, max_events=max_events, time_limit=time_limit)
-    described = read_scene(scene)
+    described = read_inputs(read_scene(scene), inputs, settings["parameters"])
     is_moving = check_animated(animate, described)
     model = described.compile(sensitivity, read_tree(tree))
     if plot is not None or (animate is not None and not is_moving):

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cotree.errors import ParameterError, SceneError, TopologyError, brief
+from cotree.scene.replaced import new_names
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from cotree.api import Scene
@@ -55,6 +56,16 @@ def read_pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
             raise ParameterError(f"{option} gives '{brief(name)}' twice: give it once")
         pairs[name] = value
     return pairs
+
+
+def read_inputs(scene: Scene, texts: Sequence[str], values: Mapping[str, float]) -> Scene:
+    """Put expressions in place of inputs; ``values`` has those of names that are new."""
+    inputs = read_pairs("--input", texts)
+    if not inputs:
+        return scene
+    return scene.with_inputs(
+        inputs, {name: values[name] for name in new_names(scene, inputs, values)}
+    )
 
 
 def read_tolerances(texts: Sequence[str]) -> list[float | tuple[float, float]]:

@@ -33,6 +33,15 @@ TreeOption = Annotated[
 EndTime = Annotated[
     float | None, typer.Option("--t-end", metavar="S", help="End time in s; the scene's if absent.")
 ]
+InputOption = Annotated[
+    list[str],
+    typer.Option(
+        "--input",
+        metavar="NAME=VALUE",
+        help="In place of an input: a number, or an expression of t, parameters, states and "
+        "outputs; --set gives values of new names in it; may be repeated.",
+    ),
+]
 MaxSteps = Annotated[
     float | None,
     typer.Option(metavar="N", help="Budget of steps of a run: 1000000 if absent; inf for none."),

@@ -12,6 +12,7 @@ from cotree.cli.arguments import (
     check_folder,
     check_picture,
     given,
+    read_inputs,
     read_numbers,
     read_tolerances,
     read_tree,
@@ -19,6 +20,7 @@ from cotree.cli.arguments import (
 from cotree.cli.linting import finding_lines
 from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
     EndTime,
+    InputOption,
     MaxSteps,
     Method,
     SceneName,
@@ -38,6 +40,7 @@ def check_scene(
     method: Method = None,
     rtol: Annotated[float, typer.Option(help="Relative tolerance of all runs.")] = 1e-12,
     setting: Setting = [],  # noqa: B006
+    inputs: InputOption = [],  # noqa: B006
     tree: TreeOption = [],  # noqa: B006
     max_steps: MaxSteps = None,
     time_limit: TimeLimit = None,
@@ -48,7 +51,7 @@ def check_scene(
 
     # Arguments are read before the scene is compiled, so that a slip costs no time.
     values, branches = read_numbers("--set", setting), read_tree(tree)
-    described = read_scene(scene)
+    described = read_inputs(read_scene(scene), inputs, values)
     # Parameters that are folded into the code have no sensitivities.
     names = sensitivity or [row.name for row in described.parameters.values() if row.is_argument]
     _progress(f"compiling {described.name} with {len(names)} sensitivities, then without")

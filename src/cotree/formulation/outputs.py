@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.dag.dual import tangent_of
+from cotree.errors import ExpressionError
 from cotree.scene.events import event_expressions
 
 if TYPE_CHECKING:
@@ -55,8 +56,21 @@ def form_outputs(observer: Observer, scene: SceneDescription) -> Outputs:
     across: dict[str, Node] = {}
 
     known |= observer.networks
+    formed: dict[str, Node] = {}
+    pending: list[str] = []
+
+    def of_output(name: str) -> Node:
+        if name in pending:
+            raise ExpressionError(f"uses output '{name}', which is made of itself")
+        if name not in formed:
+            pending.append(name)
+            formed[name] = scene.outputs[name].lower(system.dag, resolve)
+            pending.remove(name)
+        return formed[name]
 
     def resolve(name: str) -> Node:
+        if name not in known and name in scene.outputs:
+            return of_output(name)
         if name not in known:
             # Formed once and only for names that occur: reactions and energies are expensive.
             known[name] = observer.value(name)
@@ -67,9 +81,7 @@ def form_outputs(observer: Observer, scene: SceneDescription) -> Outputs:
         return known[name]
 
     with system.dag.labelled("outputs"):
-        values = [item.lower(system.dag, resolve) for item in scene.outputs.values()]
-        for name, value in zip(scene.outputs, values, strict=True):
-            known.setdefault(name, value)  # events may name outputs too
+        values = [of_output(name) for name in scene.outputs]
         values += [
             item.lower(system.dag, resolve) for item in event_expressions(scene.events.values())
         ]

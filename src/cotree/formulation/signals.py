@@ -77,8 +77,15 @@ class FieldNames:
         self._measured: dict[str, Node] = {}
         self._is_gathered = False
 
-    def node(self, name: str) -> Node:
+    def node(self, name: str, resolve: Resolver | None = None) -> Node:
         """Give the node of a name.
+
+        Parameters
+        ----------
+        name : str
+            The name.
+        resolve : callable, optional
+            Gives the nodes of the names that an output is made of; this method where absent.
 
         Raises
         ------
@@ -87,7 +94,7 @@ class FieldNames:
         """
         # Parameters hide outputs of the same name.
         if name in self._scene.outputs and name not in self._scene.parameters:
-            return self._output(name)
+            return self._output(name, resolve or self.node)
         # States have dots in their names too: they are known, and need no symbol of a measure.
         is_across = "." in name and name.partition(".")[0] in self._places
         if not is_across or name in self._known:
@@ -97,12 +104,12 @@ class FieldNames:
             self._measured[name] = self._dag.symbol(MEASURED, len(self._measured))
         return self._measured[name]
 
-    def _output(self, name: str) -> Node:
+    def _output(self, name: str, resolve: Resolver) -> Node:
         if name in self._pending:
             raise ExpressionError(f"uses output '{name}', which is made of itself")
         # Outputs may name outputs; a name that is pending has led back to itself.
         self._pending.append(name)
-        found = self._scene.outputs[name].lower(self._dag, self.node)
+        found = self._scene.outputs[name].lower(self._dag, resolve)
         self._pending.remove(name)
         return found
 

@@ -8,17 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.dag.evaluate import evaluate
-from cotree.dag.multi_output import Table, table
-from cotree.dag.nodes import Dag
-from cotree.dag.traverse import reachable
-from cotree.errors import ExpressionError, ParameterError, nearest
+from cotree.dag.multi_output import Table
+from cotree.errors import ParameterError, nearest
 from cotree.scene.tables import parse_signal
 
 if TYPE_CHECKING:
-    from cotree.dag.nodes import Node
     from cotree.model.arrays import Array
-    from cotree.scene.expressions import Expression
 
 Signal = Callable[[float], float]
 
@@ -33,15 +28,12 @@ class ReplacedInputs:
         The replaced inputs, by their place in u, as functions of time.
     breakpoints : tuple of float
         Times where a table has a kink.
-    parameters : mapping of str to frozenset of str
-        The names that each replaced input's expression uses.
     tables : mapping of int to (times, values)
         The replaced inputs that are numbers or tables.
     """
 
     by_position: Mapping[int, Signal]
     breakpoints: tuple[float, ...]
-    parameters: Mapping[str, frozenset[str]]
     tables: Mapping[int, tuple[Array, Array]] = field(default_factory=dict)
 
     def apply(self, t: float, u: Array) -> Array:
@@ -51,9 +43,7 @@ class ReplacedInputs:
         return u
 
 
-def read_signals(
-    values: Mapping[str, Any], names: tuple[str, ...], parameters: Mapping[str, float]
-) -> ReplacedInputs:
+def read_signals(values: Mapping[str, Any], names: tuple[str, ...]) -> ReplacedInputs:
     """Read the inputs of a run.
 
     Parameters
@@ -62,8 +52,6 @@ def read_signals(
         By name of the input.
     names : tuple of str
         The model's inputs.
-    parameters : mapping of str to float
-        Parameters that expressions may use besides ``t``.
 
     Raises
     ------
@@ -74,7 +62,6 @@ def read_signals(
     """
     by_position: dict[int, Signal] = {}
     breakpoints: list[float] = []
-    used: dict[str, frozenset[str]] = {}
     tables: dict[int, tuple[Array, Array]] = {}
     for name, value in values.items():
         if name not in names:
@@ -85,35 +72,24 @@ def read_signals(
         parsed = parse_signal(value, f"input '{name}'")
         if isinstance(parsed, Table):
             breakpoints += parsed.x
+            signal = _function_of_time(parsed)
             tables[names.index(name)] = np.array(parsed.x), np.array(parsed.y)
         else:
-            used[name] = parsed.names
-            if isinstance(value, (int, float)):
-                # A table of one point is constant, and C reads it without asking Python.
-                tables[names.index(name)] = np.zeros(1), np.array([float(value)])
-        by_position[names.index(name)] = _function_of_time(parsed, parameters)
-    return ReplacedInputs(by_position, tuple(breakpoints), used, tables)
+            constant = parsed.number
+            # Other expressions are compiled into a model of their own; see cotree.variants.
+            assert constant is not None
+            # A table of one point is constant, and C reads it without asking Python.
+            tables[names.index(name)] = np.zeros(1), np.array([constant])
+            signal = _constant(constant)
+        by_position[names.index(name)] = signal
+    return ReplacedInputs(by_position, tuple(breakpoints), tables)
 
 
-def _function_of_time(value: Expression | Table, parameters: Mapping[str, float]) -> Signal:
-    """Make a function of time by evaluating nodes."""
-    # An arena of its own: these nodes are evaluated in Python and never meet those of the model.
-    dag = Dag()
-    time = dag.symbol("t", 0)
+def _constant(value: float) -> Signal:
+    return lambda t: value
 
-    def resolve(name: str) -> Node:
-        if name == "t":
-            return time
-        if name in parameters:
-            return dag.constant(parameters[name])
-        raise ExpressionError(
-            f"uses '{name}', but may depend on parameters and t only{nearest(name, parameters)}"
-        )
 
-    node = table(dag, value, time)[0] if isinstance(value, Table) else value.lower(dag, resolve)
-    order = reachable([node])
-
-    def signal(t: float) -> float:
-        return float(evaluate([node], {time: t}, order=order)[0])
-
-    return signal
+def _function_of_time(value: Table) -> Signal:
+    """Make a function of time of a table."""
+    x, y = np.array(value.x), np.array(value.y)
+    return lambda t: float(np.interp(t, x, y))

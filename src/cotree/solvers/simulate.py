@@ -79,8 +79,8 @@ def simulate(
     p = model.parameter_array(settings.parameters)
     values = dict(zip(model.parameters, p.tolist(), strict=True))
     values |= derived_values(model.layout.derived, p)
-    signals = read_signals(settings.inputs, model.inputs, values)
-    _check_replaced(model, settings.inputs, signals)
+    signals = read_signals(settings.inputs, model.inputs)
+    _check_replaced(model, settings.inputs)
     u = _input_function(model, p, signals)
     # Norms of quaternions are among the constraints: a free body is projected, too.
     is_held = settings.project and bool(model.layout.constraints)
@@ -235,32 +235,21 @@ def _max_step(model: CompiledModel, p: FloatArray, settings: Settings) -> float:
     return check_number(settings.max_step, "max_step")
 
 
-def _check_replaced(
-    model: CompiledModel, inputs: Mapping[str, Any], signals: ReplacedInputs
-) -> None:
+def _check_replaced(model: CompiledModel, inputs: Mapping[str, Any]) -> None:
     """Refuse to replace an input where sensitivities depend on the input's own."""
-    sources = {row.name: row.sources for row in model.layout.derived if signals.parameters}
-    for name, given in signals.parameters.items():
-        used = given.union(*(sources.get(own, ()) for own in given))
-        for parameter in model.sensitivities:
-            if parameter in used:
-                raise ParameterError(
-                    f"input '{name}' is replaced by an expression of '{parameter}', whose "
-                    "sensitivity would not know of it: write the expression into the scene, or "
-                    "compile without that sensitivity"
-                )
     for name in inputs:
         if model.sensitivities and name in model.layout.event_inputs:
             raise ParameterError(
                 f"input '{name}' decides when an event happens, or what it sets, and the "
-                "sensitivities there need its own rate: to replace it, write it into the scene, "
-                "or compile without sensitivities"
+                "sensitivities there need its own rate: to replace it, compile "
+                "scene.with_inputs(...), or without sensitivities"
             )
     for name, wanted in zip(model.inputs, model.layout.input_sensitivities, strict=True):
         if name in inputs and wanted:
             raise ParameterError(
                 f"input '{name}' depends on '{wanted[0]}' in the scene, and the sensitivity to it "
-                f"is compiled in: to replace the input, compile without that sensitivity"
+                f"is compiled in: to replace the input, compile scene.with_inputs(...), or without "
+                "that sensitivity"
             )
 
 

@@ -244,7 +244,8 @@ def _bind_fields(
     def resolve(name: str) -> Node:
         variable = names.variable(name)
         if variable is None:
-            return system.signals.node(name)
+            # Outputs may be made of variables of the networks.
+            return system.signals.node(name, resolve)
         if variable in symbols:
             return symbols[variable]
         if variable not in standing:
