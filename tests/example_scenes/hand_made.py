@@ -9,6 +9,7 @@ from cotree import Model, Scene
 from cotree.build import BuildOptions
 from cotree.codegen.context import model_context
 from cotree.codegen.render import render_model
+from cotree.compiled import Recipe
 from cotree.dag.derivative import tangents
 from cotree.dag.multi_output import Table, table
 from cotree.dag.nodes import Dag
@@ -59,7 +60,7 @@ def model_of(
     compiled = Compiled(program, reports, (), context, files, kernels, cached, {}, None)
     scene = Scene(equations.name)
     scene.simulation(t_end=t_end)
-    model = Model(compiled, scene)
+    model = Model(compiled, Recipe(scene, (), None, BuildOptions(), 0.0))
     model.__dict__["_linearizer"] = Linearizer(equations, input_columns)
     return model
 

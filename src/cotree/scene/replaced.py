@@ -8,7 +8,6 @@ sensitivities, events and C projects know it as they know any expression of a sc
 
 from __future__ import annotations
 
-import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -50,9 +49,7 @@ def with_inputs(
         If a value is not accepted.
     """
     given = dict(parameters or {})
-    changed = copy.copy(scene)
-    changed.parameters, changed.inputs = dict(scene.parameters), dict(scene.inputs)
-    changed.outputs = dict(scene.outputs)
+    changed = scene.copied()
     found: dict[str, Any] = {}
     for name, value in inputs.items():
         if name not in scene.inputs:
