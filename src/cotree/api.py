@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cotree.build import BuildOptions
-from cotree.compiled import Model, Recipe
+from cotree.compiled import Model
 from cotree.errors import ParameterError, SingularSystemError, TopologyError
 from cotree.model.start import check_start
 from cotree.readers import load_source
+from cotree.recipe import Recipe
 from cotree.scene.component_methods import ComponentMethods
 from cotree.scene.description import SceneDescription
 from cotree.scene.expressions import check_number

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +13,7 @@ from cotree.model.moment import Moment
 from cotree.model.start import find_start, scene_start
 from cotree.model.unknowns import solve_states
 from cotree.operating import OperatingPoint
+from cotree.recipe import Recipe
 from cotree.results import Result
 from cotree.scene.replaced import expressions_among
 from cotree.scene.simulation import OPERATING_POINT
@@ -24,44 +25,12 @@ from cotree.solvers.simulate import simulate
 from cotree.variants import Variants
 
 if TYPE_CHECKING:
-    from cotree.build import BuildOptions
     from cotree.choice import Operations
     from cotree.export.c_project import CProject
     from cotree.model.arrays import Array
     from cotree.model.consistent import Start
     from cotree.model.linearize import Linearization, Linearizer
     from cotree.pipeline import Compiled
-    from cotree.scene.description import SceneDescription
-    from cotree.scene.graphs import TreeChoice
-
-
-@dataclass(frozen=True)
-class Recipe:
-    """All that a model is compiled from, so that it can be compiled again.
-
-    Attributes
-    ----------
-    scene : SceneDescription
-        The scene, which nobody changes.
-    sensitivities : tuple of str
-        Parameters and states to take sensitivities to.
-    tree, options, baumgarte
-        As of :func:`cotree.pipeline.compile_scene`.
-    """
-
-    scene: SceneDescription
-    sensitivities: tuple[str, ...]
-    tree: TreeChoice
-    options: BuildOptions
-    baumgarte: float
-
-    def made(self) -> Model:
-        """Compile the model; its library comes from the cache where it is there."""
-        from cotree.pipeline import compile_scene
-
-        names = self.sensitivities
-        compiled = compile_scene(self.scene, names, self.tree, self.options, self.baumgarte)
-        return Model(compiled, self)
 
 
 class Model(CompiledModel):
@@ -82,7 +51,7 @@ class Model(CompiledModel):
         rest = OperatingPoint(self, scene) if begins_at_rest else None
         super().__init__(compiled.program, compiled.kernels, rest)
         self._compiled, self._scene, self._recipe = compiled, scene, recipe
-        self._variants = Variants(scene, self._with_scene)
+        self._variants = Variants(scene, lambda other: recipe.of(other, compiled.first).made())
         self.first_graph = compiled.first
         self.times: dict[str, float] = dict(compiled.times)
 
@@ -100,13 +69,6 @@ class Model(CompiledModel):
         from cotree.model.display import model_html
 
         return model_html(self, ("auto", *METHODS))
-
-    def _with_scene(self, changed: SceneDescription) -> Model:
-        """Compile another scene as this one was, in the coordinates of this model."""
-        tree, own = self._recipe.tree, self.first_graph.system.trees
-        if self._scene.mechanics.edges:
-            tree = {"translation": own.translation.branches, "rotation": own.rotation.branches}
-        return replace(self._recipe, scene=changed, tree=tree).made()
 
     @property
     def source(self) -> str:

@@ -9,7 +9,6 @@ from cotree import Model, Scene
 from cotree.build import BuildOptions
 from cotree.codegen.context import model_context
 from cotree.codegen.render import render_model
-from cotree.compiled import Recipe
 from cotree.dag.derivative import tangents
 from cotree.dag.multi_output import Table, table
 from cotree.dag.nodes import Dag
@@ -17,6 +16,7 @@ from cotree.dag.symbols import STATE_RATE
 from cotree.equations import ConstraintSet, Derivative, Equations, Quantity, State
 from cotree.model.linearize import Linearizer
 from cotree.pipeline import Compiled, _load, generate
+from cotree.recipe import Recipe
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
