@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+import cotree
+
 ROOT = Path(__file__).parents[1]
 
 
@@ -21,14 +23,47 @@ def test_import_layers():
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_importing_cotree_is_cheap():
-    """Plotting, solvers and computer algebra are imported when they are used."""
-    code = (
-        "import sys, cotree; print([m for m in ('sympy', 'scipy.integrate', 'matplotlib', "
-        "'sksundae', 'pandas', 'networkx') if m in sys.modules])"
-    )
+def modules_after(code):
+    """Name the modules that a new process has imported after some code."""
+    code = f"import sys\n{code}\nprint(*sys.modules, file=sys.stderr)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+    return set(done.stderr.split())
+
+
+def test_importing_cotree_imports_nothing_else():
+    """Each public name imports what it needs at its first use."""
+    modules = modules_after("import cotree")
+    assert {name for name in modules if name.startswith("cotree")} == {"cotree"}
+    assert not modules & {"numpy", "scipy", "sympy", "jinja2", "cffi"}
+
+
+def test_public_names_are_found_at_their_first_use():
+    found = {name: getattr(cotree, name) for name in cotree.__all__}
+    assert found["load"].__module__ == "cotree.api"
+    assert set(dir(cotree)) >= found.keys()
+    with pytest.raises(AttributeError, match="no attribute 'lode'"):
+        cotree.lode  # noqa: B018
+
+
+def test_a_command_imports_what_it_needs():
+    """A run draws nothing, reads no files of other tools and compares no methods."""
+    modules = modules_after(
+        "from cotree.cli import main\n"
+        "assert main(['run', 'slider-pendulum', '--t-end', '0.1']) == 0"
+    )
+    assert not modules & {
+        "matplotlib",
+        "networkx",
+        "pandas",
+        "PIL",
+        "rich.console",
+        "scipy.integrate",
+        "cotree.export.equations",
+        "cotree.readers.spice",
+        "cotree.readers.urdf",
+        "cotree.studies.bench",
+        "cotree.watch.animation",
+    }
 
 
 def test_modules_stay_small():

@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
-from cotree.api import Model, Scene, load
-from cotree.build import cache_directory, clear_cache
-from cotree.components import register_component
-from cotree.errors import (
-    BuildError,
-    CodegenError,
-    Error,
-    ExpressionError,
-    FormulationError,
-    ModelError,
-    ParameterError,
-    SceneError,
-    SingularSystemError,
-    SolveError,
-    TopologyError,
-)
-from cotree.reading import read_spice, read_urdf
-from cotree.results import Result
-from cotree.studies.bench import bench
-from cotree.version import VERSION as __version__
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from cotree.api import Model, Scene, load
+    from cotree.build import cache_directory, clear_cache
+    from cotree.components import register_component
+    from cotree.errors import (
+        BuildError,
+        CodegenError,
+        Error,
+        ExpressionError,
+        FormulationError,
+        ModelError,
+        ParameterError,
+        SceneError,
+        SingularSystemError,
+        SolveError,
+        TopologyError,
+    )
+    from cotree.reading import read_spice, read_urdf
+    from cotree.results import Result
+    from cotree.studies.bench import bench
+    from cotree.version import VERSION as __version__
 
 __all__ = [
     "BuildError",
@@ -47,3 +50,35 @@ __all__ = [
     "read_urdf",
     "register_component",
 ]
+
+# Modules of the names that are not errors. They are imported at the first use of a name (PEP 562):
+# a program that imports cotree pays for no more than it uses.
+_HOMES = {
+    "Model": "api",
+    "Result": "results",
+    "Scene": "api",
+    "__version__": "version",
+    "bench": "studies.bench",
+    "cache_directory": "build",
+    "clear_cache": "build",
+    "load": "api",
+    "read_spice": "reading",
+    "read_urdf": "reading",
+    "register_component": "components",
+}
+
+if not TYPE_CHECKING:  # types come from the imports above, and unknown names stay unknown
+
+    def __getattr__(name: str) -> object:
+        """Import a public name at its first use."""
+        if name not in __all__:
+            raise AttributeError(f"module 'cotree' has no attribute '{name}'")
+        from importlib import import_module
+
+        home = import_module(f"cotree.{_HOMES.get(name, 'errors')}")
+        globals()[name] = value = getattr(home, "VERSION" if name == "__version__" else name)
+        return value
+
+    def __dir__() -> list[str]:
+        """List the public names, imported or not."""
+        return sorted({*globals(), *__all__})

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cotree.api import Scene
-from cotree.readers import UrdfOptions, read_spice_scene, read_urdf_scene
+from cotree.readers.spice import read_spice_scene
+from cotree.readers.urdf import UrdfOptions, read_urdf_scene
 
 if TYPE_CHECKING:
     from pathlib import Path

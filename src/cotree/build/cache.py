@@ -1,9 +1,9 @@
 """Cache of compiled libraries: a folder of the user, addressed by all inputs of each library.
 
-A library stands there as ``<key>.so``, and an object file that several libraries link as
-``<key>.o``, each with its checksum in ``<key>.sha256``. Both are published by atomic rename from a
-private folder, so a reader never meets half a file. A file whose checksum does not fit, whatever
-the reason, counts as absent and is built again.
+A library stands there as ``<key>.so``, an object file that several libraries link as ``<key>.o``,
+and a parsed template as ``<key>.template``, each with its checksum in ``<key>.sha256``. All are
+published by atomic rename from a private folder, so a reader never meets half a file. A file whose
+checksum does not fit, whatever the reason, counts as absent and is made again.
 
 Of processes that want the same library at the same time, one builds it and the others wait for a
 lock. The lock only saves work: a process that cannot get it builds for itself, correctly.
@@ -38,9 +38,10 @@ _FAILED = "failed"
 _PRIVATE_PREFIX = "cotree-build-"
 # Only these names are ever removed from the folder, which may hold other things.
 _KEY = re.compile(r"[0-9a-f]{64}")
-_PUBLISHED = re.compile(r"[0-9a-f]{64}\.(so|o|sha256|lock)")
-#: The end of the name of a library in the cache, and of an object file that several ones link.
-LIBRARY, OBJECT = ".so", ".o"
+_PUBLISHED = re.compile(r"[0-9a-f]{64}\.(so|o|template|sha256|lock)")
+#: The end of the name of a library in the cache, of an object file that several ones link, and of
+#: a parsed template.
+LIBRARY, OBJECT, TEMPLATE = ".so", ".o", ".template"
 # No build takes as long, so the process of a private folder that has not changed for a day is gone.
 _ABANDONED_AFTER = 24.0 * 3600.0
 
@@ -130,7 +131,7 @@ def cache_key(
 
 
 def find_published(key: str, end: str = LIBRARY) -> Path | None:
-    """Give the library or object of a key, or None if it is absent or not what was published."""
+    """Give the file of a key, or None if it is absent or not what was published."""
     library, checksum = _published_paths(key, end)
     try:
         # A damaged library would crash the process when it is loaded, not raise.
@@ -141,7 +142,7 @@ def find_published(key: str, end: str = LIBRARY) -> Path | None:
 
 
 def publish(built: Path, key: str, end: str = LIBRARY) -> Path:
-    """Move a library or an object from a private folder of the cache to its place.
+    """Move a library, an object or a template from a private folder of the cache to its place.
 
     Raises
     ------
@@ -220,7 +221,7 @@ def write_files(files: Mapping[str, str], directory: Path) -> None:
 
 
 def clear_cache() -> int:
-    """Remove compiled libraries, kept sources and the remains of interrupted builds.
+    """Remove compiled libraries, parsed templates, kept sources and remains of interrupted builds.
 
     Only files that cotree names are touched, whatever else the folder holds. Libraries that are
     loaded stay usable, and a build under way in another process begins again.

@@ -164,6 +164,8 @@ def run_scene(
     """Integrate a scene and print its end state and sensitivities."""
     import numpy as np
 
+    from cotree.solvers.engine import build_ahead
+
     # Files are checked before the run, whose results would be lost otherwise.
     check_folder(csv)
     check_picture(plot)
@@ -179,6 +181,7 @@ def run_scene(
     settings |= given(max_steps=max_steps, max_events=max_events, time_limit=time_limit)
     described = read_inputs(read_scene(scene), inputs, settings["parameters"])
     is_moving = check_animated(animate, described)
+    build_ahead(method or described.defaults.method)
     model = described.compile(sensitivity, read_tree(tree))
     if plot is not None or (animate is not None and not is_moving):
         from cotree.cli.picture import check_names, draw_curves, draw_run

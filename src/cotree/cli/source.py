@@ -29,10 +29,13 @@ def read_scene(source: str) -> Scene:
     """
     from cotree.api import load
     from cotree.readers import is_urdf
-    from cotree.reading import read_urdf
 
-    # Only robots have options of their own.
-    scene = read_urdf(source, *_ROBOT.get()) if is_urdf(source) else load(source)
+    if is_urdf(source):  # only robots have options of their own
+        from cotree.reading import read_urdf
+
+        scene = read_urdf(source, *_ROBOT.get())
+    else:
+        scene = load(source)
     # Notes go to standard error, so that output to a pipe stays as it is.
     for note in scene.origin.notes if scene.origin is not None else ():
         typer.echo(f"cotree: note: {' '.join(note.split())}", err=True)

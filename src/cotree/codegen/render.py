@@ -43,6 +43,8 @@ def environment(*, is_html: bool = False) -> jinja2.Environment:
     """Give the environment that fills templates; it escapes names and texts in HTML."""
     import jinja2
 
+    from cotree.codegen.bytecode import KeptBytecode
+
     return jinja2.Environment(
         loader=jinja2.FileSystemLoader(template_folder()),
         # A name that a context lacks is an error, never an empty text in C.
@@ -50,6 +52,7 @@ def environment(*, is_html: bool = False) -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
+        bytecode_cache=KeptBytecode("html" if is_html else "text"),
         autoescape=is_html,  # what is untrusted and goes into C was escaped in naming.py
     )
 

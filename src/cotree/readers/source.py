@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeVar
 
-from cotree.readers.spice import read_spice_scene
-from cotree.readers.urdf import UrdfOptions, read_urdf_scene
 from cotree.scene.description import SceneDescription
 from cotree.scene.toml_file import load_scene
 
@@ -43,7 +41,11 @@ def load_source(source: str | Path, scene_type: type[_Scene]) -> _Scene:
     """
     # The ending decides; shipped scenes have none and are found by the last branch.
     if is_urdf(source):
+        from cotree.readers.urdf import UrdfOptions, read_urdf_scene
+
         return read_urdf_scene(source, scene_type, UrdfOptions())
     if is_spice(source):
+        from cotree.readers.spice import read_spice_scene
+
         return read_spice_scene(source, scene_type)
     return load_scene(source, scene_type)

@@ -6,14 +6,17 @@ of SUNDIALS that it calls; or the reason why there is none.
 
 from __future__ import annotations
 
+import contextlib
+import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cotree.build import BuildOptions, find_toolchain, obtain_library
 from cotree.codegen.integrators import SHARED_FILES, engine_declarations, engine_files
 from cotree.codegen.sundials import SUNDIALS_FUNCTIONS
-from cotree.errors import BuildError
+from cotree.errors import BuildError, Error
 from cotree.sharing import made_once
+from cotree.solvers.methods import METHODS
 from cotree.solvers.sundials_library import library_path, open_sundials
 from cotree.version import ABI_VERSION
 
@@ -43,6 +46,25 @@ class Engine:
     library: LoadedLibrary
     functions: Any = None
     sundials: Any = None
+
+
+def build_ahead(method: str) -> None:
+    """Begin to build or to load the engine of a method, while others form and compile the model.
+
+    Parameters
+    ----------
+    method : str
+        The method of a run to come; nothing is done for one that needs no engine or is unknown.
+    """
+    # A choice of the method begins with steps of this one.
+    row = METHODS.get("dop853" if method == "auto" else method)
+    if row is not None and row.stepper:
+        threading.Thread(target=_prepare, args=(row.stepper,), name="cotree-engine").start()
+
+
+def _prepare(stepper: str) -> None:
+    with contextlib.suppress(Error):  # who needs the engine meets the error, too
+        load_engine(stepper)
 
 
 def load_engine(stepper: str) -> Engine | str:
