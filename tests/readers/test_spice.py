@@ -143,6 +143,36 @@ def test_subcircuits_nest_and_take_parameters():
     np.testing.assert_allclose(model.output_values(0.0, []), [2.0, 1.5], rtol=1e-13)
 
 
+#: Resistance of a subcircuit by what it, its instance and the netlist say, of ngspice 39.
+RESISTANCES = {
+    "an instance before .param": ("r=3", "r=1", ".param r=5", "{r}", 3.0),
+    "an instance before .param alone": ("r=3", "", ".param r=5", "{r}", 3.0),
+    ".param before a default": ("", "r=1", ".param r=5", "{r}", 5.0),
+    "a default of what is given": ("r=3", "r=1 s={2*r}", ".param r=5\n.param w={r+s}", "{w}", 9.0),
+    "in any order": ("", "", ".param q={2*r}\n.param r=5", "{q}", 10.0),
+    "the last of two": ("", "", ".param r=5\n.param r=6", "{r}", 6.0),
+}
+
+
+@pytest.mark.parametrize("case", RESISTANCES)
+def test_what_an_instance_gives_goes_first(case):
+    given, defaults, lines, value, expected = RESISTANCES[case]
+    scene = read(
+        f"title\n.param r=7\nV1 a 0 1\nX1 a 0 sub {given}\n"
+        f".subckt sub p n {defaults}\n{lines}\nR1 p n {value}\n.ends\n"
+    )
+    scene.output("i", "-V1.i")
+    assert scene.compile().output_values(0.0, [])[0] == pytest.approx(1.0 / expected)
+
+
+def test_parameters_of_a_netlist_stand_in_any_order():
+    scene = read("title\n.param b={2*a}\n.param a=3\nV1 x 0 1\nR1 x 0 {b}\n")
+    scene.output("i", "-V1.i")
+    assert scene.compile().output_values(0.0, [])[0] == pytest.approx(1.0 / 6.0)
+    with pytest.raises(cotree.SceneError, match="names 'c', which is no parameter"):
+        read("title\n.param c={2*b}\n.param b={c}\nV1 x 0 1\nR1 x 0 {b}\n")
+
+
 SEVEN = " ".join(f"L{i}" for i in range(7))
 
 
@@ -455,6 +485,9 @@ LEAKS = {
     "Q1 c b e s qn 3 m=2": ("3 0 0 0", [-12.0, 6.0, 0.0, 6.0]),
     "Q1 c b e qp": ("-3 2 0 0", [5.0, -9.0, 2.0, 0.0]),
     "D1 c b d 3 m=2": ("-1 0 0 0", [1.0, -1.0, 0.0, 0.0]),
+    # Of several bipolar transistors in parallel it is as many times as large, of diodes, those of
+    # channels among them, it is not.
+    "M1 c b e s n m=3": ("1 0 1 0", [-1.0, 0.0, -1.0, 2.0]),
 }
 
 
@@ -462,6 +495,7 @@ LEAKS = {
 def test_conductances_beside_junctions_are_where_ngspice_has_them(row):
     volts, expected = LEAKS[row]
     models = ".model qn NPN(IS=1e-20)\n.model qp PNP(IS=1e-20)\n.model d D(IS=1e-20)\n"
+    models += ".model n NMOS(IS=1e-20 VTO=5)\n"
     nodes = list(zip("cbes", volts.split(), strict=True))
     # Nodes that the device leaves out hang on resistors of no current.
     rows = "".join(f"V{n} {n} 0 {v}\nR{n} {n} {n}x 1\n" for n, v in nodes)

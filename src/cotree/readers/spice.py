@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from cotree.errors import brief, check_known, listed
 from cotree.files import read_text
@@ -19,10 +19,16 @@ from cotree.readers.spice_devices import DEVICES
 from cotree.readers.spice_lines import Line, settings, split_settings
 from cotree.readers.spice_netlist import Circuit, Netlist, parse_netlist
 from cotree.readers.spice_sources import Times
-from cotree.readers.spice_values import Scope
+from cotree.readers.spice_values import Scope, ordered
 from cotree.readers.subcircuit_scope import Instance, Sheet
 from cotree.scene.description import SceneDescription
 from cotree.scene.origin import Origin
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from cotree.readers.source_line import SourceLine
+    from cotree.readers.spice_values import ParameterRow, Value
 
 _Scene = TypeVar("_Scene", bound=SceneDescription)
 
@@ -92,7 +98,12 @@ class Writer(Sheet[_Scene]):
         # in the file: values, waveforms and initial states of elements depend on them.
         for line in self.netlist.options:
             self._option(line, top)
-        self._parameters(whole, top, "")
+        own: dict[str, ParameterRow] = {}
+        for row in whole.parameters:
+            if row[0].lower() in own:
+                raise row[2].error(f"parameter '{brief(row[0])}' is given twice")
+            own[row[0].lower()] = row
+        self._parameters(own, top, "", {})
         if self.netlist.transient is not None:
             self._transient(self.netlist.transient, top)
         for line in self.netlist.held:
@@ -107,14 +118,20 @@ class Writer(Sheet[_Scene]):
         self.scene.origin = Origin(self.file, tuple(notes), changed)
         return self.scene
 
-    def _parameters(self, circuit: Circuit, scope: Scope, path: str) -> None:
-        for name, word, at in circuit.parameters:
-            if name.lower() in scope.values and not path:
-                raise at.error(f"parameter '{brief(name)}' is given twice")
+    def _parameters(
+        self,
+        rows: Mapping[str, ParameterRow],
+        scope: Scope,
+        path: str,
+        given: Mapping[str, tuple[Value, SourceLine]],
+    ) -> None:
+        for key in ordered(rows, given):
+            name, word, at = rows[key]
+            value, at = given[key] if key in given else (scope.value(word, at), at)
             # A dot in an expression leads to a variable of an edge, so that paths are joined
             # otherwise.
             label = f"{path}{name}".replace(".", "_")
-            scope.values[name.lower()] = self.own_parameter(label, scope.value(word, at), at)
+            scope.values[key] = self.own_parameter(label, value, at)
 
     def _option(self, line: Line, scope: Scope) -> None:
         if line.key == ".temp":
@@ -220,14 +237,14 @@ class Writer(Sheet[_Scene]):
         # Names are looked up where the subcircuit is defined, not where it is used.
         inner = Scope({}, home.scope)
         place = Instance(self, circuit, inner, path, home)
-        check_known(values, circuit.defaults, f"{line.at}: subcircuit {what} has no parameter")
-        for name, word in circuit.defaults.items():
-            # A value given by the instance is meant in the circuit around it, a default within the
-            # subcircuit, after the defaults before it.
-            scope, at = (outer.scope, line.at) if name in values else (inner, circuit.at)
-            value = scope.value(values.get(name, word), at)
-            inner.values[name] = self.own_parameter(place.label(name), value, line.at)
-        self._parameters(circuit, inner, path)
+        # As in ngspice: what the instance gives goes before ``.param`` of the subcircuit, and that
+        # before a default.
+        rows = {name: (name, word, line.at) for name, word in circuit.defaults.items()}
+        rows |= {row[0].lower(): row for row in circuit.parameters}
+        check_known(values, rows, f"{line.at}: subcircuit {what} has no parameter")
+        # A value given by the instance is meant in the circuit around it, others within.
+        seen = {name: (outer.scope.value(word, line.at), line.at) for name, word in values.items()}
+        self._parameters(rows, inner, path, seen)
         self._circuit(circuit, place, depth + 1)
 
     def _notes(self, changed: dict[tuple[str, str], str]) -> list[str]:

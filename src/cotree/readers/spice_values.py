@@ -12,11 +12,16 @@ from cotree.errors import ExpressionError, brief, nearest
 from cotree.scene.expressions import FUNCTIONS, parse
 
 if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
     from cotree.dag.nodes import Node
     from cotree.readers.source_line import SourceLine
 
 #: A number, or the text of an expression in the scene's grammar.
 Value = float | str
+
+#: A parameter: its name and value as written, and its line.
+ParameterRow = tuple[str, str, "SourceLine"]
 
 _DIGITS = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _NUMBER = re.compile(rf"([+-]?{_DIGITS})([A-Za-zµ]*)\Z", re.ASCII)
@@ -30,8 +35,38 @@ _SUFFIXES = {
     **{"t": 1e12, "g": 1e9, "meg": 1e6, "k": 1e3, "mil": 25.4e-6, "m": 1e-3},
     **{"u": 1e-6, "µ": 1e-6, "n": 1e-9, "p": 1e-12, "f": 1e-15, "a": 1e-18},
 }
+_WORD = re.compile(r"[a-z_]\w*", re.ASCII)
 _OTHER_NAMES = {"ln": "log", "sgn": "sign", "arctan": "atan"}
 _LONGEST = 3000  # characters of an expression, parameters put in
+
+
+def ordered(rows: Mapping[str, ParameterRow], given: Collection[str] = ()) -> list[str]:
+    """Sort parameters such that each comes after those that its value names.
+
+    They stay in the order of the file otherwise. A name that leads back to itself is left where it
+    is: it means that of the circuit around, or is unknown.
+
+    Parameters
+    ----------
+    rows : mapping of str to (str, str, SourceLine)
+        Names, values as written, and lines, by name in small letters.
+    given : collection of str
+        Those whose values are known already.
+    """
+    done: dict[str, None] = {}
+    begun: set[str] = set()
+    for first in rows:
+        waiting = [first]
+        while waiting:
+            name = waiting[-1]
+            begun.add(name)
+            words = () if name in given else _WORD.findall(rows[name][1].lower())
+            ahead = [word for word in words if word in rows and word not in begun]
+            if ahead:
+                waiting.append(ahead[0])
+            else:
+                done[waiting.pop()] = None
+    return list(done)
 
 
 def read_number(word: str) -> float | None:
