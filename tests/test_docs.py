@@ -20,6 +20,7 @@ from cotree.formulation.observed import EDGE_VARIABLES, ENERGIES, NODE_VARIABLES
 from cotree.scene.allowances import RULES
 from cotree.scene.expressions import FUNCTIONS
 from cotree.scene.toml_file import read_scene
+from cotree.scene.usage import usage_of
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -203,6 +204,16 @@ def check_example(component, scene):
         exact = result[f"{name}_exact"]
         # Some tens of steps, each with an error of rtol at most: measured 7e-11 and less.
         assert np.max(np.abs(result[name] - exact)) <= 1e-8 * np.max(np.abs(exact))
+
+
+ON_JOINTS = [row for row in BUILT_IN if any(e.name == "joint" for e in usage_of(row.name).entries)]
+
+
+@pytest.mark.parametrize("component", ON_JOINTS, ids=lambda c: c.name)
+def test_what_may_sit_on_a_joint_shows_it_on_its_page(component):
+    scenes = (tomllib.loads(block) for block in blocks(page(component.name), "toml"))
+    edges = [edge for scene in scenes for edge in scene["edges"].values()]
+    assert any(edge["type"] == component.name and "joint" in edge for edge in edges)
 
 
 @pytest.mark.usefixtures("own_types")

@@ -16,7 +16,11 @@ def pendulum() -> cotree.Scene:
     axis: npt.NDArray[np.float64] = np.array([0.0, 0.0, 1.0])
     scene.revolute("h", "ground", "A", axis=axis, torque="tau", initial={"theta": 0.1})
     scene.arm("rod", "A", "B", vector=[0, "-L", 0])
-    scene.rigid_body("bob", "ground", "B", mass=np.float64(1.0), inertia=[0.1, 0.1, 0.1])
+    scene.rotational_stop("limits", joint="h", lower=-1, upper=1, stiffness=1e3)
+    scene.set("L", 350, unit="mm")
+    scene.rigid_body(
+        "bob", "ground", "B", mass={"value": 500, "unit": "g"}, inertia=[0.1, 0.1, 0.1]
+    )
     scene.output("height", "B.y")
     scene.event("bottom", "h.theta", direction=-1)
     return scene
@@ -26,6 +30,9 @@ def drive(scene: cotree.Scene) -> None:
     scene.voltage_source("V", "a", "ground", voltage={"of": "t", "x": [0, 1], "y": [0, 12]})
     scene.dc_motor(
         "M", electrical=["a", "ground"], joint="h", resistance="1.2", constant=0.05, heat="winding"
+    )
+    scene.voice_coil(
+        "C", joint="rail", electrical=["a", "ground"], resistance=1, constant=np.float64(3)
     )
     scene.heat_capacitor("W", "winding", "ground", capacity=8.0, initial={"T": 293.15})
     scene.mosfet_n("Q", "a", "b", "ground", factor=1e-3, threshold=1.0)

@@ -12,7 +12,7 @@ from cotree.scene.usage_text import docstring_of
 
 _TYPES = {
     "value": "_Value",
-    "constant": "_Scalar",
+    "constant": "_Value",
     "vector": "_Vector",
     "expression": "_Scalar",
     "names": "Sequence[str]",
@@ -37,12 +37,13 @@ import numpy as np
 import numpy.typing as npt
 
 _Scalar = float | str | np.floating[Any] | np.integer[Any]
-_Value = _Scalar | Mapping[str, Any]
-_Vector = Sequence[_Scalar] | npt.NDArray[Any]
+_Table = Mapping[str, Any]  # over an expression, or a value with its unit
+_Value = _Scalar | _Table
+_Vector = Sequence[_Scalar] | npt.NDArray[Any] | _Table
 _Rotation = _Vector | Sequence[Sequence[float]]
-_Inertia = _Scalar | _Vector | Sequence[Sequence[_Scalar]]
+_Inertia = _Value | _Vector | Sequence[Sequence[_Scalar]]
 _Nodes = tuple[str, str] | list[str]
-_Initial = Mapping[str, _Scalar | _Rotation | Mapping[str, _Scalar]]
+_Initial = Mapping[str, _Value | _Rotation]
 
 class ComponentMethod:
     """The method of one component, made when it is first used."""
@@ -52,7 +53,11 @@ class ComponentMethod:
     def __get__(self, scene: object, owner: object = None) -> Callable[..., None]: ...
 
 class ComponentMethods:
-    """Methods that add an edge of each component: ``scene.revolute("h", "D", "B", axis=...)``."""
+    """Methods that add an edge of each component: ``scene.revolute("h", "D", "B", axis=...)``.
+
+    Fields take numbers in SI, names of parameters, expressions in quotes, and values with a unit,
+    ``{"value": 35, "unit": "mm"}``.
+    """
 '''
 
 

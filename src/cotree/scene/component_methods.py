@@ -34,8 +34,10 @@ class ComponentMethod:
 class ComponentMethods:
     """Methods that add an edge of each component: ``scene.revolute("h", "D", "B", axis=...)``.
 
-    Each stands for a call of :meth:`cotree.Scene.edge` with the name of the component. Types that
-    :func:`cotree.register_component` made are added by that method itself.
+    Each stands for a call of :meth:`cotree.Scene.edge` with the name of the component. Fields take
+    numbers in SI, names of parameters, expressions in quotes, and values with a unit, as in
+    ``{"value": 35, "unit": "mm"}``. Types that :func:`cotree.register_component` made are added by
+    that method itself.
     """
 
 

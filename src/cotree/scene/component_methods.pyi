@@ -10,12 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 _Scalar = float | str | np.floating[Any] | np.integer[Any]
-_Value = _Scalar | Mapping[str, Any]
-_Vector = Sequence[_Scalar] | npt.NDArray[Any]
+_Table = Mapping[str, Any]  # over an expression, or a value with its unit
+_Value = _Scalar | _Table
+_Vector = Sequence[_Scalar] | npt.NDArray[Any] | _Table
 _Rotation = _Vector | Sequence[Sequence[float]]
-_Inertia = _Scalar | _Vector | Sequence[Sequence[_Scalar]]
+_Inertia = _Value | _Vector | Sequence[Sequence[_Scalar]]
 _Nodes = tuple[str, str] | list[str]
-_Initial = Mapping[str, _Scalar | _Rotation | Mapping[str, _Scalar]]
+_Initial = Mapping[str, _Value | _Rotation]
 
 class ComponentMethod:
     """The method of one component, made when it is first used."""
@@ -25,7 +26,11 @@ class ComponentMethod:
     def __get__(self, scene: object, owner: object = None) -> Callable[..., None]: ...
 
 class ComponentMethods:
-    """Methods that add an edge of each component: ``scene.revolute("h", "D", "B", axis=...)``."""
+    """Methods that add an edge of each component: ``scene.revolute("h", "D", "B", axis=...)``.
+
+    Fields take numbers in SI, names of parameters, expressions in quotes, and values with a unit,
+    ``{"value": 35, "unit": "mm"}``.
+    """
 
     def accumulator(
         self,
@@ -1122,8 +1127,8 @@ class ComponentMethods:
         *,
         coordinate1: _Scalar,
         coordinate2: _Scalar,
-        ratio: _Scalar,
-        phase: _Scalar = 0.0,
+        ratio: _Value,
+        phase: _Value = 0.0,
     ) -> None:
         """Add a ``gear``: couples two coordinates: coordinate1 = ratio * coordinate2 + phase.
 
@@ -2534,7 +2539,7 @@ class ComponentMethods:
         second: str,
         /,
         *,
-        mass: _Scalar,
+        mass: _Value,
         inertia: _Inertia | None = None,
         initial: _Initial | None = None,
     ) -> None:
@@ -2580,7 +2585,7 @@ class ComponentMethods:
         *,
         normal: _Vector,
         axis: _Vector,
-        radius: _Scalar,
+        radius: _Value,
     ) -> None:
         """Add a ``rolling_disc``.
 
@@ -2632,7 +2637,7 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.w`` and so on.
         first, second : str
-            Its nodes; none where it acts on a joint or along a line.
+            Its nodes; none where it acts on a joint.
         joint : str, optional
             Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
         damping : float, str or table, [N m s/rad]
@@ -2670,7 +2675,7 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.w`` and so on.
         first, second : str
-            Its nodes; none where it acts on a joint or along a line.
+            Its nodes; none where it acts on a joint.
         joint : str, optional
             Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
         torque : float, str or table, [N m]
@@ -2709,7 +2714,7 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.w`` and so on.
         first, second : str
-            Its nodes; none where it acts on a joint or along a line.
+            Its nodes; none where it acts on a joint.
         joint : str, optional
             Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
         inertia : float, str or table, [kg m^2]
@@ -2744,7 +2749,7 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.w`` and so on.
         first, second : str
-            Its nodes; none where it acts on a joint or along a line.
+            Its nodes; none where it acts on a joint.
         joint : str, optional
             Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
         stiffness : float, str or table, [N m/rad], optional
@@ -2785,7 +2790,7 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.w`` and so on.
         first, second : str
-            Its nodes; none where it acts on a joint or along a line.
+            Its nodes; none where it acts on a joint.
         joint : str, optional
             Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
         lower : float, str or table, [rad]
@@ -2825,7 +2830,7 @@ class ComponentMethods:
         /,
         *,
         axis: _Vector,
-        pitch: _Scalar,
+        pitch: _Value,
         stiffness: _Value = 0.0,
         free_angle: _Value = 0.0,
         damping: _Value = 0.0,
@@ -2886,7 +2891,7 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.w`` and so on.
         first, second : str
-            Its nodes; none where it acts on a joint or along a line.
+            Its nodes; none where it acts on a joint.
         joint : str, optional
             Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
         stiffness : float, str or table, [N m/rad]
@@ -3114,11 +3119,10 @@ class ComponentMethods:
     def speed_source(
         self,
         name: str,
-        first: str = ...,
-        second: str = ...,
+        first: str,
+        second: str,
         /,
         *,
-        joint: str | None = None,
         speed: _Value,
         initial: _Initial | None = None,
     ) -> None:
@@ -3129,9 +3133,7 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.w`` and so on.
         first, second : str
-            Its nodes; none where it acts on a joint or along a line.
-        joint : str, optional
-            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
+            Its nodes.
         speed : float, str or table, [rad/s]
             Second node less first.
         initial : mapping, optional
@@ -3450,7 +3452,7 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.w`` and so on.
         first, second : str
-            Its nodes; none where it acts on a joint or along a line.
+            Its nodes; none where it acts on a joint.
         joint : str, optional
             Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
         torque : float, str or table, [N m]
@@ -3880,12 +3882,10 @@ class ComponentMethods:
     def velocity_source(
         self,
         name: str,
-        first: str = ...,
-        second: str = ...,
+        first: str,
+        second: str,
         /,
         *,
-        joint: str | None = None,
-        line: _Nodes | None = None,
         velocity: _Value,
         initial: _Initial | None = None,
     ) -> None:
@@ -3896,11 +3896,7 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.v`` and so on.
         first, second : str
-            Its nodes; none where it acts on a joint or along a line.
-        joint : str, optional
-            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
-        line : pair of str, optional
-            Two nodes of the multibody system; it acts along their line.
+            Its nodes.
         velocity : float, str or table, [m/s]
             Second node less first.
         initial : mapping, optional

@@ -89,6 +89,8 @@ def nodes_of(usage: Usage) -> str:
         return "those of its ports, below; or a list of one of each, the other being the ground"
     if not usage.nodes:
         return "none listed; its fields name them"
+    if rest and not needed:
+        return f"{', '.join(rest)}; none where it acts on {_places(usage)}"
     told = ", ".join(needed)
     return f"{told}, and {', '.join(rest)} if wanted" if rest else told
 
@@ -99,7 +101,12 @@ def _nodes_doc(usage: Usage) -> str:
         return "Its nodes."
     if usage.n_needed:
         return f"Its nodes; {' and '.join(optional)} may be left out."
-    return "Its nodes; none where it acts on a joint or along a line."
+    return f"Its nodes; none where it acts on {_places(usage)}."
+
+
+def _places(usage: Usage) -> str:
+    has_line = any(entry.name == "line" for entry in usage.entries)
+    return "a joint or along a line" if has_line else "a joint"
 
 
 def _entry_line(entry: Entry) -> str:
