@@ -60,7 +60,7 @@ def test_every_word_is_a_node_and_no_word_a_parameter(word):
         ("l", ["L", "g", "m"], "L"),
         ("OMEGA", ["omega", "alpha"], "omega"),
         ("VOut", ["vout", "VOut2"], "vout"),
-        ("dampin", ["Damping", "stiffness"], "Damping"),
+        ("omegas", ["Omega", "stiffness"], "Omega"),
         ("h.THETA", ["h.theta", "h.theta_dot"], "h.theta"),
     ],
 )
