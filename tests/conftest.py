@@ -7,6 +7,7 @@ import difflib
 import functools
 import gc
 import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +34,15 @@ settings.load_profile("cotree")
 SCENES = ("slider-pendulum", "spring-mass-damper")
 
 _ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(autouse=True)
+def _no_figures_left() -> Iterator[None]:
+    """Close what a test drew, where pyplot keeps it: it warns of twenty."""
+    yield
+    pyplot = sys.modules.get("matplotlib.pyplot")
+    if pyplot is not None:
+        pyplot.close("all")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -79,7 +79,8 @@ def table(
     note = paragraph(f"… {', '.join(hidden)}", muted=True) if hidden else ""
     body = f"<thead>{shown[0]}</thead><tbody>{''.join(shown[1:])}</tbody>"
     title = f'<caption style="text-align:left">{escaped(caption)}</caption>' if caption else ""
-    return f"<table>{title}{body}</table>{note}"
+    # Some pages put tables into the middle.
+    return f'<table style="margin-left:0">{title}{body}</table>{note}'
 
 
 def _row(tag: str, cells: Sequence[object], like: Sequence[object]) -> str:

@@ -77,6 +77,31 @@ def test_absolute_tolerance_beyond_the_states_is_warned_of(swing: cotree.Model) 
     assert np.all(swing.simulate(initial={"s.s": 0.0}).y == 0.0)  # at rest nothing is asked for
 
 
+def test_a_mechanism_that_is_held_at_rest_asks_for_no_tolerance() -> None:
+    """A level arm, m g L held by a torque: what rounding leaves of the balance is no motion."""
+    arm = cotree.Scene("held", gravity=[0, -9.81, 0])
+    arm.input("tau", 0.0, unit="N m")
+    arm.edge("h", "revolute", "ground", "A", axis=[0, 0, 1])
+    arm.edge("drive", "torque", "ground", "A", torque=[0, 0, "tau"])
+    arm.edge("rod", "arm", "A", "B", vector=[0.3, 0, 0])
+    arm.edge("bob", "rigid_body", "ground", "B", mass=0.7)
+    model = arm.compile()
+    # One unit in the last place off, which some hardware would be by itself.
+    held = np.nextafter(0.7 * 9.81 * 0.3, 10.0)
+    result = model.simulate((0, 2), inputs={"tau": float(held)})  # warnings are errors here
+    assert 0.0 < np.max(np.abs(result.y)) < 1e-12
+
+
+def test_small_motions_are_still_warned_of() -> None:
+    """A capacitor at 1e-13 V, of which a tolerance of 1e-10 tests nothing."""
+    circuit = cotree.Scene("small")
+    circuit.edge("V", "voltage_source", "a", "ground", voltage=1e-13)
+    circuit.edge("R", "resistor", "a", "b", resistance=1e3)
+    circuit.edge("C", "capacitor", "b", "ground", capacitance=1e-6)
+    with pytest.warns(RuntimeWarning, match="no state was ever larger than 1e-13"):
+        circuit.compile().simulate((0, 0.01))
+
+
 def test_scenes_benches_and_projects_refuse_and_warn(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match=r"of the simulation rtol is 1.0: errors as large"):
         scene(rtol=1.0)

@@ -33,7 +33,13 @@ from cotree.solvers.settings import (
 )
 from cotree.solvers.sweep import sweep
 from cotree.solvers.timely import timely
-from cotree.solvers.trust import held, warn_of_redundancy, warn_of_result, warn_of_tolerances
+from cotree.solvers.trust import (
+    held,
+    is_balanced,
+    warn_of_redundancy,
+    warn_of_result,
+    warn_of_tolerances,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -141,7 +147,12 @@ def simulate(
         if settings.throw:
             raise SolveError(trajectory.message)
         warnings.warn(trajectory.message, RuntimeWarning, stacklevel=3)
-    warn_of_result(problem, trajectory, model.layout.followers)
+    warn_of_result(
+        problem,
+        trajectory,
+        model.layout.followers,
+        lambda: is_balanced(model, t_span[0], start.y, p, u(t_span[0])),
+    )
     n, m = len(model.states), len(model.sensitivities)
     y = trajectory.z[:n]
     # z goes parameter by parameter, s by state, parameter and time.

@@ -7,19 +7,22 @@ In: a ``Problem``, and later its ``Trajectory``. Out: warnings, to the caller of
 from __future__ import annotations
 
 import warnings
+from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cotree.errors import Error
 from cotree.solvers.evaluate import FAILED
 from cotree.solvers.methods import METHODS
 from cotree.tolerances import FARTHEST_CORRECTION, LOOSE_RTOL, loose_rtol
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
-    from cotree.solvers.base import Trajectory
+    from cotree.model.model import CompiledModel
+    from cotree.solvers.base import FloatArray, Trajectory
     from cotree.solvers.problem import Problem
 
 # Corrections are compared with the tolerance of the run, or with this one if it is larger.
@@ -44,7 +47,10 @@ def warn_of_tolerances(problem: Problem) -> None:
 
 
 def warn_of_result(
-    problem: Problem, trajectory: Trajectory, followers: Sequence[tuple[int, int]] = ()
+    problem: Problem,
+    trajectory: Trajectory,
+    followers: Sequence[tuple[int, int]] = (),
+    is_balanced: Callable[[], bool] = lambda: False,
 ) -> None:
     """Warn where tolerances tested nothing.
 
@@ -56,10 +62,41 @@ def warn_of_result(
         Its outcome.
     followers : sequence of (int, int)
         Contents of storages and what follows from them, by the model's layout.
+    is_balanced : callable
+        Tells whether the rates at the start are what rounding leaves of a balance.
     """
     if trajectory.status == 0:
-        _warn(_untested(problem, trajectory))
+        untested = _untested(problem, trajectory)
+        _warn("" if untested and is_balanced() else untested)
         _warn(_left_free(problem, trajectory, followers))
+
+
+def is_balanced(model: CompiledModel, t: float, y: FloatArray, p: FloatArray, u: Any) -> bool:
+    """Tell whether rates are what rounding leaves of large terms that balance, as in a held robot.
+
+    Such rates change beyond recognition with parameters and inputs in their tenth digit; rates of
+    small motions change in their tenth digit, too.
+
+    Parameters
+    ----------
+    model : CompiledModel
+        The model.
+    t : float
+        Time, [s].
+    y, p, u : ndarray
+        States, parameters, and inputs, of which None takes the scene's.
+    """
+    u = model.input_values(t, p) if u is None else u
+    with suppress(Error):
+        rates = model.rhs(t, y, p, u)
+        others = model.rhs(t, y, _other(p), _other(u))
+        return bool(np.max(np.abs(others - rates), initial=0.0) > np.max(np.abs(rates), initial=0))
+    return False
+
+
+def _other(values: FloatArray) -> FloatArray:
+    """Change numbers in their tenth digit, each by another share."""
+    return values * (1.0 + 1e-10 * (1.0 + np.arange(len(values)) % 7))
 
 
 def warn_of_redundancy(problem: Problem, trajectory: Trajectory, redundant: int) -> None:
