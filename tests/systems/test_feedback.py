@@ -199,6 +199,17 @@ def test_a_closed_loop_is_a_scene_like_others(tmp_path):
     assert any("k_p" in text for text in written)
 
 
+def test_the_shipped_pendulum_falls_and_is_held():
+    """Its unstable pole is sqrt((M + m) g / (M L)); a law of angle and speed alone holds the rod."""
+    model = cotree.load("cart-pole").compile()
+    poles = np.linalg.eigvals(model.linearize(y=np.zeros(4)).A)
+    assert np.max(poles.real) == pytest.approx(math.sqrt(1.2 * 9.81 / 0.5), rel=1e-12)
+    law = {"push": "-k*hinge.theta - d*hinge.theta_dot"}
+    result = model.simulate((0, 5), inputs=law, parameters={"k": 40.0, "d": 8.0})
+    # M L s^2 + d s + k - (M + m) g = 0 has its slower pole at -5.25: e^-26 of 0.1 rad.
+    assert abs(result["hinge.theta"][-1]) < 1e-10
+
+
 def test_an_input_may_be_undefined_before_the_run(cart):
     """It is not looked at where the run does not begin."""
     result = cart.simulate((2, 3), inputs={"push": "sqrt(t - 2)"}, **TIGHT)
