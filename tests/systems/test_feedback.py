@@ -200,7 +200,7 @@ def test_a_closed_loop_is_a_scene_like_others(tmp_path):
 
 
 def test_the_shipped_pendulum_falls_and_is_held():
-    """Its unstable pole is sqrt((M + m) g / (M L)); a law of angle and speed alone holds the rod."""
+    """Its unstable pole is sqrt((M + m) g / (M L)); a law of angle and speed holds the rod."""
     model = cotree.load("cart-pole").compile()
     poles = np.linalg.eigvals(model.linearize(y=np.zeros(4)).A)
     assert np.max(poles.real) == pytest.approx(math.sqrt(1.2 * 9.81 / 0.5), rel=1e-12)
