@@ -2,8 +2,8 @@
 Feedback as an input, with sensitivities to its gains
 =====================================================
 
-A regulator for a shipped scene that nobody changes: the law is given as the input of a run, its gains
-as parameters, and the derivatives of the motion by a gain follow from the compiled closed loop.
+A regulator for a shipped scene that nobody changes: the law is given as the input of a run, its
+gains as parameters, and the derivatives by a gain follow from the compiled closed loop.
 """
 
 import matplotlib.pyplot as plt
