@@ -12,8 +12,10 @@ from __future__ import annotations
 import contextlib
 import gc
 import re
+import sys
 import threading
 import warnings
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -63,6 +65,18 @@ def without_warnings(
 def _filters() -> list[Any]:
     found: list[Any] = warnings.filters  # type: ignore[assignment]
     return found
+
+
+def level_of_user() -> int:
+    """Give the stack level for ``warnings.warn`` that blames the line of the user.
+
+    It is that of the first caller outside this package, however deep the call is inside.
+    """
+    package, level = str(Path(__file__).parent), 1
+    frame = sys._getframe(1)
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(package):
+        frame, level = frame.f_back, level + 1
+    return level
 
 
 @contextlib.contextmanager

@@ -9,6 +9,7 @@ and after each event, and each corner of a source, are among them, so that jumps
 from __future__ import annotations
 
 from dataclasses import replace
+from numbers import Number
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -51,7 +52,8 @@ def at_more_times(record: RunRecord, model: CompiledModel, settings: Settings) -
     """
     t = record.t
     is_short = 2 <= len(t) < _SMOOTH and record.statistics.n_steps <= _MOST_STEPS
-    if record.status != 0 or not is_short or any(map(callable, settings.inputs.values())):
+    is_known = all(map(_is_known, settings.inputs.values()))
+    if record.status != 0 or not (is_short and is_known):
         return record
     jumps = _jumps(record, model, settings)
     wanted = _times(t, jumps)
@@ -61,6 +63,14 @@ def at_more_times(record: RunRecord, model: CompiledModel, settings: Settings) -
     except Error:
         return record
     return found if _agrees(record, found, jumps) else record
+
+
+def _is_known(value: object) -> bool:
+    """Tell whether an input is the same at each run: a number, an expression or a table."""
+    parts = value if isinstance(value, (tuple, list)) else [value]
+    return not any(map(callable, parts)) and isinstance(
+        value, (str, Number, tuple, list, np.ndarray)
+    )
 
 
 def _jumps(record: RunRecord, model: CompiledModel, settings: Settings) -> FloatArray:

@@ -16,6 +16,7 @@ from cotree.model.contents import content_sizes
 from cotree.model.moment import Moment
 from cotree.model.signals import ReplacedInputs, read_signals
 from cotree.model.start import find_start
+from cotree.quiet import level_of_user
 from cotree.scene.expressions import check_number
 from cotree.solvers.augmented import DENSE_LIMIT
 from cotree.solvers.growth import with_growth
@@ -146,7 +147,7 @@ def simulate(
     if trajectory.status != 0:
         if settings.throw:
             raise SolveError(trajectory.message)
-        warnings.warn(trajectory.message, RuntimeWarning, stacklevel=3)
+        warnings.warn(trajectory.message, RuntimeWarning, stacklevel=level_of_user())
     warn_of_result(
         problem,
         trajectory,
@@ -342,5 +343,5 @@ def _leave_out(model: CompiledModel, sensitivities: FloatArray) -> None:
         f"constraints are redundant, so reactions are not unique: of those that share a load the "
         f"least are given, and the sensitivities of {names} are left out (nan)",
         RuntimeWarning,
-        stacklevel=4,
+        stacklevel=level_of_user(),
     )

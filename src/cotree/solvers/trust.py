@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.errors import Error
+from cotree.quiet import level_of_user
 from cotree.solvers.evaluate import FAILED
 from cotree.solvers.methods import METHODS
 from cotree.tolerances import FARTHEST_CORRECTION, LOOSE_RTOL, loose_rtol
@@ -36,9 +37,6 @@ _ROUGH, _ROUGHEST = 1e-4, 1e-3
 # The error test covers the contents of storages; a variable that follows from a content may err by
 # this many times its own tolerance before a run warns. The number of points that are examined.
 _LEFT_FREE, _N_LOOKED_AT = 10.0, 50
-
-# Stack levels from these functions up to the caller of ``Model.simulate``.
-_CALLER = 5
 
 
 def warn_of_tolerances(problem: Problem) -> None:
@@ -201,4 +199,4 @@ def _untested(problem: Problem, trajectory: Trajectory) -> str:
 
 def _warn(message: str) -> None:
     if message:
-        warnings.warn(message, RuntimeWarning, stacklevel=_CALLER)
+        warnings.warn(message, RuntimeWarning, stacklevel=level_of_user())
