@@ -132,15 +132,15 @@ class Scene(SceneDescription, ComponentMethods):
         recipe = Recipe(described, tuple(names), tree, options, rate)
         try:
             compiled = compile_scene(described, names, tree, options, rate)
+            model = Model(compiled, recipe)
+            model.times["formulate"] += prepared
+            # Faults that only numbers show, such as a motion without inertia, are refused here.
+            check_start(model)
         except (SingularSystemError, TopologyError) as error:
             # A node that is misspelt leaves another one without what it should carry.
             from cotree.lint import dangling_hint
 
             raise type(error)(f"{error}{dangling_hint(self)}") from None
-        model = Model(compiled, recipe)
-        model.times["formulate"] += prepared
-        # Faults that only numbers show, such as a motion without inertia, are refused here.
-        check_start(model)
         for name in model.unreached:
             warnings.warn(
                 f"no state or output depends on parameter '{name}': its sensitivities are all zero",

@@ -110,7 +110,7 @@ def test_wrong_sensitivities_are_refused(slider):
         ({"m1": math.nan}, "'m1' is nan"),
         ({"m1": math.inf}, "'m1' is inf"),
         ({"m1": "heavy"}, "'m1' is 'heavy'"),
-        ({"M1": 1.0}, "no tunable parameter 'M1'; known: L, g, k"),
+        ({"M1": 1.0}, "no tunable parameter 'M1'; did you mean 'm1'"),
     ],
 )
 def test_guards_name_the_culprit(slider, values, message):

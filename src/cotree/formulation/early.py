@@ -58,10 +58,10 @@ def check_numbers(first: FirstGraph) -> None:
         v for v, part in zip(system.speeds, motion, strict=True) if abs(part) > 1e-6 * largest
     ]
     moved = [v.name if v.coordinate is None else v.coordinate.name for v in speeds]
+    edges = _listed(dict.fromkeys(v.edge for v in speeds))
     raise SingularSystemError(
         f"the mass matrix is singular in every configuration: a motion of {_listed(moved)} moves "
-        f"no inertia; give the bodies that {_listed(dict.fromkeys(v.edge for v in speeds))} carry "
-        "mass or inertia, or weld a joint"
+        f"no inertia; give {edges}, or the bodies beyond, mass or inertia, or weld a joint"
     )
 
 

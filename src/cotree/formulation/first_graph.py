@@ -199,7 +199,8 @@ def form_first_graph(
     # The same balance at the unknowns: reactions that outputs ask for are read from it.
     loaded = loads.plus(multiplier_loads(constraints.applied))
     balanced = balance(motion, loaded, view.across)
-    observer = Observer(view, loaded, balanced, applied, observed)
+    owners = {*whole.nodes, *whole.edges}
+    observer = Observer(view, loaded, balanced, applied, observed, owners)
     states = (*_states(scene, system), *system.modes, *(network.states if network else ()))
     outputs = form_outputs(observer, scene)
     return FirstGraph(

@@ -20,7 +20,7 @@ from cotree.formulation.through import shifted
 from cotree.formulation.views import View
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Collection, Mapping, Sequence
 
     from cotree.dag.nodes import Node
     from cotree.dag.vector import Matrix, Vector
@@ -156,6 +156,8 @@ class Observer:
         Through variables along measures.
     networks : mapping of str to Node
         Variables of the scalar networks, by name.
+    owners : collection of str
+        Names of the scene's nodes and edges, for messages.
     """
 
     view: View
@@ -163,6 +165,7 @@ class Observer:
     balance: Balance
     applied: Sequence[Applied]
     networks: Mapping[str, Node]
+    owners: Collection[str]
 
     @property
     def motion(self) -> Motion:
@@ -200,6 +203,11 @@ class Observer:
             known = [n.partition(".")[2] for n in system.names if n.partition(".")[0] == first]
             known += [DRIVE, *EDGE_VARIABLES]
             return f"edge '{first}' has no variable '{last}'{nearest(last, known)}"
+        if last and first in self.owners:
+            return f"uses the unknown name '{name}': '{first}' has no variable '{last}'"
+        if last:
+            hint = nearest(first, self.owners)
+            return f"uses the unknown name '{name}': there is no node or edge '{first}'{hint}"
         known = [*system.names, *system.parameters, *system.inputs, *ENERGIES]
         return f"uses the unknown name '{name}'{nearest(name, known)}"
 

@@ -40,7 +40,9 @@ def resolver_of(
             if name in refused:
                 told += ": let an output depend on modes, which fields may name"
             raise ExpressionError(told)
-        raise ExpressionError(f"uses the unknown name '{name}'{nearest(name, by_name)}")
+        # Whoever writes T means a temperature or a torque, and hardly the time.
+        hint = nearest(name, by_name.keys() - {"t"} if name == "T" else by_name)
+        raise ExpressionError(f"uses the unknown name '{name}'{hint}")
 
     return resolve
 

@@ -66,7 +66,9 @@ def lint(
 
 def dangling_hint(scene: SceneDescription) -> str:
     """Say which node may be misspelt, as the end of a message; nothing where none looks so."""
-    found = [row for row in topology.dangling_nodes(scene) if "did you mean" in row.message]
+    found = list(topology.dangling_nodes(scene, is_refused=True))
+    # A node that looks like another one is the culprit before all that do not.
+    found.sort(key=lambda row: "did you mean" not in row.message)
     return f"; {found[0].message}" if found else ""
 
 

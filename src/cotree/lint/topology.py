@@ -25,8 +25,11 @@ def findings(scene: SceneDescription) -> Iterator[Finding]:
             yield Finding("shorted", "edge", edge.name, told)
 
 
-def dangling_nodes(scene: SceneDescription) -> Iterator[Finding]:
-    """Find nodes that one edge alone touches and no expression looks at."""
+def dangling_nodes(scene: SceneDescription, is_refused: bool = False) -> Iterator[Finding]:
+    """Find nodes that one edge alone touches and no expression looks at.
+
+    Bodies may fly on their own, and terminals may be open, unless the scene is refused.
+    """
     touching: dict[str, list[Edge]] = defaultdict(list)
     for edge in scene.edges.values():
         acts = {node for ends in edge.ports for node in ends.acts_on}
@@ -45,9 +48,11 @@ def dangling_nodes(scene: SceneDescription) -> Iterator[Finding]:
         if scene.origin is not None and edge.component.role is not Role.NETWORK:
             continue  # robots have frames at the ends of arms and joints
         is_end = edge.component.role is Role.BODY  # bodies may fly on their own
+        if is_end and edge.initial:
+            continue  # as one does that is given a start
         # Sensing terminals and open ends of a component with several nodes are usual.
         is_open = edge.component.role is Role.NETWORK and len(edge.ports) > 1
-        if not close and (is_end or is_open):
+        if not close and not is_refused and (is_end or is_open):
             continue
         hint = f"; did you mean '{close}'?" if close else ": connect it, or look at it in an output"
         if close and len(touching[close]) == 1:  # either may be the slip

@@ -14,6 +14,7 @@ from cotree.scene.allowances import check_allowed
 from cotree.scene.description import SceneDescription
 from cotree.scene.events import check_event_table
 from cotree.scene.origin import read_origin
+from cotree.scene.toml_errors import advice, misspelt_key
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -89,7 +90,8 @@ def read_scene(text: str, where: str, scene_type: type[_Scene]) -> _Scene:
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise SceneError(f"{where}: not valid TOML: {error}") from None
+        what = f"{error}{advice(str(error), text)}"
+        raise SceneError(f"{where}: not valid TOML: {what}") from None
     except RecursionError:
         raise SceneError(f"{where}: nested too deeply") from None
     try:
@@ -104,6 +106,11 @@ def _fill(data: Mapping[str, Any], stem: str, scene_type: type[_Scene]) -> _Scen
     check_known(data, _SECTIONS, "unknown section")
     scene = scene_type(data.get("name", stem), gravity=data.get("gravity", (0.0, 0.0, 0.0)))
     for name, value in _table(data, "parameters").items():
+        if isinstance(value, list):
+            raise SceneError(
+                f"parameter '{name}' is a list: give a number; or a header such as [edges.name] or "
+                "[inputs] is missing above it"
+            )
         scene.parameter(name, **_named_value("parameter", name, value, ("unit", "doc", "tunable")))
     for name, value in _table(data, "inputs").items():
         scene.input(name, **_named_value("input", name, value, ("unit", "doc")))
@@ -144,6 +151,9 @@ def _add_edge(scene: SceneDescription, name: str, edge: Any) -> None:
     if not isinstance(edge, dict):
         raise SceneError(f"edge '{name}' must be a table")
     rest = dict(edge)
+    misspelt = misspelt_key(name, edge)
+    if misspelt:
+        raise SceneError(misspelt)
     if "type" not in rest:
         raise SceneError(f"edge '{name}' needs the field 'type'")
     nodes = rest.pop("nodes", [])

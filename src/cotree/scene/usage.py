@@ -142,6 +142,8 @@ def proposed_types(name: object) -> str:
     rows = COMPONENTS.items()
     # Words that textbooks use, then names and meanings that hold the word, then misspelt words.
     found = [type for type, others in _ALSO_CALLED.items() if word in others]
+    # Letters that have changed places make a word of their own at times: 'ram' for 'arm'.
+    found += [type for type in COMPONENTS if sorted(type) == sorted(word)]
     found += [type for type, row in rows if word in type.split("_") or word in row.doc.split()]
     if not found:
         parts = {part for type in COMPONENTS for part in (type, *type.split("_"))}
