@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from cotree.components.component import optional, value
+from cotree.components.component import Component, Field, Plane, Role, Shape, optional, value
 from cotree.components.law import Law
 from cotree.components.ports import (
     across_source,
@@ -22,7 +22,7 @@ from cotree.components.terminal import Kind, Terminal
 from cotree.errors import SceneError
 
 if TYPE_CHECKING:
-    from cotree.components.component import Adapt, Adapted, Component, Field, Given, Nodes
+    from cotree.components.component import Adapt, Adapted, Given, Nodes
 
 
 @dataclass(frozen=True)
@@ -194,7 +194,26 @@ def _force_source(m: _Motion) -> Component:
 
 def _speed_source(m: _Motion, name: str) -> Component:
     field = value(name, m.speed_unit, "second node less first", "")
-    return across_source(m.domain, f"{name}_source", f"given {name}", field)
+    made = across_source(m.domain, f"{name}_source", f"given {name}", field)
+    place = Field("joint", "", "whose velocity is given", Shape.EXPRESSION, required=True)
+    # On a joint the mechanism gives the velocity: a constraint holds it, and gives the effort.
+    held = Component(
+        made.name,
+        Role.CONSTRAINT,
+        made.doc,
+        fields=(place, replace(field, constant=True, timed=True)),
+        domains=(),
+        keeps_plane=Plane(),
+    )
+
+    def adapt(edge: str, nodes: Nodes, fields: Given) -> Adapted:
+        return (held if "joint" in fields else made), nodes, fields
+
+    return replace(made, adapt=adapt)
+
+
+#: Sources of velocity, which are constraints on joints: whether they turn, and their field.
+PACED = {"velocity_source": (False, "velocity"), "speed_source": (True, "speed")}
 
 
 MASS = storage(

@@ -66,7 +66,7 @@ def constraint_rows(motion: Motion) -> list[Row]:
     rows: list[Row] = []
     for edge in motion.system.edges.values():
         role = edge.component.role
-        if role is Role.CONSTRAINT:
+        if role is Role.CONSTRAINT and edge.component.name in _CONSTRAINTS:
             rows += _CONSTRAINTS[edge.component.name](motion, edge)
         elif role in (Role.JOINT, Role.ARM):
             rows += joint_rows(motion, edge)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from cotree.dag import vector
 from cotree.formulation.chords import constraint_rows
 from cotree.formulation.elements import Sums, Wrench
+from cotree.formulation.joint_places import paced_rows
 from cotree.formulation.laws import Applied
 from cotree.formulation.through import carried, hand_on, project
 
@@ -81,7 +82,7 @@ def form_constraints(motion: Motion, view: View, baumgarte: float) -> tuple[Cons
     """
     dag, speeds = motion.system.dag, motion.system.speeds
     kept, idle = [], []
-    for row in constraint_rows(motion):
+    for row in (*constraint_rows(motion), *paced_rows(motion)):
         with dag.labelled(f"constraint of {row.edge}"):
             pull = row.measure.pull(view)
             # The power of the pull at a unit of each speed is the derivative of the rate by that

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cotree.components.component import Role
+from cotree.components.mechanical import PACED
 from cotree.dag.continuity import are_seen, margins, may_jump
 from cotree.dag.derivative import tangents
 from cotree.dag.symbols import PARAMETER, TIME, kinds_in
@@ -78,5 +79,5 @@ def motion_guards(edge: BoundEdge, time: Node) -> Iterator[Guard]:
             continue
         (rate,) = tangents([value], {time: time.dag.one})
         # A jump of the position, or of the speed, would take an impulse.
-        for node in (value, rate):
+        for node in (value,) if edge.component.name in PACED else (value, rate):
             yield from guards_of(node, [time], time, f"{name} of edge '{edge.name}'", _BREACH)

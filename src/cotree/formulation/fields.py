@@ -117,7 +117,7 @@ def bind_edge(
     if "normal" in vectors:
         # A planar joint slides along two axes that follow its normal.
         vectors["normal_x"], vectors["normal_y"] = plane_axes(vectors["normal"])
-    first, second = edge.nodes
+    first, second = edge.nodes or ("ground", "ground")  # none where it sits on a joint
     bound = BoundEdge(
         edge.name, edge.component, first, second, scalars, vectors, inertia, rotation, expressions
     )

@@ -3119,10 +3119,11 @@ class ComponentMethods:
     def speed_source(
         self,
         name: str,
-        first: str,
-        second: str,
+        first: str = ...,
+        second: str = ...,
         /,
         *,
+        joint: str | None = None,
         speed: _Value,
         initial: _Initial | None = None,
     ) -> None:
@@ -3133,7 +3134,9 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.w`` and so on.
         first, second : str
-            Its nodes.
+            Its nodes; none where it acts on a joint.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
         speed : float, str or table, [rad/s]
             Second node less first.
         initial : mapping, optional
@@ -3882,10 +3885,11 @@ class ComponentMethods:
     def velocity_source(
         self,
         name: str,
-        first: str,
-        second: str,
+        first: str = ...,
+        second: str = ...,
         /,
         *,
+        joint: str | None = None,
         velocity: _Value,
         initial: _Initial | None = None,
     ) -> None:
@@ -3896,7 +3900,9 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.v`` and so on.
         first, second : str
-            Its nodes.
+            Its nodes; none where it acts on a joint.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
         velocity : float, str or table, [m/s]
             Second node less first.
         initial : mapping, optional

@@ -143,7 +143,8 @@ class SceneDescription:
         lines = [self.headline]
         for edge in self.edges.values():
             nodes = (" -> " if len(edge.nodes) == 2 else ", ").join(edge.nodes)
-            places = (f"on {' - '.join(ends.acts_on)}" for ends in edge.ports if ends.acts_on)
+            places = [f"on {edge.statement['joint']}"] if "joint" in edge.statement else []
+            places += [f"on {' - '.join(e.acts_on)}" for e in edge.ports if len(e.acts_on) == 2]
             where = ", ".join([*([nodes] if nodes else []), *places])
             lines.append(f"  {edge.name:12} {edge.component.name:12} {where}")
         rows = self.parameters.values()

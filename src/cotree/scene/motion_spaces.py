@@ -72,7 +72,7 @@ def _is_particle(scene: SceneDescription, body: Edge) -> bool:
     node = body.nodes[1]
     return not any(
         ("rotation" in edge.component.domains and node in edge.nodes)
-        or (node == edge.nodes[0] and _needs_axes(edge))
+        or (edge.nodes[:1] == (node,) and _needs_axes(edge))
         for edge in scene.edges.values()
         if edge is not body
     )

@@ -81,6 +81,9 @@ def check_ports(
     rest = dict(fields)
     if component.role is not Role.NETWORK:
         _refuse_joint(edge, component, rest)
+        if component.field("joint") is not None:
+            _refuse_nodes(edge, nodes)
+            return (), (), rest
         first, second = _pair(edge, nodes, f"edge '{edge}'")
         return (first, second), (), rest
     # The thermal port was appended by ``check_heat``: its nodes come from the field, those of the

@@ -167,7 +167,7 @@ def _nodes(component: Component) -> tuple[tuple[str, ...], int, bool]:
         return ("first", "second"), 2, False
     (port,) = component.ports
     ends = ("plus", "minus") if DOMAINS[port.domain].head_first else ("first", "second")
-    return ends, 0 if _may_be_placed(port) else 2, False
+    return ends, 0 if acts_on_multibody(port) else 2, False
 
 
 def _ports(component: Component) -> list[Entry]:
@@ -177,18 +177,18 @@ def _ports(component: Component) -> list[Entry]:
     found = []
     if len(component.ports) > 1:
         found = [Entry(port.port, _port_doc(port), "nodes") for port in component.ports]
-    acting = [port.domain for port in component.ports if _may_be_placed(port)]
+    acting = [port for port in component.ports if acts_on_multibody(port)]
     if acting:
         doc = "joint that it acts on in place of two nodes, or its coordinate: h or h.theta"
         found.append(Entry("joint", doc, "name"))
-    if "translational" in acting:
+    if any(port.domain == "translational" and _may_be_on_line(port) for port in acting):
         doc = "two nodes of the multibody system; it acts along their line"
         found.append(Entry("line", doc, "nodes"))
     return found
 
 
-def _may_be_placed(port: Terminal) -> bool:
-    """Tell whether a port may sit on a joint; given velocities are refused there with the cure."""
+def _may_be_on_line(port: Terminal) -> bool:
+    """Tell whether a port may act along a line; given velocities are refused there."""
     return acts_on_multibody(port) and port.kind is not Kind.ACROSS_SOURCE
 
 

@@ -9,22 +9,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.components import Freedom, Kind, Role
-from cotree.components.counterparts import counterpart_of
+from cotree.components import Kind
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError, nearest
-from cotree.formulation.chords import named_measure
 from cotree.formulation.endpoints import Ends
+from cotree.formulation.joint_places import Sitter, joint_measure
 from cotree.formulation.laws import Applied
 from cotree.formulation.measures import Distance
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     from cotree.dag.nodes import Node
     from cotree.formulation.across import Motion
     from cotree.formulation.endpoints import Pull
-    from cotree.formulation.fields import BoundEdge
     from cotree.formulation.measures import Measure
     from cotree.formulation.views import View
     from cotree.scene.networks import Port
@@ -89,63 +87,10 @@ def form_couplings(ports: Mapping[str, Port], view: View) -> dict[str, Coupling]
 def _measure(port: Port, motion: Motion) -> Measure:
     # Two nodes: the port acts along the line between them.
     if len(port.ends.acts_on) == 2:
-        _check_source(port, 'take a distance between its nodes with length = "..."')
         return _line(port, motion)
-    joint, _, wanted = port.ends.acts_on[0].partition(".")
-    edge = motion.system.edges.get(joint)
-    if edge is None or edge.component.role is not Role.JOINT:
-        known = [e.name for e in motion.system.edges.values() if e.component.role is Role.JOINT]
-        raise SceneError(
-            f"edge '{port.edge.name}' acts on '{joint}', which is no joint{nearest(joint, known)}"
-        )
-    # Rotational ports act about joints that turn, translational ones along those that slide.
     turns = port.terminal.domain == "rotational"
-    # A free rotation has no single angle to act about.
-    steps = [step for step in edge.component.motion_space if isinstance(step, Freedom)]
-    known = [step.name for step in steps if step.rotates is turns]
-    names = [name for name in known if wanted in ("", name)]
-    if len(names) != 1:
-        raise SceneError(_told(port, edge, wanted, known, [s.name for s in steps]))
-    place = f"{joint}.{names[0]}"
-    has_motion = edge.component.field("motion") is not None
-    held = f'take a constraint with expression = "{place} - (...)"'
-    _check_source(port, f'give {joint} the field motion = "..."' if has_motion else held)
-    measure = named_measure(motion, place)
-    if measure is None:
-        raise SceneError(
-            f"edge '{port.edge.name}' acts on '{place}', which closes a loop and cannot "
-            "be measured there: name a tree that holds the joint"
-        )
-    return measure
-
-
-def _check_source(port: Port, cure: str) -> None:
-    """Refuse a given velocity: the mechanism gives it, and nothing would give the force."""
-    if port.kind is Kind.ACROSS_SOURCE:
-        raise SceneError(
-            f"edge '{port.edge.name}' gives a velocity of the multibody system, where positions "
-            f"are prescribed: {cure}, an expression of t whose rate is that velocity"
-        )
-
-
-def _told(
-    port: Port, joint: BoundEdge, wanted: str, known: Sequence[str], every: Sequence[str]
-) -> str:
-    """Say why a port cannot act on a joint, and what can."""
-    own, type = f"edge '{port.edge.name}'", port.edge.component.name
-    turns = port.terminal.domain == "rotational"
-    does, what = ("turns", "angle") if turns else ("slides", "length")
-    on = f"joint '{joint.name}' of type '{joint.component.name}'"
-    named = " or ".join(f'joint = "{joint.name}.{name}"' for name in known)
-    if known and not wanted:
-        return f"{own} acts on {on}, which has {len(known)} {what}s: name one, {named}"
-    if known:
-        place = f"{joint.name}.{wanted}"
-        return f"{own} acts on '{place}', which is no {what} of {on}: name {named}"
-    other, cure = counterpart_of(type), f"act on a joint that {does}"
-    if other and every:
-        cure = f"take a {other} in place of the {type}, or {cure}"
-    return f"{own} {does}, but {on} has no {what} to act on: {cure}"
+    sitter = Sitter(port.edge.name, port.edge.component.name, turns)
+    return joint_measure(sitter, port.ends.acts_on[0], motion)
 
 
 def _line(port: Port, motion: Motion) -> Measure:
@@ -157,6 +102,12 @@ def _line(port: Port, motion: Motion) -> Measure:
                 f"'{port.ends.acts_on[1]}', but no multibody component has node '{node}'"
                 f"{nearest(node, points)}"
             )
+    if port.kind is Kind.ACROSS_SOURCE:
+        raise SceneError(
+            f"edge '{port.edge.name}' gives a velocity along a line, whose length is prescribed: "
+            'take a distance between its nodes with length = "...", an expression of t whose rate '
+            "is that velocity"
+        )
     if port.terminal.domain == "rotational":
         raise SceneError(
             f"edge '{port.edge.name}' turns, so that it cannot act along a line: name a joint that "
