@@ -354,6 +354,15 @@ def test_nodes_and_a_joint_are_not_given_together():
     assert told == "edge 'x' needs two nodes, or joint = \"...\" to act on a joint"
 
 
+def test_nodes_of_a_transducer_and_a_joint_are_not_given_together():
+    motor = {"resistance": 1.0, "constant": 1.0, "joint": "rail"}
+    told = refused(workshop(), "x", "voice_coil", "a", "b", **motor)
+    assert 'give electrical = ["...", "ground"] in place of the nodes' in told
+    told = refused(workshop(), "x", "voice_coil", coil=["a", "b"], electrical=["c", "d"], **motor)
+    assert "has nodes for its port coil and acts on the multibody system by joint, too" in told
+    accepted(workshop(), "voice_coil", electrical=["a", "ground"], **motor)
+
+
 def test_a_line_takes_translation_only():
     told = refused(workshop(), "x", "rotational_damper", line=["RAIL", "HINGE"], damping=1.0)
     assert 'name a joint that turns as joint = "..."' in told

@@ -108,6 +108,7 @@ def check_ports(
             raise SceneError(f"edge '{edge}' needs two nodes, or joint = \"...\" to act on a joint")
         pair = _pair(edge, nodes, f"edge '{edge}'", may_be_one=True)
         return pair, (_ends(component.ports[0], pair, f"edge '{edge}'"),), rest
+    _refuse_places(edge, component, nodes, rest)
     # One node for each port is short for ports to the ground.
     if nodes:
         if not is_list(nodes) or len(nodes) != len(component.ports):
@@ -191,6 +192,24 @@ def _refuse_joint(edge: str, component: Component, rest: Mapping[str, Any]) -> N
         raise SceneError(
             f"edge '{edge}' of type '{component.name}' runs between two nodes and takes no joint: "
             f"{cure}"
+        )
+
+
+def _refuse_places(
+    edge: str, component: Component, nodes: Sequence[object], rest: Mapping[str, Any]
+) -> None:
+    """Refuse a joint or line beside nodes for the port that would act on it."""
+    mechanical = [port.port for port in component.ports if acts_on_multibody(port)]
+    if not rest.keys() & _PLACES or not mechanical:
+        return
+    if nodes or all(port in rest for port in mechanical):
+        place = min(rest.keys() & _PLACES)
+        others = [port.port for port in component.ports if port.port not in mechanical]
+        named = " and ".join(f'{port} = ["...", "ground"]' for port in others)
+        raise SceneError(
+            f"edge '{edge}' has nodes for its port {mechanical[-1]} and acts on the multibody "
+            f"system by {place}, too: leave {place} out"
+            + (f", or give {named} in place of the nodes" if named else "")
         )
 
 
