@@ -369,7 +369,10 @@ def _foreign(name: str) -> _Symbol:
 
 def _unknown(name: str, registry: Any) -> str:
     """Say that there is no such unit, and which may be meant."""
-    close = nearest(name, [row for row in registry if isinstance(row, str)])
+    usual = [f"{prefix}{symbol}" for prefix in ("", *"MkcmunpG") for symbol in _SI]
+    close = nearest(name, usual)
+    if "did you mean" not in close:
+        close = nearest(name, [row for row in registry if isinstance(row, str)])
     digits = re.match(r"([A-Za-z]+)-?\d", name)
     hint = f"; a power is written '{digits[1]}^2'" if digits else close
     return f"where '{brief(name)}' is no known unit{hint if 'known:' not in hint else ''}"

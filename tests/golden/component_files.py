@@ -39,9 +39,9 @@ import numpy.typing as npt
 _Scalar = float | str | np.floating[Any] | np.integer[Any]
 _Table = Mapping[str, Any]  # over an expression, or a value with its unit
 _Value = _Scalar | _Table
-_Vector = Sequence[_Scalar] | npt.NDArray[Any] | _Table
+_Vector = Sequence[_Value] | npt.NDArray[Any] | _Table
 _Rotation = _Vector | Sequence[Sequence[float]]
-_Inertia = _Value | _Vector | Sequence[Sequence[_Scalar]]
+_Inertia = _Value | _Vector | Sequence[Sequence[_Value]]
 _Nodes = tuple[str, str] | list[str]
 _Initial = Mapping[str, _Value | _Rotation]
 

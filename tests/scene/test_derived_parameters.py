@@ -173,3 +173,13 @@ def test_reports_show_expression_and_value(tmp_path):
     shown = CliRunner().invoke(app, ["check", str(file), "-s", "r", "--t-end", "0.1"]).output
     assert "A = pi*r**2 =  0.000314159" in shown
     assert "all sensitivities passed" in shown
+
+
+def test_units_follow_where_all_are_known():
+    scene = rod()
+    scene.parameter("c", "2*d")
+    scene.parameter("d", 3.0, unit="N s/m")
+    scene.output("seen", "c + d")
+    layout = scene.compile().layout
+    assert {row.name: row.unit for row in layout.derived} == {"m": "kg", "A": "m^2", "c": "kg/s"}
+    assert layout.units["seen"] == "kg/s"

@@ -84,6 +84,14 @@ def shared(unit, value=0.5):
     return scene
 
 
+def derived_mass(unit):
+    scene = pendulum(mass="m")
+    scene.parameter("m", "rho*r**3")
+    scene.parameter("rho", 1.0, unit="kg/m^3")
+    scene.parameter("r", 1.0, unit=unit)
+    return scene
+
+
 def thick(inertia):
     scene = Scene("p")
     scene.edge("s", "spherical", "ground", "A")
@@ -164,6 +172,11 @@ CASES = {
             resistor("n", "ground", resistance="V/A"),
             lambda s: (s.parameter("V", 1.0, unit="V"), s.parameter("A", 1.0, unit="A")),
         ),
+    ),
+    "a field of a derived one": (
+        "dimension:b",
+        lambda: derived_mass("kg"),
+        lambda: derived_mass("m"),
     ),
     "one for two": ("dimension:a", lambda: shared(""), pendulum),
     "derived": (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
+from contextlib import suppress
 from itertools import chain
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ from cotree.components import Role
 from cotree.components.terminal import Kind
 from cotree.dag.nodes import Dag
 from cotree.errors import Error
-from cotree.formulation.output_units import variable_unit
+from cotree.formulation.output_units import VariableUnits
 from cotree.lint.findings import Finding
 from cotree.scene.dimensions import (
     Dimensions,
@@ -23,7 +24,7 @@ from cotree.scene.dimensions import (
 )
 from cotree.scene.expressions import Expression
 from cotree.scene.inertias import inertia_faults
-from cotree.scene.parameters import parameter_values
+from cotree.scene.parameters import in_order, parameter_values
 from cotree.units import same_dimension, unit_text
 
 if TYPE_CHECKING:
@@ -73,25 +74,38 @@ class _Known:
         # Time stays out of it: many write exp(-t) or 1 + t, and mean a factor of one.
         self._scene, self._units = scene, {"t": "", **stated_units(scene)}
         self._pending: set[str] = set()
+        self._variable_unit = VariableUnits(scene)
+        self._derived: dict[str, Dimension | None] = {}
+        with suppress(Error):  # a circle is told by another rule
+            for name in in_order(scene.parameters):
+                value = scene.parameters[name].value
+                if isinstance(value, Expression):
+                    self._derived[name] = Dimensions(self).of(value.tree)
 
     def states_any(self, value: Expression) -> bool:
         """Whether the scene states the unit of a name in an expression."""
-        return any(self._units.get(name) for name in value.names)
+        if any(self.states(name) for name in value.names):
+            return True
+        rows = (self._scene.parameters.get(name) for name in value.names)
+        derived = [row.value for row in rows if row and isinstance(row.value, Expression)]
+        return any(self.states(name) for inner in derived for name in inner.names)
+
+    def states(self, name: str) -> bool:
+        """Whether the scene states the unit of a name."""
+        return bool(self._units.get(name))
 
     def __call__(self, name: str) -> Dimension | None:
         if name in self._units:
             return dimension_of_unit(self._units[name])
         scene = self._scene
-        row = scene.parameters.get(name)
-        tree = row.value.tree if row is not None and isinstance(row.value, Expression) else None
-        if row is None and name in scene.outputs:
-            tree = scene.outputs[name].tree
-        if tree is None:
-            return dimension_of_unit(variable_unit(scene, name))
+        if name in scene.parameters:
+            return self._derived.get(name)
+        if name not in scene.outputs:
+            return dimension_of_unit(self._variable_unit(name))
         if name in self._pending:
             return None
         self._pending.add(name)
-        found = Dimensions(self).of(tree)
+        found = Dimensions(self).of(scene.outputs[name].tree)
         self._pending.remove(name)
         return found
 
@@ -101,7 +115,7 @@ def _dimensions(scene: SceneDescription) -> Iterator[Finding]:
     for kind, name, what, unit, value in _expressions(scene):
         # One name of another dimension is refused when the equations are formed. Expressions
         # without any unit of the user's own may follow another system.
-        if alone(value) or not known.states_any(value):
+        if known.states(alone(value)) or not known.states_any(value):
             continue
         dimensions = Dimensions(known)
         found, stated = dimensions.of(value.tree), dimension_of_unit(unit)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 from cotree.components import Shape
-from cotree.scene.expressions import Expression
+from cotree.scene.expressions import Expression, dotted
 from cotree.scene.fields import initial_units
 from cotree.units import check_fits, read_unit, same_dimension, stated_unit, unit_text
 
@@ -56,8 +56,10 @@ class Dimensions:
                 return _NONE if is_plain else None
             case ast.Name(id="pi"):
                 return _NONE
-            case ast.Name() | ast.Attribute():
-                return self._known(ast.unparse(tree))
+            case ast.Name(id=name):
+                return self._known(name)
+            case ast.Attribute():
+                return self._known(dotted(tree))
             case ast.UnaryOp(operand=operand):
                 return self.of(operand)
             case ast.BinOp(left=left, op=ast.Pow(), right=right):

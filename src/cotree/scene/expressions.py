@@ -240,7 +240,7 @@ def _check(tree: ast.expr, names: set[str], depth: int) -> None:
                 raise ExpressionError(f"holds {_shown(value)}, which is no finite number")
         case ast.Name(id=name):
             names.add(name)
-        case ast.Attribute() if name := _dotted(tree):
+        case ast.Attribute() if name := dotted(tree):
             names.add(name)
         case ast.BinOp(left=left, op=op, right=right):
             if type(op) not in _BINARY:
@@ -300,7 +300,7 @@ def names_in(tree: ast.expr) -> frozenset[str]:
     while waiting:
         node = waiting.pop()
         if isinstance(node, ast.Attribute):
-            found.add(_dotted(node))
+            found.add(dotted(node))
         elif isinstance(node, ast.Name):
             found.add(node.id)
         elif isinstance(node, ast.Call):
@@ -316,7 +316,7 @@ def number_tree(value: float) -> ast.expr:
     return ast.Constant(value) if value >= 0.0 else ast.UnaryOp(ast.USub(), ast.Constant(-value))
 
 
-def _dotted(tree: ast.expr) -> str:
+def dotted(tree: ast.expr) -> str:
     """Give ``edge.variable`` or ``edge.port.variable``; nothing for other trees."""
     match tree:
         case ast.Attribute(value=ast.Name(id=edge), attr=variable):
@@ -336,7 +336,7 @@ def _lower(tree: ast.expr, dag: Dag, resolve: Callable[[str], Node]) -> Node:
         case ast.Name(id=name):
             return resolve(name)
         case ast.Attribute():
-            return resolve(_dotted(tree))
+            return resolve(dotted(tree))
         case ast.BinOp(left=left, op=op, right=right):
             return _BINARY[type(op)](_lower(left, dag, resolve), _lower(right, dag, resolve))
         case ast.UnaryOp(op=op, operand=operand):

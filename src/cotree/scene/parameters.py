@@ -157,7 +157,7 @@ def parameter_nodes(
             )
         return found[name]
 
-    for name in _order(parameters):
+    for name in in_order(parameters):
         value = parameters[name].value
         if isinstance(value, Expression):
             with dag.labelled(f"parameter {name}"):
@@ -179,8 +179,14 @@ def parameter_values(parameters: Mapping[str, Parameter]) -> dict[str, float]:
     return {name: _value(node) for name, node in nodes.items()}
 
 
-def _order(parameters: Mapping[str, Parameter]) -> list[str]:
-    """Sort parameters such that each comes after those it is made of."""
+def in_order(parameters: Mapping[str, Parameter]) -> list[str]:
+    """Sort parameters such that each comes after those it is made of.
+
+    Raises
+    ------
+    ParameterError
+        If one is made of itself.
+    """
     uses = {name: _own_uses(row) for name, row in parameters.items()}
     try:
         return [name for name in TopologicalSorter(uses).static_order() if name in parameters]

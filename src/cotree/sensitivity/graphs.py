@@ -22,7 +22,7 @@ from cotree.dag.symbols import (
 from cotree.dag.traverse import substitute
 from cotree.equations import Derivative, Equations, Quantity, substituted
 from cotree.formulation.constraints import stabilised
-from cotree.formulation.output_units import output_units
+from cotree.formulation.output_units import units_of_expressions
 from cotree.formulation.outputs import output_tangents
 from cotree.sensitivity.constraint_data import gather_constraints, start_tangents
 from cotree.sensitivity.networks import coupling_tangents, network_tangents
@@ -266,7 +266,8 @@ def form_equations(
     scene, system = first.scene, first.system
     support = Support()
     parameters = [scene.parameters[name] for name in system.tunable]
-    units = output_units(scene, {state.name: state.unit for state in first.states})
+    own = {state.name: state.unit for state in first.states}
+    units, derived = units_of_expressions(scene, own)
     equations = Equations(
         name=scene.name,
         dag=system.dag,
@@ -275,7 +276,7 @@ def form_equations(
         inputs=tuple(Quantity(row.name, row.unit, row.doc) for row in scene.inputs.values()),
         outputs=tuple(Quantity(name, unit) for name, unit in units.items()),
         parameter_values=tuple(p.number for p in parameters),
-        derived=derived_parameters(first),
+        derived=derived_parameters(first, derived),
         input_symbols=tuple(system.inputs.values()),
         input_values=system.input_values,
         unknowns=first.unknowns,

@@ -10,16 +10,26 @@ from cotree.errors import ParameterError, nearest
 from cotree.scene.expressions import Expression
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from cotree.formulation.first_graph import FirstGraph
 
 
-def derived_parameters(first: FirstGraph) -> tuple[DerivedParameter, ...]:
-    """List the parameters of a scene that are derived from others."""
+def derived_parameters(
+    first: FirstGraph, units: Mapping[str, str] | None = None
+) -> tuple[DerivedParameter, ...]:
+    """List the parameters of a scene that are derived from others, with units that are found."""
+    units = units or {}
     nodes, names = first.system.parameters, tuple(first.system.tunable)
     return tuple(
-        DerivedParameter(row.name, row.unit, row.doc, row.value.text, nodes[row.name], names)
+        DerivedParameter(
+            row.name,
+            units.get(row.name, row.unit),
+            row.doc,
+            row.value.text,
+            nodes[row.name],
+            names,
+        )
         for row in first.scene.parameters.values()
         if isinstance(row.value, Expression)
     )
