@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         SolveError,
         TopologyError,
     )
+    from cotree.model.signals import sampled
     from cotree.reading import read_spice, read_urdf
     from cotree.results import Result
     from cotree.studies.bench import bench
@@ -49,6 +50,7 @@ __all__ = [
     "read_spice",
     "read_urdf",
     "register_component",
+    "sampled",
 ]
 
 # Modules of the names that are not errors. They are imported at the first use of a name (PEP 562):
@@ -65,6 +67,7 @@ _HOMES = {
     "read_spice": "reading",
     "read_urdf": "reading",
     "register_component": "components",
+    "sampled": "model.signals",
 }
 
 if not TYPE_CHECKING:  # types come from the imports above, and unknown names stay unknown

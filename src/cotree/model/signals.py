@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -10,12 +11,68 @@ import numpy as np
 
 from cotree.dag.multi_output import Table
 from cotree.errors import ParameterError, nearest
+from cotree.scene.expressions import check_number
 from cotree.scene.tables import parse_signal
 
 if TYPE_CHECKING:
     from cotree.model.arrays import Array
 
 Signal = Callable[[float], float]
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """A function of Python that is called now and then; see :func:`sampled`."""
+
+    function: Callable[..., float]
+    period: float
+    reads_states: bool
+
+    def __call__(self, *args: Any) -> float:
+        """Call the function."""
+        return self.function(*args)
+
+    def at(self, t: float, measured: Mapping[str, float]) -> float:
+        """Take a sample."""
+        return self.function(t, measured) if self.reads_states else self.function(t)
+
+
+def sampled(function: Callable[..., float], period: float) -> Sampled:
+    """Make an input of a run of a function that is called at fixed times, and held between.
+
+    Parameters
+    ----------
+    function : callable
+        ``function(t)``, or ``function(t, x)`` with ``x`` the states and outputs by name at that
+        time, before the input changes: ``x["hinge.theta"]``.
+    period : float
+        Time between two calls, [s]; the first is at the start of the run.
+
+    Raises
+    ------
+    ParameterError
+        If the function cannot be called, or the period is not a positive number.
+
+    Examples
+    --------
+    >>> import cotree
+    >>> model = cotree.load("cart-pole").compile()
+    >>> def controller(t, x):
+    ...     return -40 * x["hinge.theta"] - 8 * x["hinge.theta_dot"]
+    >>> held = model.simulate((0, 2), inputs={"push": cotree.sampled(controller, 0.01)})
+    >>> bool(abs(held["hinge.theta"][-1]) < 1e-4)
+    True
+    """
+    if not callable(function):
+        raise ParameterError("sampled takes a function, f(t) or f(t, x), and a period")
+    if check_number(period, "the period of a sampled input") <= 0.0:
+        raise ParameterError(f"the period of a sampled input is {period}: it must be positive")
+    try:
+        kinds = [row.kind for row in inspect.signature(function).parameters.values()]
+    except (TypeError, ValueError):  # functions written in C may not tell
+        kinds = []
+    positional = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    return Sampled(function, float(period), sum(kind in positional for kind in kinds) > 1)
 
 
 @dataclass(frozen=True)
@@ -30,11 +87,14 @@ class ReplacedInputs:
         Times where a table has a kink.
     tables : mapping of int to (times, values)
         The replaced inputs that are numbers or tables.
+    sampled : mapping of int to Sampled
+        Those that are called now and then.
     """
 
     by_position: Mapping[int, Signal]
     breakpoints: tuple[float, ...]
     tables: Mapping[int, tuple[Array, Array]] = field(default_factory=dict)
+    sampled: Mapping[int, Sampled] = field(default_factory=dict)
 
     def apply(self, t: float, u: Array) -> Array:
         """Replace entries of u at a time, in place."""
@@ -63,9 +123,13 @@ def read_signals(values: Mapping[str, Any], names: tuple[str, ...]) -> ReplacedI
     by_position: dict[int, Signal] = {}
     breakpoints: list[float] = []
     tables: dict[int, tuple[Array, Array]] = {}
+    sampled_ones: dict[int, Sampled] = {}
     for name, value in values.items():
         if name not in names:
             raise ParameterError(f"the model has no input '{name}'{nearest(name, names)}")
+        if isinstance(value, Sampled):
+            sampled_ones[names.index(name)] = value
+            continue
         if callable(value):
             by_position[names.index(name)] = value
             continue
@@ -82,7 +146,7 @@ def read_signals(values: Mapping[str, Any], names: tuple[str, ...]) -> ReplacedI
             tables[names.index(name)] = np.zeros(1), np.array([constant])
             signal = _constant(constant)
         by_position[names.index(name)] = signal
-    return ReplacedInputs(by_position, tuple(breakpoints), tables)
+    return ReplacedInputs(by_position, tuple(breakpoints), tables, sampled_ones)
 
 
 def _constant(value: float) -> Signal:

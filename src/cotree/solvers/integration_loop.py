@@ -170,6 +170,8 @@ class _Run:
     def integrate_segment(self, start: float, end: float) -> None:
         """Step from one breakpoint to the next."""
         evaluator = self.evaluator
+        if self.problem.reach is not None:
+            self.problem.reach(start, evaluator.complete(start, self.z))
         evaluator.open_segment(start, end)
         # A jump of an input may leave the motion of the segment before off the constraints.
         self.z = evaluator.project(start, self.z)

@@ -117,6 +117,8 @@ class Job:
         c.n_replaced, c.replaced = len(native.replaced), self._tables(native)
         if native.functions:
             c.input_function = self._ask_for_inputs(native.functions)
+        if problem.reach is not None:
+            c.reach = self._reach(problem.reach, problem.size)
         if self.rescue.is_needed:
             c.helper = self._helper(problem.n_states)
 
@@ -291,6 +293,16 @@ class Job:
             return 0
 
         return self._callback("cotree_input_function", ask)
+
+    def _reach(self, reach: Callable[[float, FloatArray], None], size: int) -> Any:
+        """Give C the function that is told where a segment begins."""
+        ffi = self._ffi
+
+        def tell(t: float, z: Any, context: Any) -> int:
+            reach(t, np.frombuffer(ffi.buffer(z, 8 * size)))
+            return 0
+
+        return self._callback("cotree_reach", tell)
 
     def _helper(self, n_states: int) -> Any:
         """Give C the functions that look for points where its own iterations fail."""

@@ -143,6 +143,9 @@ class Problem:
         The events of the problem, which only methods in C take; time must increase.
     n_observed : int
         How many values are evaluated at each stored point besides z, for the bound on memory.
+    reach : callable or None
+        ``reach(t, z)`` is told where a segment between breakpoints begins, before anything is
+        evaluated in it: inputs may change there.
     places : ndarray of int or None
         The positions in z of the entries that do not vanish at all times, states first, in order:
         methods integrate nothing else. None where no entry is known to vanish.
@@ -185,6 +188,7 @@ class Problem:
     events: ModelEvents | None = None
     places: npt.NDArray[np.intp] | None = None
     n_observed: int = 0
+    reach: Callable[[float, FloatArray], None] | None = None
 
     @property
     def most_rows(self) -> int:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cotree.errors import SolveError
+from cotree.solvers.corners import corner_times
 from cotree.solvers.engine import load_engine
 from cotree.solvers.evaluate import FAILED
 from cotree.solvers.integration_loop import IN_C, beyond_scipy, solve_with_scipy
@@ -201,8 +202,13 @@ def _smallest_tolerance(problem: Problem) -> float:
 
 def _probe(problem: Problem, method: str) -> list[tuple[float, FloatArray]]:
     """Return the start and a point a few loose steps later, without algebraic unknowns."""
+    span = problem.t_span
+    if problem.reach is not None:
+        # Samples are taken by the run itself, from states that are as accurate as it is.
+        span = corner_times(problem)[0], corner_times(problem)[1]
+    rtol = max(problem.rtol, _PROBE_RTOL)
     probe = dataclasses.replace(
-        problem, t_eval=None, rtol=max(problem.rtol, _PROBE_RTOL), max_steps=_PROBE_STEPS
+        problem, t_eval=None, rtol=rtol, max_steps=_PROBE_STEPS, t_span=span
     )
     trajectory = _solve(probe, method)
     if not trajectory.t.size:

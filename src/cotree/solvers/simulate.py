@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 import warnings
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from cotree.solvers.jumps import ModelEvents
 from cotree.solvers.problem import Native, Problem
 from cotree.solvers.project import Projection
 from cotree.solvers.result import EventTimes, RunRecord
+from cotree.solvers.sampling import Samples, reaching
 from cotree.solvers.select import integrate
 from cotree.solvers.settings import (
     check_settings,
@@ -88,14 +90,22 @@ def simulate(
     values |= derived_values(model.layout.derived, p)
     signals = read_signals(settings.inputs, model.inputs)
     _check_replaced(model, settings.inputs)
+    t_span = read_span(settings.t_span)
+    signals, samples = _with_samples(model, p, signals, t_span)
     u = _input_function(model, p, signals)
     # Norms of quaternions are among the constraints: a free body is projected, too.
     is_held = settings.project and bool(model.layout.constraints)
     projection = Projection(model, p, u) if is_held else None
-    t_span, jacobian = read_span(settings.t_span), model.bound_jacobian(p)
+    jacobian = model.bound_jacobian(p)
     corners = model.corners(p, t_span, settings.inputs, signals.breakpoints)
     at = Moment(model, t_span[0], p, u(t_span[0]))
     start = find_start(at, settings.initial)
+    reach = reaching(model, p, samples, u) if samples else None
+    if reach is not None:
+        # The first samples see a start at the scene's own inputs; then the start is theirs.
+        reach(t_span[0], start.z)
+        at = Moment(model, t_span[0], p, u(t_span[0]))
+        start = find_start(at, settings.initial)
     z0, sizes = start.z, content_sizes(at, start.y)
     events = ModelEvents(model, p, u) if model.layout.events else None
     if events is not None:
@@ -137,6 +147,7 @@ def simulate(
         events=events,
         places=_places(model),
         n_observed=_n_observed(model),
+        reach=reach,
     )
     warn_of_tolerances(problem)
     # A run may still be refused: by the rounding of t, then by its constraints.
@@ -263,6 +274,38 @@ def _check_replaced(model: CompiledModel, inputs: Mapping[str, Any]) -> None:
                 f"is compiled in: to replace the input, compile scene.with_inputs(...), or without "
                 "that sensitivity"
             )
+
+
+def _with_samples(
+    model: CompiledModel, p: FloatArray, signals: ReplacedInputs, span: tuple[float, float]
+) -> tuple[ReplacedInputs, list[Samples]]:
+    """Let sampled functions be constants that change at their times.
+
+    Raises
+    ------
+    ParameterError
+        If sensitivities would have to know the derivative of a function.
+    """
+    if not signals.sampled:
+        return signals, []
+    before, samples = model.input_values(span[0], p), {}
+    for place, row in signals.sampled.items():
+        name = model.inputs[place]
+        if row.reads_states and model.sensitivities:
+            raise ParameterError(
+                f"input '{name}' is sampled from states by a function of Python, whose derivatives "
+                "nobody knows: give an expression, or compile without sensitivities"
+            )
+        samples[place] = Samples(row, name, span, float(before[place]))
+    times = [t for item in samples.values() for t in item.times]
+    # A table of one point is constant; its value is that of the last sample.
+    held = {place: (np.zeros(1), item.held) for place, item in samples.items()}
+    return replace(
+        signals,
+        by_position={**signals.by_position, **samples},
+        breakpoints=(*signals.breakpoints, *times),
+        tables={**signals.tables, **held},
+    ), list(samples.values())
 
 
 def _input_function(
