@@ -311,22 +311,23 @@ class Model(CompiledModel):
             throw=throw,
             project=project,
         )
-        return self._run(settings)
+        model, settings = self._variant(settings)
+        run = simulate(model, settings, model.layout.units)
+        # The model's library was compiled before; the first run of a method compiles its engine.
+        built = model.times.get("compile", 0.0) + run.times["compile"]
+        times = {**model.times, **run.times, "compile": built}
+        # The record belongs to a room below, which knows neither pictures nor this model.
+        return Result(**{**vars(run), "times": times}, model=model, settings=settings)
 
-    def _run(self, settings: Settings) -> Result:
-        """Integrate, with expressions among the inputs compiled in."""
+    def _variant(self, settings: Settings) -> tuple[Model, Settings]:
+        """Give the model with expressions among the inputs compiled in, and what is left to set."""
         given = settings.inputs
         expressions = expressions_among(given) if isinstance(given, Mapping) else {}
-        if expressions:
-            rest = {name: value for name, value in given.items() if name not in expressions}
-            model = self._variants.of(expressions, settings.parameters)
-            return model._run(replace(settings, inputs=rest))
-        run = simulate(self, settings, self.layout.units)
-        # The model's library was compiled before; the first run of a method compiles its engine.
-        built = self.times.get("compile", 0.0) + run.times["compile"]
-        times = {**self.times, **run.times, "compile": built}
-        # The record belongs to a room below, which knows neither pictures nor this model.
-        return Result(**{**vars(run), "times": times}, model=self, settings=settings)
+        if not expressions:
+            return self, settings
+        rest = {name: value for name, value in given.items() if name not in expressions}
+        model = self._variants.of(expressions, settings.parameters)
+        return model, replace(settings, inputs=rest)
 
     def write(
         self, directory: str | Path, integrator: str = "dopri5", step: float | None = None
