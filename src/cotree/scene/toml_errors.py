@@ -22,8 +22,16 @@ _ADVICE = (
     (r"Cannot declare .* twice", "this header stands twice: remove one, or rename it"),
     (r"Illegal character '\\n'", "the text that begins here has no quote at its end"),
     ("Unterminated string", "a text has no quote at its end"),
-    ("Unclosed array", "here the list should go on with ',' or end with ']'"),
-    ("Unclosed inline table", "here the table should go on with ',' or end with '}'"),
+    (
+        "Unclosed array",
+        "here the list should go on with ',' or end with ']', unless a number before is mistyped "
+        "or a quote is missing",
+    ),
+    (
+        "Unclosed inline table",
+        "here the table should go on with ',' or end with '}', unless a number before is mistyped "
+        "or a quote is missing",
+    ),
     ("Expected '=' after a key", "write name = value"),
     ("Invalid statement", "write name = value, or a header such as [outputs]"),
     ("Expected '.*' at the end of a table declaration", "a header ends with ']'"),

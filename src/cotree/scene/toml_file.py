@@ -8,7 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from cotree.errors import ModelError, SceneError, check_known, nearest
+from cotree.errors import ModelError, SceneError, brief, check_known, nearest
 from cotree.files import read_text
 from cotree.scene.allowances import check_allowed
 from cotree.scene.description import SceneDescription
@@ -103,6 +103,13 @@ def read_scene(text: str, where: str, scene_type: type[_Scene]) -> _Scene:
 
 def _fill(data: Mapping[str, Any], stem: str, scene_type: type[_Scene]) -> _Scene:
     # Each statement is made by the method that Python users call, so that files are checked alike.
+    for name, value in data.items():
+        is_lost = name not in _SECTIONS and (not isinstance(value, dict) or "value" in value)
+        if is_lost and not (hint := nearest(name, _SECTIONS)).endswith("?"):
+            raise SceneError(
+                f"unknown section '{brief(name)}'{hint}; is a header such as [parameters] missing "
+                "above it?"
+            )
     check_known(data, _SECTIONS, "unknown section")
     scene = scene_type(data.get("name", stem), gravity=data.get("gravity", (0.0, 0.0, 0.0)))
     for name, value in _table(data, "parameters").items():

@@ -147,7 +147,7 @@ def proposed_types(name: object) -> str:
     found += [type for type, row in rows if word in type.split("_") or word in row.doc.split()]
     if not found:
         parts = {part for type in COMPONENTS for part in (type, *type.split("_"))}
-        close = difflib.get_close_matches(word, sorted(parts), n=1, cutoff=0.7)
+        close = difflib.get_close_matches(word, sorted(parts), n=1, cutoff=0.6)
         found = [type for type in COMPONENTS if close and close[0] in (type, *type.split("_"))]
     if not found:
         return f"; known: {', '.join(COMPONENTS)}"
