@@ -67,9 +67,12 @@ def test_rows_and_recommendation(report: BenchReport) -> None:
     cells = [(row.method, row.rtol, row.n_runs, row.status) for row in report.rows]
     assert cells == [(m, tol, 2, 0) for m in ("RK45", "DOP853") for tol in (1e-4, 1e-7)]
     for target in (1e-3, 1e-6, 1e-9):
-        able = [row.seconds for row in report.rows if row.error <= target]
-        best = report.recommended(target)
-        assert (best.seconds if best else None) == min(able, default=None)
+        able = [row for row in report.rows if max(row.error, row.own_error) <= target]
+        best, tied = report.recommended(target), report.tied(target)
+        assert tied[:1] == ((best,) if best else ())
+        # The fastest is among those that tie, and no method is there twice.
+        assert (min(able, key=lambda row: row.least) in tied) if able else not tied
+        assert len({row.method for row in tied}) == len(tied)
     assert report.recommended(1e-15) is None  # the reference is not known that well
     assert all(row.statistics and row.statistics.nfev > 0 for row in report.rows)
 

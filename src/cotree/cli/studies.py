@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+from contextlib import contextmanager
 from pathlib import Path  # noqa: TC003 - typer reads the annotations
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -31,6 +32,9 @@ from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
 )
 from cotree.cli.report import derived_lines
 from cotree.cli.source import read_scene
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
 
 
 def check_scene(
@@ -90,11 +94,20 @@ def bench_scene(
             help="Tolerances; may be repeated. 1e-3 to 1e-11 if absent, atol a hundredth of rtol.",
         ),
     ] = [],  # noqa: B006
-    repeats: Annotated[int, typer.Option(min=1, help="Timed runs of each.")] = 7,
+    repeats: Annotated[
+        int | None, typer.Option(min=1, help="Timed runs of each: 25 if absent, 9 with --quick.")
+    ] = None,
     t_end: EndTime = None,
     time_limit: Annotated[
         float, typer.Option(metavar="S", help="The longest run in s that counts.")
     ] = 5.0,
+    budget: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="Processor time of all runs: 20 if absent, 4 with --quick."),
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Tolerances 1e-3, 1e-6 and 1e-9, and fewer runs.")
+    ] = False,
     setting: Setting = [],  # noqa: B006
     tree: TreeOption = [],  # noqa: B006
     json: Annotated[Path | None, typer.Option(help="Write all numbers to this file.")] = None,
@@ -103,23 +116,30 @@ def bench_scene(
     ] = None,
 ) -> None:
     """Measure speed against error of every method on a scene, and name the one to take."""
-    from cotree.studies.bench import TOLERANCES, bench
+    from cotree.studies import bench as study
 
     check_folder(json)
     check_picture(plot)
-    report = bench(
-        read_scene(scene),
-        sensitivity,
-        # An option that is not given is an empty list: the study's own choice then holds.
-        method or None,
-        read_tolerances(tolerance) or TOLERANCES,
-        repeats,
-        t_end=t_end,
-        time_limit=time_limit,
-        values=read_numbers("--set", setting),
-        tree=read_tree(tree),
-        progress=_progress,
-    )
+    tolerances = read_tolerances(tolerance)
+    # Options that are given count, also beside --quick.
+    settings: dict[str, Any] = given(repeats=repeats, budget=budget)
+    if quick:
+        tolerances = tolerances or list(study.QUICK_TOLERANCES)
+        settings = {"repeats": study.QUICK_REPEATS, "budget": study.QUICK_BUDGET} | settings
+    with _bar() as progress:
+        report = study.bench(
+            read_scene(scene),
+            sensitivity,
+            # An option that is not given is an empty list: the study's own choice then holds.
+            method or None,
+            tolerances or study.TOLERANCES,
+            t_end=t_end,
+            time_limit=time_limit,
+            values=read_numbers("--set", setting),
+            tree=read_tree(tree),
+            progress=progress,
+            **settings,
+        )
     typer.echo(report.summary())
     if json is not None:
         report.to_json(json)
@@ -129,6 +149,21 @@ def bench_scene(
 
         save_figure(report.plot(), plot)
         typer.echo(f"wrote {plot}")
+
+
+@contextmanager
+def _bar() -> Iterator[Callable[[str, float], None]]:
+    """Show a bar at a terminal, which is gone at the end."""
+    # In files and pipes progress would mix with errors.
+    if not sys.stderr.isatty():
+        yield lambda text, share: None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("compiling", total=1.0)
+        yield lambda text, share: bar.update(task, description=text, completed=share)
 
 
 def _progress(text: str) -> None:

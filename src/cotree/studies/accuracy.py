@@ -25,6 +25,11 @@ Array = npt.NDArray[np.float64]
 
 #: What an error is, for tables and pictures.
 ERROR = "largest |y - ref| / max(1, max |ref|)"
+#: The same relative to the own size of each quantity, however small.
+OWN_ERROR = "largest |y - ref| / max |ref|"
+
+# A quantity whose two references differ by more than this share of it has no digits to judge by.
+_TOLD = 1e-2
 
 # Where the ends of two methods agree to this, no further method is asked: it is a tenth of the
 # tightest error that a method is recommended for.
@@ -116,6 +121,25 @@ class Reference:
         """Return the larger of the two agreements."""
         return worse(self.agreement_states, self.agreement_sensitivities)
 
+    @property
+    def own_agreement(self) -> float:
+        """Return the agreement relative to the own sizes of quantities."""
+        return worse(*self.own_distance(self.other))
+
+    def own_distance(self, other: Solution | Result) -> tuple[float, float]:
+        """Return the error of a solution relative to the own size of each quantity.
+
+        Returns
+        -------
+        states, sensitivities : float
+            max |y - ref| / max |ref| over points and states, and the same of sensitivities. What
+            both references are too far apart to tell is left out; nan where nothing is left.
+        """
+        return (
+            _own_error(other.y, self.solution.y, self.other.y),
+            _own_error(other.s, self.solution.s, self.other.s),
+        )
+
     def summary(self) -> str:
         """Say in a line which methods agree, and to what."""
         sensitivities = (
@@ -197,6 +221,18 @@ def _pairs(earlier: list[Solution], found: Solution) -> Iterator[Reference]:
 def starts_implicit(method: str) -> bool:
     """Tell whether a method that was chosen for a problem shows it to be stiff."""
     return method in METHODS and METHODS[method].implicit
+
+
+def _own_error(found: Array, reference: Array, other: Array) -> float:
+    """Return the largest difference, relative to the own size of each quantity that is known."""
+    if reference.size == 0:
+        return math.nan
+    size = np.max(np.abs(reference), axis=-1)
+    is_told = (size > 0.0) & (np.max(np.abs(other - reference), axis=-1) <= _TOLD * size)
+    if not np.any(is_told):
+        return math.nan
+    largest = float(np.max(np.max(np.abs(found - reference), axis=-1)[is_told] / size[is_told]))
+    return largest if math.isfinite(largest) else math.inf
 
 
 def _error(found: Array, reference: Array) -> float:

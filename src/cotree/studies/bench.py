@@ -6,20 +6,13 @@ tolerance against a reference of the scene's own, and the method to take for an 
 
 from __future__ import annotations
 
-import itertools
-import math
-import os
-import platform
-import statistics
 import time
 import warnings
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cotree.api import Model, Scene, load
-from cotree.build import find_toolchain
 from cotree.errors import Error, ParameterError, SolveError
 from cotree.quiet import without_warnings
 from cotree.scene.expressions import check_number
@@ -27,9 +20,11 @@ from cotree.solvers.methods import METHODS, method_row
 from cotree.solvers.native import is_available
 from cotree.studies.accuracy import find_reference, starts_implicit
 from cotree.studies.bench_report import BenchReport
-from cotree.studies.bench_row import BenchRow
+from cotree.studies.bench_trial import Trial
+from cotree.studies.machine import load as load_of_machine
+from cotree.studies.machine import machine
+from cotree.studies.rounds import time_in_rounds
 from cotree.tolerances import loose_rtol, rtol_fault
-from cotree.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -39,8 +34,9 @@ if TYPE_CHECKING:
 
     from cotree.results import Result
     from cotree.scene.graphs import TreeChoice
-    from cotree.solvers.base import Statistics
     from cotree.studies.accuracy import Reference
+
+    Progress = Callable[[str, float], None]
 
 #: Relative tolerances of a bench that names none.
 TOLERANCES = tuple(10.0**-k for k in range(3, 12))
@@ -49,6 +45,20 @@ N_POINTS = 101
 _RTOL_PER_ATOL = 100.0
 # A reference may take this many times the limit of a run: it is made once, at tight tolerances.
 _PATIENCE = 12.0
+# What engines are built with.
+_LOOSE = (1e-3, 1e-5)
+#: Seconds that a bench takes beside compilation and its reference.
+BUDGET = 20.0
+#: The same, tolerances and runs of a quick look.
+QUICK_BUDGET, QUICK_TOLERANCES, QUICK_REPEATS = 4.0, (1e-3, 1e-6, 1e-9), 9
+# The part of the budget that may go into trying each row.
+_TRIES = 0.6
+# Runs shorter than this are tried this many times more, [s].
+_SHORT, _TRIES_OF_SHORT = 0.02, 3
+# Parts of the way, for progress: engines and the reference, and tries.
+_TO_BUILD, _TO_TRY = 0.2, 0.5
+# Rows this many times as slow as another one that is as accurate are timed last.
+_FAR = 3.0
 # The status of a run that has spent its budget.
 _SPENT = -2
 
@@ -58,13 +68,14 @@ def bench(
     sensitivities: Sequence[str] = (),
     methods: Sequence[str] | None = None,
     tolerances: Sequence[float | tuple[float, float]] = TOLERANCES,
-    repeats: int = 7,
+    repeats: int = 25,
     *,
     t_end: float | None = None,
     time_limit: float = 5.0,
+    budget: float = BUDGET,
     values: Mapping[str, float] | None = None,
     tree: TreeChoice = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
 ) -> BenchReport:
     """Measure speed against error of every method at every tolerance.
 
@@ -79,23 +90,27 @@ def bench(
     tolerances : sequence of float or (float, float)
         Relative tolerances, or pairs with the absolute ones, which else are a hundredth.
     repeats : int
-        Timed runs of each.
+        Timed runs of each, as far as the budget goes.
     t_end : float, optional
         End of the runs, [s]; the scene's where absent.
     time_limit : float
         The longest run, [s]. One that takes longer is a row without numbers, and the same method at
         tighter tolerances is not run. All timed runs of a row together take little more.
+    budget : float
+        Processor time for all runs beside compilation and the reference, [s]. Tight tolerances of
+        slow methods are left out first, then repeated runs of what is far slower than another method. Infinity
+        for no limit.
     values : mapping of str to float, optional
         Parameter values in place of the scene's.
     tree : None, sequence of str, or mapping of domain to sequence of str
         As for :meth:`cotree.Scene.compile`.
     progress : callable, optional
-        Is told in a few words what runs next.
+        Is told in a few words what runs next, and the share of the way that is done.
 
     Returns
     -------
     BenchReport
-        Rows, the reference, and ``recommended(error)``.
+        Rows, the reference, ``recommended(error)`` and ``tied(error)``.
 
     Raises
     ------
@@ -108,14 +123,18 @@ def bench(
     -----
     The error of a run is the largest |y - ref| / max(1, max |ref|) over 101 points, of states and
     of sensitivities; max |ref| is the largest over the points, of each state and each sensitivity
-    on its own. So quantities below one are compared absolutely, in their units.
+    on its own. So quantities below one are compared absolutely, in their units; ``own_error`` is
+    relative to max |ref| of each, however small, and decides on recommendations, too.
 
     The reference is the solution of one method that another confirms, both at tolerances of 1e-12
     or 1e-13. What they differ by is the least error that can be told.
 
     Each run is made once to take its error and to warm up. Then all are timed in turn, again and
     again, so that what else the machine does hits all alike. A time holds everything between the
-    call and the result.
+    call and the result. A method is recommended alone where its least time is shorter than those of
+    all others by more than a tenth, and by more than the lower quartile of either lies above its
+    least; else the tie is told. Rows that another method computed, as without a compiler, are not
+    timed.
 
     Examples
     --------
@@ -123,6 +142,8 @@ def bench(
     >>> report.recommended(1e-3).method
     'DOP853'
     """
+    if not budget > 0.0:  # nan, too
+        raise ParameterError(f"budget is {budget}: give a positive number of seconds")
     names = _installed() if methods is None else [method_row(name).name for name in methods]
     pairs = [_pair(entry) for entry in tolerances]
     for text in filter(None, (loose_rtol(rtol) for rtol, _ in pairs)):
@@ -130,16 +151,18 @@ def bench(
     if repeats < 1:
         raise ParameterError(f"repeats is {repeats}: give 1 or more")
     limit = check_number(time_limit, "time_limit")
-    tell = progress or (lambda text: None)
+    tell = progress or (lambda text, share: None)
+    load_before = load_of_machine()
     model = _model(source, sensitivities, tree)
     with without_warnings(category=RuntimeWarning):  # what a run warns of stands in its row
         runner = _Runner(model, t_end, dict(values or {}), limit)
-        tell("a reference")
+        expected = _warm_up(runner, names, tell)
+        tell("a reference", _TO_BUILD)
         reference = runner.reference()
-        # Method by method, which the search for slow methods relies on.
-        trials = [_Trial(name, *pair) for name in names for pair in pairs]
-        _try_all(runner, trials, reference, tell)
-        _time_all(runner, trials, repeats, tell)
+        trials = [Trial(name, *pair) for name in names for pair in pairs]
+        begun = time.process_time()
+        _try_all(runner, trials, reference, expected, begun + _TRIES * budget, tell)
+        _time_all(runner, trials, repeats, begun + budget, tell)
     return BenchReport(
         scene=model.layout.name,
         sensitivities=model.sensitivities,
@@ -149,42 +172,17 @@ def bench(
         repeats=repeats,
         reference=reference,
         rows=tuple(trial.row() for trial in trials),
-        machine=_machine(model),
+        machine={
+            **machine(model.backend),
+            "load_at_start": load_before,
+            "load_at_end": load_of_machine(),
+        },
     )
 
 
 def _installed() -> list[str]:
     """List the methods whose libraries are there."""
     return [name for name in METHODS if is_available(name)]
-
-
-@dataclass
-class _Trial:
-    """A row of a bench before it is complete."""
-
-    method: str
-    rtol: float
-    atol: float
-    seconds: list[float] = field(default_factory=list)
-    errors: tuple[float, float] = (math.nan, math.nan)
-    statistics: Statistics | None = None
-    status: int = -1
-    message: str = ""
-
-    def row(self) -> BenchRow:
-        return BenchRow(
-            method=self.method,
-            rtol=self.rtol,
-            atol=self.atol,
-            # The median passes over single runs that the machine has delayed.
-            seconds=statistics.median(self.seconds) if self.seconds else math.nan,
-            n_runs=len(self.seconds),
-            error_states=self.errors[0],
-            error_sensitivities=self.errors[1],
-            statistics=self.statistics,
-            status=self.status,
-            message=self.message,
-        )
 
 
 class _Runner:
@@ -231,35 +229,77 @@ class _Runner:
         )
 
 
+def _warm_up(runner: _Runner, methods: Sequence[str], tell: Progress) -> dict[str, float]:
+    """Run each method once, so that no engine is compiled later; give the times, [s]."""
+    seconds = {}
+    for k, method in enumerate(methods):
+        tell(f"building {method}", _TO_BUILD * k / len(methods))
+        result = _attempt(runner, Trial(method, *_LOOSE))
+        seconds[method] = 0.0 if result is None else result.statistics.seconds
+    return seconds
+
+
 def _try_all(
-    runner: _Runner, trials: Sequence[_Trial], reference: Reference, tell: Callable[[str], None]
+    runner: _Runner,
+    trials: Sequence[Trial],
+    reference: Reference,
+    expected: dict[str, float],
+    until: float,
+    tell: Progress,
 ) -> None:
-    """Make each run once; of a method that is too slow, none at a tighter tolerance."""
-    for method, rows in itertools.groupby(trials, key=lambda trial: trial.method):
-        tell(method)
-        slow = math.inf  # the loosest tolerance at which the time limit was met
-        for trial in rows:
-            # Tolerances may come in any order; only tighter ones than the slow one are given up.
-            if trial.rtol < slow < math.inf:
-                trial.status = _SPENT
-                trial.message = f"not run: over the time limit at rtol {slow:.0e} already"
-                continue
-            _try(runner, trial, reference)
-            if trial.status == _SPENT:
-                slow = trial.rtol
+    """Make each run once, cheap ones first; of a method that is too slow, none at a tighter one."""
+    waiting = {
+        method: sorted((t for t in trials if t.method == method), key=lambda trial: -trial.rtol)
+        for method in dict.fromkeys(trial.method for trial in trials)
+    }
+    # A method's next run is expected to take as long as the one before, at a looser tolerance.
+    n_tried = 0
+    while any(waiting.values()):
+        method = min((m for m in waiting if waiting[m]), key=lambda m: expected[m])
+        trial, *waiting[method] = waiting[method]
+        tell(f"{method} at rtol {trial.rtol:.0e}", _TO_BUILD + _TO_TRY * n_tried / len(trials))
+        n_tried += 1
+        if time.process_time() + expected[method] > until:
+            _leave_out([trial, *waiting[method]], "the budget of the bench is spent")
+            waiting[method] = []
+            continue
+        start = time.perf_counter()
+        _try(runner, trial, reference)
+        expected[method] = time.perf_counter() - start
+        if trial.status == _SPENT:
+            _leave_out(
+                [t for t in waiting[method] if t.rtol < trial.rtol],
+                f"over the time limit at rtol {trial.rtol:.0e} already",
+            )
+            waiting[method] = [t for t in waiting[method] if t.rtol == trial.rtol]
 
 
-def _try(runner: _Runner, trial: _Trial, reference: Reference) -> None:
-    result = _attempt(runner, trial)
+def _leave_out(trials: Sequence[Trial], why: str) -> None:
+    for trial in trials:
+        trial.status, trial.message = _SPENT, f"not run: {why}"
+
+
+def _try(runner: _Runner, trial: Trial, reference: Reference) -> None:
+    result, trial.tried = _timed(runner, trial)
     if result is None:
         return
     trial.statistics, trial.status = result.statistics, result.status
     trial.message = result.message
     if result.success:
         trial.errors = reference.solution.distance(result)
+        trial.own_errors = reference.own_distance(result)
+    # A first time decides what is timed more often: of short runs one alone says little.
+    for _ in range(_TRIES_OF_SHORT if trial.tried < _SHORT else 0):
+        trial.tried = min(trial.tried, _timed(runner, trial)[1])
 
 
-def _attempt(runner: _Runner, trial: _Trial) -> Result | None:
+def _timed(runner: _Runner, trial: Trial) -> tuple[Result | None, float]:
+    start = time.perf_counter()
+    result = _attempt(runner, trial)
+    return result, time.perf_counter() - start
+
+
+def _attempt(runner: _Runner, trial: Trial) -> Result | None:
     """Run a trial; an exception becomes its message, so that the others go on."""
     try:
         return runner.run(trial.method, trial.rtol, trial.atol)
@@ -268,25 +308,53 @@ def _attempt(runner: _Runner, trial: _Trial) -> Result | None:
     return None
 
 
+class _Timed:
+    """A trial as a task of rounds."""
+
+    def __init__(self, runner: _Runner, trial: Trial) -> None:
+        self._runner, self._trial, self.seconds = runner, trial, trial.seconds
+
+    def run(self) -> bool:
+        trial = self._trial
+        result = _attempt(self._runner, trial)
+        if result is not None and not result.success and not self.seconds:
+            # It was just below the limit before.
+            trial.status, trial.message = result.status, result.message
+        return result is not None and result.success
+
+
 def _time_all(
-    runner: _Runner, trials: Sequence[_Trial], repeats: int, tell: Callable[[str], None]
+    runner: _Runner, trials: Sequence[Trial], repeats: int, until: float, tell: Progress
 ) -> None:
-    """Time the runs that succeed, all in turn, slow ones fewer times."""
-    # Rows inside, repeats outside: what disturbs the machine for a while then hits all rows alike.
-    for k in range(repeats):
-        tell(f"times, {k + 1} of {repeats}")
-        for trial in trials:
-            # A slow row keeps the median of fewer runs.
-            if trial.status != 0 or sum(trial.seconds) > runner.time_limit:
-                continue
-            start = time.perf_counter()
-            result = _attempt(runner, trial)
-            seconds = time.perf_counter() - start
-            if result is not None and result.success:
-                trial.seconds.append(seconds)
-            elif result is not None and not trial.seconds:
-                # It was just below the limit before.
-                trial.status, trial.message = result.status, result.message
+    """Time the runs that succeed: those that may be recommended first, then the others."""
+    left = [trial for trial in trials if trial.status == 0 and not trial.stood_in]
+    contenders = _contenders(left)
+    others = [trial for trial in left if trial not in contenders]
+    done = _TO_BUILD + _TO_TRY
+    for share, group in ((0.7 * (1.0 - done), contenders), (0.3 * (1.0 - done), others)):
+        time_in_rounds(
+            [_Timed(runner, trial) for trial in group],
+            repeats,
+            longest=runner.time_limit,
+            until=until,
+            tell=lambda k, done=done, share=share: tell(  # type: ignore[misc]
+                f"times, {k + 1} of {repeats}", done + share * k / repeats
+            ),
+        )
+        done += share
+    for trial in left:
+        if trial.status == 0 and not trial.seconds:
+            trial.seconds.append(trial.tried)
+
+
+def _contenders(trials: Sequence[Trial]) -> list[Trial]:
+    """List the trials that are not far slower than another one that is as accurate."""
+    found = []
+    for trial in trials:
+        as_good = (other.tried for other in trials if other.error <= trial.error)
+        if trial.tried <= _FAR * min(as_good, default=trial.tried):
+            found.append(trial)
+    return found
 
 
 def _model(
@@ -317,20 +385,3 @@ def _pair(entry: float | tuple[float, float]) -> tuple[float, float]:
     if rtol_fault(rtol):
         raise SolveError(f"tolerances holds a wrong one: {rtol_fault(rtol)}")
     return rtol, atol
-
-
-def _machine(model: Model) -> dict[str, str]:
-    """Describe the machine and the software of the measurements."""
-    import scipy
-
-    toolchain = find_toolchain()
-    return {
-        "cotree": VERSION,
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "scipy": scipy.__version__,
-        "system": f"{platform.system()} {platform.machine()}",
-        "processors": str(os.cpu_count()),
-        "kernels": model.backend,
-        "compiler": "none" if toolchain is None else toolchain.version,
-    }

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cotree.files import written_whole
-from cotree.studies.accuracy import ERROR
+from cotree.studies.accuracy import ERROR, OWN_ERROR
+from cotree.studies.bench_row import fastest
 from cotree.studies.display import bench_html
 
 if TYPE_CHECKING:
@@ -71,13 +72,39 @@ class BenchReport:
     def recommended(self, target: float) -> BenchRow | None:
         """Give the fastest run whose error, of states and sensitivities, is at most ``target``.
 
-        None where there is none, or where the reference itself is not known that well.
+        Of methods that tie it is the first in the table; :meth:`tied` gives them all. None where
+        there is none, or where the reference itself is not known that well.
+        """
+        return next(iter(self.tied(target)), None)
+
+    def tied(self, target: float) -> tuple[BenchRow, ...]:
+        """Give the fastest runs whose error is at most ``target``, one of each method.
+
+        They differ by less than the noise of their times. Errors are judged on both scales: of
+        quantities below one relative to their own size, too, where the reference is known as well.
+
+        Parameters
+        ----------
+        target : float
+            The error.
         """
         if self.reference.agreement > target:
-            return None
+            return ()
+        judges_own = self.judges_own(target)
         # An error of nan, where there is nothing to compare, fails this test, too.
-        able = [row for row in self.rows if row.success and row.error <= target]
-        return min(able, key=lambda row: row.seconds, default=None)
+        return fastest(
+            row
+            for row in self.rows
+            if row.success
+            and not row.stand_in
+            and row.n_runs
+            and row.error <= target
+            and (not judges_own or row.own_error <= target)
+        )
+
+    def judges_own(self, target: float) -> bool:
+        """Tell whether errors are judged relative to own sizes, too: the reference knows them."""
+        return self.reference.own_agreement <= target
 
     def summary(self) -> str:
         """Give the table, then the recommended methods."""
@@ -85,8 +112,10 @@ class BenchReport:
         head = [
             f"{self.scene}: {self.n_states} states{to}, t = 0 to {self.t_end:g} s",
             f"reference: {self.reference.summary()}",
-            f"error: {ERROR} over {self.n_points} points",
-            f"seconds: medians of {self.repeats} runs at most, all methods in turn",
+            f"error: {ERROR} over {self.n_points} points; own: {OWN_ERROR}",
+            f"seconds: medians of {self.repeats} runs at most, all methods in turn; spread: of the "
+            "median above the least",
+            *self._about(),
             "",
         ]
         return "\n".join([*head, *self._table(), "", *self._recommendations()])
@@ -102,6 +131,7 @@ class BenchReport:
             "t_end": self.t_end,
             "repeats": self.repeats,
             "error": ERROR,
+            "own_error": OWN_ERROR,
             "machine": dict(self.machine),
             "reference": {
                 "method": pair.solution.method,
@@ -110,13 +140,12 @@ class BenchReport:
                 "confirmed_at_rtol": pair.other.rtol,
                 "agreement_states": _number(pair.agreement_states),
                 "agreement_sensitivities": _number(pair.agreement_sensitivities),
+                "own_agreement": _number(pair.own_agreement),
             },
             "rows": [_row_dict(row) for row in self.rows],
             "recommended": {
-                f"{target:.0e}": None if row is None else {"method": row.method, "rtol": row.rtol}
+                f"{target:.0e}": _advice(self.tied(target), self.judges_own(target))
                 for target in TARGETS
-                # A list of one gives the row a name inside the comprehension.
-                for row in [self.recommended(target)]
             },
         }
 
@@ -139,15 +168,24 @@ class BenchReport:
         parts = self.scene, self.sensitivities, self.rows, self.reference
         return plot_bench(*parts, make=figure_for_people)
 
+    def _about(self) -> list[str]:
+        """Say what the times were taken with."""
+        m = self.machine
+        names = ("cotree", "SUNDIALS", "numpy", "scipy", "python")
+        return [
+            f"machine: {m['processor']}, {m['processors']} cores, load {m['load_at_start']} at the "
+            f"start and {m['load_at_end']} at the end; compiler: {m['compiler']}",
+            "versions: " + ", ".join(f"{name} {m[name.lower()]}" for name in names),
+        ]
+
     def _table(self) -> list[str]:
-        with_sensitivities = bool(self.sensitivities)
-        # Without sensitivities their column is left out.
-        errors = ["states", "sensitivities"][: 1 + with_sensitivities]
-        table = [["method", "rtol", "atol", "seconds", *errors, "steps", "evaluations"]]
+        # Without sensitivities their columns are left out.
+        errors = ["states", "own", "sensitivities", "own"][: 4 if self.sensitivities else 2]
+        table = [["method", "rtol", "atol", "seconds", "spread", *errors, "steps", "evaluations"]]
         notes = [""]
         for row in self.rows:
             table.append(self._cells(row))
-            notes.append("" if row.success else f"  {row.message}")
+            notes.append(f"  {row.note}" if row.note else "")
         # Messages stand behind the columns and widen none.
         widths = [max(map(len, column)) for column in zip(*table, strict=True)]
         return [
@@ -164,22 +202,31 @@ class BenchReport:
     def _cells(self, row: BenchRow) -> list[str]:
         pair, work = self.reference, row.statistics
         cells = [row.method, f"{row.rtol:.0e}", f"{row.atol:.0e}"]
-        cells.append(f"{row.seconds:.3g}" if row.success else "-")
+        is_timed = row.success and row.n_runs > 0
+        cells.append(f"{row.seconds:.3g}" if is_timed else "-")
+        cells.append(f"{row.spread:.0%}" if is_timed else "-")
+        own = pair.own_distance(pair.other)
         cells.append(_shown(row.error_states, pair.agreement_states))
+        cells.append(_shown(row.own_error_states, own[0]))
         if self.sensitivities:
             cells.append(_shown(row.error_sensitivities, pair.agreement_sensitivities))
+            cells.append(_shown(row.own_error_sensitivities, own[1]))
         return (
             [*cells, *("-", "-")] if work is None else [*cells, f"{work.n_steps}", f"{work.nfev}"]
         )
 
     def _recommendations(self) -> list[str]:
-        lines = ["recommended, the fastest whose error is at most"]
+        lines = ["recommended, the fastest whose error is at most (least times)"]
         for target in TARGETS:
-            row = self.recommended(target)
-            if row is not None:
-                said = (
-                    f"{row.method} at rtol {row.rtol:.0e}, atol {row.atol:.0e}: {row.seconds:.3g} s"
+            tied = self.tied(target)
+            if tied:
+                said = "\n    tie  ".join(
+                    f"{row.method} at rtol {row.rtol:.0e}, atol {row.atol:.0e}: {row.least:.3g} s"
+                    for row in tied
                 )
+                said += ", within noise of each other" if len(tied) > 1 else ""
+                if not self.judges_own(target):
+                    said += "\n         (small quantities are not judged by their own size here)"
             elif self.reference.agreement > target:
                 said = f"not known: the reference is good to {self.reference.agreement:.1e} only"
             else:
@@ -196,11 +243,19 @@ def _shown(error: float, agreement: float) -> str:
     return f"< {agreement:.1e}" if error < agreement else f"{error:.1e}"
 
 
+def _advice(tied: tuple[BenchRow, ...], judges_own: bool) -> dict[str, Any] | None:
+    """Give what is recommended for an error, with what is within noise of it."""
+    if not tied:
+        return None
+    first, *others = ({"method": row.method, "rtol": row.rtol} for row in tied)
+    return {**first, "tied": others, "judged_by_own_size": judges_own}
+
+
 def _row_dict(row: BenchRow) -> dict[str, Any]:
     fields = {key: value for key, value in vars(row).items() if key != "statistics"}
     numbers = {k: _number(v) if isinstance(v, float) else v for k, v in fields.items()}
     work = None if row.statistics is None else dataclasses.asdict(row.statistics)
-    return {**numbers, "statistics": work}
+    return {**numbers, "stand_in": row.stand_in, "statistics": work}
 
 
 def _number(value: float) -> float | None:

@@ -8,6 +8,7 @@ from cotree.markup import block, paragraph, preformatted, table
 
 if TYPE_CHECKING:
     from cotree.studies.bench_report import BenchReport
+    from cotree.studies.bench_row import BenchRow
     from cotree.studies.check import CheckReport
 
 _HEAD = ("parameter", "value", "closest", "deviation", "allowed", "verdict")
@@ -32,15 +33,15 @@ def bench_html(report: BenchReport) -> str:
     rows = [
         (
             *(row.method, f"{row.rtol:.0e}", f"{row.atol:.0e}"),
-            row.seconds if row.success else "-",
-            *(float(f"{x:.2g}") for x in (row.error_states, row.error_sensitivities)),
+            row.seconds if row.success and row.n_runs else "-",
+            *(float(f"{x:.2g}") for x in _errors(row)),
             *(("-", "-") if not (work := row.statistics) else (work.n_steps, work.nfev)),
-            "" if row.success else row.message,
+            row.note,
         )
         for row in report.rows
     ]
-    head = ["method", "rtol", "atol", "seconds", "error of states", "of sensitivities"]
-    head += ["steps", "evaluations", ""]
+    head = ["method", "rtol", "atol", "seconds", "error of states", "own"]
+    head += ["of sensitivities", "own", "steps", "evaluations", ""]
     # The text ends with what is recommended, after an empty line.
     before, _, advice = report.summary().rpartition("\n\n")
     return block(
@@ -48,4 +49,12 @@ def bench_html(report: BenchReport) -> str:
         preformatted(before.partition("\n\n")[0]),
         table("", head, rows, n_rows=len(rows), most=60),
         preformatted(advice),
+    )
+
+
+def _errors(row: BenchRow) -> tuple[float, ...]:
+    """Give errors in the order of the table's columns."""
+    return (
+        *(row.error_states, row.own_error_states),
+        *(row.error_sensitivities, row.own_error_sensitivities),
     )
