@@ -98,8 +98,8 @@ def bench(
         tighter tolerances is not run. All timed runs of a row together take little more.
     budget : float
         Processor time for all runs beside compilation and the reference, [s]. Tight tolerances of
-        slow methods are left out first, then repeated runs of what is far slower than another method. Infinity
-        for no limit.
+        slow methods are left out first, then repeated runs of what is far slower than another
+        method. Infinity for no limit.
     values : mapping of str to float, optional
         Parameter values in place of the scene's.
     tree : None, sequence of str, or mapping of domain to sequence of str
