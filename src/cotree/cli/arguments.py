@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cotree.errors import ParameterError, SceneError, TopologyError, brief
-from cotree.scene.replaced import new_names
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -63,6 +62,9 @@ def read_inputs(scene: Scene, texts: Sequence[str], values: Mapping[str, float])
     inputs = read_pairs("--input", texts)
     if not inputs:
         return scene
+    # Imported here, since most commands need none of it.
+    from cotree.scene.replaced import new_names
+
     return scene.with_inputs(
         inputs, {name: values[name] for name in new_names(scene, inputs, values)}
     )
