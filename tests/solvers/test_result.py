@@ -123,9 +123,10 @@ def test_summary(result):
 
 def test_plot_asks_the_drawing_module(result, monkeypatch):
     calls = []
-    module = type(sys)("cotree.plot")
-    module.plot_result = lambda *arguments: calls.append(arguments)
-    monkeypatch.setitem(sys.modules, "cotree.plot", module)
-    drawn = cotree.Result(**vars(result))
-    drawn.plot(["energy"])
-    assert calls == [(drawn, ["energy"])]
+
+    def recorded(drawn, names, *, make):
+        calls.append((drawn.t[-1], names))
+
+    monkeypatch.setattr("cotree.plot.plot_result", recorded)
+    cotree.Result(**vars(result)).plot(["energy"])
+    assert calls == [(result.t[-1], ["energy"])]
