@@ -211,10 +211,13 @@ def _check_reached(
         own = set(cut)
         edges = [e.name for e in graph.edges if (e.tail in own) != (e.head in own)]
         row = DOMAINS[graph.domain]
+        one, alone = len(edges) == 1, len(cut) == 1
         raise TopologyError(
-            f"only {listed(edges)} reach the node {listed(cut)} of the {graph.domain} graph: "
-            f"their {row.through}s are given, whatever its {row.across[0]} is, so that it is "
-            f"undetermined; add {row.remedy} there"
+            f"only {'edge' if one else 'edges'} {listed(edges)} {'reaches' if one else 'reach'} "
+            f"the {'node' if alone else 'nodes'} {listed(cut)} of the {graph.domain} graph: "
+            f"{'its' if one else 'their'} {row.through}{'' if one else 's'} "
+            f"{'is' if one else 'are'} given, so that the {row.across[0]} there is undetermined; "
+            f"add {row.remedy} there"
         )
 
 
