@@ -170,7 +170,7 @@ def flags(model: Any, native: bool) -> tuple[str, ...]:
     toolchain = find_toolchain()
     if toolchain is None:
         raise SystemExit("no C compiler was found: install one")
-    context = model._compiled.context
+    context = model._compiled.formed.context
     sizes = context.n_written, context.n_written_in_all
     return compiler_flags(toolchain, BuildOptions(native=native), *sizes)
 

@@ -24,10 +24,14 @@ import cffi
 import numpy as np
 
 import cotree
+from cotree import compilation
 from cotree.build import find_toolchain
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
+
+# What forms and prints programs is measured here: none is taken from the cache.
+compilation.KEEPS = False
 
 DECLARATIONS = """
 double time_state(void *, long, double *, double *, double *, double *, double *);
@@ -186,7 +190,7 @@ def own(model: Any, kernel: str, x: Any, s: Any) -> Contender:
     kind = "sensitivity" if "s" in model._program.kernels[kernel].spec.arguments else "state"
     before = [s.copy()] if kind == "sensitivity" else []
     rest = [np.zeros(struct.n_inputs + 1), native.p, native.k, out]
-    files = model._compiled.files
+    files = model._compiled.text.files
     return Contender(
         model.operations[kernel].kernel,
         sum(len(text) for name, text in files.items() if name != "cotree_abi.h"),

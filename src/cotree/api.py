@@ -115,8 +115,8 @@ class Scene(SceneDescription, ComponentMethods):
             If the C text cannot be compiled.
         """
         begun = time.perf_counter()
-        # The pipeline is imported at the first call, which counts as time to formulate.
-        from cotree.pipeline import compile_scene
+        # What compiles is imported at the first call, which counts as time to formulate.
+        from cotree.compilation import compile_scene
 
         names = listed_names(sensitivities, "sensitivities")
         # Parameters that no run may change become numbers, which fold into the code.

@@ -26,11 +26,12 @@ from cotree.variants import Variants
 
 if TYPE_CHECKING:
     from cotree.choice import Operations
+    from cotree.compilation import Compiled
     from cotree.export.c_project import CProject
+    from cotree.formulation.first_graph import FirstGraph
     from cotree.model.arrays import Array
     from cotree.model.consistent import Start
     from cotree.model.linearize import Linearization, Linearizer
-    from cotree.pipeline import Compiled
 
 
 class Model(CompiledModel):
@@ -38,8 +39,6 @@ class Model(CompiledModel):
 
     Attributes
     ----------
-    first_graph : FirstGraph
-        The first graph, from which its equations were formed.
     times : dict of str to float
         Seconds spent in each stage: formulate, generate, compile, start.
     """
@@ -49,10 +48,9 @@ class Model(CompiledModel):
         begins_at_rest = scene.defaults.start == OPERATING_POINT
         # Only bound here: the network at rest is formed when a start is first asked for.
         rest = OperatingPoint(self, scene) if begins_at_rest else None
-        super().__init__(compiled.program, compiled.kernels, rest)
+        super().__init__(compiled.text.program, compiled.kernels, rest)
         self._compiled, self._scene, self._recipe = compiled, scene, recipe
-        self._variants = Variants(scene, lambda other: recipe.of(other, compiled.first).made())
-        self.first_graph = compiled.first
+        self._variants = Variants(scene, lambda other: recipe.of(other, self.first_graph).made())
         self.times: dict[str, float] = dict(compiled.times)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -73,7 +71,13 @@ class Model(CompiledModel):
     @property
     def source(self) -> str:
         """The C text of the model."""
-        return self._compiled.files[f"{self._compiled.context.prefix}.c"]
+        text = self._compiled.text
+        return text.files[f"{text.prefix}.c"]
+
+    @property
+    def first_graph(self) -> FirstGraph:
+        """The first graph, from which its equations were formed."""
+        return self._compiled.formed.first
 
     @property
     def cached(self) -> bool:
@@ -85,12 +89,12 @@ class Model(CompiledModel):
         """Operation counts by kernel; ``alternatives`` are the formulations that were tried."""
         from cotree.choice import Operations
 
-        return Operations(super().operations, self._compiled.alternatives)
+        return Operations(super().operations, self._compiled.formed.alternatives)
 
     def summary(self) -> str:
         """Describe the kernels, the formulations tried and what each pass did."""
         lines = [self._program.summary(), *self.operations.tried()]
-        for report in self._compiled.reports:
+        for report in self._compiled.formed.reports:
             lines.append(f"pass {report.name}: operations of each kernel alone, before -> after")
             counts = [(name, n, report.after[name]) for name, n in report.before.items()]
             rows = [f"  {name:20} {n} -> {m}" for name, n, m in counts if n != m]

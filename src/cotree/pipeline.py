@@ -2,26 +2,25 @@
 
 ::
 
-    scene -> linear graphs -> trees -> first graph -> equations -> program -> C text -> library
+    scene -> linear graphs -> trees -> first graph -> equations -> program -> C text
+
+:mod:`cotree.compilation` goes on from there to a library.
 """
 
 from __future__ import annotations
 
-import os
 import time
-import warnings
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.build import BuildOptions, find_toolchain, obtain_library
 from cotree.choice import choose_first_graph
 from cotree.codegen.context import model_context
-from cotree.codegen.render import cdef, render_model
+from cotree.codegen.model_text import ModelText
+from cotree.codegen.render import render_model
 from cotree.errors import Error, FormulationError, TopologyError
 from cotree.formulation.early import check_numbers
 from cotree.formulation.networks.network import draw_networks
-from cotree.model.kernels import CKernels, PythonKernels
 from cotree.passes.recipe import run_passes
 from cotree.program.lower import lower
 from cotree.quiet import without_collection
@@ -33,10 +32,8 @@ from cotree.scene.graphs import (
     linear_graphs,
     separate_trees,
 )
-from cotree.scene.inertias import impossible_inertias
 from cotree.scene.jumps import with_jumps
 from cotree.sensitivity.graphs import form_equations, input_columns
-from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -46,7 +43,6 @@ if TYPE_CHECKING:
     from cotree.equations import Derivative, Equations
     from cotree.formulation.first_graph import FirstGraph
     from cotree.graph import LinearGraph, Tree
-    from cotree.model.kernels import Kernels
     from cotree.passes.recipe import PassReport
     from cotree.program import Program
     from cotree.scene.description import SceneDescription
@@ -55,40 +51,31 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Compiled:
-    """The result of the pipeline for a scene.
+class Formed:
+    """All stages of a scene up to its C text.
 
     Attributes
     ----------
-    program : Program
-        The program after its passes.
-    reports : tuple of PassReport
-        Operation counts before and after each pass.
-    alternatives : tuple of Alternative
-        The formulations tried, the cheapest first.
-    context : ModelContext
-        The values that the templates received.
-    files : mapping of str to str
-        C text by file name.
-    kernels : Kernels
-        Ready to be called.
-    cached : bool
-        Whether the library was compiled before.
-    times : mapping of str to float
-        Seconds for each stage: formulate, generate, compile.
     first : FirstGraph
         The first graph, from which the equations were formed.
+    alternatives : tuple of Alternative
+        The formulations tried, the cheapest first.
+    reports : tuple of PassReport
+        Operation counts before and after each pass.
+    context : ModelContext
+        The values that the templates received.
+    text : ModelText
+        The program after its passes, and its C text.
+    times : mapping of str to float
+        Seconds for each stage: formulate, generate.
     """
 
-    program: Program
-    reports: tuple[PassReport, ...]
-    alternatives: tuple[Alternative, ...]
-    context: ModelContext
-    files: Mapping[str, str]
-    kernels: Kernels
-    cached: bool
-    times: Mapping[str, float]
     first: FirstGraph
+    alternatives: tuple[Alternative, ...]
+    reports: tuple[PassReport, ...]
+    context: ModelContext
+    text: ModelText
+    times: Mapping[str, float]
 
 
 def draw_graphs(
@@ -234,37 +221,15 @@ def generate(equations: Equations) -> tuple[Program, tuple[PassReport, ...]]:
     return run_passes(lower(equations))
 
 
-def compile_scene(
-    scene: SceneDescription,
-    sensitivities: Sequence[str],
-    tree: TreeChoice,
-    options: BuildOptions,
-    baumgarte: float = 0.0,
-) -> Compiled:
-    """Take a scene all the way to kernels that can be called.
-
-    Parameters
-    ----------
-    scene : SceneDescription
-        The scene.
-    sensitivities : sequence of str
-        Parameters and states to take sensitivities to.
-    tree : None, sequence of str, or mapping of domain to sequence of str
-        The branches; None chooses them.
-    options : BuildOptions
-        The user's choices for the compiler.
-    baumgarte : float
-        Rate, [1/s], at which violated constraints decay; zero leaves them to projection.
+def form_text(
+    scene: SceneDescription, sensitivities: Sequence[str], tree: TreeChoice, baumgarte: float
+) -> Formed:
+    """Take a scene to its C text; parameters as of :func:`cotree.compilation.compile_scene`.
 
     Raises
     ------
-    ModelError, FormulationError, CodegenError, BuildError
+    ModelError, FormulationError, CodegenError
         If a stage cannot do its work; the message says which edge, node or name is at fault.
-
-    Warns
-    -----
-    RuntimeWarning
-        If no body has the inertia of an edge, or there is no compiler.
     """
     marks = [time.perf_counter()]
     # Jumps inside expressions become events here, which the engine locates. Equations for people,
@@ -273,47 +238,16 @@ def compile_scene(
     first, equations, alternatives = formulate(
         acting, sensitivities, tree, baumgarte, check_numbers
     )
-    for sentence in impossible_inertias(scene):
-        warnings.warn(sentence, RuntimeWarning, stacklevel=3)  # whoever asked for the model
     marks.append(time.perf_counter())
     program, reports = generate(equations)
     context = model_context(program)
+    text = text_of(program, context)
+    marks.append(time.perf_counter())
+    times = {"formulate": marks[1] - marks[0], "generate": marks[2] - marks[1]}
+    return Formed(first, alternatives, reports, context, text, times)
+
+
+def text_of(program: Program, context: ModelContext) -> ModelText:
+    """Print the C text of a program."""
     files = render_model(context)
-    marks.append(time.perf_counter())
-    kernels, cached = _load(program, context, files, options)
-    marks.append(time.perf_counter())
-    stages = ("formulate", "generate", "compile")
-    times = {stage: marks[i + 1] - marks[i] for i, stage in enumerate(stages)}
-    return Compiled(program, reports, alternatives, context, files, kernels, cached, times, first)
-
-
-def _load(
-    program: Program, context: ModelContext, files: Mapping[str, str], options: BuildOptions
-) -> tuple[Kernels, bool]:
-    """Compile and load the C text, or evaluate the program where there is no compiler."""
-    toolchain = find_toolchain()
-    if toolchain is None:
-        is_asked = os.environ.get("COTREE_COMPILER") == "none"
-        reason = (
-            "COTREE_COMPILER=none"
-            if is_asked
-            else "no C compiler was found (CC, cc, gcc, clang); install one, or: "
-            "pip install ziglang"
-        )
-        warnings.warn(
-            f"{reason}: the model is evaluated in Python, which is much slower",
-            RuntimeWarning,
-            stacklevel=4,  # whoever asked for the model
-        )
-        # The same nodes without C: a model always runs, if slowly.
-        return PythonKernels(program), False
-    library, loaded = obtain_library(
-        files,
-        cdef(files["cotree_abi.h"], context.prefix),
-        abi_version=ABI_VERSION,
-        n_operations=context.n_written,
-        n_all=context.n_written_in_all,
-        options=options,
-        toolchain=toolchain,
-    )
-    return CKernels(program, loaded, context.prefix), library.cached
+    return ModelText(program, files, context.prefix, context.n_written, context.n_written_in_all)

@@ -24,7 +24,7 @@ class Recipe:
     sensitivities : tuple of str
         Parameters and states to take sensitivities to.
     tree, options, baumgarte
-        As of :func:`cotree.pipeline.compile_scene`.
+        As of :func:`cotree.compilation.compile_scene`.
     """
 
     scene: SceneDescription
@@ -35,8 +35,8 @@ class Recipe:
 
     def made(self) -> Model:
         """Compile the model; its library comes from the cache where it is there."""
+        from cotree.compilation import compile_scene
         from cotree.compiled import Model
-        from cotree.pipeline import compile_scene
 
         names = self.sensitivities
         compiled = compile_scene(self.scene, names, self.tree, self.options, self.baumgarte)

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 from cotree import Model, Scene
 from cotree.build import BuildOptions
 from cotree.codegen.context import model_context
-from cotree.codegen.render import render_model
+from cotree.compilation import Compiled, load_kernels
 from cotree.dag.derivative import tangents
 from cotree.dag.multi_output import Table, table
 from cotree.dag.nodes import Dag
 from cotree.dag.symbols import STATE_RATE
 from cotree.equations import ConstraintSet, Derivative, Equations, Quantity, State
 from cotree.model.linearize import Linearizer
-from cotree.pipeline import Compiled, _load, generate
+from cotree.pipeline import Formed, generate, text_of
 from cotree.recipe import Recipe
 
 if TYPE_CHECKING:
@@ -55,9 +55,10 @@ def model_of(
     """Compile equations that no scene gives."""
     program, reports = generate(equations)
     context = model_context(program)
-    files = render_model(context)
-    kernels, cached = _load(program, context, files, BuildOptions())
-    compiled = Compiled(program, reports, (), context, files, kernels, cached, {}, None)
+    text = text_of(program, context)
+    kernels, cached = load_kernels(text, BuildOptions())
+    formed = Formed(None, (), reports, context, text, {})
+    compiled = Compiled(text, kernels, cached, {}, lambda: formed)
     scene = Scene(equations.name)
     scene.simulation(t_end=t_end)
     model = Model(compiled, Recipe(scene, (), None, BuildOptions(), 0.0))

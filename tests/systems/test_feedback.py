@@ -79,11 +79,13 @@ def test_sensitivities_to_gains():
 
 
 def test_a_text_is_compiled_once(cart, monkeypatch):
-    from cotree import pipeline
+    from cotree import compilation
 
     made = []
-    whole = pipeline.compile_scene
-    monkeypatch.setattr(pipeline, "compile_scene", lambda *args: made.append(args) or whole(*args))
+    whole = compilation.compile_scene
+    monkeypatch.setattr(
+        compilation, "compile_scene", lambda *args: made.append(args) or whole(*args)
+    )
     for gain in (1.0, 2.0, 3.0):
         result = cart.simulate(
             (0, 1), inputs={"push": "-once*rail.s"}, parameters={"once": gain}, **TIGHT

@@ -1,9 +1,10 @@
 """Cache of compiled libraries: a folder of the user, addressed by all inputs of each library.
 
 A library stands there as ``<key>.so``, an object file that several libraries link as ``<key>.o``,
-and a parsed template as ``<key>.template``, each with its checksum in ``<key>.sha256``. All are
-published by atomic rename from a private folder, so a reader never meets half a file. A file whose
-checksum does not fit, whatever the reason, counts as absent and is made again.
+a parsed template as ``<key>.template``, and a program with its C text as ``<key>.program``, each
+with its checksum in ``<key>.sha256``. All are published by atomic rename from a private folder, so
+a reader never meets half a file. A file whose checksum does not fit, whatever the reason, counts as
+absent and is made again.
 
 Of processes that want the same library at the same time, one builds it and the others wait for a
 lock. The lock only saves work: a process that cannot get it builds for itself, correctly.
@@ -38,10 +39,10 @@ _FAILED = "failed"
 _PRIVATE_PREFIX = "cotree-build-"
 # Only these names are ever removed from the folder, which may hold other things.
 _KEY = re.compile(r"[0-9a-f]{64}")
-_PUBLISHED = re.compile(r"[0-9a-f]{64}\.(so|o|template|sha256|lock)")
-#: The end of the name of a library in the cache, of an object file that several ones link, and of
-#: a parsed template.
-LIBRARY, OBJECT, TEMPLATE = ".so", ".o", ".template"
+_PUBLISHED = re.compile(r"[0-9a-f]{64}\.(so|o|template|program|sha256|lock)")
+#: The end of the name of a library in the cache, of an object file that several ones link, of a
+#: parsed template, and of a program with its text.
+LIBRARY, OBJECT, TEMPLATE, PROGRAM = ".so", ".o", ".template", ".program"
 # No build takes as long, so the process of a private folder that has not changed for a day is gone.
 _ABANDONED_AFTER = 24.0 * 3600.0
 
@@ -142,7 +143,7 @@ def find_published(key: str, end: str = LIBRARY) -> Path | None:
 
 
 def publish(built: Path, key: str, end: str = LIBRARY) -> Path:
-    """Move a library, an object or a template from a private folder of the cache to its place.
+    """Move a file from a private folder of the cache to its place.
 
     Raises
     ------
@@ -221,7 +222,7 @@ def write_files(files: Mapping[str, str], directory: Path) -> None:
 
 
 def clear_cache() -> int:
-    """Remove compiled libraries, parsed templates, kept sources and remains of interrupted builds.
+    """Remove libraries, templates, programs, kept sources and remains of interrupted builds.
 
     Only files that cotree names are touched, whatever else the folder holds. Libraries that are
     loaded stay usable, and a build under way in another process begins again.

@@ -42,7 +42,11 @@ class WatchedModel(Protocol):
     """A model as animations see it: :class:`cotree.Model`."""
 
     states: tuple[str, ...]
-    first_graph: FirstGraph
+
+    @property
+    def first_graph(self) -> FirstGraph:
+        """The first graph, from which its equations were formed."""
+        ...
 
     def parameter_array(self, values: Any = None) -> Array:
         """Give the parameter array."""

@@ -1,0 +1,141 @@
+"""Programs that are kept in the cache: found only where all that they follow from is the same."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+import cotree
+from cotree import compilation, pipeline
+from cotree.build import cache_directory
+from cotree.codegen.context import model_context
+from cotree.codegen.render import render_model
+from cotree.dag.nodes import Dag
+from cotree.scene.toml_file import shipped_scenes
+
+
+@pytest.fixture(autouse=True)
+def _kept(monkeypatch, tmp_path):
+    monkeypatch.setattr(compilation, "KEEPS", True)
+    monkeypatch.setenv("COTREE_CACHE_DIR", str(tmp_path / "cache"))
+
+
+@pytest.fixture
+def formed(monkeypatch):
+    """Count how often equations are formed."""
+    made = []
+    whole = pipeline.form_text
+    monkeypatch.setattr(pipeline, "form_text", lambda *args: made.append(args) or whole(*args))
+    return made
+
+
+def pendulum(length: float = 2.0) -> cotree.Scene:
+    scene = cotree.Scene("pendulum", gravity=[0, -9.81, 0])
+    scene.parameter("L", length, unit="m")
+    scene.input("torque", 0.0)
+    scene.revolute("h", "ground", "A", axis=[0, 0, 1], torque="torque", initial={"theta": 0.4})
+    scene.arm("rod", "A", "B", vector=[0, "-L", 0])
+    scene.rigid_body("bob", "ground", "B", mass=1.0)
+    return scene
+
+
+@pytest.mark.parametrize("name", shipped_scenes())
+def test_the_text_of_a_kept_program_is_the_same(name, tmp_path):
+    scene = cotree.load(name)
+    wanted = [row.name for row in scene.parameters.values() if row.is_argument][:2]
+    text = pipeline.form_text(scene, wanted, None, 0.0).text
+    program = pickle.loads(pickle.dumps(text.program))
+    # Every node, its section and its order come through, or else the text would differ.
+    assert render_model(model_context(program)) == text.files
+    assert program.operations == text.program.operations
+    assert program.layout.units == text.program.layout.units
+
+
+def test_an_arena_goes_on_interning():
+    dag = Dag()
+    x, y = dag.symbol("x", 0), dag.symbol("x", 1)
+    z = dag.function("sin", 3.0 * x + y) - 1.0 / y
+    again, x2, z2 = pickle.loads(pickle.dumps((dag, x, z)))
+    assert x2 is again.symbol("x", 0)
+    assert again.zero is again.constant(0.0)
+    assert again.one is again.constant(1.0)
+    y2 = again.symbol("x", 1)
+    n = len(again)
+    assert again.function("sin", 3.0 * x2 + y2) - 1.0 / y2 is z2
+    assert len(again) == n == len(dag)
+
+
+@pytest.mark.compiler
+def test_the_second_time_nothing_is_formed(formed):
+    first = pendulum().compile(["L"])
+    again = pendulum().compile(["L"])
+    assert len(formed) == 1
+    assert again.cached
+    assert again.source == first.source
+    one, other = (m.simulate((0, 2), method="dopri5") for m in (first, again))
+    assert np.array_equal(one.y, other.y)
+    assert np.array_equal(one.s, other.s)
+
+
+@pytest.mark.compiler
+def test_stages_before_the_program_are_gone_through_when_asked_for(formed):
+    first = pendulum().compile(["L"])
+    again = pendulum().compile(["L"])
+    assert np.array_equal(first.linearize().A, again.linearize().A)
+    assert len(formed) == 2
+    assert again.summary() == first.summary()
+    assert again.first_graph.system.trees == first.first_graph.system.trees
+    result = again.simulate((0, 1), inputs={"torque": "-c*h.theta_dot"}, parameters={"c": 0.3})
+    assert abs(result["h.theta"][-1]) < 0.4
+    assert len(formed) == 3  # the closed loop; what the model itself is formed of is there
+
+
+@pytest.mark.compiler
+def test_another_question_has_another_answer(formed, monkeypatch):
+    pendulum().compile(["L"])
+    assert pendulum(3.0).compile(["L"]).default_parameters.tolist() == [3.0]
+    pendulum().compile()
+    pendulum().compile(["h.theta"])
+    pendulum().compile(["L"], baumgarte=1.0)
+    pendulum().compile(["L"], ["rod", "h"])
+    assert len(formed) == 6
+    monkeypatch.setattr(compilation, "_sources", lambda: b"edited")
+    pendulum().compile(["L"])
+    assert len(formed) == 7
+
+
+@pytest.mark.compiler
+def test_laws_that_are_registered_are_not_kept(formed):
+    for law in (lambda across, k: k * across, lambda across, k: 2.0 * k * across):
+        cotree.register_component("own_spring", law, domain="translational")
+        scene = cotree.Scene("own")
+        scene.translational_mass("m", "ground", "A", mass=1.0, initial={"v": 1.0})
+        scene.edge("s", "own_spring", "ground", "A", k=1.0)
+        scene.compile(optimize="-O0")
+    assert len(formed) == 2
+    assert not list(cache_directory().glob("*.program"))
+
+
+@pytest.mark.compiler
+def test_a_damaged_file_is_made_again(formed):
+    pendulum().compile()
+    (kept,) = cache_directory().glob("*.program")
+    kept.write_bytes(kept.read_bytes()[:-1])
+    pendulum().compile()
+    pendulum().compile()
+    assert len(formed) == 2
+    assert cotree.clear_cache() > 0
+    assert not list(cache_directory().glob("*.program"))
+
+
+def test_without_a_compiler_a_kept_program_is_evaluated(formed, monkeypatch):
+    monkeypatch.setenv("COTREE_COMPILER", "none")
+    with pytest.warns(RuntimeWarning, match="evaluated in Python"):
+        first = pendulum().compile(["L"])
+    with pytest.warns(RuntimeWarning, match="evaluated in Python"):
+        again = pendulum().compile(["L"])
+    assert len(formed) == 1
+    y = np.array([0.7, -0.3])
+    assert np.array_equal(first.rhs(0.0, y), again.rhs(0.0, y))
