@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import pickle
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -139,3 +142,30 @@ def test_without_a_compiler_a_kept_program_is_evaluated(formed, monkeypatch):
     assert len(formed) == 1
     y = np.array([0.7, -0.3])
     assert np.array_equal(first.rhs(0.0, y), again.rhs(0.0, y))
+
+
+_KEYS = """
+import cotree
+from cotree.compilation import _key
+from cotree.scene.toml_file import shipped_scenes
+for name in shipped_scenes():
+    print(_key(cotree.load(name), ("k",), {"translation": ["a"], "rotation": ["b"]}, 0.0))
+"""
+
+
+@pytest.mark.slow
+def test_another_process_finds_the_same_keys():
+    seeds = ("0", "4711")
+    runs = [
+        subprocess.run(
+            [sys.executable, "-c", _KEYS],
+            env={**os.environ, "PYTHONHASHSEED": seed},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        for seed in seeds
+    ]
+    keys = runs[0].stdout.split()
+    assert len(set(keys)) == len(shipped_scenes())
+    assert runs[1].stdout.split() == keys

@@ -14,7 +14,7 @@ import numbers
 import re
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cotree.dag.nodes import Dag
 from cotree.errors import ExpressionError, ParameterError, brief, nearest
@@ -76,6 +76,13 @@ class Expression:
     where: str = field(repr=False)
     tree: ast.expr = field(compare=False, repr=False)  # the text says the same
     names: frozenset[str] = field(repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # A set has another order in each process, and equal scenes are to give equal bytes.
+        return {**self.__dict__, "names": sorted(self.names)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, names=frozenset(state["names"]))
 
     @classmethod
     def of_tree(cls, tree: ast.expr, where: str = "") -> Expression:
