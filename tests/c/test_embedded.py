@@ -292,7 +292,7 @@ def test_a_short_pulse_of_every_period_is_not_stepped_over(compiler: str, tmp_pa
     assert found["j.s_dot"] == pytest.approx(4.0, abs=1e-8)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("integrator", ["rkf45", "dop853", "rodas4", "rodas5"])
 def test_other_integrators_end_as_in_python(compiler: str, tmp_path: Path, integrator: str) -> None:
     model = load("slider-pendulum").compile(["L"])
@@ -304,6 +304,7 @@ def test_other_integrators_end_as_in_python(compiler: str, tmp_path: Path, integ
     assert values["d(j1.s)/d(L)"] == pytest.approx(result.sensitivity("j1.s", "L")[-1], abs=1e-6)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("method", ["rodas4", "rodas5"])
 def test_points_between_steps_of_stiff_methods(compiler: str, tmp_path: Path, method: str) -> None:
     for name, text in integrator_files(method).items():

@@ -102,7 +102,7 @@ def residuals_of_sensitivities(model: Model, t: float, values: dict[str, float])
     return kernel(t, y, np.array(s), None).copy()
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @mostly_gcc
 @pytest.mark.parametrize(
     ("scene", "sensitivities"),

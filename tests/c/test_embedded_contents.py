@@ -30,7 +30,7 @@ def driven(has_corner):
     return scene
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("integrator", "has_corner", "sensitivities"),
     [

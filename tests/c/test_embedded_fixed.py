@@ -24,7 +24,7 @@ def ends(scene, folder, integrator, step, sensitivities=(), compiler="gcc", t_en
     return printed(run([build(project, compiler), *end], project.directory))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("compiler", ["gcc", pytest.param("clang", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("integrator", "order", "step"), [("rk4", 4, 0.02), ("euler", 1, 0.004)])
 def test_orders_of_states_and_sensitivities(tmp_path, integrator, order, step, compiler):

@@ -17,7 +17,7 @@ pytestmark = [
 ]
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("make", "names", "options"),
     [

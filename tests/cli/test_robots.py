@@ -17,7 +17,7 @@ def robot(tmp_path):
     return str(path)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.compiler
 @pytest.mark.parametrize(
     ("command", "said"),

@@ -57,7 +57,7 @@ def _n_blocks(program):
     return sum(len(kernel.body.blocks) for kernel in model_context(program).kernels)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.compiler
 @pytest.mark.parametrize("name", SCENES)
 def test_shipped_scenes_compute_the_same(name, cut_at, load_kernels):

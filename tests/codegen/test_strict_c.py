@@ -73,7 +73,7 @@ def test_shipped_scenes_are_clean(program_of, scene_name, sensitivities, run_com
     run_compiler(_files(program_of(scene_name, sensitivities)), "-c")
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("flags", [(), ("-DCOTREE_NO_VECTORS",), ("-march=native",)])
 def test_maps_and_sines_in_vectors_are_clean(run_compiler, flags):
     """A short chain with sensitivities; and a long one, whose map holds loops of links."""
@@ -93,7 +93,7 @@ def test_a_busy_scene_with_hostile_texts_is_clean(run_compiler):
     run_compiler(files, "-c")
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("sensitivities", [(), ("m", "L")])
 def test_a_scene_with_constraints_is_clean(run_compiler, sensitivities):
     run_compiler(_files(_closed(sensitivities)), "-c")
@@ -109,13 +109,13 @@ def test_solve_call_and_table_are_clean(made_up, run_compiler, is_staged):
         run_compiler(_files(program), "-c")
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("method", STEPPERS)
 def test_engines_are_clean(run_compiler, method):
     run_compiler(engine_files(method), "-c")
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("scene", "integrator", "step"),
     [
@@ -280,7 +280,7 @@ def test_shipped_scenes_run_clean_under_sanitizers(program_of, scene_name, run_c
     _check_against_python(program, found)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.usefixtures("in_blocks")
 def test_a_busy_scene_runs_clean_under_sanitizers(run_compiler):
     program = _busy()
@@ -295,7 +295,7 @@ def test_calls_run_clean_under_sanitizers(made_up, run_compiler):
     _check_against_python(program, found)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("sensitivities", [(), ("m", "L")])
 @pytest.mark.usefixtures("in_blocks")
 def test_a_scene_with_constraints_runs_clean_under_sanitizers(run_compiler, sensitivities):

@@ -72,7 +72,7 @@ def test_random_trees_obey_the_principle(seed):
     check_model(scene, state=np.random.default_rng(seed).uniform(-1.0, 1.0, n_states))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @every_joint
 @pytest.mark.compiler
 @pytest.mark.parametrize("seed", range(10))
@@ -101,7 +101,7 @@ def test_the_length_of_a_quaternion_is_of_no_account(seed):
     assert np.allclose(model.rhs(0.3, longer)[n:], ours, rtol=1e-11, atol=1e-11)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @every_joint
 @pytest.mark.compiler
 @pytest.mark.parametrize("seed", range(9))
@@ -127,7 +127,7 @@ def test_planar_loops_obey_the_principle(seed):
     check_model(scene, tree, NewtonEuler(scene, tree).start)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @every_joint
 @pytest.mark.compiler
 @pytest.mark.parametrize("seed", cases([0, 27], [2, 3]))  # 27: its first joint is outside the loop

@@ -368,7 +368,7 @@ def tree_or_loop(seed):
     return scene, joints_and_arms(scene)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.compiler
 @pytest.mark.parametrize("seed", seeds(2, 4))
 def test_energy_is_kept_where_nothing_dissipates_or_drives(seed):

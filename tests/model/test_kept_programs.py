@@ -44,6 +44,7 @@ def pendulum(length: float = 2.0) -> cotree.Scene:
     return scene
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", shipped_scenes())
 def test_the_text_of_a_kept_program_is_the_same(name, tmp_path):
     scene = cotree.load(name)

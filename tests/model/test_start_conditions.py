@@ -135,7 +135,7 @@ def test_parameters_are_an_array_or_a_mapping():
         model.simulate((0, 0.5), parameters=[1.0])
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("level", ["whole", "positions"])
 @pytest.mark.parametrize("tree", TREES)
 def test_a_run_goes_on_from_any_state(tree, level):

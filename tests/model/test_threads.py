@@ -131,6 +131,7 @@ def check(name, methods, shares):
     assert [sorted(set(wrong)) for wrong in in_threads(work)] == [[]] * N_THREADS
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["slider-pendulum", "bridge-rectifier"])
 def test_calls_of_four_threads(name):
     check(name, ("dopri5", "rodas5", "cvode", "DOP853"), lambda key: 40 if key == "rhs" else 8)

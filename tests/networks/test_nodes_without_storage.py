@@ -133,7 +133,7 @@ def test_dry_friction_holds_what_viscous_friction_lets_slip():
     assert result["pull"][-1] == pytest.approx(2.5, abs=1e-6)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "method", ["auto", "cvode", "BDF", pytest.param("Radau", marks=pytest.mark.slow)]
 )

@@ -43,7 +43,7 @@ def ends(rows, wanted):
     return np.array([result[name] for name in scene.outputs])
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("row", "n"),
     [

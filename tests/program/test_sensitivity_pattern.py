@@ -97,7 +97,7 @@ ENDS = {"battery-cell": 120.0, "bridge-rectifier": 0.02, "bouncing-ball": 2.0}
 BY_CHANCE = {("motor-linkage", "T0")}
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.compiler
 @pytest.mark.parametrize("name", [*SHIPPED, *CASCADES])
 def test_pattern_is_that_of_numbers(name, monkeypatch):

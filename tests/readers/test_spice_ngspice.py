@@ -57,7 +57,7 @@ def observed(path):
     return scene, [given.get(node, node) for node in nodes]
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.skipif(shutil.which("ngspice") is None, reason="ngspice is not installed")
 @pytest.mark.parametrize(
     "name",

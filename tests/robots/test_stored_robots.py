@@ -43,7 +43,7 @@ def cases(name, model):
         yield case, array_of(model.states, case["state"]), array_of(model.inputs, case["inputs"])
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.compiler
 @pytest.mark.parametrize("name", STORED)
 def test_accelerations(name):

@@ -125,6 +125,7 @@ def test_a_parameter_hides_the_output_of_its_name_everywhere():
     assert result["c"][-1] == 1.0
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.compiler
 @pytest.mark.parametrize(("name", "sensitivities"), [("motor-linkage", ["R"]), ("heated-room", [])])
 def test_models_and_scenes_are_pickled(name, sensitivities):

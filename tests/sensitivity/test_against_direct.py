@@ -167,7 +167,7 @@ def check_constraints(made):
     assert np.allclose(made.numbers(tangents(list(rows.rates), motion)) / size, 0.0, atol=1e-9)
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(1)
 @axes
 @pytest.mark.parametrize("is_inward", [False, True], ids=["outward", "inward"])
 @pytest.mark.parametrize("kind", JOINTS)
@@ -188,7 +188,7 @@ TIES = cases(
 TIES_OF_BOTH = ["rolling_disc", "knife_edge", "cylindrical", "hardening"]
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @axes
 @pytest.mark.parametrize("tie", TIES)
 def test_every_constraint_and_law(tie, own_axes):
@@ -246,7 +246,7 @@ def test_separate_trees_in_space(tie):
     check(Assembled(spatial_chain(tie), mixed))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("is_inward", [False, True], ids=["outward", "inward"])
 @pytest.mark.parametrize(
     "kind",

@@ -26,6 +26,7 @@ def model() -> cotree.Model:
     return scene.compile()
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("method", [name for name in METHODS if is_available(name)])
 def test_a_mode_that_grows_is_not_damped(model: cotree.Model, method: str) -> None:
     for end, atol in ((1e-9, 1e-21), (1e-3, 1e-15), (1.0, 1e-9)):

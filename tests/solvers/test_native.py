@@ -72,7 +72,7 @@ def test_agrees_with_a_tight_solution_of_another_method(slider, method):
     assert np.array_equal(result.t, times)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("method", NATIVE)
 def test_points_between_steps_are_as_accurate_as_steps(slider, method):
     times = np.linspace(0.0, 3.0, 2001)
@@ -182,7 +182,7 @@ def _stiff():
     return scene.compile(["R"])
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("rtol", [1e-5, 1e-8])
 @pytest.mark.parametrize("method", ["rodas4", "rodas5"])
 def test_a_stiff_system_takes_few_steps(method, rtol):

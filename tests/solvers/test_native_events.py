@@ -96,7 +96,7 @@ def test_a_loop_whose_crank_is_turned_back(kind):
     assert result.drift.worst < 1e-13
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 def test_positions_that_are_set_in_a_loop(kind):
     scene = four_bar()
     scene.event("back", "crank.theta - 0.3", direction=-1, set={"crank.theta": "crank.theta + 0.4"})
@@ -124,7 +124,7 @@ def test_a_loop_that_is_redundant(method):
     assert result.drift.worst < 1e-12
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 def test_a_wall_in_the_way_of_a_loop(kind):
     scene = four_bar()
     scene.event("wall", "D.x - 1.1", impact={"restitution": "e"})
@@ -132,7 +132,7 @@ def test_a_wall_in_the_way_of_a_loop(kind):
     assert len(result.events["wall"].t) == 1
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("loop", ["dop853", "rodas5", "cvode", "ida"])
 def test_an_initial_rate_of_a_chord_is_not_given_again_by_an_event(loop):
     scene = four_bar(initial={"theta_dot": -1.0})

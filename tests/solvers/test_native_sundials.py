@@ -147,7 +147,7 @@ def test_jumps_of_an_input_are_corners(method):
     assert result.statistics.method == method
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("make", "size"), [(rc_ladder, 200), (rc_grid, 15)])
 def test_narrow_and_wide_bands(make, size, method):
@@ -438,6 +438,7 @@ def test_constrained_motions_stay_on_their_constraints(method, tested):
     assert np.abs(result.s - expected.s).max() < 1e-4
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("method", METHODS)
 def test_constraints_beside_algebraic_unknowns_are_held_in_c(method):
     model = model_of(with_a_network(formulate(four_bar(), ["a"], None)[1]))
@@ -470,6 +471,7 @@ def test_the_last_good_point_of_a_spent_budget(method):
     np.testing.assert_allclose(wanted.y[:, -1], at_steps.y[:, -1], rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("method", METHODS)
 def test_a_fold_is_named(method):
     """x' = -1, 0 = z^2 - x: no solution is left beyond t = 1."""

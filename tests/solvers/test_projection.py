@@ -139,6 +139,7 @@ def test_own_steps_are_projected_too(method):
     assert _error(result) < 1e-2
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("method", ["BDF", "LSODA"])
 def test_outputs_decide_nothing_about_a_method_with_a_memory(method):
     end = 5 * PERIOD

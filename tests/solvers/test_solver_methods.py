@@ -104,7 +104,7 @@ def test_edges_of_t_eval(method, times):
     assert _error(result) < 2e-6
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("method", ALL)
 def test_kernels_that_reuse_their_buffer(method):
     problem = oscillator(np.linspace(0, 5, 11))

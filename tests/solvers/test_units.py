@@ -62,6 +62,7 @@ def test_rank_is_free_of_units(shape, n, tree):
     assert (bool(found[0][0]), found[0][1]) == (bool(n), n)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("metre", [0.1, 1e-3])
 def test_a_small_linkage_takes_the_method_of_a_large_one(metre):
     model = linkage().compile(tree=BODIES, optimize="-O0")

@@ -331,7 +331,7 @@ def test_singular_systems_name_what_they_leave_free(rates, names):
     assert f"determine {names}" in str(caught.value)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("method", ALL)
 def test_a_run_into_a_fold_stops_with_its_reason(method):
     """x' = -1, 0 = z^2 - x: no solution is left beyond t = 1."""
@@ -375,7 +375,7 @@ def test_transistor_amplifier(method, tolerance):
         np.testing.assert_allclose(along, expected[:, :n], atol=1e-8 * largest)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("method", ["DOP853", "BDF", "cvode", "ida"])
 def test_constraints_and_algebraic_unknowns_live_together(method):
     alone = four_bar().compile(["a"])

@@ -275,6 +275,7 @@ def test_a_current_mirror_of_field_effect_transistors():
     np.testing.assert_allclose(result.sensitivity("vgs", "I"), exact, rtol=1e-8)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("n", "p"), [("bjt_npn", "bjt_pnp"), ("mosfet_n", "mosfet_p")])
 def test_the_other_polarity_is_the_same_reversed(n, p):
     fields = {"factor": 1e-3, "threshold": 0.8, "modulation": 0.1}

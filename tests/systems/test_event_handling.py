@@ -336,7 +336,7 @@ class TestRandom:
         )
         return scene
 
-    @pytest.mark.sampled(2)
+    @pytest.mark.sampled(1)
     @pytest.mark.filterwarnings("ignore::RuntimeWarning")
     @pytest.mark.parametrize("loop", ["dop853", "rodas5", "cvode", "ida"])
     @settings(max_examples=5)
@@ -470,7 +470,7 @@ def test_what_runs_with_events_cannot_do(ball_model):
         scene.compile(["e"]).simulate((0, 1)).event_sensitivity("hip", "e")
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 def test_a_set_that_leaves_a_choice_has_no_sensitivities(loop):
     """Two bodies tied by a rod have three freedoms; one speed set leaves the others open."""
     scene = cotree.Scene("tied", gravity=[0, -9.81, 0])

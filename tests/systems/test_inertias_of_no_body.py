@@ -75,6 +75,7 @@ def test_negative_kinetic_energy_is_solved_with_pivots():
     assert np.ptp(energy) < 1e-6
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("base", ["weld", "free"])
 def test_rounding_is_no_negative_minor(base):
     """Entries of 1e-35 beside zeros, as files have them: minors of -5.8e-70."""

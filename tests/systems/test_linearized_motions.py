@@ -236,6 +236,7 @@ def circling_disc():
     return case.scene.compile(tree=case.branches, optimize="-O0"), case.state
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("case", [linkage, circling_disc], ids=["four-bar", "disc"])
 def test_deviations_follow_the_flow_and_its_constraints(case):
     """About no steady motion: z' = A(t) z along it is what differences of the flow do."""

@@ -89,7 +89,7 @@ def test_a_correction_of_many_tolerances_is_a_failed_run(model: cotree.Model) ->
     assert len(caught) == 1
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("method", "rtol", "limit"),
     [

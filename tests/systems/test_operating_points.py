@@ -80,7 +80,7 @@ CHAINS = [
 ]
 
 
-@pytest.mark.sampled(11)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(("n", "voltage", "saturation", "resistance"), CHAINS)
 def test_diodes_in_a_chain(n, voltage, saturation, resistance, monkeypatch):
     circuit = circuits.chain(n, voltage, saturation, resistance)

@@ -32,6 +32,7 @@ def driven() -> Scene:
     return scene
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("is_absolute", [False, True], ids=["joints", "bodies"])
 def test_power_is_the_rate_of_the_energy(is_absolute):
     scene = driven()

@@ -30,7 +30,7 @@ def door(n_hinges: int, axis: list[float], rotation: list[float] | None = None) 
     return scene
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("axis", "rotation"),
     [

@@ -29,7 +29,7 @@ def error(found, expected):
     return np.max(np.abs(found - expected) / np.maximum(1.0, np.abs(expected)))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("method", METHODS)
 def test_states_and_all_sensitivities(model_of, scene_name, method):
     t, states, sensitivities = reference(scene_name)

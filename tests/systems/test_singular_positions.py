@@ -49,6 +49,7 @@ def as_a_pendulum(n: int, times: np.ndarray) -> np.ndarray:
     return found.y[[1, 3, 5]]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("method", ["DOP853", "cvode"])
 def test_sensitivities_pass_singular_positions(method: str) -> None:
     model, times = windows(2).compile(["g", "v0"], optimize="-O0"), np.linspace(0.25, 3, 12)

@@ -68,6 +68,7 @@ def flat_linkage():
     return scene
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.filterwarnings("ignore:COTREE_COMPILER=none")
 @pytest.mark.parametrize("compiler", [None, "none"])
 def test_a_row_of_zeros_holds_nothing(compiler, monkeypatch):
