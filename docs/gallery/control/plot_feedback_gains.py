@@ -2,7 +2,7 @@
 Feedback as an input, with sensitivities to its gains
 =====================================================
 
-A regulator for a shipped scene that nobody changes: the law is given as the input of a run, its
+A regulator for a shipped scene, which is left as it is: the law is given as the input of a run, its
 gains as parameters, and the derivatives by a gain follow from the compiled closed loop.
 """
 

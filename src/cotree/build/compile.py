@@ -124,7 +124,10 @@ def build_library(
             cpu_features=cpu_features() if options.native else "",
         )
 
-    steps = _steps((*toolchain.command, *flags), sources, levels)
+    *compiling, linking = _steps((*toolchain.command, *flags), sources, levels)
+    # What takes longest begins first, so that no processor waits for it at the end.
+    compiling.sort(key=lambda step: (step.source not in levels, -len(files[step.source])))
+    steps = [*compiling, linking]
     # Levels of single files change the bytes of the library, so they belong to its key.
     key = key_of(files, *(f"{name} {level}" for name, level in sorted(levels.items())))
     found = find_published(key)
