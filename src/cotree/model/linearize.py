@@ -93,8 +93,9 @@ class Linearization:
         size = f"{len(self.states)} deviations, {len(self.inputs)} inputs"
         if not self.is_steady:
             return (
-                f"{size}, about no steady motion in these coordinates: A holds at this instant and "
-                "changes along the motion, and its eigenvalues do not tell stability"
+                f"{size}, about no steady motion in these coordinates: A holds at this instant, "
+                "and unless it is the same along the whole motion its eigenvalues do not tell "
+                "stability"
             )
         if len(self.states) == len(self.basis):
             return f"{size}, about a steady motion"
