@@ -54,6 +54,7 @@ def test_a_stiff_decay_with_long_steps(tmp_path):
     assert abs(found[state]) == pytest.approx(math.sin(1.0), abs=0.5 * 0.01**2)
 
 
+@pytest.mark.slow
 def test_unknowns_of_a_rectifier(tmp_path):
     """Steps of a 4,000th of the period: the error, of the first order, is that share."""
     scene = load("bridge-rectifier")

@@ -42,7 +42,7 @@ def test_stiffness_is_reported(
     assert printed(done.stdout)["m.v"] == pytest.approx(math.sin(11.0), abs=1e-6)
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["dopri5", "rkf45", "dop853"])
 def test_nothing_is_reported_of_a_slider(compiler: str, tmp_path: Path, integrator: str) -> None:
     project = load("slider-pendulum").compile(["L"]).write(tmp_path, integrator)

@@ -127,7 +127,7 @@ def test_planar_loops_obey_the_principle(seed):
     check_model(scene, tree, NewtonEuler(scene, tree).start)
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.slow
 @every_joint
 @pytest.mark.compiler
 @pytest.mark.parametrize("seed", cases([0, 27], [2, 3]))  # 27: its first joint is outside the loop

@@ -223,6 +223,7 @@ def floating():
     return observe_all(scene)
 
 
+@pytest.mark.slow
 @pytest.mark.compiler
 def test_momenta_are_constant_where_only_internal_forces_act():
     scene = floating()

@@ -358,6 +358,7 @@ def test_mass_matrix_is_the_derivative_of_the_balances(seed):
 # ---- closed loops and shipped scenes in motion
 
 
+@pytest.mark.slow
 @pytest.mark.compiler
 def test_a_loop_with_angles_of_its_bars_takes_the_same_course():
     scene, joints = random_loop(2, is_planar=True)
@@ -399,6 +400,7 @@ def test_vectors_stand_in_ground_axes_and_the_matrix_is_eliminated():
     assert [(row.own_axes, row.is_along_tree) for row in tried] == [((), False)]
 
 
+@pytest.mark.slow
 def test_a_report_lists_them_but_nothing_takes_them_unnamed():
     scene = four_bar()
     first, _, _ = formulate(scene, (), None)

@@ -160,6 +160,7 @@ def test_the_choice_is_the_same_whatever_the_order_of_hashes():
     assert [name for name in branches if name[0] == "T"] == [f"T{i}.primary" for i in range(12)]
 
 
+@pytest.mark.slow
 def test_a_long_ladder_of_gyrators():
     """A ladder of gyrators, each of which decides on the next."""
     scene = Scene("ladder")

@@ -30,6 +30,7 @@ def ur5():
     return formulate(read(stored_file("ur5")), names, None)[1]
 
 
+@pytest.mark.slow
 def test_many_parameters_take_the_jacobian_times_their_sensitivities(ur5):
     program, _ = generate(ur5)
     # 60 parameters, 12 states: one map of all took 101 thousand.

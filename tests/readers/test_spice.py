@@ -561,6 +561,7 @@ def test_charges_in_transit_alone_do_not_stop_a_run(method):
     np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_transit_time_with_an_early_voltage_is_read():
     """Its charge depends on the collector, whose junction is given a capacitance, too."""
     scene = read(LONG_TAIL.format(more=" VAF=50", end="10n"))

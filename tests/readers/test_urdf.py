@@ -217,6 +217,7 @@ def test_snap_saves_operations():
     np.testing.assert_allclose(snapped.rhs(0.0, y), plain.rhs(0.0, y), rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_folding_leaves_no_parameters_and_the_same_rates(read):
     scene = read()
     whole, folded = scene.compile(), scene.compile(tunable=[])

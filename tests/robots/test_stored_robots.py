@@ -68,7 +68,7 @@ def test_jacobians(name):
         assert apart(jacobian[np.ix_(speeds, speeds)], case["by_speed"]) < CLOSE_SLOPES
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.compiler
 @pytest.mark.parametrize("name", STORED)
 def test_sensitivities_to_all_of_a_links_inertia(name):

@@ -77,7 +77,7 @@ def test_every_method_agrees_with_the_whole_integration(name, method, both):
     assert np.max(np.abs(runs[0].y - runs[1].y) / size) < agree
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["cvode", "ida", "rodas5", "Radau"])
 def test_where_matrices_are_sparse(method, monkeypatch):
     """States stand in another order within the band, and half a column is solved for."""

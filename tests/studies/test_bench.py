@@ -145,6 +145,7 @@ class Refusing(Model):
         return super().simulate(*args, **settings)
 
 
+@pytest.mark.slow
 def test_methods_that_fail_or_are_too_slow_are_rows_with_their_reason() -> None:
     """A decay within 1e-6 s keeps RK45 at steps of 3e-6 s: three hundred thousand of them."""
     scene = Scene("fast")

@@ -375,7 +375,7 @@ def test_transistor_amplifier(method, tolerance):
         np.testing.assert_allclose(along, expected[:, :n], atol=1e-8 * largest)
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["DOP853", "BDF", "cvode", "ida"])
 def test_constraints_and_algebraic_unknowns_live_together(method):
     alone = four_bar().compile(["a"])

@@ -87,6 +87,7 @@ def test_reactions_by_other_stiff_methods(name, method):
         assert error < 1e-8, key  # measured: 2e-9
 
 
+@pytest.mark.slow
 def test_water_flows_through_eighteen_pipes():
     """Its junctions have no capacity, so eleven flows follow from the others: index 2.
 

@@ -40,6 +40,7 @@ def refuse(*_):
     raise AssertionError("generated all the same")
 
 
+@pytest.mark.slow
 def test_a_tensor_that_others_make_up_for_counts_in_full():
     """Two tensors in one body act as their sum, whichever parts of it are those of no body."""
     whole = np.diag([0.6, 0.7, 0.65])
@@ -75,7 +76,7 @@ def test_negative_kinetic_energy_is_solved_with_pivots():
     assert np.ptp(energy) < 1e-6
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("base", ["weld", "free"])
 def test_rounding_is_no_negative_minor(base):
     """Entries of 1e-35 beside zeros, as files have them: minors of -5.8e-70."""

@@ -45,7 +45,7 @@ def places(model: cotree.Model) -> np.ndarray:
     return np.array([result[f"p3{axis}"] for axis in "xyz"])
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "rtol", "metres", "joules"),
     [

@@ -157,6 +157,7 @@ def test_sensitivities_by_multistep_methods(name, coordinates, method):
     check_sensitivities(model, read_reference(name), 5, **settings)
 
 
+@pytest.mark.slow
 def test_both_trees_of_the_shipped_slider_pendulum_give_the_same_sensitivities():
     parameters = list(cotree.load("slider-pendulum").parameters)
     results = []

@@ -160,7 +160,7 @@ def test_operational_amplifier_in_saturation(monkeypatch):
     assert 13.0 < found["out"] < 15.0
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("guess", [15.0, -30.0, 40.0])
 def test_poor_guesses_of_an_operational_amplifier(guess):
     model = circuits.amplifier(0.5).scene().compile()

@@ -127,6 +127,7 @@ def test_meshes_are_read_placed_and_scaled(tmp_path, file):
     np.testing.assert_allclose(found, np.unique(np.round(points, 9), axis=0), atol=1e-8)
 
 
+@pytest.mark.slow
 def test_missing_meshes_are_told_once_and_drawn_as_bars(tmp_path):
     tag = mesh_tag("package://nowhere/a.stl")
     with pytest.warns(RuntimeWarning, match=r"1 of 1 meshes are not drawn.*nowhere/a\.stl") as told:
