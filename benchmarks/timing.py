@@ -26,6 +26,7 @@ import numpy as np
 import cotree
 from cotree import compilation
 from cotree.build import find_toolchain
+from cotree.build.options import processor_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -273,7 +274,11 @@ def spent_by_children() -> float:
 
 def about(flags: str) -> dict[str, str]:
     """Name machine, versions and flags."""
-    found = {"machine": platform.machine(), "processor": _processor(), "cotree": cotree.__version__}
+    found = {
+        "machine": platform.machine(),
+        "processor": processor_name(),
+        "cotree": cotree.__version__,
+    }
     found |= {"python": platform.python_version(), "measured": time.strftime("%Y-%m-%d")}
     for name in ("casadi", "heyoka", "sympy", "pydy", "pin", "mujoco", "example-robot-data"):
         try:
@@ -283,14 +288,6 @@ def about(flags: str) -> dict[str, str]:
     toolchain = find_toolchain()
     found["compiler"] = "none" if toolchain is None else toolchain.version
     return {**found, "flags": flags}
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor()
-    return next((line.partition(":")[2].strip() for line in lines if "model name" in line), "")
 
 
 def keep(path: Path | None, versions: dict[str, str], rows: Any) -> None:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import pickle
 import sys
 import time
 import warnings
@@ -18,8 +17,10 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from cotree.build import BuildOptions, find_toolchain, obtain_library
-from cotree.codegen.model_text import ModelText, find_text, keep_text
+from cotree.codegen.model_text import ModelText, find_text, keep_text, pickled
 from cotree.codegen.render import cdef, template_folder
 from cotree.components import OWN
 from cotree.model.kernels import CKernels, PythonKernels
@@ -178,18 +179,16 @@ def _key(
     # Laws that a user registered are functions, of which nobody can tell whether they are the same.
     if not KEEPS or any(edge.statement["type"] not in OWN for edge in scene.edges.values()):
         return None
-    try:
-        asked = pickle.dumps((scene, tuple(sensitivities), tree, baumgarte), protocol=5)
-    except (pickle.PicklingError, AttributeError, TypeError, RecursionError):
-        return None
-    return hashlib.sha256(_sources() + asked).hexdigest()
+    asked = pickled((scene, tuple(sensitivities), tree, baumgarte))
+    return None if asked is None else hashlib.sha256(_sources() + asked).hexdigest()
 
 
 @cache
 def _sources() -> bytes:
     """Describe cotree's own files: whatever is edited there makes everything anew."""
     package = Path(__file__).parent
-    rows = [sys.version]
+    # An array that one version of NumPy pickled may not be read by another.
+    rows = [sys.version, np.__version__]
     for folder, pattern in ((package, "*.py"), (template_folder(), "*.jinja")):
         for path in sorted(folder.rglob(pattern)):
             status = path.stat()

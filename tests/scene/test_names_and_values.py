@@ -1,4 +1,4 @@
-"""What newcomers meet: names, values of loaded scenes, proposals, pickles."""
+"""First steps of newcomers: names, values of loaded scenes, proposals, pickles."""
 
 from __future__ import annotations
 

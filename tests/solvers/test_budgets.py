@@ -1,4 +1,4 @@
-"""What a run may take: steps, events, time and memory, whatever the method."""
+"""Budgets of a run: steps, events, time and memory, whatever the method."""
 
 from __future__ import annotations
 

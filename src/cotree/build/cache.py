@@ -166,6 +166,22 @@ def publish(built: Path, key: str, end: str = LIBRARY) -> Path:
     return library
 
 
+def find_bytes(key: str, end: str) -> bytes | None:
+    """Give the bytes kept by a key, or None; a cache that cannot be used counts as empty."""
+    with contextlib.suppress(BuildError, OSError):
+        found = find_published(key, end)
+        return None if found is None else found.read_bytes()
+    return None
+
+
+def keep_bytes(data: bytes, key: str, end: str) -> None:
+    """Keep bytes by a key; where the cache cannot be used, nothing is kept and nothing lost."""
+    with contextlib.suppress(BuildError, OSError), private_directory() as directory:
+        written = directory / "kept"
+        written.write_bytes(data)
+        publish(written, key, end)
+
+
 @contextlib.contextmanager
 def private_directory() -> Iterator[Path]:
     """Open a folder for one build inside the cache, hence on the same file system.

@@ -116,15 +116,25 @@ def compiler_flags(
 
 def cpu_features() -> str:
     """Name the instruction sets of this processor, or the processor where they are not listed."""
+    return _processor_entry("flags", "Features") or platform.processor()
+
+
+def processor_name() -> str:
+    """Name this processor, or its architecture where nothing more is known."""
+    return _processor_entry("model name") or platform.processor() or platform.machine()
+
+
+def _processor_entry(*labels: str) -> str:
+    """Give the first entry of some labels that Linux has of a processor; empty if there is none."""
     try:
         with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as lines:
             for line in lines:
                 label, _, value = line.partition(":")
-                if label.strip() in ("flags", "Features"):
+                if label.strip() in labels:
                     return value.strip()
     except OSError:
         pass
-    return platform.processor()
+    return ""
 
 
 def _level(toolchain: Toolchain, options: BuildOptions, n_operations: int, n_all: int) -> str:

@@ -5,15 +5,13 @@ To parse the templates of a method's engine takes longer than to integrate a sma
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import sys
 from typing import TYPE_CHECKING
 
 import jinja2
 
-from cotree.build.cache import TEMPLATE, find_published, private_directory, publish
-from cotree.errors import BuildError
+from cotree.build.cache import TEMPLATE, find_bytes, keep_bytes
 
 if TYPE_CHECKING:
     from jinja2.bccache import Bucket
@@ -35,17 +33,13 @@ class KeptBytecode(jinja2.BytecodeCache):
 
     def load_bytecode(self, bucket: Bucket) -> None:
         """Fill a bucket, if its template was parsed before; see Jinja."""
-        with contextlib.suppress(BuildError, OSError):
-            found = find_published(self._key(bucket), TEMPLATE)
-            if found is not None:
-                bucket.bytecode_from_string(found.read_bytes())
+        found = find_bytes(self._key(bucket), TEMPLATE)
+        if found is not None:
+            bucket.bytecode_from_string(found)
 
     def dump_bytecode(self, bucket: Bucket) -> None:
         """Keep what was parsed; see Jinja."""
-        with contextlib.suppress(BuildError, OSError), private_directory() as directory:
-            written = directory / "template"
-            written.write_bytes(bucket.bytecode_to_string())
-            publish(written, self._key(bucket), TEMPLATE)
+        keep_bytes(bucket.bytecode_to_string(), self._key(bucket), TEMPLATE)
 
     def _key(self, bucket: Bucket) -> str:
         # The bucket's own key is that of the template's path, its checksum that of the text.

@@ -6,22 +6,17 @@ found by all that it follows from, so that nothing that was kept is ever out of 
 
 from __future__ import annotations
 
-import contextlib
 import pickle
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import cotree.dag.stored  # noqa: F401 - lets arenas be pickled
-from cotree.build.cache import PROGRAM, find_published, private_directory, publish
-from cotree.errors import BuildError
+from cotree.build.cache import PROGRAM, find_bytes, keep_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from cotree.program import Program
-
-#: Results of external functions are found by a function of Python, which may be anyone's.
-_UNKEPT = (pickle.PicklingError, AttributeError, TypeError, RecursionError)
 
 
 @dataclass(frozen=True)
@@ -49,23 +44,26 @@ class ModelText:
 
 def find_text(key: str) -> ModelText | None:
     """Give what was kept by a key, or None; a cache that cannot be used counts as empty."""
-    with contextlib.suppress(BuildError, OSError):
-        found = find_published(key, PROGRAM)
-        if found is not None:
-            # The folder belongs to the user alone, and its libraries are run as they are.
-            text = pickle.loads(found.read_bytes())
-            assert isinstance(text, ModelText)
-            return text
-    return None
+    found = find_bytes(key, PROGRAM)
+    if found is None:
+        return None
+    # The folder belongs to the user alone, and its libraries are run as they are.
+    text = pickle.loads(found)
+    assert isinstance(text, ModelText)
+    return text
 
 
 def keep_text(key: str, text: ModelText) -> None:
     """Keep a text by a key, if it can be kept."""
+    data = pickled(text)
+    if data is not None:
+        keep_bytes(data, key, PROGRAM)
+
+
+def pickled(value: object) -> bytes | None:
+    """Pickle a value; None where something in it cannot be."""
     try:
-        data = pickle.dumps(text, pickle.HIGHEST_PROTOCOL)
-    except _UNKEPT:
-        return
-    with contextlib.suppress(BuildError, OSError), private_directory() as directory:
-        written = directory / "program"
-        written.write_bytes(data)
-        publish(written, key, PROGRAM)
+        return pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
+    except (pickle.PicklingError, AttributeError, TypeError, RecursionError):
+        # Results of external functions are found by a function of Python, which may be anyone's.
+        return None

@@ -1,4 +1,4 @@
-"""What a faulty TOML file has to have changed, for the end of the parser's own message."""
+"""Remedies for faulty TOML files, to stand at the end of the parser's own message."""
 
 from __future__ import annotations
 

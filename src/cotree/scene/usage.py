@@ -87,7 +87,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Usage:
-    """How edges of a component type are written.
+    """The form in which edges of a component type are written.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a run may take: steps, events, time, and the memory of what it stores.
+"""Budgets of a run: steps, events, time, and the memory of what it stores.
 
 Runs whose times nobody chose store each step, and a run that goes wrong may take steps without end.
 Each has a bound, whatever the method. Where stored steps would take more memory, every second one
@@ -26,7 +26,7 @@ def most_rows(width: int) -> int:
 
 
 class Thinning:
-    """Which of the steps of a run are stored: every one, then every second, fourth, and so on.
+    """Choice of the steps that a run stores: every one, then every second, fourth, and so on.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Thinning:
 
     @property
     def note(self) -> str:
-        """What a result says of steps that are not in it; empty where all of them are."""
+        """A sentence on the steps that a result leaves out; empty where it has all of them."""
         if self.stride == 1:
             return ""
         return (

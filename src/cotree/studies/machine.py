@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import os
 import platform
-from contextlib import suppress
-from pathlib import Path
 
 import numpy as np
 
 from cotree.build import find_toolchain
+from cotree.build.options import processor_name
 from cotree.codegen.sundials import SUNDIALS_VERSION
 from cotree.solvers.native import is_available
 from cotree.version import VERSION
@@ -34,7 +33,7 @@ def machine(backend: str) -> dict[str, str]:
         # Engines open no other version.
         "sundials": ".".join(map(str, SUNDIALS_VERSION)) if is_available("cvode") else "none",
         "system": f"{platform.system()} {platform.machine()}",
-        "processor": _processor(),
+        "processor": processor_name(),
         "processors": str(os.cpu_count()),
         "kernels": backend,
         "compiler": "none" if toolchain is None else toolchain.version,
@@ -44,13 +43,3 @@ def machine(backend: str) -> dict[str, str]:
 def load() -> str:
     """Give how many processes have run or waited in the last minute; "unknown" on Windows."""
     return f"{os.getloadavg()[0]:.2f}" if hasattr(os, "getloadavg") else "unknown"
-
-
-def _processor() -> str:
-    with suppress(OSError):
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
-        for line in lines:
-            label, _, value = line.partition(":")
-            if label.strip() == "model name":
-                return value.strip()
-    return platform.processor() or platform.machine()

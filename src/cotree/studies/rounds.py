@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 class Task(Protocol):
-    """What is timed.
+    """A task that is timed.
 
     Attributes
     ----------
