@@ -36,6 +36,7 @@ HERE = Path(__file__).parent
 SCRIPTS = {
     "operations": "operations of the slider-pendulum, and a chain of rods stage by stage",
     "real_time": "steps of one length, in C projects for real time",
+    "inputs": "inputs that a run is given: numbers, expressions, tables, functions",
     "networks": "networks of growing size, stage by stage",
     "growth": "growth of code and times with the number of rods or stages",
     "multibody": "energy, arms, chains, loops, singular positions",
@@ -52,6 +53,7 @@ SCRIPTS = {
 #: The smallest cases of each, which show that it runs and about what it finds.
 QUICK = {
     "operations": ["5"],
+    "inputs": ["--rounds", "11"],
     "networks": ["ladder", "5", "50", "500"],
     "growth": ["ladder", "10", "100"],
     "multibody": ["arm", "loop"],
