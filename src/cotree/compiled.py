@@ -7,13 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cotree.carried import carry, digest
 from cotree.model.arrays import as_array, derived_values
 from cotree.model.model import CompiledModel
 from cotree.model.moment import Moment
 from cotree.model.start import find_start, scene_start
 from cotree.model.unknowns import solve_states
-from cotree.operating import OperatingPoint
-from cotree.recipe import Recipe
+from cotree.operating import OperatingPoint, program_at_rest
 from cotree.results import Result
 from cotree.scene.replaced import expressions_among
 from cotree.scene.simulation import OPERATING_POINT
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from cotree.model.arrays import Array
     from cotree.model.consistent import Start
     from cotree.model.linearize import Linearization, Linearizer
+    from cotree.program import Program
+    from cotree.recipe import CarriedRecipe, Recipe
 
 
 class Model(CompiledModel):
@@ -43,19 +45,33 @@ class Model(CompiledModel):
         Seconds spent in each stage: formulate, generate, compile, start.
     """
 
-    def __init__(self, compiled: Compiled, recipe: Recipe) -> None:
-        scene = recipe.scene
-        begins_at_rest = scene.defaults.start == OPERATING_POINT
+    def __init__(
+        self, compiled: Compiled, recipe: Recipe | CarriedRecipe, at_rest: Program | None = None
+    ) -> None:
+        begins_at_rest = recipe.defaults.start == OPERATING_POINT
         # Only bound here: the network at rest is formed when a start is first asked for.
-        rest = OperatingPoint(self, scene) if begins_at_rest else None
-        super().__init__(compiled.text.program, compiled.kernels, rest)
-        self._compiled, self._scene, self._recipe = compiled, scene, recipe
-        self._variants = Variants(scene, lambda other: recipe.of(other, self.first_graph).made())
+        rest = OperatingPoint(self, lambda: at_rest or program_at_rest(self, recipe.scene))
+        super().__init__(compiled.text.program, compiled.kernels, rest if begins_at_rest else None)
+        self._compiled, self._recipe = compiled, recipe
         self.times: dict[str, float] = dict(compiled.times)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Libraries belong to a process; another one forms the same text and finds it in the cache.
-        return Recipe.made, (self._recipe,)
+        # Libraries belong to a process; another one compiles the text, or finds it in its cache.
+        return carry(self._compiled.text, self._recipe, self._program_at_rest)
+
+    @property
+    def _program_at_rest(self) -> Program | None:
+        return self._rest.program if isinstance(self._rest, OperatingPoint) else None
+
+    @formed_once
+    def digest(self) -> str:
+        """Hash of its C text, names and default values: equal for models that compute the same."""
+        return digest(self._compiled.text, self._program_at_rest)
+
+    @formed_once
+    def _variants(self) -> Variants[Model]:
+        recipe = self._recipe
+        return Variants(recipe.scene, lambda other: recipe.of(other, self.first_graph).made())
 
     def __repr__(self) -> str:
         from cotree.model.display import model_text
@@ -295,7 +311,7 @@ class Model(CompiledModel):
         >>> round(float(result["j1.s"][-1]), 6)
         0.526045
         """
-        defaults = self._scene.defaults
+        defaults = self._recipe.defaults
         # What the caller leaves open is taken from the scene.
         settings = Settings(
             t_span=(0.0, defaults.t_end) if t_span is None else t_span,
@@ -360,7 +376,7 @@ class Model(CompiledModel):
         """
         from cotree.export.c_project import write_c_project
 
-        d, to = self._scene.defaults, Path(directory)
+        d, to = self._recipe.defaults, Path(directory)
         numbers = {"t_end": d.t_end, "rtol": d.rtol, "atol": d.atol}
         # A C project has no search for operating points: it begins with the numbers found here.
         start = self.start() if self.begins_at_rest else None

@@ -18,13 +18,38 @@ from cotree.model.kernels import PythonKernels
 from cotree.model.model import CompiledModel
 from cotree.model.moment import Moment
 from cotree.model.start import find_start
-from cotree.scene.standstill import standing_scene
 from cotree.sharing import formed_once
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from cotree.program import Program
     from cotree.scene.description import SceneDescription
 
 Array = npt.NDArray[np.float64]
+
+
+def program_at_rest(model: CompiledModel, scene: SceneDescription) -> Program:
+    """Form the network of a model at rest, whose scene asks for its operating point.
+
+    Raises
+    ------
+    ModelError, FormulationError
+        If it cannot be formed.
+    """
+    from cotree.pipeline import formulate, generate
+    from cotree.scene.standstill import standing_scene
+
+    # Sensitivities to initial values are the model's own: a scene at rest has none of these.
+    given = [name for name in model.sensitivities if name in scene.parameters]
+    wanted = list(model.states)
+    for total, _ in model.layout.followers:  # which a start finds from what follows from it
+        wanted[total] = "0"
+    try:
+        equations = formulate(standing_scene(scene, wanted), given, None)[1]
+        return generate(equations)[0]
+    except Error as error:
+        raise type(error)(f"the operating point: {error}") from None
 
 
 class OperatingPoint:
@@ -34,30 +59,22 @@ class OperatingPoint:
     ----------
     model : CompiledModel
         The model.
-    scene : SceneDescription
-        Its scene, which asks for it.
+    program : callable
+        Gives the program of its network at rest.
     """
 
-    def __init__(self, model: CompiledModel, scene: SceneDescription) -> None:
-        self._model, self._scene = model, scene
+    def __init__(self, model: CompiledModel, program: Callable[[], Program]) -> None:
+        self._model, self._program = model, program
+
+    @formed_once
+    def program(self) -> Program:
+        """The program of the network at rest."""
+        return self._program()
 
     @formed_once
     def at_rest(self) -> CompiledModel:
         """The network at rest, whose outputs are the model's states except for contents."""
-        from cotree.pipeline import formulate, generate
-
-        model = self._model
-        # Sensitivities to initial values are the model's own: a scene at rest has none of these.
-        given = [name for name in model.sensitivities if name in self._scene.parameters]
-        wanted = list(model.states)
-        for total, _ in model.layout.followers:  # which a start finds from what follows from it
-            wanted[total] = "0"
-        try:
-            equations = formulate(standing_scene(self._scene, wanted), given, None)[1]
-            program, _ = generate(equations)
-        except Error as error:
-            raise type(error)(f"the operating point: {error}") from None
-        return CompiledModel(program, PythonKernels(program))  # a few evaluations
+        return CompiledModel(self.program, PythonKernels(self.program))  # a few evaluations
 
     def __call__(self, t: float, p: Array, u: Array | None, s: Array) -> tuple[Array, Array]:
         """Give the states at rest, and their sensitivities in place of those among s.

@@ -1,16 +1,22 @@
-"""All that a model is compiled from: in another process, or with other inputs, it is made again."""
+"""All that a model is compiled from, so that with other inputs it is made again."""
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
+
+from cotree.errors import Error, ModelError
+from cotree.sharing import formed_once
 
 if TYPE_CHECKING:
     from cotree.build import BuildOptions
     from cotree.compiled import Model
     from cotree.formulation.first_graph import FirstGraph
+    from cotree.pipeline import Formed
     from cotree.scene.description import SceneDescription
     from cotree.scene.graphs import TreeChoice
+    from cotree.scene.simulation import Simulation
 
 
 @dataclass(frozen=True)
@@ -33,6 +39,17 @@ class Recipe:
     options: BuildOptions
     baumgarte: float
 
+    @property
+    def defaults(self) -> Simulation:
+        """Settings of a run that the scene gives."""
+        return self.scene.defaults
+
+    def formed(self) -> Formed:
+        """Form the equations, for those who look at the stages before the program."""
+        from cotree.pipeline import form_text
+
+        return form_text(self.scene, self.sensitivities, self.tree, self.baumgarte)
+
     def made(self) -> Model:
         """Compile the model; its library comes from the cache where it is there."""
         from cotree.compilation import compile_scene
@@ -48,3 +65,54 @@ class Recipe:
         if scene.mechanics.edges:
             tree = {"translation": own.translation.branches, "rotation": own.rotation.branches}
         return replace(self, scene=scene, tree=tree)
+
+
+class CarriedRecipe:
+    """The recipe of a model from another process: bytes until someone looks at its scene.
+
+    Components that a user registered there need not be known here before that.
+
+    Parameters
+    ----------
+    data : bytes
+        The pickled recipe; empty where it could not be pickled.
+    defaults : Simulation
+        Settings of a run that its scene gives.
+    options : BuildOptions
+        The user's choices for the compiler.
+    """
+
+    def __init__(self, data: bytes, defaults: Simulation, options: BuildOptions) -> None:
+        self.data, self.defaults, self.options = data, defaults, options
+
+    @formed_once
+    def opened(self) -> Recipe:
+        """The recipe itself.
+
+        Raises
+        ------
+        ModelError
+            If its scene cannot be had here.
+        """
+        reason = "it could not be pickled"
+        if self.data:
+            try:
+                recipe = pickle.loads(self.data)
+                assert isinstance(recipe, Recipe)
+                return recipe
+            except (Error, AttributeError, ImportError, pickle.UnpicklingError) as error:
+                reason = str(error).rstrip(".")
+        raise ModelError(
+            "this model came from another process as C text, and what is asked for needs its "
+            f"scene, which cannot be had here ({reason}): register its components and import its "
+            "modules here before, or ask where the model was compiled"
+        )
+
+    @property
+    def scene(self) -> SceneDescription:
+        """The scene."""
+        return self.opened.scene
+
+    def of(self, scene: SceneDescription, first: FirstGraph) -> Recipe:
+        """Give the recipe of another scene; see :meth:`Recipe.of`."""
+        return self.opened.of(scene, first)
