@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from cotree.model.linearize import Linearization, Linearizer
     from cotree.program import Program
     from cotree.recipe import CarriedRecipe, Recipe
+    from cotree.scene.description import SceneDescription
 
 
 class Model(CompiledModel):
@@ -58,6 +59,11 @@ class Model(CompiledModel):
     def __reduce__(self) -> tuple[Any, ...]:
         # Libraries belong to a process; another one compiles the text, or finds it in its cache.
         return carry(self._compiled.text, self._recipe, self._program_at_rest)
+
+    @property
+    def _scene(self) -> SceneDescription:
+        # Of a model from another process, its bytes are opened here.
+        return self._recipe.scene
 
     @property
     def _program_at_rest(self) -> Program | None:
