@@ -184,9 +184,10 @@ def stiff_files() -> Mapping[str, str]:
 
 def sweep_files() -> Mapping[str, str]:
     """Write the evaluation of outputs at many points, the same for every model."""
+    names = ("cotree_sweep.h", "cotree_sweep.c")
     return {
         "cotree_abi.h": abi_header(),
-        "cotree_sweep.c": render("c/engine/cotree_sweep.c.jinja", **_COMMON),
+        **{name: render(f"c/engine/{name}.jinja", **_COMMON) for name in names},
     }
 
 
@@ -195,6 +196,37 @@ def sweep_declarations(files: Mapping[str, str]) -> str:
     return declared(files["cotree_abi.h"]) + (
         "int cotree_sweep(const cotree_model *, const double *, const double *, int,"
         " const double *, const double *, int, int, double *, double *, double *);\n"
+    )
+
+
+def batch_files() -> Mapping[str, str]:
+    """Write the loop over many runs of a model, the same for every model and method.
+
+    Returns
+    -------
+    mapping of str to str
+        Text by file name. Jobs run in the engine of a method, whose functions it is given.
+    """
+    files = {**run_files(), **sweep_files()}
+    for name in ("cotree_history.h", "cotree_integrator.h"):
+        files[name] = render(f"{_FOLDER}/{name}.jinja", **_COMMON)
+    for name in ("cotree_events.h", "cotree_jumps.h"):
+        files[name] = render(f"c/run/{name}.jinja", **_COMMON)
+    for name in ("cotree_job.h", "cotree_batch.h", "cotree_batch.c"):
+        files[name] = render(f"c/engine/{name}.jinja", **_COMMON)
+    # Sources of which only the headers are read.
+    return {n: text for n, text in files.items() if n not in ("cotree_run.c", "cotree_lu.c")}
+
+
+def batch_declarations(files: Mapping[str, str]) -> str:
+    """Give the declarations of a batch that cffi reads."""
+    headers = ("cotree_abi.h", "cotree_run.h", "cotree_job.h", "cotree_batch.h")
+    return "".join(declared(files[header]) for header in headers) + (
+        "int cotree_batch_work(cotree_worker *);\n"
+        "void cotree_batch_close(cotree_worker *);\n"
+        "int cotree_batch_prepare(const cotree_batch *, int, double *, double *);\n"
+        "int cotree_batch_finish(cotree_worker *, int, const double *);\n"
+        "int cotree_batch_most_threads(void);\n"
     )
 
 

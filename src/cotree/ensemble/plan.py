@@ -84,9 +84,10 @@ class Block:
     output_sensitivities : ndarray, shape (n_members, n_t, n_parameters, n_outputs)
         Their sensitivities.
     status : ndarray of int, shape (n_members,)
-        As of :class:`cotree.solvers.base.Trajectory`.
+        As of :class:`cotree.solvers.base.Trajectory`; -3 where the ensemble was stopped before the
+        member had run.
     messages : tuple of str
-        A sentence for each member that failed; empty for others.
+        A sentence for each member that failed or was not run; empty for others.
     steps : ndarray of int, shape (n_members,)
         Accepted steps.
     seconds : ndarray, shape (n_members,)

@@ -145,25 +145,28 @@ def augmented_tolerances(problem: Problem) -> tuple[float, FloatArray]:
     there are than states: these are then tested as without sensitivities. LSODA takes the maximum
     and becomes stricter by that factor.
 
+    Sizes of states and of parameters may have a row for each of several problems that differ in
+    nothing else.
+
     Returns
     -------
     rtol : float
         At least ``RTOL_FLOOR``.
-    atol : ndarray, shape (len(problem.integrated),)
+    atol : ndarray, shape (..., len(problem.integrated))
     """
     places = problem.integrated
     state_atol = problem.state_atol
     if problem.error_test_sensitivities:
         blocks, states = np.divmod(places, problem.n_states)
-        scales = np.ones(1 + problem.n_sensitivities)
-        if problem.scales is not None:
-            scales[1:] = problem.scales
+        own = np.ones(problem.n_sensitivities) if problem.scales is None else problem.scales
+        # States have the size 1.
+        scales = np.concatenate([np.ones((*own.shape[:-1], 1)), own], axis=-1)
         # A parameter of tiny size must not make a tolerance infinite; see UNTESTED.
         return max(problem.rtol, RTOL_FLOOR), np.minimum(
-            state_atol[states] / scales[blocks], UNTESTED
+            state_atol[..., states] / scales[..., blocks], UNTESTED
         )
     share = float(np.sqrt(max(1, len(places)) / max(1, problem.n_states)))
-    atol = np.full(len(places), UNTESTED)
+    atol = np.full((*state_atol.shape[:-1], len(places)), UNTESTED)
     # States come first in `places`, and none of them is left out.
-    atol[: problem.n_states] = state_atol / share
+    atol[..., : problem.n_states] = state_atol / share
     return max(problem.rtol / share, RTOL_FLOOR), atol

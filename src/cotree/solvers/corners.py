@@ -37,9 +37,12 @@ def segments(problem: Problem) -> list[tuple[float, float]]:
 
 
 def turn_tolerances(problem: Problem) -> FloatArray:
-    """Return the absolute tolerance of sensitivities to each parameter, shape (m,)."""
+    """Return the absolute tolerance of sensitivities to each parameter, shape (..., m).
+
+    Sizes may have rows; see :func:`cotree.solvers.augmented.augmented_tolerances`.
+    """
     # The tolerance of the state divided by the size of the parameter, as the error test has it.
-    least = float(np.min(problem.state_atol, initial=np.inf))
+    least = np.min(problem.state_atol, axis=-1, keepdims=True, initial=np.inf)
     found: FloatArray = least / np.array(
         [1.0] * problem.n_sensitivities if problem.scales is None else problem.scales
     )

@@ -29,6 +29,8 @@ from cotree.tolerances import LIMITS
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    import numpy.typing as npt
+
     from cotree.model.newton import Newton
     from cotree.solvers.base import FloatArray
     from cotree.solvers.engine import Engine
@@ -37,6 +39,41 @@ if TYPE_CHECKING:
 
 # Sentences by status.
 _SENTENCES = {row.number: row.sentence for row in STATUSES}
+
+
+def tested(
+    row: Method, problem: Problem, *, is_extended: bool
+) -> tuple[npt.NDArray[np.intp], float, FloatArray]:
+    """Give the places in z of what C integrates, and their relative and absolute tolerances.
+
+    Parameters
+    ----------
+    row : Method
+        The method.
+    problem : Problem
+        The problem.
+    is_extended : bool
+        Whether algebraic unknowns are integrated, too, by an explicit method.
+
+    Returns
+    -------
+    places : ndarray of int, shape (n,)
+    rtol : float
+    atols : ndarray, shape (..., n)
+        See :func:`augmented_tolerances`.
+    """
+    places = problem.integrated
+    cut = problem.n_states - (0 if row.keeps_algebraic else problem.n_algebraic)
+    # Sensitivities of algebraic unknowns are solved for even where these are integrated.
+    lead = problem.n_states if is_extended else cut
+    # Among the entries that do not vanish, those of states that are integrated: of the states
+    # themselves up to `lead`, of their sensitivities up to `cut` in each block.
+    is_left = places % problem.n_states < np.where(places < problem.n_states, lead, cut)
+    if row.corrector:
+        # SUNDIALS leaves sensitivities out of the test itself, at the states' own tolerances.
+        problem = replace(problem, error_test_sensitivities=True)
+    rtol, atols = augmented_tolerances(problem)
+    return places[is_left], rtol, atols[..., is_left]
 
 
 class Job:
@@ -124,20 +161,9 @@ class Job:
 
     def _set_values(self, row: Method, problem: Problem, *, is_extended: bool) -> None:
         """Fill in the start, the tolerances, and which entries of z C integrates."""
-        c, places = self.job, problem.integrated
-        cut = problem.n_states - (0 if row.keeps_algebraic else problem.n_algebraic)
-        # Sensitivities of algebraic unknowns are solved for even where these are integrated.
-        lead = problem.n_states if is_extended else cut
-        # Among the entries that do not vanish, those of states that are integrated: of the states
-        # themselves up to `lead`, of their sensitivities up to `cut` in each block.
-        is_left = places % problem.n_states < np.where(places < problem.n_states, lead, cut)
-        tested = problem
-        if row.corrector:
-            # SUNDIALS leaves sensitivities out of the test itself, at the states' own tolerances.
-            tested = replace(problem, error_test_sensitivities=True)
-        rtol, atols = augmented_tolerances(tested)
-        self._places = places[is_left]  # positions in z
-        c.n, c.rtol, c.atols = len(self._places), rtol, self._doubles(atols[is_left])
+        c = self.job
+        self._places, rtol, atols = tested(row, problem, is_extended=is_extended)
+        c.n, c.rtol, c.atols = len(self._places), rtol, self._doubles(atols)
         c.atol = float(np.min(problem.atol))
         self.z = np.array(problem.z0, dtype=np.float64)
         c.z = self._doubles(self.z)

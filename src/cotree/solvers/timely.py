@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from cotree.model.linear import solve_with
 from cotree.solvers.evaluate import FAILED
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
+
     from cotree.model.linear import Matrix
     from cotree.solvers.base import FloatArray, Trajectory
     from cotree.solvers.problem import Problem
@@ -35,12 +37,12 @@ _POINTS, _REACH = 5, 1.0 / 16.0
 
 def timely(problem: Problem, trajectory: Trajectory) -> Trajectory:
     """Fail a trajectory that the rounding of t decides."""
-    if trajectory.status != 0 or not trajectory.statistics.n_steps or not trajectory.t.size:
+    n_steps = trajectory.statistics.n_steps
+    if trajectory.status != 0 or not n_steps or not trajectory.t.size:
         return trajectory
-    (start, end), n_steps = problem.t_span, trajectory.statistics.n_steps
-    step = abs(end - start) / n_steps
-    if _spacing(max(abs(start), abs(end))) <= _FINE * problem.rtol * step:
+    if is_fine(problem, n_steps):
         return trajectory
+    step = abs(problem.t_span[1] - problem.t_span[0]) / n_steps
     places = np.unique(np.linspace(0, trajectory.t.size - 1, _POINTS).astype(int))
     # Of a value that passes zero no method has more digits than of what it swings between.
     largest = np.max(np.abs(trajectory.z[: problem.n_states]), axis=1)
@@ -62,6 +64,21 @@ def timely(problem: Problem, trajectory: Trajectory) -> Trajectory:
         "t = 0, or loosen rtol."
     )
     return replace(trajectory, status=FAILED, message=reason)
+
+
+def is_fine(problem: Problem, n_steps: int | npt.NDArray[np.int64]) -> Any:
+    """Tell whether times are so near to each other that their rounding decides nothing.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    n_steps : int, or ndarray of int
+        Steps of a run, or of several.
+    """
+    start, end = problem.t_span
+    steps = abs(end - start) / np.maximum(n_steps, 1)
+    return _spacing(max(abs(start), abs(end))) <= _FINE * problem.rtol * steps
 
 
 def _spacing(t: float) -> float:

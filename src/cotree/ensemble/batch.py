@@ -1,0 +1,157 @@
+"""Members of an ensemble in one call into C for each thread, with nothing of Python between them.
+
+In: a ``Plan`` and rows. Out: a ``Block``. Threads take members from one counter, and what comes out
+of a member depends on nothing but the plan and its row: not on the number of threads, nor on the
+order of rows, nor on who else is in the block.
+
+For those who run members in another way (in vectors, say): C gives all that a member needs by its
+number, in the ``cotree_batch`` of ``templates/c/engine/cotree_batch.h.jinja``. A function
+``lanes(worker)`` in it is called by each worker in place of the loop over single members. It takes
+members with ``cotree_batch_take``, begins each with ``prepare`` (which fills in prepared values and
+the start), writes its points to ``values`` at the member's number, fills in ``n_kept``,
+``n_steps``, ``seconds`` and ``ended``, and ends it with ``finish``, which evaluates its outputs.
+What it cannot bring to an end it leaves as ``COTREE_MEMBER_LEFT``: these members are then run one
+at a time, from their start, with all that a failure needs to be told. It looks at ``is_stopped``
+now and then.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import weakref
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cotree.ensemble.members import Members
+from cotree.ensemble.one_by_one import run_one_by_one
+from cotree.ensemble.pattern import find_pattern
+from cotree.ensemble.worker import Worker
+from cotree.errors import Error
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from threading import Event
+
+    from cotree.ensemble.pattern import Pattern
+    from cotree.ensemble.plan import Block, Plan
+    from cotree.solvers.base import FloatArray
+
+# How often the flag that stops an ensemble is looked at, [s].
+_GLANCE = 0.05
+
+# What plans have in common with C, found at their first block.
+_patterns: weakref.WeakKeyDictionary[Plan, Pattern | str] = weakref.WeakKeyDictionary()
+
+
+def run_block(
+    plan: Plan, rows: FloatArray, *, threads: int | None = 1, stop: Event | None = None
+) -> Block:
+    """Run some members of an ensemble.
+
+    Parameters
+    ----------
+    plan : Plan
+        What they share.
+    rows : ndarray, shape (n_members, n_columns)
+        What each sets.
+    threads : int, optional
+        How many threads run them; None for :func:`usable_cores`. Where members run in Python, there
+        is one.
+    stop : threading.Event, optional
+        Once it is set, members in work are broken off, no other is begun, and what is done is
+        returned. Ctrl-C does the same, and sets it.
+
+    Returns
+    -------
+    Block
+        Members that were not run have the status -3.
+    """
+    rows = np.ascontiguousarray(rows, dtype=np.float64).reshape(-1, len(plan.columns))
+    pattern = _pattern(plan)
+    if isinstance(pattern, str):
+        return run_one_by_one(plan, rows, stop=stop)
+    members = Members(pattern, rows)
+    wanted = usable_cores() if threads is None else max(1, threads)
+    workers = [Worker(members) for _ in range(max(1, min(wanted, len(rows), members.most_threads)))]
+    _drive(workers, members, stop)
+    if members.takes_back():
+        _drive(workers, members, stop)
+    return members.block(workers)
+
+
+def usable_cores() -> int:
+    """Count the cores that this process may use.
+
+    Those of its affinity; on Linux less, where a control group limits processor time, as containers
+    do: then the whole cores of that limit.
+    """
+    try:
+        cores = len(os.sched_getaffinity(0))
+    except AttributeError:  # of systems without affinities
+        cores = os.cpu_count() or 1
+    try:
+        with open("/sys/fs/cgroup/cpu.max") as file:
+            quota, period = file.read().split()
+        cores = min(cores, max(1, int(quota) // int(period)))
+    except (OSError, ValueError):  # "max" is no number: there is no limit
+        pass
+    return max(1, cores)
+
+
+def _pattern(plan: Plan) -> Pattern | str:
+    """Find what members share, once for a plan."""
+    if plan not in _patterns:
+        try:
+            _patterns[plan] = find_pattern(plan)
+        except Error as error:
+            # The values that no member sets may be refused where those of members are not.
+            _patterns[plan] = str(error)
+    return _patterns[plan]
+
+
+def _drive(workers: Sequence[Worker], members: Members, stop: Event | None) -> None:
+    """Let workers run members until none is left, or the ensemble is stopped."""
+    if len(workers) == 1:
+        _drive_here(workers[0], members, stop)
+        return
+    errors: list[BaseException] = []
+
+    def work(worker: Worker) -> None:
+        try:
+            while worker.go_on():
+                pass
+        except BaseException as error:
+            errors.append(error)
+            members.stop()
+
+    threads = [threading.Thread(target=work, args=(worker,)) for worker in workers]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        while thread.is_alive():
+            try:
+                thread.join(_GLANCE)
+                if stop is not None and stop.is_set():
+                    members.stop()
+            except KeyboardInterrupt:
+                _stop(members, stop)
+    if errors:
+        raise errors[0]
+
+
+def _drive_here(worker: Worker, members: Members, stop: Event | None) -> None:
+    """Let one worker run members in this thread, which C gives back now and then."""
+    try:
+        while worker.go_on(_GLANCE):
+            if stop is not None and stop.is_set():
+                members.stop()
+    except KeyboardInterrupt:
+        _stop(members, stop)
+
+
+def _stop(members: Members, stop: Event | None) -> None:
+    members.stop()
+    if stop is not None:
+        stop.set()
