@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cotree.ensemble.members import Members
+from cotree.ensemble.block_in_c import BlockInC
 from cotree.ensemble.one_by_one import run_one_by_one
 from cotree.ensemble.pattern import find_pattern
 from cotree.ensemble.worker import Worker
@@ -72,7 +72,7 @@ def run_block(
     pattern = _pattern(plan)
     if isinstance(pattern, str):
         return run_one_by_one(plan, rows, stop=stop)
-    members = Members(pattern, rows)
+    members = BlockInC(pattern, rows)
     wanted = usable_cores() if threads is None else max(1, threads)
     workers = [Worker(members) for _ in range(max(1, min(wanted, len(rows), members.most_threads)))]
     _drive(workers, members, stop)
@@ -111,7 +111,7 @@ def _pattern(plan: Plan) -> Pattern | str:
     return _patterns[plan]
 
 
-def _drive(workers: Sequence[Worker], members: Members, stop: Event | None) -> None:
+def _drive(workers: Sequence[Worker], members: BlockInC, stop: Event | None) -> None:
     """Let workers run members until none is left, or the ensemble is stopped."""
     if len(workers) == 1:
         _drive_here(workers[0], members, stop)
@@ -141,7 +141,7 @@ def _drive(workers: Sequence[Worker], members: Members, stop: Event | None) -> N
         raise errors[0]
 
 
-def _drive_here(worker: Worker, members: Members, stop: Event | None) -> None:
+def _drive_here(worker: Worker, members: BlockInC, stop: Event | None) -> None:
     """Let one worker run members in this thread, which C gives back now and then."""
     try:
         while worker.go_on(_GLANCE):
@@ -151,7 +151,7 @@ def _drive_here(worker: Worker, members: Members, stop: Event | None) -> None:
         _stop(members, stop)
 
 
-def _stop(members: Members, stop: Event | None) -> None:
+def _stop(members: BlockInC, stop: Event | None) -> None:
     members.stop()
     if stop is not None:
         stop.set()

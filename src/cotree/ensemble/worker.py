@@ -9,7 +9,7 @@ import numpy as np
 from cotree.tolerances import LIMITS
 
 if TYPE_CHECKING:
-    from cotree.ensemble.members import Members
+    from cotree.ensemble.block_in_c import BlockInC
     from cotree.solvers.base import FloatArray
 
 # Results of cotree_batch_work.
@@ -21,11 +21,11 @@ class Worker:
 
     Parameters
     ----------
-    members : Members
+    members : BlockInC
         The members, which other workers take from, too.
     """
 
-    def __init__(self, members: Members) -> None:
+    def __init__(self, members: BlockInC) -> None:
         self._members, self._lib = members, members.library.lib
         self._ffi = members.library.ffi
         self._kept: dict[str, Any] = {}

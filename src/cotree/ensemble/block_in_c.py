@@ -44,7 +44,7 @@ def load_batch() -> LoadedLibrary:
     return library
 
 
-class Members:
+class BlockInC:
     """The members of a block; it is mutable, and shared by the workers that run it.
 
     Parameters
