@@ -14,14 +14,16 @@ from cotree.model.moment import Moment
 from cotree.model.start import find_start, scene_start
 from cotree.model.unknowns import solve_states
 from cotree.operating import OperatingPoint, program_at_rest
+from cotree.records import filled
 from cotree.results import Result
 from cotree.scene.replaced import expressions_among
 from cotree.scene.simulation import OPERATING_POINT
 from cotree.sharing import formed_once, forming
 from cotree.solvers.budgets import LONGEST_TIME, MOST_EVENTS, MOST_STEPS
 from cotree.solvers.methods import METHODS
+from cotree.solvers.prepare import prepared
 from cotree.solvers.settings import Settings
-from cotree.solvers.simulate import simulate
+from cotree.solvers.simulate import run_values
 from cotree.variants import Variants
 
 if TYPE_CHECKING:
@@ -338,12 +340,12 @@ class Model(CompiledModel):
             project=project,
         )
         model, settings = self._variant(settings)
-        run = simulate(model, settings, model.layout.units)
+        run = run_values(prepared(model, settings), settings.parameters, settings.initial)
         # The model's library was compiled before; the first run of a method compiles its engine.
-        built = model.times.get("compile", 0.0) + run.times["compile"]
-        times = {**model.times, **run.times, "compile": built}
-        # The record belongs to a room below, which knows neither pictures nor this model.
-        return Result(**{**vars(run), "times": times}, model=model, settings=settings)
+        built = model.times.get("compile", 0.0) + run["times"]["compile"]
+        run["times"] = {**model.times, **run["times"], "compile": built}
+        # What runs belongs to a room below, which knows neither pictures nor this model.
+        return filled(Result, {**run, "model": model, "settings": settings})
 
     def _variant(self, settings: Settings) -> tuple[Model, Settings]:
         """Give the model with expressions among the inputs compiled in, and what is left to set."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import threading
+from collections.abc import Hashable
 from typing import TYPE_CHECKING, Any, Generic, ParamSpec, TypeVar, overload
 
 if TYPE_CHECKING:
@@ -40,6 +41,37 @@ def made_once(make: Callable[_P, _T]) -> Callable[_P, _T]:
 
     given.cache_clear = made.clear  # type: ignore[attr-defined]
     return given
+
+
+class Kept(Generic[_T]):
+    """The last few things that were made, by what they were made for.
+
+    Parameters
+    ----------
+    most : int
+        How many are kept. The one that was not asked for the longest time makes room.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most, self._lock, self._kept = most, threading.Lock(), dict[Hashable, _T]()
+
+    def of(self, key: Hashable, make: Callable[[], _T]) -> _T:
+        """Give what was made for a key, or make it.
+
+        Threads that ask at the same time may each make one: it takes no lock, and one of them is
+        kept.
+        """
+        with self._lock:
+            found = self._kept.pop(key, None)
+            if found is not None:
+                self._kept[key] = found  # a mapping keeps its order: the last one asked for is last
+                return found
+        made = make()
+        with self._lock:
+            self._kept[key] = made
+            while len(self._kept) > self._most:
+                del self._kept[next(iter(self._kept))]
+        return made
 
 
 class formed_once(Generic[_T]):  # a decorator, as cached_property is

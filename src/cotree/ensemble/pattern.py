@@ -20,9 +20,9 @@ from cotree.solvers.job import Job
 from cotree.solvers.jumps import ModelEvents
 from cotree.solvers.methods import method_row, refusal
 from cotree.solvers.native import check_available
+from cotree.solvers.prepare import given_scales, max_step_of, n_observed, places_of, scales_of
 from cotree.solvers.problem import Native, Problem, check_problem
 from cotree.solvers.settings import check_settings, read_bound, read_span, read_times, read_whole
-from cotree.solvers.simulate import _max_step, _n_observed, _places, _scales
 
 if TYPE_CHECKING:
     from cotree.ensemble.plan import Plan
@@ -150,18 +150,18 @@ def _problem(plan: Plan, signals: ReplacedInputs) -> Problem:
         rtol=check_number(settings.rtol, "rtol"),
         atol=check_number(settings.atol, "atol"),
         error_test_sensitivities=settings.error_test_sensitivities,
-        scales=_scales(model, values, settings.scales)[:m],
+        scales=scales_of(model, values, given_scales(model, settings.scales))[:m],
         breakpoints=tuple(corner.t for corner in corners),
         scale=max(*map(abs, t_span), *(corner.scale for corner in corners)),
         shifts={corner.t: corner for corner in corners if any(corner.slopes + corner.spreads)},
         names=model.states,
         parameters=model.sensitivities[:m],
-        max_step=_max_step(model, p, settings),
+        max_step=max_step_of(model, p, settings),
         max_steps=read_whole(settings.max_steps, "max_steps"),
         max_events=read_whole(settings.max_events, "max_events"),
         time_limit=read_bound(settings.time_limit, "time_limit"),
         native=Native(native, len(model.inputs), signals.tables, {}),
         events=ModelEvents(model, p, lambda t: None) if model.layout.events else None,
-        places=_places(model) if m else None,
-        n_observed=_n_observed(model),
+        places=places_of(model) if m else None,
+        n_observed=n_observed(model),
     )

@@ -109,8 +109,7 @@ def consistent_start(
         If the given values violate a constraint that nothing else can mend, or the start has no
         derivative by a parameter.
     """
-    layout = at.model.layout
-    if not layout.constraints and not layout.start_rows:
+    if not at.model.layout.has_conditions:
         return Start(y, s)
     finder = Finder(at, y, frozenset(kept), frozenset(anew), is_initial=is_initial)
     search = _Search(finder, is_initial=is_initial, is_probe=is_probe)

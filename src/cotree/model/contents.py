@@ -37,6 +37,8 @@ def held_followers(model: CompiledModel, initial: Mapping[str, float]) -> list[P
         Initial values of a run in place of the scene's. Where both are given, the state counts.
     """
     layout, names = model.layout, model.states
+    if not layout.followers:
+        return []
     # At an operating point all contents follow from voltages; else those that are not given.
     is_found = [model.begins_at_rest or not is_given for is_given in layout.given]
     return [

@@ -179,6 +179,7 @@ class CKernels:
         self._program, self._guards = program, program.guards
         self._can_extend = program.can_extend
         self._own = _OwnBuffers(program, library, model)
+        self._address = int(library.ffi.cast("uintptr_t", model))
 
     def prepare(self, p: Array) -> None:
         """Take parameters for all calls of this thread that follow; see :class:`Kernels`."""
@@ -212,11 +213,10 @@ class CKernels:
 
     def native(self) -> NativeModel:
         """Give the model and the parameters that this thread last prepared."""
-        ffi = self._library.ffi
-        address = int(ffi.cast("uintptr_t", self._model))
         # Copies, since a run outlives what this thread may prepare next.
-        p, k = self._own.bound.p.copy(), self._own.bound.k.copy()
-        return NativeModel(address, p, k, self._library, self._can_extend, self._newton)
+        bound = self._own.bound
+        p, k = bound.p.copy(), bound.k.copy()
+        return NativeModel(self._address, p, k, self._library, self._can_extend, self._newton)
 
     def _failure(self, status: int, name: str, known: Mapping[str, Any]) -> Exception:
         if status == SINGULAR:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -10,14 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.dag.traverse import symbols_in
-from cotree.errors import ParameterError, SingularSystemError
-from cotree.model.arrays import as_array, as_parameters
+from cotree.errors import SingularSystemError
+from cotree.model.arrays import as_array
 from cotree.model.limited_newton import Junctions
-from cotree.model.packing import whole_kernel
-from cotree.model.structure import Structure
+from cotree.model.prepared import PreparedKernels
 from cotree.model.undefined import why_undefined
 from cotree.scene.expressions import check_number
-from cotree.sharing import formed_once
+from cotree.sharing import Kept, formed_once
 
 if TYPE_CHECKING:
     from collections.abc import Container, Iterable
@@ -25,8 +23,8 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
     from cotree.dag.corners import Corner
-    from cotree.model.kernels import Kernels, NativeModel
-    from cotree.program import Layout, Program
+    from cotree.model.kernels import Kernels
+    from cotree.program import Program
     from cotree.program.counts import OperationCount
 
 Array = npt.NDArray[np.float64]
@@ -34,16 +32,13 @@ Array = npt.NDArray[np.float64]
 #: ``rest(t, p, u, s)`` gives initial states and sensitivities in place of the scene's, s.
 Rest = Callable[[float, Array, "Array | None", Array], tuple[Array, Array]]
 
+# Settings of runs that a model keeps what it has prepared for.
+_MOST_KEPT = 8
+
 _NONE: Array = np.zeros(0)
 
 
-class _Own(threading.local):
-    """Parameters that the kernels of the calling thread are prepared for."""
-
-    prepared: Array | None = None
-
-
-class CompiledModel:
+class CompiledModel(PreparedKernels):
     """Kernels of a scene with their names, called with numpy arrays.
 
     Every method takes parameters ``p`` and inputs ``u`` as arrays in the order of
@@ -57,29 +52,14 @@ class CompiledModel:
         Names of the states, the tunable parameters, the inputs and the outputs.
     structure : Structure
         Patterns of its derivatives.
+    kept : Kept
+        What runs with the same settings share, by these; see :mod:`cotree.solvers.prepare`.
     """
 
     def __init__(self, program: Program, kernels: Kernels, rest: Rest | None = None) -> None:
-        self._program = program
-        self._kernels = kernels
+        super().__init__(program, kernels)
         self._rest = rest
-        self._own = _Own()
-        layout = program.layout
-        self.structure = Structure(layout)
-        self.states = tuple(row.name for row in layout.states)
-        self.parameters = tuple(row.name for row in layout.parameters)
-        self.inputs = tuple(row.name for row in layout.inputs)
-        self.outputs = tuple(row.name for row in layout.outputs)
-
-    @property
-    def layout(self) -> Layout:
-        """Names, units and patterns."""
-        return self._program.layout
-
-    @property
-    def sensitivities(self) -> tuple[str, ...]:
-        """Parameters and states with respect to which sensitivities are taken."""
-        return self.layout.sensitivities
+        self.kept: Kept[Any] = Kept(_MOST_KEPT)
 
     @property
     def unreached(self) -> tuple[str, ...]:
@@ -132,11 +112,6 @@ class CompiledModel:
     def operations(self) -> dict[str, OperationCount]:
         """Operation counts by kernel; ``total`` counts in what it uses of ``prepare``."""
         return self._program.operations
-
-    @property
-    def default_parameters(self) -> Array:
-        """The scene's parameter values, shape (n_parameters,)."""
-        return np.array(self.layout.parameter_values, dtype=float)
 
     def corners(
         self, p: Array, span: tuple[float, float], given: Container[str], others: Iterable[float]
@@ -193,23 +168,6 @@ class CompiledModel:
         Parameters as for :meth:`rhs`.
         """
         return self._at("constraints", t, y, p, None)
-
-    def parameter_array(self, values: Any = None) -> Array:
-        """Give the parameter array, as every call that takes parameters does.
-
-        Parameters
-        ----------
-        values : mapping of str to float, or array_like of shape (n_parameters,), optional
-            Values in place of the scene's by name, or all of them.
-
-        Raises
-        ------
-        ParameterError
-            If a name is not a tunable parameter, a value is not a finite number, or an array has
-            the wrong shape.
-        """
-        derived = self.layout.derived
-        return as_parameters(values, self.parameters, self.default_parameters, derived)
 
     def initial(self, p: Any = None) -> Array:
         """Give the initial states, shape (n_states,), for parameters ``p``."""
@@ -300,42 +258,6 @@ class CompiledModel:
         flat = self._at("output_sensitivity", t, y, p, u, s)
         return flat.reshape(len(self.sensitivities), len(self.outputs)).T.copy()
 
-    def bound(self, name: str, p: Array) -> Callable[[float, Array, Array, Array | None], Array]:
-        """Give a kernel as a function of time, states, flat sensitivities and inputs.
-
-        For solvers: no checks and no copies, the result is a buffer of the thread that calls. It
-        stays valid until that thread calls the kernel again; the function prepares its own
-        parameters when needed.
-        """
-        kernels, own = self._kernels, self._own
-        # Looked up once here, since solvers call the function thousands of times.
-        kernel = whole_kernel(kernels, self.layout, name)
-
-        def call(t: float, x: Array, s: Array, u: Array | None) -> Array:
-            # By identity: solvers hand over the same array at every call, and comparing values
-            # would take as long as a small kernel.
-            if own.prepared is not p:
-                self._prepare(p)
-                own.prepared = p
-            if u is None:
-                u = kernels("inputs", t, _NONE, _NONE, _NONE) if self.layout.inputs else _NONE
-            return kernel(t, x, s, u)
-
-        return call
-
-    def native(self, p: Array) -> NativeModel | None:
-        """Give the model as C sees it, at fixed parameters; None where there is no compiler."""
-        self._prepare(p)
-        return self._kernels.native()
-
-    def bound_jacobian(
-        self, p: Array, *, is_sparse: bool = False
-    ) -> Callable[[float, Array, Array | None], Any]:
-        """Give the Jacobian, full or by rows, as a function like those of :meth:`bound`."""
-        kernel = self.bound("jacobian", p)
-        place = self.structure.by_rows if is_sparse else self.structure.full
-        return lambda t, x, u: place(kernel(t, x, _NONE, u))
-
     def why_undefined(self, t: float, y: Array, p: Array, u: Array | None) -> str:
         """Say why rates have no value at a point, as a sentence without a capital and an end.
 
@@ -355,16 +277,6 @@ class CompiledModel:
         u = self.input_values(t, p) if u is None else u
         return why_undefined(self._program, "rhs", {"t": [t], "x": y, "p": p, "u": u})
 
-    def check_parameters(self, p: Any) -> None:
-        """Refuse parameters that the model's guards refuse.
-
-        Raises
-        ------
-        ParameterError
-            For the first guard that is violated.
-        """
-        self._prepare(p)
-
     def _by_parameter(self, flat: Array) -> Array:
         # Kernels go parameter by parameter; users see a column for each parameter.
         return flat.reshape(len(self.sensitivities), len(self.states)).T.copy()
@@ -380,20 +292,3 @@ class CompiledModel:
         if s is not None:
             along = as_array(s, (n, m), "the sensitivities").T.ravel()
         return self._call(name, check_number(t, "t"), states, along, inputs)
-
-    def _call(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
-        return whole_kernel(self._kernels, self.layout, name)(t, x, s, u).copy()
-
-    def _prepare(self, p: Any) -> None:
-        """Prepare for parameters, unless they are those of this thread's last call."""
-        values = self.parameter_array(p)
-        own = self._own
-        if own.prepared is not None and np.array_equal(values, own.prepared):
-            return
-        if not np.all(np.isfinite(values)):
-            name = self.parameters[int(np.flatnonzero(~np.isfinite(values))[0])]
-            raise ParameterError(f"parameter '{name}' is not finite: give a finite number")
-        # Where a guard refuses the values, nothing counts as prepared any more.
-        own.prepared = None
-        self._kernels.prepare(values)
-        own.prepared = values

@@ -110,6 +110,8 @@ def constrained_start(at: Moment, initial: Mapping[str, float], *, is_probe: boo
         y[i] = check_number(value, f"initial value of '{name}'")
         # A run's own value depends on no parameter, only on itself.
         s[i] = [float(other == name) for other in wanted]
+    if not model.layout.has_conditions:
+        return Start(y, s)
     anew = {names.index(name) for name in initial}
     kept = {i for i, is_given in enumerate(model.layout.given) if is_given} | anew
     # A state whose initial value has a sensitivity counts as given.

@@ -151,9 +151,10 @@ def settle_jumps(at: Moment, y: Array, s: Array, held: Sequence[Pair] = ()) -> t
     SolveError
         If there are no values that agree with the states that they lead to.
     """
-    rows, y = at.model.layout.events, y.copy()
+    rows = at.model.layout.events
     if not any(row.is_jump for row in rows):
         return y, s
+    y = y.copy()
     for _ in range(_MOST_ROUNDS * len(rows)):
         # `jumps` gives what each event sets. An event whose value is beyond zero in its direction
         # has the point on its side.

@@ -153,7 +153,7 @@ class Layout:
     sensitivity_rows: tuple[int, ...] = ()
     derived: tuple[DerivedParameter, ...] = ()
 
-    @property
+    @cached_property
     def sensitivity_places(self) -> tuple[int, ...]:
         """Places of the nonzero sensitivities among all sensitivities, parameter by parameter."""
         n, starts = len(self.states), self.sensitivity_starts
@@ -170,6 +170,11 @@ class Layout:
         return {row.name: row.unit for row in rows} | derived
 
     @property
+    def has_conditions(self) -> bool:
+        """Whether initial values have equations to satisfy besides those of algebraic unknowns."""
+        return bool(self.constraints or self.start_rows)
+
+    @cached_property
     def value_rows(self) -> tuple[int, ...]:
         """Indices of the speed constraints that are rates of coordinate constraints."""
         names = [row.name for row in self.constraints]
@@ -180,7 +185,7 @@ class Layout:
         values, rates = set(names[:n_values]), names[n_values : n_values + n_rows]
         return tuple(i for i, name in enumerate(rates) if name.removesuffix("_dot") in values)
 
-    @property
+    @cached_property
     def n_algebraic(self) -> int:
         """Number of algebraic unknowns."""
         return sum(self.algebraic)

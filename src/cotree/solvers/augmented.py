@@ -156,17 +156,29 @@ def augmented_tolerances(problem: Problem) -> tuple[float, FloatArray]:
     """
     places = problem.integrated
     state_atol = problem.state_atol
+    if problem.error_test_sensitivities and not problem.n_sensitivities:
+        return tested_rtol(problem), np.minimum(state_atol[..., places], UNTESTED)
     if problem.error_test_sensitivities:
         blocks, states = np.divmod(places, problem.n_states)
         own = np.ones(problem.n_sensitivities) if problem.scales is None else problem.scales
         # States have the size 1.
         scales = np.concatenate([np.ones((*own.shape[:-1], 1)), own], axis=-1)
         # A parameter of tiny size must not make a tolerance infinite; see UNTESTED.
-        return max(problem.rtol, RTOL_FLOOR), np.minimum(
-            state_atol[..., states] / scales[..., blocks], UNTESTED
-        )
-    share = float(np.sqrt(max(1, len(places)) / max(1, problem.n_states)))
+        atol = np.minimum(state_atol[..., states] / scales[..., blocks], UNTESTED)
+        return tested_rtol(problem), atol
+    share = _share(problem)
     atol = np.full((*state_atol.shape[:-1], len(places)), UNTESTED)
     # States come first in `places`, and none of them is left out.
     atol[..., : problem.n_states] = state_atol / share
-    return max(problem.rtol / share, RTOL_FLOOR), atol
+    return tested_rtol(problem), atol
+
+
+def tested_rtol(problem: Problem) -> float:
+    """Return the relative tolerance of :func:`augmented_tolerances`."""
+    share = 1.0 if problem.error_test_sensitivities else _share(problem)
+    return max(problem.rtol / share, RTOL_FLOOR)
+
+
+def _share(problem: Problem) -> float:
+    """Give the root of how many times more entries there are than states."""
+    return float(np.sqrt(max(1, len(problem.integrated)) / max(1, problem.n_states)))

@@ -6,6 +6,7 @@ reason of a failure.
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ from cotree.model.kernels import SINGULAR
 from cotree.solvers.augmented import augmented_tolerances
 from cotree.solvers.base import Occurrence
 from cotree.solvers.budgets import most_rows
+from cotree.solvers.callbacks import Callbacks
 from cotree.solvers.corners import corner_times, turn_tolerances, turning
 from cotree.solvers.event_messages import BY_STATUS, verdict
 from cotree.solvers.messages import undefined_ahead
@@ -27,7 +29,7 @@ from cotree.solvers.sundials_aid import SundialsAid
 from cotree.tolerances import LIMITS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Hashable, Sequence
 
     import numpy.typing as npt
 
@@ -62,22 +64,37 @@ def tested(
     atols : ndarray, shape (..., n)
         See :func:`augmented_tolerances`.
     """
+    is_left = _is_left(row, problem, is_extended=is_extended)
+    rtol, atols = _tolerances(row, problem)
+    return problem.integrated[is_left], rtol, atols[..., is_left]
+
+
+def _is_left(row: Method, problem: Problem, *, is_extended: bool) -> npt.NDArray[np.bool_]:
+    """Tell which of the entries that do not vanish C integrates."""
     places = problem.integrated
     cut = problem.n_states - (0 if row.keeps_algebraic else problem.n_algebraic)
     # Sensitivities of algebraic unknowns are solved for even where these are integrated.
     lead = problem.n_states if is_extended else cut
-    # Among the entries that do not vanish, those of states that are integrated: of the states
-    # themselves up to `lead`, of their sensitivities up to `cut` in each block.
-    is_left = places % problem.n_states < np.where(places < problem.n_states, lead, cut)
+    # Those of states that are integrated: of the states themselves up to `lead`, of their
+    # sensitivities up to `cut` in each block.
+    found: npt.NDArray[np.bool_] = places % problem.n_states < np.where(
+        places < problem.n_states, lead, cut
+    )
+    return found
+
+
+def _tolerances(row: Method, problem: Problem) -> tuple[float, FloatArray]:
+    """Give the tolerances of the entries that do not vanish."""
     if row.corrector:
         # SUNDIALS leaves sensitivities out of the test itself, at the states' own tolerances.
         problem = replace(problem, error_test_sensitivities=True)
-    rtol, atols = augmented_tolerances(problem)
-    return places[is_left], rtol, atols[..., is_left]
+    return augmented_tolerances(problem)
 
 
 class Job:
     """A job of an engine, with all that it points to; end it, whatever happens.
+
+    A job that has ended may begin again, with other values: what it points to stays in place.
 
     Parameters
     ----------
@@ -100,6 +117,10 @@ class Job:
         The last good point, which C moves.
     rows : Rows
         What C keeps of the run.
+    kind : object
+        What :func:`job_kind` gives.
+    is_reusable : bool
+        Whether another run may begin with it.
     rescue : Rescue
         Looks for points that the iterations in C do not find.
     is_wide : bool
@@ -117,21 +138,24 @@ class Job:
     ) -> None:
         assert problem.native is not None  # else the method refuses it
         self._ffi, self._lib = engine.library.ffi, engine.library.lib
-        self._kept: list[Any] = [engine, problem.native, newton]
-        self._errors: list[BaseException] = []
+        self._kept: list[Any] = [engine, newton]
+        self._arrays: dict[str, FloatArray] = {}
+        self._pointers: dict[str, Any] = {}
         self.rescue = Rescue(problem)
+        self._callbacks = Callbacks(self._ffi, self.rescue)
+        self.kind = job_kind(engine, row, problem, is_extended=is_extended)
+        self._row, self._has_newton = row, newton is not None
         c = self.job = self._ffi.new("cotree_job *")
         # Zero would name the first entry.
         c.entry = c.row = c.column = -1
         c.has_sensitivities = int(problem.n_sensitivities > 0)
         c.is_held = int(problem.project is not None)
         c.is_extended = int(is_extended)
-        if newton is None and problem.singular is not None:
-            # Off constraints that depend on each other there are no rates: C projects points first.
-            c.is_strict = int(bool(problem.singular(problem.t_span[0], problem.z0)))
         self._set_model(problem, problem.native)
-        self._set_values(row, problem, is_extended=is_extended)
-        self._set_times(problem)
+        is_left = _is_left(row, problem, is_extended=is_extended)
+        self._is_left = None if is_left.all() else is_left
+        self._places = problem.integrated[is_left]  # positions in z
+        c.n = len(self._places)
         c.stepper = getattr(self._lib, f"cotree_{engine.stepper}_stepper")()
         self.is_wide = False
         if newton is not None:
@@ -140,56 +164,91 @@ class Job:
             aid = SundialsAid(engine, row, problem, c.model)
             c.aid, self.is_wide = aid.address, aid.is_wide
             self._kept.append(aid)
-        # Last, since the size follows from the stepper, its aid and what is integrated.
-        # The size in bytes is rounded up to whole doubles.
-        c.memory = self._doubles(np.zeros(-(-int(self._lib.cotree_job_memory(c)) // 8)))
+        # SUNDIALS' own memory is made anew for each run, and functions of Python belong to one.
+        native = problem.native
+        asks_python = bool(native.functions) or problem.reach is not None
+        self.is_reusable = engine.functions is None and not asks_python
+        self.rows = Rows(self._ffi, c, problem.size)
+        # A record holds time, event, sensitivities of the time, and states before and after.
+        self._width = 2 + problem.n_sensitivities + 2 * problem.n_states
+        self.records = np.zeros((0, self._width))
+        # The structure before anything of a run is in it, in which only zeros are to be found.
+        self._blank = self._ffi.new("cotree_job *", c[0])
+        self.begin(problem)
+
+    def begin(self, problem: Problem) -> None:
+        """Begin a run: that of the job's own problem, or another one of the same kind.
+
+        Parameters
+        ----------
+        problem : Problem
+            It differs from the first one in values and in functions alone.
+        """
+        assert problem.native is not None  # of the same kind
+        c, native = self.job, problem.native
+        c[0] = self._blank[0]
+        self._callbacks.errors.clear()
+        self.rescue.problem, self.rescue.complaint = problem, ""
+        if not self._has_newton and problem.singular is not None:
+            # Off constraints that depend on each other there are no rates: C projects points first.
+            c.is_strict = int(bool(problem.singular(problem.t_span[0], problem.z0)))
+        self._put("p", native.model.p)
+        self._put("k", native.model.k)
+        self._put("u", np.zeros(native.n_inputs))
+        self._set_values(problem)
+        self._set_times(problem)
+        # Last, since the size follows from all that is filled in. It is rounded up to doubles.
+        self._put("memory", np.zeros(-(-int(self._lib.cotree_job_memory(c)) // 8)))
         self._make_all_room(problem)
+
+    @property
+    def n_bytes(self) -> int:
+        """How much memory a job holds that waits to begin again."""
+        held = (*self._arrays.values(), self.rows.values, self.records)
+        return sum(array.nbytes for array in held)
 
     def _set_model(self, problem: Problem, native: Native) -> None:
         """Fill in the model, its inputs, and the functions by which C asks Python."""
         c = self.job
+        self._kept.append(native.model.library)
         c.model = self._ffi.cast("cotree_model *", native.model.address)
-        c.p, c.k = self._doubles(native.model.p), self._doubles(native.model.k)
-        c.u = self._doubles(np.zeros(native.n_inputs))
         c.n_replaced, c.replaced = len(native.replaced), self._tables(native)
         if native.functions:
-            c.input_function = self._ask_for_inputs(native.functions)
+            c.input_function = self._callbacks.ask_for_inputs(native.functions)
         if problem.reach is not None:
-            c.reach = self._reach(problem.reach, problem.size)
+            c.reach = self._callbacks.reach(problem.reach, problem.size)
         if self.rescue.is_needed:
-            c.helper = self._helper(problem.n_states)
+            c.helper = self._callbacks.helper(problem.n_states)
 
-    def _set_values(self, row: Method, problem: Problem, *, is_extended: bool) -> None:
-        """Fill in the start, the tolerances, and which entries of z C integrates."""
+    def _set_values(self, problem: Problem) -> None:
+        """Fill in the start and the tolerances."""
         c = self.job
-        self._places, rtol, atols = tested(row, problem, is_extended=is_extended)
-        c.n, c.rtol, c.atols = len(self._places), rtol, self._doubles(atols)
-        c.atol = float(np.min(problem.atol))
-        self.z = np.array(problem.z0, dtype=np.float64)
-        c.z = self._doubles(self.z)
+        c.rtol, atols = _tolerances(self._row, problem)
+        self._put("atols", atols if self._is_left is None else atols[self._is_left])
+        c.atol = problem.atol if isinstance(problem.atol, float) else float(np.min(problem.atol))
+        self._put("z", problem.z0)
+        self.z = self._arrays["z"]
 
     def _set_times(self, problem: Problem) -> None:
         """Fill in the span, breakpoints and wanted times."""
         c, corners = self.job, corner_times(problem)
         c.t = corners[0]
-        c.n_corners, c.corners = len(corners), self._doubles(np.array(corners))
+        c.n_corners = len(corners)
+        self._put("corners", np.array(corners))
         c.scale = problem.scale
         c.is_start_sharp = int(corners[0] in problem.breakpoints)
         c.is_end_sharp = int(corners[-1] in problem.breakpoints)
-        c.max_step = min(problem.max_step, float(np.finfo(np.float64).max))
+        c.max_step = min(problem.max_step, sys.float_info.max)
         self._let_turn(problem, corners)
         if problem.t_eval is not None:
             c.n_wanted = len(problem.t_eval)
-            c.wanted = self._doubles(np.array(problem.t_eval, dtype=float))
+            self._put("wanted", np.asarray(problem.t_eval, dtype=float))
 
     def _make_all_room(self, problem: Problem) -> None:
         """Make room for values and events to begin with."""
-        self.rows = Rows(self._ffi, self.job, problem)
+        self.rows.begin(problem)
         self._looks_from: int | None = None
         self._at_once = 0
-        # A record holds time, event, sensitivities of the time, and states before and after.
-        self._width = 2 + problem.n_sensitivities + 2 * problem.n_states
-        self.records = np.zeros((0, self._width))
         if problem.events is not None:
             # The most records of one step: C returns where there is no room for as many.
             self._at_once = len(problem.events.rows) + LIMITS.event_rounds
@@ -212,8 +271,8 @@ class Job:
             # C would otherwise pass the step from which on it is to wait.
             most_steps = min(most_steps, unwatched) if unwatched > 0 else most_steps
         result = int(self._lib.cotree_job_run(self.job, most_steps))
-        if self._errors:
-            raise self._errors[0]
+        if self._callbacks.errors:
+            raise self._callbacks.errors[0]
         self.rows.drop_between()
         return result
 
@@ -264,6 +323,8 @@ class Job:
     def happened(self, problem: Problem) -> tuple[Occurrence, ...]:
         """List the events that happened."""
         n, m = problem.n_states, problem.n_sensitivities
+        if not self.job.n_records:
+            return ()
         return tuple(
             Occurrence(int(row[1]), float(row[0]), row[2 + m : 2 + m + n], row[-n:], row[2 : 2 + m])
             for row in self.records[: self.job.n_records].copy()
@@ -276,9 +337,9 @@ class Job:
         # Corners that no parameter moves have slopes of zero.
         still = Corner(0.0, *((0.0,) * problem.n_sensitivities,) * 2)
         rows = [problem.shifts.get(t, still) for t in corners]
-        self.job.slopes = self._doubles(np.array([row.slopes for row in rows]))
-        self.job.spreads = self._doubles(np.array([row.spreads for row in rows]))
-        self.job.turn_tolerances = self._doubles(turn_tolerances(problem))
+        self._put("slopes", np.array([row.slopes for row in rows]))
+        self._put("spreads", np.array([row.spreads for row in rows]))
+        self._put("turn_tolerances", turn_tolerances(problem))
 
     def _verdict(self, problem: Problem, name: str) -> str:
         """Say why an event ended the job."""
@@ -299,6 +360,19 @@ class Job:
         self.job.records = self._ffi.from_buffer("double[]", records)
         self.job.most_records = rows
 
+    def _put(self, name: str, values: FloatArray) -> None:
+        """Let a pointer of the structure point to values, where it pointed before if they fit."""
+        array = self._arrays.get(name)
+        if array is None or array.size != values.size:
+            array = self._arrays[name] = np.array(values, dtype=np.float64)
+            # The pointer keeps the array.
+            empty = not array.size
+            pointer = self._ffi.NULL if empty else self._ffi.from_buffer("double[]", array)
+            self._pointers[name] = pointer
+        else:
+            array[...] = values
+        setattr(self.job, name, self._pointers[name])
+
     def _doubles(self, array: FloatArray) -> Any:
         """Return a pointer to an array, and keep the array alive."""
         if not array.size:
@@ -307,58 +381,6 @@ class Job:
         self._kept.append(pointer)
         return pointer
 
-    def _ask_for_inputs(self, functions: Mapping[int, Callable[[float], float]]) -> Any:
-        """Give C a function that asks Python for inputs."""
-        errors = self._errors
-
-        def ask(t: float, u: Any, context: Any) -> int:
-            if errors:  # C may try a shorter step before it gives up
-                return -1
-            for place, function in functions.items():
-                u[place] = function(t)
-            return 0
-
-        return self._callback("cotree_input_function", ask)
-
-    def _reach(self, reach: Callable[[float, FloatArray], None], size: int) -> Any:
-        """Give C the function that is told where a segment begins."""
-        ffi = self._ffi
-
-        def tell(t: float, z: Any, context: Any) -> int:
-            reach(t, np.frombuffer(ffi.buffer(z, 8 * size)))
-            return 0
-
-        return self._callback("cotree_reach", tell)
-
-    def _helper(self, n_states: int) -> Any:
-        """Give C the functions that look for points where its own iterations fail."""
-        rescue, ffi = self.rescue, self._ffi
-
-        def find_unknowns(t: float, x: Any, context: Any) -> int:
-            point = np.frombuffer(ffi.buffer(x, 8 * n_states))
-            return int(not rescue.find_unknowns(t, point))
-
-        def find_states(t: float, x: Any, kept: Any, n_kept: int, context: Any) -> int:
-            point = np.frombuffer(ffi.buffer(x, 8 * n_states))
-            return int(not rescue.find_states(t, point, [kept[i] for i in range(n_kept)]))
-
-        helper = ffi.new("cotree_helper *")
-        helper.find_unknowns = self._callback("cotree_find_unknowns", find_unknowns)
-        helper.find_states = self._callback("cotree_find_states", find_states)
-        self._kept.append(helper)
-        return helper
-
-    def _callback(self, kind: str, function: Callable[..., int]) -> Any:
-        """Give C a function of Python; exceptions, Ctrl-C among them, wait until C is back."""
-        errors = self._errors
-
-        def remember(kind: Any, error: BaseException, traceback: Any) -> None:
-            errors.append(error)
-
-        callback = self._ffi.callback(kind, function, error=-1, onerror=remember)
-        self._kept.append(callback)
-        return callback
-
     def _tables(self, native: Native) -> Any:
         tables = self._ffi.new("cotree_table_input[]", max(1, len(native.replaced)))
         for row, (place, (times, values)) in zip(tables, native.replaced.items(), strict=False):
@@ -366,3 +388,8 @@ class Job:
             row.t, row.u = self._doubles(times), self._doubles(values)
         self._kept.append(tables)
         return tables
+
+
+def job_kind(engine: Engine, row: Method, problem: Problem, *, is_extended: bool) -> Hashable:
+    """Give what the jobs of one model and its settings differ in, besides values and functions."""
+    return engine, row.name, is_extended, problem.t_eval is None

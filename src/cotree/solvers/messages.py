@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cotree.codegen.statuses import SENTENCES
-from cotree.solvers.augmented import RTOL_FLOOR, augmented_tolerances
+from cotree.solvers.augmented import RTOL_FLOOR, tested_rtol
 from cotree.solvers.rescue import Rescue
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def summary(problem: Problem, method: str, t: float, reason: str) -> list[str]:
         sentences = [f"{method} stopped at t = {t:.10g} of {end:.10g}: {reason}."]
     if reason == ROUNDING_LEVEL:
         sentences.append(_rounding_of_time(problem, t))
-    rtol, _ = augmented_tolerances(problem)
+    rtol = tested_rtol(problem)
     if rtol > problem.rtol:
         sentences.append(
             f"rtol = {problem.rtol:.3g} is below what double precision can test; "

@@ -8,24 +8,26 @@ budgets.
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from cotree.errors import SolveError
+from cotree.records import changed
 from cotree.solvers.base import Drift, Statistics, Trajectory
 from cotree.solvers.engine import load_engine
 from cotree.solvers.evaluate import BUDGET_SPENT, FAILED
 from cotree.solvers.event_messages import verdict
-from cotree.solvers.job import Job
+from cotree.solvers.job import Job, job_kind
 from cotree.solvers.messages import summary
 from cotree.solvers.methods import METHODS, refusal
 from cotree.solvers.progress import Progress
 from cotree.solvers.sundials_library import check_installed
 
 if TYPE_CHECKING:
+    from cotree.model.newton import Newton
     from cotree.solvers.base import FloatArray
+    from cotree.solvers.engine import Engine
     from cotree.solvers.methods import Method
     from cotree.solvers.problem import Problem
     from cotree.solvers.stiffness_switching import Succession
@@ -123,23 +125,42 @@ def solve_in_c(
             return "no compiler can build what it needs of the model"
     compiling = time.perf_counter() - before
     is_extended = _can_extend(row, problem)
-    job = Job(engine, row, problem, newton, is_extended=is_extended)
+    job = _begun(engine, row, problem, newton, is_extended=is_extended)
     # There SciPy's sparse factorisation is worth the loop in Python.
     if problem.is_sparse and job.is_wide and problem.events is None:
         return "the Jacobian's band is wide"
     ended = _run(job, problem, method, successor)
     if isinstance(ended, Ended) and ended.status == FAILED and is_extended:
         # Where unknowns cannot be integrated, solving for them at each evaluation may still do.
-        problem = replace(problem, steps_taken=problem.steps_taken + int(job.job.n_steps))
-        job = Job(engine, row, problem)
+        problem = changed(problem, steps_taken=problem.steps_taken + int(job.job.n_steps))
+        job = _begun(engine, row, problem)
         ended = _run(job, problem, method, successor, ended.seconds)
     # The successor has taken over: its trajectory is complete, message included.
     if isinstance(ended, Trajectory):
         return compiled_in(ended, ended.statistics.compile_seconds + compiling)
-    trajectory = trajectory_of(job, problem, method, ended)
     note = successor.note if successor is not None else _note(job)
-    trajectory = replace(trajectory, message=f"{trajectory.message} {note}".rstrip())
+    trajectory = trajectory_of(job, problem, method, ended, note)
+    if problem.shared is not None:
+        problem.shared.give_back(job)
     return compiled_in(trajectory, compiling)
+
+
+def _begun(
+    engine: Engine,
+    row: Method,
+    problem: Problem,
+    newton: Newton | None = None,
+    *,
+    is_extended: bool = False,
+) -> Job:
+    """Begin a job again that another run has left, or make one."""
+    if problem.shared is not None:
+        kind = job_kind(engine, row, problem, is_extended=is_extended)
+        job = problem.shared.idle_job(kind)
+        if job is not None:
+            job.begin(problem)
+            return job
+    return Job(engine, row, problem, newton, is_extended=is_extended)
 
 
 def _run(
@@ -176,8 +197,8 @@ def _note(job: Job) -> str:
 
 def compiled_in(trajectory: Trajectory, seconds: float) -> Trajectory:
     """Record how long it took to compile or to find the C of the method."""
-    statistics = replace(trajectory.statistics, compile_seconds=seconds)
-    return replace(trajectory, statistics=statistics)
+    statistics = changed(trajectory.statistics, compile_seconds=seconds)
+    return changed(trajectory, statistics=statistics)
 
 
 class Ended(NamedTuple):
@@ -244,7 +265,9 @@ def _advance(job: Job, problem: Problem, begin: float, progress: Progress) -> tu
         steps = int(min(max(1.0, rate * min(_GLANCE, rest)), 10.0 * steps))
 
 
-def trajectory_of(job: Job, problem: Problem, method: str, ended: Ended) -> Trajectory:
+def trajectory_of(
+    job: Job, problem: Problem, method: str, ended: Ended, note: str = ""
+) -> Trajectory:
     """Return the values that a job has kept, with the last good point of a failed job.
 
     Parameters
@@ -257,6 +280,8 @@ def trajectory_of(job: Job, problem: Problem, method: str, ended: Ended) -> Traj
         Its method, for the message.
     ended : Ended
         Its outcome.
+    note : str
+        What the message ends with.
     """
     c = job.job
     t, z = job.rows.stored(job.z, is_cut=ended.status != 0 or bool(ended.reason))
@@ -269,7 +294,8 @@ def trajectory_of(job: Job, problem: Problem, method: str, ended: Ended) -> Traj
         seconds=ended.seconds,
     )
     sentences = summary(problem, method, float(c.t), ended.reason)
-    message = " ".join([*sentences, job.rows.thinning.note]).rstrip()
+    notes = [row for row in (job.rows.thinning.note, note) if row]
+    message = " ".join([*sentences, *notes])
     drift = _drift(job, problem, t, z)
     return Trajectory(t, z, ended.status, message, statistics, drift, job.happened(problem))
 

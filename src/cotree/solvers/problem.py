@@ -7,6 +7,7 @@ parameter by parameter, so each block of ``n_states`` entries obeys the same sta
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from cotree.model.kernels import NativeModel
     from cotree.solvers.base import FloatArray
     from cotree.solvers.jumps import ModelEvents
+    from cotree.solvers.shared import Shared
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,6 +151,8 @@ class Problem:
     places : ndarray of int or None
         The positions in z of the entries that do not vanish at all times, states first, in order:
         methods integrate nothing else. None where no entry is known to vanish.
+    shared : Shared or None
+        What runs of the same model with the same settings leave to this one.
     """
 
     rhs: Callable[[float, FloatArray], FloatArray]
@@ -189,6 +193,7 @@ class Problem:
     places: npt.NDArray[np.intp] | None = None
     n_observed: int = 0
     reach: Callable[[float, FloatArray], None] | None = None
+    shared: Shared | None = None
 
     @property
     def most_rows(self) -> int:
@@ -198,8 +203,9 @@ class Problem:
     @property
     def state_atol(self) -> FloatArray:
         """Return the absolute tolerance of each state."""
-        sizes = np.ones(self.n_states) if self.sizes is None else self.sizes
-        return np.asarray(self.atol * sizes, dtype=np.float64)
+        if self.sizes is None:
+            return np.full(self.n_states, self.atol, dtype=np.float64)
+        return np.asarray(self.atol * self.sizes, dtype=np.float64)
 
     @property
     def size(self) -> int:
@@ -247,16 +253,31 @@ def check_problem(problem: Problem) -> None:
         message names it.
     """
     _check_sizes(problem)
+    check_demands(problem)
+    check_values(problem)
+
+
+def check_demands(problem: Problem) -> None:
+    """Refuse times, tolerances and budgets; see :func:`check_problem`."""
     _check_times(problem)
     _check_tolerances(problem)
     _check_budgets(problem)
-    not_finite = np.flatnonzero(~np.isfinite(problem.z0))
-    if not_finite.size:
-        index = int(not_finite[0])
-        raise SolveError(
-            f"The initial value of {describe_entry(problem, index)} is {problem.z0[index]}; "
-            "give a finite number."
-        )
+
+
+def check_values(problem: Problem) -> None:
+    """Refuse what follows from the parameters of a run; see :func:`check_problem`."""
+    if problem.direction < 0 and problem.events is not None:
+        raise SolveError("A scene with events runs forwards only: what they set is not undone.")
+    if not all(map(math.isfinite, problem.breakpoints)):
+        raise SolveError("A breakpoint is not finite; give times in seconds.")
+    _check_max_step(problem)  # of the model, where none was asked for
+    if np.isfinite(problem.z0).all():
+        return
+    index = int(np.flatnonzero(~np.isfinite(problem.z0))[0])
+    raise SolveError(
+        f"The initial value of {describe_entry(problem, index)} is {problem.z0[index]}; "
+        "give a finite number."
+    )
 
 
 def _check_sizes(problem: Problem) -> None:
@@ -289,10 +310,6 @@ def _check_times(problem: Problem) -> None:
         raise SolveError(f"The time span ({start}, {end}) is not finite.")
     if start == end:
         raise SolveError(f"The time span is empty: it starts and ends at t = {start:g}.")
-    if end < start and problem.events is not None:
-        raise SolveError("A scene with events runs forwards only: what they set is not undone.")
-    if not np.all(np.isfinite(problem.breakpoints)):
-        raise SolveError("A breakpoint is not finite; give times in seconds.")
     if problem.t_eval is None:
         return
     times = np.asarray(problem.t_eval, dtype=np.float64)
@@ -328,10 +345,14 @@ def _check_tolerances(problem: Problem) -> None:
         raise SolveError(f"atol{which} is {atol.flat[wrong[0]]}; give a positive finite number.")
 
 
+def _check_max_step(problem: Problem) -> None:
+    if not problem.max_step > 0:  # nan is refused, too
+        raise SolveError(f"max_step is {problem.max_step}; give positive seconds, or inf for none.")
+
+
 def _check_budgets(problem: Problem) -> None:
     # All comparisons are written so that nan is refused, too.
-    if not problem.max_step > 0:
-        raise SolveError(f"max_step is {problem.max_step}; give positive seconds, or inf for none.")
+    _check_max_step(problem)
     if problem.time_limit is not None and not problem.time_limit > 0:
         raise SolveError(f"time_limit is {problem.time_limit}; give positive seconds or None.")
     for name, limit in (("max_steps", problem.max_steps), ("max_events", problem.max_events)):

@@ -28,26 +28,28 @@ class Rescue:
 
     Attributes
     ----------
+    problem : Problem
+        The same, or another one of the same kind.
     complaint : str
         The reason why the last point was not found, without a capital and a full stop; empty where
         it was, or nothing was asked.
     """
 
     def __init__(self, problem: Problem) -> None:
-        self._problem = problem
+        self.problem = problem
         self.complaint = ""
 
     @property
     def is_needed(self) -> bool:
         """Tell whether there may be anything to look for."""
-        problem = self._problem
+        problem = self.problem
         # C asks for states after events that set them, and for algebraic unknowns anywhere.
         is_set = problem.events is not None and problem.settle is not None
         return is_set or problem.n_algebraic > 0
 
     def find_unknowns(self, t: float, y: FloatArray) -> bool:
         """Solve for the algebraic unknowns of all states, in place, from any guess."""
-        problem = self._problem
+        problem = self.problem
         assert problem.state_rhs is not None  # of a compiled model
         assert problem.jacobian is not None
         unknowns = Algebraic(
@@ -72,7 +74,7 @@ class Rescue:
         kept : sequence of int
             Places of those that stay as they are.
         """
-        settle = self._problem.settle
+        settle = self.problem.settle
         return settle is not None and self._find(lambda point: settle(t, point, kept), y)
 
     def _find(self, find: Callable[[FloatArray], FloatArray], y: FloatArray) -> bool:

@@ -29,8 +29,8 @@ class Rows:
         Of the engine.
     job : cotree_job
         The structure that points to the rows.
-    problem : Problem
-        Its problem.
+    n_values : int
+        How many values a row has.
 
     Attributes
     ----------
@@ -40,14 +40,20 @@ class Rows:
         Which steps are stored.
     """
 
-    def __init__(self, ffi: Any, job: Any, problem: Problem) -> None:
-        self._ffi, self._job = ffi, job
-        self._n, self._room, self._most_room = problem.size, 0, problem.most_rows
+    def __init__(self, ffi: Any, job: Any, n_values: int) -> None:
+        self._ffi, self._job, self._n, self._room = ffi, job, n_values, 0
+        self.times, self.values = np.zeros(0), np.zeros((0, n_values))
+        self._pointers: tuple[Any, Any] = (ffi.NULL, ffi.NULL)
+
+    def begin(self, problem: Problem) -> None:
+        """Make room for the rows of a run; those of an earlier one are void."""
+        self._most_room, self._keeps_steps = problem.most_rows, problem.t_eval is None
         self.thinning, self._n_thinned = Thinning(), 0
-        self.times, self.values = np.zeros(0), np.zeros((0, self._n))
-        self._keeps_steps = problem.t_eval is None
         first = min(_FIRST_ROWS, self._most_room)
-        self._make_room(first if problem.t_eval is None else len(problem.t_eval))
+        wanted = first if problem.t_eval is None else len(problem.t_eval)
+        if self._room != wanted:
+            self._make_room(wanted)
+        self._job.times, self._job.values = self._pointers
 
     def stored(self, z: FloatArray, *, is_cut: bool) -> tuple[FloatArray, FloatArray]:
         """Give times and values that are kept, each shape (..., n_t), with where the job stands.
@@ -117,5 +123,6 @@ class Rows:
         times, values = np.zeros(rows), np.zeros((rows, self._n))
         times[:kept], values[:kept] = self.times[:kept], self.values[:kept]
         self.times, self.values, self._room = times, values, rows
-        self._job.times = self._ffi.from_buffer("double[]", times)
-        self._job.values = self._ffi.from_buffer("double[]", values) if self._n else self._ffi.NULL
+        values_at = self._ffi.from_buffer("double[]", values) if self._n else self._ffi.NULL
+        self._pointers = self._ffi.from_buffer("double[]", times), values_at
+        self._job.times, self._job.values = self._pointers

@@ -6,14 +6,14 @@ In: a ``Problem`` and a method's name or "auto". Out: the method with its reason
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from cotree.errors import SolveError
+from cotree.records import changed
 from cotree.solvers.corners import corner_times
 from cotree.solvers.engine import load_engine
 from cotree.solvers.evaluate import FAILED
@@ -65,6 +65,11 @@ def integrate(problem: Problem, method: str = "auto") -> Trajectory:
         If the method is unknown or not installed, or the problem cannot be accepted.
     """
     check_problem(problem)
+    return run(problem, method)
+
+
+def run(problem: Problem, method: str) -> Trajectory:
+    """Integrate a problem that was checked; see :func:`integrate`."""
     if method != "auto":
         return _solve(problem, method)
     before = time.perf_counter()
@@ -72,10 +77,10 @@ def integrate(problem: Problem, method: str = "auto") -> Trajectory:
     if not refusal("dop853", problem):
         load_engine("dop853")
     compiling = time.perf_counter() - before
-    chosen, reason = choose_method(problem)
+    chosen, reason = _choose(problem)
     trajectory = _solve_watched(problem, chosen)
     trajectory = compiled_in(trajectory, trajectory.statistics.compile_seconds + compiling)
-    return dataclasses.replace(trajectory, message=f"{trajectory.message} {reason}")
+    return changed(trajectory, message=f"{trajectory.message} {reason}")
 
 
 def _solve_watched(problem: Problem, method: str) -> Trajectory:
@@ -101,7 +106,7 @@ def _solve(problem: Problem, method: str, successor: Succession | None = None) -
     # Around SciPy's methods Python crosses singular positions with a looser tolerance.
     # What C did counts in the budget.
     taken = problem.steps_taken + found.statistics.n_steps
-    left = dataclasses.replace(problem, steps_taken=taken)
+    left = changed(problem, steps_taken=taken)
     return _stand_in(left, row, found.message.rstrip("."))
 
 
@@ -129,7 +134,7 @@ def _stand_in(problem: Problem, row: Method, why: str) -> Trajectory:
         other = "cvode" if has_sundials() else "dopri5"
     trajectory = _solve(problem, other)
     message = f"{trajectory.message} {other} stood in for {method}: {why}."
-    return dataclasses.replace(trajectory, message=message)
+    return changed(trajectory, message=message)
 
 
 def choose_method(problem: Problem) -> tuple[str, str]:
@@ -164,26 +169,31 @@ def choose_method(problem: Problem) -> tuple[str, str]:
         If the problem cannot be accepted.
     """
     check_problem(problem)
+    return _choose(problem)
+
+
+def _choose(problem: Problem) -> tuple[str, str]:
+    """Choose a method for a problem that was checked; see :func:`choose_method`."""
     # Any method does: only the algebraic unknowns are solved for at each stored time.
     if problem.n_states == problem.n_algebraic:
         return "DOP853", "There are no states to integrate."
     explicit = "DOP853" if refusal("dop853", problem) else "dop853"
     span = abs(problem.t_span[1] - problem.t_span[0])
-    points = _probe(problem, explicit)
+    rates = _rates(problem, explicit)
     # The number of time constants of the fastest damped mode in the span.
-    count = span * fastest_decay(problem, points)
+    count = span * rates.decay
     length = f"the span is {float(f'{count:.2g}'):.6g} times the shortest decay"
     if count <= _STIFF_TIME_CONSTANTS:
         reason = f"not stiff, {length}" if count >= 1.0 else "not stiff, nothing decays fast"
         return explicit, f"{explicit} was chosen: {reason}."
     method = stiff_method(problem)
-    growth = fastest_growth(problem, *points[0])
+    growth = rates.growth
     # A mode that begins at the tolerance and grows e-fold this often stays below one: an implicit
     # method may damp it and the result is still as good as the tolerance.
     if span * growth <= math.log(1.0 / _smallest_tolerance(problem)):
         return method, f"{method} was chosen: stiff, {length}."
     grows = f"at the start a mode grows e-fold every {1.0 / growth:.3g} s"
-    if explicit == "dop853" and fastest_decay(problem, points[:1]) <= _MILD * growth:
+    if explicit == "dop853" and rates.first_decay <= _MILD * growth:
         return explicit, (
             f"{explicit} was chosen to begin with: stiff, {length}, but {grows}, which {method} "
             "would damp while it is below the tolerance."
@@ -192,6 +202,35 @@ def choose_method(problem: Problem) -> tuple[str, str]:
         f"{method} was chosen: stiff, {length}. But {grows}: what is below the tolerance there "
         "may decide the result, so compare with that of a tighter one."
     )
+
+
+class Rates(NamedTuple):
+    """Rates of the modes that a choice follows from, [1/s].
+
+    The fastest decay at the start and after a few steps, the one at the start alone, and the
+    fastest growth there; the latter two are sought where the first makes the problem stiff.
+    """
+
+    decay: float
+    first_decay: float = 0.0
+    growth: float = 0.0
+
+
+def _rates(problem: Problem, explicit: str) -> Rates:
+    """Find the rates; once for the same numbers, where runs of a model share what they find."""
+    native, shared = problem.native, problem.shared
+    if native is None or shared is None:
+        return _find_rates(problem, explicit)
+    return shared.finding(lambda: _find_rates(problem, explicit), native.model.p, problem.z0)
+
+
+def _find_rates(problem: Problem, explicit: str) -> Rates:
+    points = _probe(problem, explicit)
+    decay = fastest_decay(problem, points)
+    if abs(problem.t_span[1] - problem.t_span[0]) * decay <= _STIFF_TIME_CONSTANTS:
+        return Rates(decay)
+    first = fastest_decay(problem, points[:1])
+    return Rates(decay, first, fastest_growth(problem, *points[0]))
 
 
 def _smallest_tolerance(problem: Problem) -> float:
@@ -207,9 +246,7 @@ def _probe(problem: Problem, method: str) -> list[tuple[float, FloatArray]]:
         # Samples are taken by the run itself, from states that are as accurate as it is.
         span = corner_times(problem)[0], corner_times(problem)[1]
     rtol = max(problem.rtol, _PROBE_RTOL)
-    probe = dataclasses.replace(
-        problem, t_eval=None, rtol=rtol, max_steps=_PROBE_STEPS, t_span=span
-    )
+    probe = changed(problem, t_eval=None, rtol=rtol, max_steps=_PROBE_STEPS, t_span=span)
     trajectory = _solve(probe, method)
     if not trajectory.t.size:
         return []

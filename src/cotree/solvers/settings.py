@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,11 @@ from cotree.solvers.budgets import LONGEST_TIME, MOST_EVENTS, MOST_STEPS
 
 if TYPE_CHECKING:
     from cotree.solvers.base import FloatArray
+
+
+# Settings that differ from run to run, and the times, which are compared by their bytes. Beyond so
+# many of these preparing a run takes no time beside it.
+_APART, _MOST_TIMES = frozenset(("parameters", "initial", "t_eval")), 10_000
 
 
 @dataclass(frozen=True)
@@ -44,8 +49,48 @@ def check_settings(settings: Settings) -> None:
     if not isinstance(settings.method, str):
         raise SolveError(f"method is {settings.method!r}: give a name in quotes")
     for name in ("initial", "inputs", "scales"):
-        if not isinstance(getattr(settings, name), Mapping):
-            raise ParameterError(f"{name} must be a mapping of names to values")
+        check_mapping(name, getattr(settings, name))
+
+
+def check_mapping(name: str, value: object) -> None:
+    """Refuse a setting that is no mapping."""
+    if not isinstance(value, Mapping):
+        raise ParameterError(f"{name} must be a mapping of names to values")
+
+
+def key_of(settings: Settings) -> Hashable | None:
+    """Give what tells settings apart, parameters and initial values left out; None if nothing does.
+
+    Equal keys mean equal settings, whatever happens to arrays and mappings meanwhile. Settings with
+    functions, tables or very many times have none.
+    """
+    times = read_times(settings.t_eval)
+    if times is not None and times.size > _MOST_TIMES:
+        return None
+    try:
+        # `vars` lists fields in order.
+        rest = [_token(value) for name, value in vars(settings).items() if name not in _APART]
+    except _UnknownError:
+        return None
+    return (*rest, None if times is None else (times.shape, times.tobytes()))
+
+
+class _UnknownError(Exception):
+    """A value that may change, or equal another one that means something else."""
+
+
+def _token(value: object) -> Hashable:
+    kind = type(value)
+    if value is None or kind in (str, bool):
+        return kind, value
+    if kind in (int, float):
+        # 0.0 equals -0.0, and their reciprocals differ.
+        return kind, value or str(value)
+    if isinstance(value, (tuple, list)):
+        return tuple(map(_token, value))
+    if isinstance(value, Mapping):
+        return tuple((name, _token(own)) for name, own in value.items())
+    raise _UnknownError
 
 
 def read_bound(value: float | None, name: str) -> float | None:

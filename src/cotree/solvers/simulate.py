@@ -2,38 +2,19 @@
 
 from __future__ import annotations
 
-import math
 import time
 import warnings
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.errors import ParameterError, SolveError, nearest
-from cotree.model.arrays import derived_values
-from cotree.model.consistent import consistent_start
-from cotree.model.contents import content_sizes
-from cotree.model.moment import Moment
-from cotree.model.signals import ReplacedInputs, read_signals
-from cotree.model.start import find_start
+from cotree.errors import SolveError
 from cotree.quiet import level_of_user
-from cotree.scene.expressions import check_number
-from cotree.solvers.augmented import DENSE_LIMIT
 from cotree.solvers.growth import with_growth
-from cotree.solvers.jumps import ModelEvents
-from cotree.solvers.problem import Native, Problem
-from cotree.solvers.project import Projection
+from cotree.solvers.prepare import prepared
+from cotree.solvers.problem import check_values
 from cotree.solvers.result import EventTimes, RunRecord
-from cotree.solvers.sampling import Samples, reaching
-from cotree.solvers.select import integrate
-from cotree.solvers.settings import (
-    check_settings,
-    read_bound,
-    read_span,
-    read_times,
-    read_whole,
-)
+from cotree.solvers.select import run as integrate
 from cotree.solvers.sweep import sweep
 from cotree.solvers.timely import timely
 from cotree.solvers.trust import (
@@ -45,18 +26,13 @@ from cotree.solvers.trust import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    import numpy.typing as npt
-    from scipy.sparse import csc_matrix
+    from collections.abc import Mapping, Sequence
 
     from cotree.model.model import CompiledModel
     from cotree.solvers.base import FloatArray, Occurrence, Trajectory
+    from cotree.solvers.prepare import Preparation
+    from cotree.solvers.project import Projection
     from cotree.solvers.settings import Settings
-
-
-# Share of a Jacobian's entries beyond which sparse matrices cost more than dense ones.
-_LARGEST_SHARE = 0.1
 
 
 def simulate(
@@ -83,72 +59,38 @@ def simulate(
         If the method is unknown or cannot take what it is given, or, with ``throw``, if the
         integration fails.
     """
+    values = run_values(prepared(model, settings), settings.parameters, settings.initial)
+    return RunRecord(**{**values, "units": units})
+
+
+def run_values(
+    preparation: Preparation, parameters: Any, initial: Mapping[str, float]
+) -> dict[str, Any]:
+    """Integrate a model once more with settings that were prepared.
+
+    Parameters
+    ----------
+    preparation : Preparation
+        Of the model and the settings.
+    parameters : mapping of str to float, array_like of shape (n_parameters,), or None
+        Values in place of the scene's.
+    initial : mapping of str to float
+        Initial values of states in place of the scene's.
+
+    Returns
+    -------
+    dict of str to object
+        The values of a ``RunRecord``, by field.
+
+    Raises
+    ------
+    ModelError, SolveError
+        As :func:`simulate`.
+    """
     begin = time.perf_counter()
-    check_settings(settings)
-    p = model.parameter_array(settings.parameters)
-    values = dict(zip(model.parameters, p.tolist(), strict=True))
-    values |= derived_values(model.layout.derived, p)
-    signals = read_signals(settings.inputs, model.inputs)
-    _check_replaced(model, settings.inputs)
-    t_span = read_span(settings.t_span)
-    signals, samples = _with_samples(model, p, signals, t_span)
-    u = _input_function(model, p, signals)
-    # Norms of quaternions are among the constraints: a free body is projected, too.
-    is_held = settings.project and bool(model.layout.constraints)
-    projection = Projection(model, p, u) if is_held else None
-    jacobian = model.bound_jacobian(p)
-    corners = model.corners(p, t_span, settings.inputs, signals.breakpoints)
-    at = Moment(model, t_span[0], p, u(t_span[0]))
-    start = find_start(at, settings.initial)
-    reach = reaching(model, p, samples, u) if samples else None
-    if reach is not None:
-        # The first samples see a start at the scene's own inputs; then the start is theirs.
-        reach(t_span[0], start.z)
-        at = Moment(model, t_span[0], p, u(t_span[0]))
-        start = find_start(at, settings.initial)
-    z0, sizes = start.z, content_sizes(at, start.y)
-    events = ModelEvents(model, p, u) if model.layout.events else None
-    if events is not None:
-        events.check_start(t_span[0], z0)
-    problem = Problem(
-        # Governing and sensitivity equations together, as Eqs. (8) and (9) of the paper are solved.
-        rhs=_rates(model, p, u, "augmented_rhs" if model.sensitivities else "rhs"),
-        jacobian=lambda t, y: jacobian(t, y, u(t)),
-        n_states=len(model.states),
-        n_sensitivities=len(model.sensitivities),
-        z0=z0,
-        t_span=t_span,
-        t_eval=read_times(settings.t_eval),
-        rtol=check_number(settings.rtol, "rtol"),
-        atol=check_number(settings.atol, "atol"),
-        sizes=sizes,
-        error_test_sensitivities=settings.error_test_sensitivities,
-        scales=_scales(model, values, settings.scales),
-        breakpoints=tuple(corner.t for corner in corners),
-        scale=max(*map(abs, t_span), *(corner.scale for corner in corners)),
-        # Sensitivities are continuous at corners that no parameter moves.
-        shifts={corner.t: corner for corner in corners if any(corner.slopes + corner.spreads)},
-        names=model.states,
-        parameters=model.sensitivities,
-        max_step=_max_step(model, p, settings),
-        max_steps=read_whole(settings.max_steps, "max_steps"),
-        max_events=read_whole(settings.max_events, "max_events"),
-        time_limit=read_bound(settings.time_limit, "time_limit"),
-        project=projection,
-        residual=projection.residual if projection else None,
-        constraints=projection.names if projection else (),
-        settle=_settle(model, p) if is_held else None,
-        singular=projection.singular if projection and projection.has_rows else None,
-        n_algebraic=model.layout.n_algebraic,
-        state_rhs=_rates(model, p, u, "rhs"),
-        undefined=lambda t, y: model.why_undefined(t, y, p, u(t)),
-        sparse_jacobian=_sparse_jacobian(model, p, u),
-        **_native(model, p, signals),
-        events=events,
-        places=_places(model),
-        n_observed=_n_observed(model),
-        reach=reach,
-    )
+    model, settings = preparation.model, preparation.settings
+    problem, p, u, values, start, projection = preparation.run(parameters, initial)
+    check_values(problem)
     warn_of_tolerances(problem)
     # A run may still be refused: by the rounding of t, then by its constraints.
     trajectory = timely(problem, integrate(problem, settings.method))
@@ -159,49 +101,41 @@ def simulate(
         if settings.throw:
             raise SolveError(trajectory.message)
         warnings.warn(trajectory.message, RuntimeWarning, stacklevel=level_of_user())
+    t = problem.t_span[0]
     warn_of_result(
         problem,
         trajectory,
         model.layout.followers,
-        lambda: is_balanced(model, t_span[0], start.y, p, u(t_span[0])),
+        lambda: is_balanced(model, t, start.y, p, u(t)),
     )
     n, m = len(model.states), len(model.sensitivities)
-    y = trajectory.z[:n]
-    # z goes parameter by parameter, s by state, parameter and time.
-    s = trajectory.z[n:].reshape(m, n, len(trajectory.t)).transpose(1, 0, 2)
     warn_of_redundancy(problem, trajectory, redundant)
-    outputs, output_s, inputs = sweep(model, p, u, trajectory.t, trajectory.z)
+    native = None if problem.native is None else problem.native.model
+    outputs, output_s, inputs = sweep(model, p, u, trajectory.t, trajectory.z, native)
     if redundant and model.sensitivities:
         _leave_out(model, output_s)
-    return RunRecord(
-        t=trajectory.t,
-        y=y,
-        s=s,
-        states=model.states,
-        outputs=model.outputs,
-        output_values=outputs,
-        output_sensitivities=output_s,
-        inputs=model.inputs,
-        input_values=inputs,
-        parameters_of_sensitivity=model.sensitivities,
-        units=units,
-        status=trajectory.status,
-        message=trajectory.message,
-        statistics=trajectory.statistics,
-        times=_times_of(trajectory, time.perf_counter() - begin),
-        drift=trajectory.drift,
-        redundant=redundant,
-        events=_event_times(model, trajectory.events),
-        parameter_values=values,
-    )
-
-
-def _places(model: CompiledModel) -> npt.NDArray[np.intp] | None:
-    """Return positions of states and nonvanishing sensitivities; None where none vanishes."""
-    n, m = len(model.states), len(model.sensitivities)
-    places = np.array(model.layout.sensitivity_places, dtype=np.intp)
-    # The layout counts places among the sensitivities, which stand behind the n states in z.
-    return None if len(places) == n * m else np.concatenate([np.arange(n), n + places])
+    return {
+        "t": trajectory.t,
+        "y": trajectory.z[:n],
+        # z goes parameter by parameter, s by state, parameter and time.
+        "s": trajectory.z[n:].reshape(m, n, len(trajectory.t)).transpose(1, 0, 2),
+        "states": model.states,
+        "outputs": model.outputs,
+        "output_values": outputs,
+        "output_sensitivities": output_s,
+        "inputs": model.inputs,
+        "input_values": inputs,
+        "parameters_of_sensitivity": model.sensitivities,
+        "units": preparation.units.copy(),
+        "status": trajectory.status,
+        "message": trajectory.message,
+        "statistics": trajectory.statistics,
+        "times": _times_of(trajectory, time.perf_counter() - begin),
+        "drift": trajectory.drift,
+        "redundant": redundant,
+        "events": _event_times(model, trajectory.events),
+        "parameter_values": values,
+    }
 
 
 def _event_times(model: CompiledModel, happened: Sequence[Occurrence]) -> dict[str, EventTimes]:
@@ -223,146 +157,6 @@ def _times_of(trajectory: Trajectory, seconds: float) -> dict[str, float]:
     """Separate the time to compile a method from the time to integrate."""
     compiling = trajectory.statistics.compile_seconds
     return {"compile": compiling, "integrate": seconds - compiling}
-
-
-def _n_observed(model: CompiledModel) -> int:
-    """Count what is evaluated at each stored point besides states and sensitivities."""
-    n_outputs = len(model.outputs) * (1 + len(model.sensitivities))
-    return n_outputs + len(model.inputs) + len(model.constraints) + model.layout.n_algebraic
-
-
-def _scales(
-    model: CompiledModel, values: Mapping[str, float], given: Mapping[str, float]
-) -> FloatArray:
-    """Return the sizes of sensitivity parameters: their values, or 1 for zeros and for states."""
-    found = [abs(values.get(name, 1.0)) or 1.0 for name in model.sensitivities]
-    for name, value in given.items():
-        if name not in model.sensitivities:
-            raise ParameterError(
-                f"scales names '{name}', to which no sensitivity was asked for"
-                f"{nearest(name, model.sensitivities)}"
-            )
-        size = check_number(value, f"the scale of '{name}'")
-        if size <= 0.0:
-            raise ParameterError(f"the scale of '{name}' is {size}: it must be positive")
-        found[model.sensitivities.index(name)] = size
-    return np.array(found)
-
-
-def _max_step(model: CompiledModel, p: FloatArray, settings: Settings) -> float:
-    """Return the longest step: the one that is asked for, or the one that the model needs."""
-    if settings.max_step is None:
-        return model.longest_step(p, settings.inputs)
-    if settings.max_step == math.inf:
-        return math.inf
-    return check_number(settings.max_step, "max_step")
-
-
-def _check_replaced(model: CompiledModel, inputs: Mapping[str, Any]) -> None:
-    """Refuse to replace an input where sensitivities depend on the input's own."""
-    for name in inputs:
-        if model.sensitivities and name in model.layout.event_inputs:
-            raise ParameterError(
-                f"input '{name}' decides when an event happens, or what it sets, and the "
-                "sensitivities there need its own rate: to replace it, compile "
-                "scene.with_inputs(...), or without sensitivities"
-            )
-    for name, wanted in zip(model.inputs, model.layout.input_sensitivities, strict=True):
-        if name in inputs and wanted:
-            raise ParameterError(
-                f"input '{name}' depends on '{wanted[0]}' in the scene, and the sensitivity to it "
-                f"is compiled in: to replace the input, compile scene.with_inputs(...), or without "
-                "that sensitivity"
-            )
-
-
-def _with_samples(
-    model: CompiledModel, p: FloatArray, signals: ReplacedInputs, span: tuple[float, float]
-) -> tuple[ReplacedInputs, list[Samples]]:
-    """Let sampled functions be constants that change at their times.
-
-    Raises
-    ------
-    ParameterError
-        If sensitivities would have to know the derivative of a function.
-    """
-    if not signals.sampled:
-        return signals, []
-    before, samples = model.input_values(span[0], p), {}
-    for place, row in signals.sampled.items():
-        name = model.inputs[place]
-        if row.reads_states and model.sensitivities:
-            raise ParameterError(
-                f"input '{name}' is sampled from states by a function of Python, whose derivatives "
-                "nobody knows: give an expression, or compile without sensitivities"
-            )
-        samples[place] = Samples(row, name, span, float(before[place]))
-    times = [t for item in samples.values() for t in item.times]
-    # A table of one point is constant; its value is that of the last sample.
-    held = {place: (np.zeros(1), item.held) for place, item in samples.items()}
-    return replace(
-        signals,
-        by_position={**signals.by_position, **samples},
-        breakpoints=(*signals.breakpoints, *times),
-        tables={**signals.tables, **held},
-    ), list(samples.values())
-
-
-def _input_function(
-    model: CompiledModel, p: FloatArray, signals: ReplacedInputs
-) -> Callable[[float], FloatArray | None]:
-    """Give u as a function of time; None leaves it to the model."""
-    nothing = np.zeros(0)
-    if not model.inputs:
-        return lambda t: nothing
-    if not signals.by_position:
-        return lambda t: None
-    own = model.bound("inputs", p)
-    # The inputs of the scene are a buffer of the kernel, which the replaced ones must not change.
-    return lambda t: signals.apply(t, own(t, nothing, nothing, nothing).copy())
-
-
-def _rates(
-    model: CompiledModel, p: FloatArray, u: Callable[[float], FloatArray | None], kernel: str
-) -> Callable[[float, FloatArray], FloatArray]:
-    """Give the rates of the states, and of sensitivities where z has them, as one function."""
-    call, n = model.bound(kernel, p), len(model.states)
-    return lambda t, z: call(t, z[:n], z[n:], u(t))
-
-
-def _settle(
-    model: CompiledModel, p: FloatArray
-) -> Callable[[float, FloatArray, Sequence[int]], FloatArray]:
-    """Return the function that moves states set by an event onto the constraints."""
-    # Only states are wanted: C goes on from them with the sensitivities.
-    none = np.zeros((len(model.states), len(model.sensitivities)))
-    return lambda t, y, kept: (
-        consistent_start(Moment(model, t, p), y, none, kept, is_initial=False, is_probe=True).y
-    )
-
-
-def _sparse_jacobian(
-    model: CompiledModel, p: FloatArray, u: Callable[[float], FloatArray | None]
-) -> Callable[[float, FloatArray], csc_matrix] | None:
-    """Give the Jacobian as a sparse matrix, where it is large and has few entries."""
-    n = len(model.states)
-    # The Jacobian of what is left once algebraic unknowns are eliminated is dense.
-    if model.layout.n_algebraic or n <= DENSE_LIMIT:
-        return None
-    # Dense factorisations are faster than sparse ones of matrices that fill in.
-    if len(model.layout.row_indices) > _LARGEST_SHARE * n * n:
-        return None
-    return lambda t, y: model.jacobian_sparse(t, y, p, u(t))
-
-
-def _native(model: CompiledModel, p: FloatArray, signals: ReplacedInputs) -> dict[str, Any]:
-    """Return the native form of the problem, or the reason why C cannot take it."""
-    native = model.native(p)
-    if native is None:
-        return {"not_native": "the model is evaluated in Python"}
-    # Tables are evaluated in C; only functions of Python have to be asked at each evaluation.
-    others = {i: f for i, f in signals.by_position.items() if i not in signals.tables}
-    return {"native": Native(native, len(model.inputs), signals.tables, others)}
 
 
 def _redundant(model: CompiledModel, projection: Projection | None, trajectory: Trajectory) -> int:

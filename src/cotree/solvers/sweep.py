@@ -25,7 +25,12 @@ _FEW_POINTS = 3
 
 
 def sweep(
-    model: CompiledModel, p: FloatArray, u: Inputs, t: FloatArray, z: FloatArray
+    model: CompiledModel,
+    p: FloatArray,
+    u: Inputs,
+    t: FloatArray,
+    z: FloatArray,
+    native: NativeModel | None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Evaluate outputs, their sensitivities and inputs at many points.
 
@@ -41,6 +46,8 @@ def sweep(
         Times, [s].
     z : ndarray, shape (n_states * (1 + n_sensitivities), n_t)
         States and sensitivities.
+    native : NativeModel or None
+        The model as C sees it, with these parameters.
 
     Returns
     -------
@@ -52,8 +59,7 @@ def sweep(
     SingularSystemError
         If an output is not determined somewhere.
     """
-    native = model.native(p) if len(t) > _FEW_POINTS else None
-    library = _load() if native is not None else None
+    library = None if native is None or len(t) <= _FEW_POINTS else _load()
     if native is not None and library is not None:
         found = _in_c(model, native, library, u, t, z)
         if found is not None:

@@ -77,12 +77,13 @@ def is_fine(problem: Problem, n_steps: int | npt.NDArray[np.int64]) -> Any:
         Steps of a run, or of several.
     """
     start, end = problem.t_span
-    steps = abs(end - start) / np.maximum(n_steps, 1)
+    # Steps are counted where there is any.
+    steps = abs(end - start) / (n_steps + (n_steps == 0))
     return _spacing(max(abs(start), abs(end))) <= _FINE * problem.rtol * steps
 
 
 def _spacing(t: float) -> float:
-    return float(np.spacing(abs(t)))
+    return math.ulp(t)
 
 
 def _share(problem: Problem, t: float, z: FloatArray, step: float, allowed: FloatArray) -> float:

@@ -1,0 +1,375 @@
+"""What runs of a model with the same settings share, prepared once and used by each.
+
+In: a model and settings. Out: a ``Preparation``, which makes the ``Problem`` of a run from values
+of parameters and initial values: what depends on these is found for each run, and nothing else is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from cotree.errors import ParameterError, nearest
+from cotree.model.arrays import derived_values
+from cotree.model.contents import content_sizes
+from cotree.model.moment import Moment
+from cotree.model.signals import read_signals
+from cotree.model.start import find_start
+from cotree.records import changed
+from cotree.scene.expressions import check_number
+from cotree.solvers.augmented import DENSE_LIMIT
+from cotree.solvers.functions import Functions
+from cotree.solvers.jumps import ModelEvents
+from cotree.solvers.problem import Native, Problem, check_demands
+from cotree.solvers.project import Projection
+from cotree.solvers.sampling import Samples, reaching
+from cotree.solvers.settings import (
+    check_mapping,
+    check_settings,
+    key_of,
+    read_bound,
+    read_span,
+    read_times,
+    read_whole,
+)
+from cotree.solvers.shared import Shared
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    import numpy.typing as npt
+
+    from cotree.model.consistent import Start
+    from cotree.model.model import CompiledModel
+    from cotree.model.signals import ReplacedInputs
+    from cotree.solvers.base import FloatArray
+    from cotree.solvers.settings import Settings
+
+    Inputs = Callable[[float], FloatArray | None]
+
+# Share of a Jacobian's entries beyond which sparse matrices cost more than dense ones.
+_LARGEST_SHARE = 0.1
+
+_NONE = np.zeros(0)
+
+
+class Run(NamedTuple):
+    """One run, ready to be integrated: its problem, and what its result is made with."""
+
+    problem: Problem
+    p: FloatArray
+    u: Inputs
+    values: dict[str, float]
+    start: Start
+    projection: Projection | None
+
+
+def prepared(model: CompiledModel, settings: Settings) -> Preparation:
+    """Give the preparation for some settings: one of the last few, or a new one."""
+    key = key_of(settings)
+    if key is None:
+        return Preparation(model, settings)
+    found: Preparation = model.kept.of(key, lambda: Preparation(model, settings))
+    return found
+
+
+class Preparation:
+    """What runs of a model with the same settings share; threads may use it at the same time.
+
+    Parameters
+    ----------
+    model : CompiledModel
+        The model.
+    settings : Settings
+        Settings of the runs, whose parameters and initial values play no part here.
+
+    Attributes
+    ----------
+    model, settings
+        The same.
+    units : dict of str to str
+        Unit of each name of the model that has one.
+
+    Raises
+    ------
+    ModelError
+        If an input is not accepted.
+    SolveError
+        If settings make no sense.
+    """
+
+    def __init__(self, model: CompiledModel, settings: Settings) -> None:
+        check_settings(settings)
+        layout = model.layout
+        self.model, self.settings, self.units = model, settings, layout.units
+        self._signals = read_signals(settings.inputs, model.inputs)
+        _check_replaced(model, settings.inputs)
+        # Norms of quaternions are among the constraints: a free body is projected, too.
+        self._is_held = settings.project and bool(layout.constraints)
+        self._scales = given_scales(model, settings.scales)
+        n, m = len(model.states), len(model.sensitivities)
+        # Functions and numbers of a run take the places of these.
+        self._template = Problem(
+            rhs=_nothing,
+            jacobian=None,
+            n_states=n,
+            n_sensitivities=m,
+            z0=np.zeros(n * (1 + m)),
+            t_span=read_span(settings.t_span),
+            t_eval=read_times(settings.t_eval),
+            rtol=check_number(settings.rtol, "rtol"),
+            atol=check_number(settings.atol, "atol"),
+            error_test_sensitivities=settings.error_test_sensitivities,
+            names=model.states,
+            parameters=model.sensitivities,
+            max_steps=read_whole(settings.max_steps, "max_steps"),
+            max_events=read_whole(settings.max_events, "max_events"),
+            time_limit=read_bound(settings.time_limit, "time_limit"),
+            constraints=model.constraints if self._is_held else (),
+            n_algebraic=layout.n_algebraic,
+            not_native="the model is evaluated in Python",
+            places=places_of(model),
+            n_observed=n_observed(model),
+            shared=Shared(is_repeatable=not self._asks_python),
+        )
+        check_demands(self._template)
+        self._has_sparse = _has_sparse_jacobian(model)
+
+    @property
+    def _asks_python(self) -> bool:
+        """Whether inputs are functions of Python, which may remember their calls."""
+        return bool(self._signals.sampled) or any(
+            place not in self._signals.tables for place in self._signals.by_position
+        )
+
+    def run(self, parameters: Any, initial: Mapping[str, float]) -> Run:
+        """Prepare one run.
+
+        Parameters
+        ----------
+        parameters : mapping of str to float, array_like of shape (n_parameters,), or None
+            Values in place of the scene's.
+        initial : mapping of str to float
+            Initial values of states in place of the scene's.
+
+        Raises
+        ------
+        ModelError
+            If a value is not accepted, or there is no start.
+        """
+        check_mapping("initial", initial)
+        model, t_span = self.model, self._template.t_span
+        p = model.parameter_array(parameters)
+        values: dict[str, float] = dict(zip(model.parameters, p.tolist(), strict=True))
+        values |= derived_values(model.layout.derived, p)
+        signals, samples = _with_samples(model, p, self._signals, t_span)
+        u = _input_function(model, p, signals)
+        corners = self._corners(p, signals)
+        at = Moment(model, t_span[0], p, u(t_span[0]))
+        start, reach = find_start(at, initial), None
+        if samples:
+            # The first samples see a start at the scene's own inputs; then the start is theirs.
+            reach = reaching(model, p, samples, u)
+            reach(t_span[0], start.z)
+            at = Moment(model, t_span[0], p, u(t_span[0]))
+            start = find_start(at, initial)
+        projection = Projection(model, p, u) if self._is_held else None
+        problem = changed(
+            self._template,
+            z0=start.z,
+            sizes=content_sizes(at, start.y),
+            scales=scales_of(model, values, self._scales),
+            reach=reach,
+            **corners,
+            **self._functions(p, u, projection),
+            **_native(model, p, signals),
+        )
+        if problem.events is not None:
+            problem.events.check_start(t_span[0], start.z)
+        return Run(problem, p, u, values, start, projection)
+
+    def _corners(self, p: FloatArray, signals: ReplacedInputs) -> dict[str, Any]:
+        """Give the times where rates jump or have kinks, and the longest step."""
+        model, t_span, inputs = self.model, self._template.t_span, self.settings.inputs
+        corners = model.corners(p, t_span, inputs, signals.breakpoints)
+        found: dict[str, Any] = {"scale": max(map(abs, t_span))}
+        if corners:
+            found = {
+                "scale": max(found["scale"], *(corner.scale for corner in corners)),
+                "breakpoints": tuple(corner.t for corner in corners),
+                # Sensitivities are continuous at corners that no parameter moves.
+                "shifts": {c.t: c for c in corners if any(c.slopes + c.spreads)},
+            }
+        return found | {"max_step": max_step_of(model, p, self.settings)}
+
+    def _functions(self, p: FloatArray, u: Inputs, projection: Projection | None) -> dict[str, Any]:
+        """Give the functions of a problem."""
+        model, of = self.model, Functions(self.model, p, u)
+        return {
+            # Governing and sensitivity equations together, as Eqs. (8) and (9) of the paper are
+            # solved.
+            "rhs": of.augmented_rates if model.sensitivities else of.rates,
+            "jacobian": of.jacobian,
+            "project": projection,
+            "residual": projection.residual if projection else None,
+            "settle": of.settle if projection else None,
+            "singular": projection.singular if projection and projection.has_rows else None,
+            "state_rhs": of.rates,
+            "undefined": of.undefined,
+            "sparse_jacobian": of.sparse_jacobian if self._has_sparse else None,
+            "events": ModelEvents(model, p, u) if model.layout.events else None,
+        }
+
+
+def _nothing(t: float, z: FloatArray) -> FloatArray:
+    """Stand for the rates of a run that is yet to come."""
+    raise AssertionError  # no run was made with it
+
+
+def places_of(model: CompiledModel) -> npt.NDArray[np.intp] | None:
+    """Return positions of states and nonvanishing sensitivities; None where none vanishes."""
+    n, m = len(model.states), len(model.sensitivities)
+    places = np.array(model.layout.sensitivity_places, dtype=np.intp)
+    # The layout counts places among the sensitivities, which stand behind the n states in z.
+    return None if len(places) == n * m else np.concatenate([np.arange(n), n + places])
+
+
+def n_observed(model: CompiledModel) -> int:
+    """Count what is evaluated at each stored point besides states and sensitivities."""
+    n_outputs = len(model.outputs) * (1 + len(model.sensitivities))
+    return n_outputs + len(model.inputs) + len(model.constraints) + model.layout.n_algebraic
+
+
+def given_scales(model: CompiledModel, given: Mapping[str, float]) -> list[float]:
+    """Return the sizes that are given to sensitivity parameters; zero for the others."""
+    found = [0.0] * len(model.sensitivities)
+    for name, value in given.items():
+        if name not in model.sensitivities:
+            raise ParameterError(
+                f"scales names '{name}', to which no sensitivity was asked for"
+                f"{nearest(name, model.sensitivities)}"
+            )
+        size = check_number(value, f"the scale of '{name}'")
+        if size <= 0.0:
+            raise ParameterError(f"the scale of '{name}' is {size}: it must be positive")
+        found[model.sensitivities.index(name)] = size
+    return found
+
+
+def scales_of(
+    model: CompiledModel, values: Mapping[str, float], given: Sequence[float]
+) -> FloatArray:
+    """Return the sizes of sensitivity parameters, shape (n_sensitivities,).
+
+    Parameters
+    ----------
+    model : CompiledModel
+        The model.
+    values : mapping of str to float
+        Values of the parameters, which are their sizes; one is that of zeros and of states.
+    given : sequence of float
+        What goes before them: see :func:`given_scales`.
+    """
+    named = zip(model.sensitivities, given, strict=True)
+    return np.array([size or abs(values.get(name, 1.0)) or 1.0 for name, size in named])
+
+
+def max_step_of(model: CompiledModel, p: FloatArray, settings: Settings) -> float:
+    """Return the longest step: the one that is asked for, or the one that the model needs."""
+    if settings.max_step is None:
+        return model.longest_step(p, settings.inputs)
+    return (
+        math.inf if settings.max_step == math.inf else check_number(settings.max_step, "max_step")
+    )
+
+
+def _check_replaced(model: CompiledModel, inputs: Mapping[str, Any]) -> None:
+    """Refuse to replace an input where sensitivities depend on the input's own."""
+    for name in inputs:
+        if model.sensitivities and name in model.layout.event_inputs:
+            raise ParameterError(
+                f"input '{name}' decides when an event happens, or what it sets, and the "
+                "sensitivities there need its own rate: to replace it, compile "
+                "scene.with_inputs(...), or without sensitivities"
+            )
+    for name, wanted in zip(model.inputs, model.layout.input_sensitivities, strict=True):
+        if name in inputs and wanted:
+            raise ParameterError(
+                f"input '{name}' depends on '{wanted[0]}' in the scene, and the sensitivity to it "
+                f"is compiled in: to replace the input, compile scene.with_inputs(...), or without "
+                "that sensitivity"
+            )
+
+
+def _with_samples(
+    model: CompiledModel, p: FloatArray, signals: ReplacedInputs, span: tuple[float, float]
+) -> tuple[ReplacedInputs, list[Samples]]:
+    """Let sampled functions be constants that change at their times.
+
+    Raises
+    ------
+    ParameterError
+        If sensitivities would have to know the derivative of a function.
+    """
+    if not signals.sampled:
+        return signals, []
+    before, samples = model.input_values(span[0], p), {}
+    for place, row in signals.sampled.items():
+        name = model.inputs[place]
+        if row.reads_states and model.sensitivities:
+            raise ParameterError(
+                f"input '{name}' is sampled from states by a function of Python, whose derivatives "
+                "nobody knows: give an expression, or compile without sensitivities"
+            )
+        samples[place] = Samples(row, name, span, float(before[place]))
+    times = [t for item in samples.values() for t in item.times]
+    # A table of one point is constant; its value is that of the last sample.
+    held = {place: (np.zeros(1), item.held) for place, item in samples.items()}
+    return replace(
+        signals,
+        by_position={**signals.by_position, **samples},
+        breakpoints=(*signals.breakpoints, *times),
+        tables={**signals.tables, **held},
+    ), list(samples.values())
+
+
+def _input_function(model: CompiledModel, p: FloatArray, signals: ReplacedInputs) -> Inputs:
+    """Give u as a function of time; None leaves it to the model."""
+    if not model.inputs:
+        return _no_inputs
+    if not signals.by_position:
+        return _own_inputs
+    own = model.bound("inputs", p)
+    # The inputs of the scene are a buffer of the kernel, which the replaced ones must not change.
+    return lambda t: signals.apply(t, own(t, _NONE, _NONE, _NONE).copy())
+
+
+def _no_inputs(t: float) -> FloatArray:
+    return _NONE
+
+
+def _own_inputs(t: float) -> None:
+    return None
+
+
+def _has_sparse_jacobian(model: CompiledModel) -> bool:
+    """Tell whether the Jacobian is large and has few entries."""
+    n = len(model.states)
+    # The Jacobian of what is left once algebraic unknowns are eliminated is dense.
+    if model.layout.n_algebraic or n <= DENSE_LIMIT:
+        return False
+    # Dense factorisations are faster than sparse ones of matrices that fill in.
+    return len(model.layout.row_indices) <= _LARGEST_SHARE * n * n
+
+
+def _native(model: CompiledModel, p: FloatArray, signals: ReplacedInputs) -> dict[str, Any]:
+    """Return the native form of the problem, where C can take it."""
+    native = model.native(p)
+    if native is None:
+        return {}
+    # Tables are evaluated in C; only functions of Python have to be asked at each evaluation.
+    others = {i: f for i, f in signals.by_position.items() if i not in signals.tables}
+    return {"native": Native(native, len(model.inputs), signals.tables, others)}

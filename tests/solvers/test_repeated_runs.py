@@ -1,0 +1,177 @@
+"""Many runs of one model: what is prepared once, and that it changes no bit of any run."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cotree import ParameterError, Scene, load
+from cotree.sharing import Kept
+from cotree.solvers import select
+from cotree.solvers.job import Job
+from cotree.solvers.prepare import Preparation
+from cotree.solvers.settings import Settings, key_of
+
+pytestmark = pytest.mark.compiler
+
+# Scenes with sensitivities, events, algebraic unknowns and constraints, and ends of their runs.
+SCENES = [
+    ("slider-pendulum", ("L",), 3.0),
+    ("bouncing-ball", ("e",), 2.0),
+    ("bridge-rectifier", ("Rs",), 0.02),
+    ("motor-linkage", (), 0.3),
+]
+
+
+@pytest.fixture(scope="module")
+def slider():
+    return load("slider-pendulum").compile(["L"])
+
+
+def bits(result):
+    """Everything that a run computed."""
+    arrays = (result.t, result.y, result.s, result.output_values, result.output_sensitivities)
+    events = [row.t.tobytes() + row.s.tobytes() for row in result.events.values()]
+    drift = None if result.drift is None else result.drift.residual.tobytes()
+    work = replace(result.statistics, seconds=0.0, compile_seconds=0.0)
+    return *(array.tobytes() for array in arrays), *events, drift, result.message, work
+
+
+def anew(model, *args, **settings):
+    """Run with nothing that an earlier run has left."""
+    model.kept = Kept(8)
+    return bits(model.simulate(*args, **settings))
+
+
+@pytest.mark.parametrize("method", ["dop853", "rodas5", "auto"])
+@pytest.mark.parametrize(("name", "sensitivities", "end"), SCENES)
+def test_runs_that_others_preceded_have_the_same_bits(name, sensitivities, end, method):
+    model = load(name).compile(sensitivities)
+    first = model.parameters[0]
+    moved = {first: 1.03 * model.default_parameters[0]}
+    run = {"t_span": (0.0, end), "t_eval": np.linspace(0.0, end, 21), "method": method}
+    alone = anew(model, **run), anew(model, **run, parameters=moved)
+    assert alone[0] != alone[1]
+    # The jobs of these begin again, with other values each time, and after runs of other lengths.
+    model.kept = Kept(8)
+    for parameters, wanted in ((None, 0), (moved, 1), (None, 0), (None, 0), (moved, 1)):
+        assert bits(model.simulate(**run, parameters=parameters)) == alone[wanted]
+        model.simulate((0.0, end), method=method)
+
+
+def test_threads_share_what_was_prepared(slider):
+    run = {"t_span": (0.0, 2.0), "t_eval": [1.0, 2.0], "method": "auto"}
+    lengths = np.linspace(0.9, 1.1, 12).tolist()
+    alone = [anew(slider, **run, parameters={"L": length}) for length in lengths]
+    slider.kept = Kept(8)
+    with ThreadPoolExecutor(4) as threads:
+        runs = list(threads.map(lambda L: slider.simulate(**run, parameters={"L": L}), lengths * 4))
+    assert [bits(found) for found in runs] == alone * 4
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """Count jobs that are made, preparations, and probes of a method."""
+    counts = {"jobs": 0, "preparations": 0, "probes": 0}
+
+    def counted(what, function):
+        def call(*args, **kwargs):
+            counts[what] += 1
+            return function(*args, **kwargs)
+
+        return call
+
+    monkeypatch.setattr(Job, "__init__", counted("jobs", Job.__init__))
+    monkeypatch.setattr(Preparation, "__init__", counted("preparations", Preparation.__init__))
+    monkeypatch.setattr(select, "_probe", counted("probes", select._probe))
+    return counts
+
+
+def test_nothing_is_made_twice(slider, made):
+    slider.kept = Kept(8)
+    run = {"t_span": (0.0, 2.0), "t_eval": np.linspace(0.0, 2.0, 5)}
+    for _ in range(3):
+        slider.simulate(**run)
+    # A job for the probe, which stores its steps, and one for the run.
+    assert made == {"jobs": 2, "preparations": 1, "probes": 1}
+    for length in (0.9, 1.1, 0.9):
+        slider.simulate(**run, parameters={"L": length}, initial={"h2.theta": 0.1})
+    # The choice of a method depends on the values, and is made once for each.
+    assert made == {"jobs": 2, "preparations": 1, "probes": 3}
+    slider.simulate(**run, rtol=1e-6)
+    assert made["preparations"] == 2
+
+
+def test_a_change_of_the_callers_arrays_is_seen(slider):
+    times = np.array([0.5, 1.0])
+    assert slider.simulate((0.0, 2.0), times).t.tolist() == [0.5, 1.0]
+    times[1] = 2.0
+    assert slider.simulate((0.0, 2.0), times).t.tolist() == [0.5, 2.0]
+
+
+def test_results_belong_to_their_run(slider):
+    first = slider.simulate((0.0, 1.0), [0.5, 1.0], "dop853")
+    kept = bits(first)
+    second = slider.simulate((0.0, 1.0), [0.5, 1.0], "dop853", parameters={"L": 1.2})
+    assert bits(first) == kept
+    second.y[:] = 0.0
+    second.units.clear()
+    assert bits(slider.simulate((0.0, 1.0), [0.5, 1.0], "dop853")) == kept
+    assert slider.simulate((0.0, 1.0), [0.5, 1.0], "dop853").unit("j1.s") == "m"
+
+
+def test_what_is_refused_stays_refused(slider):
+    slider.simulate((0.0, 1.0), [1.0], rtol=1e-6)
+    with pytest.raises(ParameterError, match="initial must be a mapping"):
+        slider.simulate((0.0, 1.0), [1.0], rtol=1e-6, initial=[1.0])
+    with pytest.raises(ParameterError, match="no tunable parameter 'M'"):
+        slider.simulate((0.0, 1.0), [1.0], rtol=1e-6, parameters={"M": 1.0})
+    with pytest.raises(ParameterError, match="rtol is 'True'"):
+        slider.simulate((0.0, 1.0), [1.0], rtol=True)
+    with pytest.warns(RuntimeWarning, match="rtol is 0.5"):
+        slider.simulate((0.0, 1.0), [1.0], rtol=0.5)
+    with pytest.warns(RuntimeWarning, match="rtol is 0.5"):
+        slider.simulate((0.0, 1.0), [1.0], rtol=0.5)
+
+
+def test_functions_of_python_are_asked_at_every_run():
+    scene = Scene("forced")
+    scene.input("u", 0.0)
+    scene.edge("m", "translational_mass", "ground", "a", mass=2.0)
+    scene.edge("f", "force_source", "ground", "a", force="u")
+    model, forces = scene.compile(), iter([2.0, 4.0])
+    for wanted in (1.0, 2.0):
+        force = next(forces)
+        found = model.simulate((0.0, 1.0), [1.0], inputs={"u": lambda t, force=force: force})
+        assert found["m.v"][-1] == pytest.approx(wanted, rel=1e-9)  # v = F t / m, a method's own
+    numbers = [model.simulate((0.0, 1.0), [1.0], inputs={"u": u})["m.v"][-1] for u in (2.0, 4.0)]
+    assert numbers == pytest.approx([1.0, 2.0], rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"t_span": (-0.0, 1.0)},
+        {"t_span": (0, 1)},
+        {"t_eval": [0.5]},
+        {"rtol": 1e-9},
+        {"max_step": 0.1},
+        {"throw": True},
+        {"inputs": {"u": 1.0}},
+        {"scales": {"L": 2.0}},
+    ],
+)
+def test_settings_that_differ_have_different_keys(other):
+    settings = Settings(t_span=(0.0, 1.0), t_eval=[1.0])
+    assert key_of(settings) == key_of(replace(settings, parameters={"L": 1.0}))
+    assert key_of(settings) != key_of(replace(settings, **other))
+
+
+@pytest.mark.parametrize(
+    "other", [{"inputs": {"u": abs}}, {"inputs": {"u": np.ones((2, 2))}}, {"t_eval": range(20_000)}]
+)
+def test_settings_that_cannot_be_compared_have_none(other):
+    assert key_of(replace(Settings(t_span=(0.0, 1.0)), **other)) is None
