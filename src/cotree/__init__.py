@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from cotree.api import Model, Scene, load
     from cotree.build import cache_directory, clear_cache
     from cotree.components import register_component
+    from cotree.ensemble.grid import grid
     from cotree.errors import (
         BuildError,
         CodegenError,
@@ -46,6 +47,7 @@ __all__ = [
     "bench",
     "cache_directory",
     "clear_cache",
+    "grid",
     "load",
     "read_spice",
     "read_urdf",
@@ -63,6 +65,7 @@ _HOMES = {
     "bench": "studies.bench",
     "cache_directory": "build",
     "clear_cache": "build",
+    "grid": "ensemble.grid",
     "load": "api",
     "read_spice": "reading",
     "read_urdf": "reading",

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cotree.carried import carry, digest
+from cotree.ensemble.of_model import EnsembleMethods
 from cotree.model.arrays import as_array, derived_values
 from cotree.model.model import CompiledModel
 from cotree.model.moment import Moment
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
     from cotree.scene.description import SceneDescription
 
 
-class Model(CompiledModel):
+class Model(CompiledModel, EnsembleMethods):
     """A compiled scene.
 
     Attributes

@@ -17,7 +17,7 @@ class Terminal(io.StringIO):
 @pytest.mark.parametrize("stream", [Terminal, io.StringIO])
 def test_a_bar_on_terminals_only(monkeypatch, stream):
     monkeypatch.setattr(sys, "stderr", stream())
-    monkeypatch.setattr("cotree.solvers.progress._PATIENCE", 0.0)
+    monkeypatch.setattr("cotree.solvers.progress.PATIENCE", 0.0)
     monkeypatch.setattr("cotree.solvers.progress._REFRESH", 0.0)
     with Progress("dop853", (2.0, 0.0)) as progress:
         progress.reached(1.5)

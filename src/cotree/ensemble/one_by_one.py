@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from threading import Event
 
     from cotree.ensemble.plan import Block, Plan
+    from cotree.model.model import CompiledModel
     from cotree.solvers.base import FloatArray
+    from cotree.solvers.settings import Settings
 
 
 def run_one_by_one(plan: Plan, rows: FloatArray, *, stop: Event | None = None) -> Block:
@@ -45,19 +47,31 @@ def run_one_by_one(plan: Plan, rows: FloatArray, *, stop: Event | None = None) -
 
 def run_member(plan: Plan, row: Sequence[float], results: Results, member: int) -> None:
     """Run one member by itself, as ``simulate`` does, and put it among the results."""
-    settings, model = plan.settings, plan.model
     begun = time.perf_counter()
-    own = dict(zip(plan.columns, row, strict=True))
-    initial = {name: value for name, value in own.items() if name in model.states}
-    p = model.parameter_array(settings.parameters)
     try:
-        # The same checks as of one run, value by value.
-        for name in own.keys() - initial.keys():
-            place = model.parameters.index(name)
-            p[place] = model.parameter_array({name: own[name]})[place]
-        settings = replace(settings, parameters=p, initial={**settings.initial, **initial})
+        settings = settings_of(plan.model, plan.settings, plan.columns, row)
         with without_warnings():  # a message says the same
-            results.put(member, simulate(model, settings, {}))
+            results.put(member, simulate(plan.model, settings, {}))
     except Error as error:
         results.fail(member, FAILED, str(error))
     results.seconds[member] += time.perf_counter() - begun
+
+
+def settings_of(
+    model: CompiledModel, settings: Settings, columns: Sequence[str], row: Sequence[float]
+) -> Settings:
+    """Give the settings of one member.
+
+    Raises
+    ------
+    ParameterError
+        If a value is not accepted.
+    """
+    own = dict(zip(columns, row, strict=True))
+    initial = {name: value for name, value in own.items() if name in model.states}
+    p = model.parameter_array(settings.parameters)
+    # The same checks as of one run, value by value.
+    for name in own.keys() - initial.keys():
+        place = model.parameters.index(name)
+        p[place] = model.parameter_array({name: own[name]})[place]
+    return replace(settings, parameters=p, initial={**settings.initial, **initial})

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
 # How long nothing is shown, and how often the bar moves, [s].
-_PATIENCE, _REFRESH = 1.0, 0.1
+PATIENCE, _REFRESH = 1.0, 0.1
 
 
 class Progress:
@@ -33,7 +33,7 @@ class Progress:
         # Bars of several threads would write over each other, and take each other's streams.
         is_main = threading.current_thread() is threading.main_thread()
         self._is_watched = is_main and sys.stderr is not None and sys.stderr.isatty()
-        self._next = time.perf_counter() + _PATIENCE
+        self._next = time.perf_counter() + PATIENCE
         self._bar: Bar | None = None
 
     def __enter__(self) -> Self:

@@ -1,0 +1,218 @@
+"""Ensembles as a method of models."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Protocol, cast
+
+import numpy as np
+
+from cotree.errors import SceneError
+from cotree.model.arrays import as_array
+from cotree.solvers.budgets import LONGEST_TIME, MOST_EVENTS, MOST_STEPS
+from cotree.solvers.settings import Settings, check_settings
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cotree.ensemble.members import Members
+    from cotree.model.model import CompiledModel
+    from cotree.scene.description import SceneDescription
+
+
+# Attributes of a file of HDF5 have 64 KiB each, and a large scene takes seconds to be written.
+_MOST_EDGES, _LONGEST_TEXT = 200, 2**15
+
+
+class EnsembleMethods:
+    """Runs of a model with many values of its parameters and initial values."""
+
+    def ensemble(
+        self,
+        t_span: tuple[float, float] | None = None,
+        members: Any = None,
+        *,
+        t_eval: Any = None,
+        method: str | None = None,
+        rtol: float | None = None,
+        atol: float | None = None,
+        sensitivities: bool = True,
+        outputs: Sequence[str] | None = None,
+        parameters: Any = None,
+        initial: Mapping[str, float] | None = None,
+        inputs: Mapping[str, Any] | None = None,
+        threads: int | None = None,
+        lanes: int | None = None,
+        executor: Any = None,
+        store: Any = None,
+        progress: bool = True,
+        on_error: str = "keep",
+        error_test_sensitivities: bool = True,
+        scales: Mapping[str, float] | None = None,
+        max_step: float | None = None,
+        max_steps: float | None = MOST_STEPS,
+        max_events: float | None = MOST_EVENTS,
+        time_limit: float | None = LONGEST_TIME,
+        project: bool = True,
+    ) -> Any:
+        """Run many members, which differ in parameters and initial values.
+
+        Parameters
+        ----------
+        t_span : (float, float), optional
+            Start and end, [s]; the scene's ``t_end`` where absent.
+        members : DataFrame, mapping, sequence of mappings, Grid or Samples
+            A column for each parameter, or state by its initial value, that members set: a table of
+            pandas, whose index labels the members; arrays of one length by name, numbers among them
+            counting for all; a list of mappings, one for each member; :func:`cotree.grid`; or
+            :func:`cotree.sample`. Parameters of expressions in ``inputs`` are columns, too.
+        t_eval : int or array_like of shape (n_t,), optional
+            Number of times, evenly over the span, or the times themselves; 101 where absent.
+        method : str, optional
+            As of :meth:`simulate`. ``auto`` is decided once for all members: by a run with the
+            values that they share, and by the starts of the extreme ones.
+        rtol, atol : float, optional
+            Relative and absolute tolerance.
+        sensitivities : bool
+            Whether the sensitivities that the model was compiled with are integrated.
+        outputs : sequence of str, optional
+            Outputs that are evaluated; all where absent. The states are always there.
+        parameters, initial, inputs
+            What all members share, as of :meth:`simulate`.
+        threads : int, optional
+            Threads that run members; as many as processors where absent. Results are the same to
+            the last bit for any number.
+        lanes : int, optional
+            Members side by side in vectors of an explicit method: 1 for none; as many as the
+            processor has where absent.
+        executor : concurrent.futures.Executor, optional
+            Who runs blocks of members in place of threads.
+        store : path, optional
+            Where results are kept as they are done.
+        progress : bool
+            Whether a bar shows members done at a terminal, from the second second on.
+        on_error : {"keep", "raise"}
+            What a member that fails does: it is nan with its message and the others go on, or it
+            ends the call.
+        error_test_sensitivities, scales, max_step, max_steps, max_events, time_limit, project
+            As of :meth:`simulate`, for each member.
+
+        Returns
+        -------
+        xarray.Dataset
+            Every state and output by its name with the dimensions ``member``, or those of the grid,
+            and ``time``; its sensitivities as ``d(NAME)`` with ``parameter`` behind them. For each
+            member ``status`` (0 where it succeeded), ``message``, ``steps`` and ``seconds``; for
+            each event how often it happened, ``n(EVENT)``, and its times, ``t(EVENT)``, with nan
+            behind the last one, and ``d(t(EVENT))``. What members set are coordinates; those of
+            initial values are called ``initial(STATE)``. Ctrl-C returns what is done.
+
+        Raises
+        ------
+        ModelError
+            If members, or what they share, are not accepted; the message names column and row.
+        SolveError
+            If a setting makes no sense; with ``on_error="raise"``, if a member fails.
+        Error
+            If xarray is not installed.
+
+        Examples
+        --------
+        >>> import cotree
+        >>> model = cotree.load("slider-pendulum").compile(["k"])
+        >>> runs = model.ensemble((0, 10), cotree.grid(L=[0.9, 1.0, 1.1], k=[40, 50]))
+        >>> runs["d(j1.s)"].dims
+        ('L', 'k', 'time', 'parameter')
+        >>> round(float(runs["j1.s"].sel(L=1.0, k=50, time=10)), 6)
+        0.526045
+        """
+        # Most programs run no ensembles.
+        from cotree.ensemble.dataset import check_xarray
+        from cotree.ensemble.members import read_members
+        from cotree.ensemble.run import Execution, check_execution, make_plan, run_ensemble
+
+        check_xarray()
+        model = cast("_Compiling", self)
+        defaults = model._recipe.defaults
+        settings = Settings(
+            t_span=(0.0, defaults.t_end) if t_span is None else t_span,
+            t_eval=t_eval,
+            method=method or defaults.method,
+            rtol=defaults.rtol if rtol is None else rtol,
+            atol=defaults.atol if atol is None else atol,
+            parameters=parameters,
+            initial=initial or {},
+            inputs=inputs or {},
+            error_test_sensitivities=error_test_sensitivities,
+            scales=scales or {},
+            max_step=max_step,
+            max_steps=max_steps,
+            max_events=max_events,
+            time_limit=time_limit,
+            project=project,
+        )
+        execution = Execution(threads, executor, store, progress, on_error)
+        check_execution(execution)
+        rows = read_members(members)
+        compiled, settings = _compiled_for(model, settings, rows)
+        plan = make_plan(
+            compiled, settings, rows, sensitivities=sensitivities, outputs=outputs, lanes=lanes
+        )
+        return run_ensemble(plan, rows, execution, _described(compiled))
+
+
+class _Compiling(Protocol):
+    """A model that compiles expressions of inputs into another one."""
+
+    _recipe: Any
+
+    @property
+    def _scene(self) -> SceneDescription: ...
+
+    @property
+    def parameters(self) -> tuple[str, ...]: ...
+
+    def _variant(self, settings: Settings) -> tuple[CompiledModel, Settings]: ...
+
+
+def _described(model: Any) -> dict[str, str]:
+    """Tell which model ran: its digest and, where it is short, its scene."""
+    from cotree.scene.toml_text import scene_text
+
+    scene: SceneDescription = model._scene
+    told = {"model": model.digest}
+    if len(scene.edges) > _MOST_EDGES:
+        return told
+    # A scene with types of a user's own cannot be told in TOML.
+    with contextlib.suppress(SceneError):
+        text = scene_text(scene)
+        if len(text) <= _LONGEST_TEXT:
+            told["scene_toml"] = text
+    return told
+
+
+def _compiled_for(
+    model: _Compiling, settings: Settings, members: Members
+) -> tuple[CompiledModel, Settings]:
+    """Give the model that has all columns, gains of expressions among them, and its settings."""
+    from cotree.ensemble.members import check_columns
+
+    check_settings(settings)
+    given, names = settings.parameters, model.parameters
+    is_array = given is not None and not isinstance(given, Mapping)
+    values = as_array(given, (len(names),), "the parameters").tolist() if is_array else ()
+    shared = dict(zip(names, values, strict=True)) if is_array else dict(given or {})
+    # Gains have no values in the scene. In place of those stand some that no order of the members
+    # changes.
+    gains = {
+        name: float(np.median(members.rows[:, j]))
+        for j, name in enumerate(members.columns)
+        if name not in names and name not in model._scene.parameters
+    }
+    compiled, rest = model._variant(replace(settings, parameters={**gains, **shared}))
+    # An array has a value of each parameter, columns among them.
+    check_columns(members.columns, compiled, () if is_array else shared, settings.initial)
+    own = {name: value for name, value in gains.items() if name in compiled.parameters}
+    return compiled, replace(rest, parameters={**own, **shared})

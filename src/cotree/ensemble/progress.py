@@ -1,0 +1,81 @@
+"""A progress bar for ensembles: members done and failed, their rate, and the time left."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from typing import TYPE_CHECKING, Self
+
+from cotree.solvers.progress import PATIENCE
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    from rich.progress import Progress as Bar
+
+
+class EnsembleProgress:
+    """Show how many members are done; it does nothing where nobody looks, nor for short ensembles.
+
+    Parameters
+    ----------
+    n : int
+        Number of members.
+    is_wanted : bool
+        Whether it may be shown at all.
+    """
+
+    def __init__(self, n: int, is_wanted: bool) -> None:
+        self._n = n
+        # Bars of several threads would write over each other.
+        is_main = threading.current_thread() is threading.main_thread()
+        has_terminal = sys.stderr is not None and sys.stderr.isatty()
+        self._is_watched = is_wanted and is_main and has_terminal
+        self._begun = time.perf_counter()
+        self._bar: Bar | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def reached(self, done: int, failed: int) -> None:
+        """Take note of how many members are done, and how many of them failed."""
+        elapsed = time.perf_counter() - self._begun
+        if not self._is_watched or elapsed < PATIENCE:
+            return
+        if self._bar is None:
+            self._bar = self._begin()
+        told = (
+            f"{done} of {self._n}, {f'{failed} failed, ' if failed else ''}{_rate(done / elapsed)}"
+        )
+        self._bar.update(self._bar.task_ids[0], completed=done, told=told)
+
+    def _begin(self) -> Bar:
+        from rich.console import Console
+        from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+        from rich.progress import Progress as Bar
+
+        columns = (
+            TextColumn("members"),
+            BarColumn(),
+            TextColumn("{task.fields[told]}"),
+            TimeRemainingColumn(compact=True),
+        )
+        bar = Bar(*columns, console=Console(stderr=True), transient=True)
+        bar.add_task("members", total=self._n, told="")
+        bar.start()
+        return bar
+
+
+def _rate(rate: float) -> str:
+    """Write members a second with about three digits."""
+    return f"{rate:,.0f}/s" if rate >= 100.0 else f"{rate:.3g}/s"

@@ -1,0 +1,270 @@
+"""From members to results: blocks of members, one after another or wherever they run.
+
+In: a model, settings of a run, members. Out: a ``Plan``, blocks of rows, and an
+``xarray.Dataset`` of what they gave. Numbers depend on the plan and on a member's own row alone:
+neither on the sizes of the blocks nor on who runs them.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+import warnings
+from collections import Counter
+from dataclasses import dataclass
+from numbers import Integral
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cotree.ensemble.batch import run_block, usable_cores
+from cotree.ensemble.collected import Collected, member_bytes
+from cotree.ensemble.dataset import check_xarray, dataset_of
+from cotree.ensemble.interrupts import stopped_by_interrupt
+from cotree.ensemble.plan import Plan
+from cotree.ensemble.progress import EnsembleProgress
+from cotree.ensemble.results import NOT_RUN
+from cotree.ensemble.trial import tried_settings
+from cotree.errors import SceneError, SolveError, nearest
+from cotree.quiet import level_of_user
+
+if TYPE_CHECKING:
+    import threading
+    from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+
+    from cotree.ensemble.members import Members
+    from cotree.ensemble.plan import Block
+    from cotree.model.model import CompiledModel
+    from cotree.solvers.base import FloatArray
+    from cotree.solvers.settings import Settings
+
+# Work of a block, [s]: Ctrl-C and the progress bar wait for no more than that, a kill loses no
+# more, and what a block costs beside its members is still nothing.
+_PIECE = 0.3
+
+# Members of the first block for each thread, where the number of lanes is left open.
+_LANES = 8
+
+# Results of a block, [byte]; it is held beside the whole.
+_LARGEST_BLOCK = 2**26
+
+
+@dataclass(frozen=True)
+class Execution:
+    """How an ensemble is run; see :meth:`cotree.Model.ensemble`."""
+
+    threads: int | None = None
+    executor: Any = None
+    store: Any = None
+    progress: bool = True
+    on_error: str = "keep"
+
+
+def run_ensemble(
+    plan: Plan, members: Members, execution: Execution, attributes: Mapping[str, str]
+) -> Any:
+    """Run members and put their results into a Dataset.
+
+    Parameters
+    ----------
+    plan : Plan
+        What they share.
+    members : Members
+        What each of them sets.
+    execution : Execution
+        How they are run.
+    attributes : mapping of str to str
+        What the Dataset tells about the model, beside its settings.
+
+    Returns
+    -------
+    xarray.Dataset
+
+    Raises
+    ------
+    SolveError
+        If a member fails and errors are to be raised.
+    """
+    check_xarray()
+    n = len(members.rows)
+    done, pace = Collected(plan, n), Pace(plan, execution.threads)
+    with stopped_by_interrupt() as stop, EnsembleProgress(n, execution.progress) as bar:
+        blocks = run_blocks(
+            plan,
+            members.rows,
+            pace.ranges(n),
+            threads=pace.threads,
+            executor=execution.executor,
+            stop=stop,
+        )
+        try:
+            for first, block in blocks:
+                done.take(first, block)
+                bar.reached(done.done, done.failed)
+                if execution.on_error == "raise":
+                    _raise_first(members, first, block)
+        except KeyboardInterrupt:
+            # Of a program with a handler of its own it comes as an exception; a second one leaves.
+            if stop.is_set():
+                raise
+            stop.set()
+        finally:
+            blocks.close()
+    block = done.block()
+    _tell(block)
+    return dataset_of(plan, members, block, attributes)
+
+
+def run_blocks(
+    plan: Plan,
+    rows: FloatArray,
+    ranges: Iterable[tuple[int, int]],
+    *,
+    threads: int,
+    executor: Any,
+    stop: threading.Event,
+) -> Generator[tuple[int, Block]]:
+    """Run ranges of rows, and give each block with its first row as soon as it is done.
+
+    Parameters
+    ----------
+    plan : Plan
+        What all members share.
+    rows : ndarray, shape (n_members, n_columns)
+        What each of them sets.
+    ranges : iterable of (int, int)
+        First row of each block, and the one behind its last; asked for as they are run.
+    threads : int
+        Threads of this machine.
+    executor : concurrent.futures.Executor, optional
+        Who runs them instead.
+    stop : threading.Event
+        Set where no further block is to begin.
+    """
+    for first, end in ranges:
+        if stop.is_set():
+            return
+        yield first, run_block(plan, rows[first:end], threads=threads, stop=stop)
+
+
+class Pace:
+    """Sizes of blocks by the time that those before took, or by their results' size.
+
+    Parameters
+    ----------
+    plan : Plan
+        What the members share.
+    threads : int, optional
+        Threads that share a block; as many as the process may use where absent.
+    """
+
+    def __init__(self, plan: Plan, threads: int | None) -> None:
+        self.threads = usable_cores() if threads is None else threads
+        self._most = max(1, _LARGEST_BLOCK // max(1, member_bytes(plan)))
+        # All lanes of all threads have something to do.
+        self._least = self.threads * (_LANES if plan.lanes is None else plan.lanes)
+
+    def ranges(self, n: int) -> Iterator[tuple[int, int]]:
+        """Cut n members into blocks, one while the block before it is done."""
+        first, size = 0, self._least
+        while first < n:
+            end, before = min(n, first + size), time.perf_counter()
+            yield first, end
+            rate = (end - first) / max(time.perf_counter() - before, 1e-9)
+            # The first block may have waited for a compiler: growth in steps forgets that.
+            size = min(max(self._least, int(_PIECE * rate)), 8 * size, max(self._least, self._most))
+            first = end
+
+
+def make_plan(
+    model: CompiledModel,
+    settings: Settings,
+    members: Members,
+    *,
+    sensitivities: bool,
+    outputs: Sequence[str] | None,
+    lanes: int | None,
+) -> Plan:
+    """Check what members share, and choose their method.
+
+    Raises
+    ------
+    ModelError, SolveError
+        If a setting is not accepted.
+    """
+    wanted = _outputs(model, outputs)
+    if lanes is not None:
+        check_count(lanes, "lanes")
+    settings = tried_settings(model, settings, members)
+    has_sensitivities = bool(sensitivities) and bool(model.sensitivities)
+    return Plan(model, settings, members.columns, wanted, has_sensitivities, lanes)
+
+
+def check_execution(execution: Execution) -> None:
+    """Refuse what makes no sense, before anything runs.
+
+    Raises
+    ------
+    SolveError
+        If a number of threads or the way of errors is none.
+    """
+    if execution.threads is not None:
+        check_count(execution.threads, "threads")
+    for name in ("executor", "store"):
+        if getattr(execution, name) is not None:
+            raise SolveError(f"{name} is not supported yet: leave it out")
+    if execution.on_error not in ("keep", "raise"):
+        raise SolveError(f"on_error is {execution.on_error!r}: give 'keep' or 'raise'")
+
+
+def check_count(value: object, name: str) -> None:
+    """Refuse what is no number of things."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
+        raise SolveError(f"{name} is {value!r}: give a whole number of at least 1, or None")
+
+
+def _outputs(model: CompiledModel, outputs: Sequence[str] | None) -> tuple[str, ...]:
+    """Read the outputs that are wanted; all of them where nothing is said."""
+    if outputs is None:
+        return model.outputs
+    names = (outputs,) if isinstance(outputs, str) else tuple(dict.fromkeys(outputs))
+    for name in names:
+        if name in model.states:
+            raise SceneError(f"outputs name '{name}', a state: results have all states")
+        if name not in model.outputs:
+            raise SceneError(
+                f"outputs name '{name}', but the model has no output of this name"
+                f"{nearest(name, model.outputs)}"
+            )
+    return names
+
+
+def _raise_first(members: Members, first: int, block: Block) -> None:
+    """Raise for the first member of a block that failed."""
+    failed = np.flatnonzero((block.status != 0) & (block.status != NOT_RUN))
+    if failed.size:
+        i = int(failed[0])
+        raise SolveError(f"{members.described(first + i)} failed: {block.messages[i]}")
+
+
+def _tell(block: Block) -> None:
+    """Warn of members that failed or were not run."""
+    n, is_left = len(block.status), block.status == NOT_RUN
+    if is_left.any():
+        _warn(
+            f"stopped after {n - int(is_left.sum())} of {n} members: the others are nan, with "
+            f"status {NOT_RUN}"
+        )
+    failed = np.flatnonzero((block.status != 0) & ~is_left)
+    if not failed.size:
+        return
+    # Sentences that differ in their numbers alone have one reason.
+    reasons = [re.sub(r"[-+.\d]+(e[-+]?\d+)?", "#", block.messages[i]) for i in failed]
+    ((reason, count),) = Counter(reasons).most_common(1)
+    shown = block.messages[int(failed[reasons.index(reason)])]
+    often = f", {count} of them for this reason" if count < failed.size else ""
+    _warn(f"{failed.size} of {n} members failed and are nan{often}: {shown}")
+
+
+def _warn(sentence: str) -> None:
+    warnings.warn(sentence, RuntimeWarning, stacklevel=level_of_user())

@@ -1,0 +1,146 @@
+"""Trial runs before an ensemble: faults of its settings, and the method that all members share.
+
+In: a model, settings and members. Out: settings with times and a method by name.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cotree.ensemble.one_by_one import settings_of
+from cotree.errors import Error, SolveError
+from cotree.quiet import level_of_user
+from cotree.solvers.methods import METHODS, method_row
+from cotree.solvers.settings import check_settings, read_span, read_times, read_whole
+from cotree.solvers.simulate import simulate
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from cotree.ensemble.members import Members
+    from cotree.model.model import CompiledModel
+    from cotree.solvers.base import FloatArray
+    from cotree.solvers.result import RunRecord
+    from cotree.solvers.settings import Settings
+
+#: Times of an ensemble that asks for none, evenly over the span.
+POINTS = 101
+
+# A bound on what a slip may ask for.
+_MOST_POINTS = 10_000_000
+
+# A trial goes on until all settings are read and a method is chosen, which takes 20 steps.
+_TRIAL_STEPS = 30
+
+# How many members are tried where the scene's own values do not run.
+_TRIED = 3
+
+
+def times_of(t_eval: Any, t_span: Any) -> FloatArray:
+    """Give the times of an ensemble: those asked for, or as many evenly over the span."""
+    first, last = read_span(t_span)
+    if isinstance(t_eval, (int, np.integer)) and not isinstance(t_eval, bool):
+        if t_eval < 2:
+            raise SolveError(f"t_eval is {t_eval}: give at least 2 points, or times")
+        if t_eval > _MOST_POINTS:
+            raise SolveError(f"t_eval is {t_eval}: give at most {_MOST_POINTS} points")
+        return np.linspace(first, last, int(t_eval))
+    times = read_times(t_eval)
+    return np.linspace(first, last, POINTS) if times is None else times
+
+
+def tried_settings(model: CompiledModel, settings: Settings, members: Members) -> Settings:
+    """Try settings, and give them with times and the name of a method.
+
+    Members may fail, but wrong settings are refused before the first of them runs. Where the
+    method is ``auto``, it is chosen once for all of them: by a whole run at the values of the
+    scene, and by the starts of the members with the smallest and the largest value of each column.
+    One that is stiff decides, whatever the order of the members.
+
+    Raises
+    ------
+    ModelError, SolveError
+        If a setting is not accepted.
+    """
+    check_settings(settings)
+    settings = replace(settings, t_eval=times_of(settings.t_eval, settings.t_span), throw=False)
+    if settings.method != "auto":
+        method_row(settings.method)
+        _first_success(model, _short(settings), members)
+        return settings
+    base = _first_success(model, settings, members)
+    chosen = "dop853" if base is None else base.statistics.method
+    if chosen in METHODS and METHODS[chosen].implicit:
+        return replace(settings, method=chosen)
+    for row in _extremes(members):
+        try:
+            run = _quiet(model, settings_of(model, _short(settings), members.columns, row))
+        except Error:
+            continue  # a member that fails, fails later with its sentence
+        if METHODS[run.statistics.method].implicit:
+            return replace(settings, method=run.statistics.method)
+    return replace(settings, method=chosen)
+
+
+def _short(settings: Settings) -> Settings:
+    """Bound the steps of a trial."""
+    asked = read_whole(settings.max_steps, "max_steps")
+    return replace(settings, max_steps=_TRIAL_STEPS if asked is None else min(asked, _TRIAL_STEPS))
+
+
+def _first_success(model: CompiledModel, settings: Settings, members: Members) -> RunRecord | None:
+    """Run the scene's own values, or the first members where those are refused.
+
+    Raises
+    ------
+    ModelError, SolveError
+        If all of them are refused for the same reason, which then lies in the settings.
+    """
+    try:
+        return _heard(model, settings)
+    except Error as error:
+        found = error
+    reasons = {str(found)}
+    for row in members.rows[:_TRIED].tolist():
+        try:
+            return _quiet(model, settings_of(model, settings, members.columns, row))
+        except Error as error:
+            reasons.add(str(error))
+    if len(reasons) == 1:
+        raise found
+    return None
+
+
+def _heard(model: CompiledModel, settings: Settings) -> RunRecord:
+    """Run, and pass on the warnings that hold for members, too: all but that of the trial's end."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        run = simulate(model, settings, {})
+    for said in caught:
+        if str(said.message) != run.message:
+            warnings.warn(str(said.message), said.category, stacklevel=level_of_user())
+    return run
+
+
+def _quiet(model: CompiledModel, settings: Settings) -> RunRecord:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return simulate(model, settings, {})
+
+
+def _extremes(members: Members) -> Iterator[list[float]]:
+    """Give the members with the smallest and the largest value of each column."""
+    rows = members.rows
+    # Sorted by all columns first, so that of equal ones the same is taken in any order.
+    ordered = rows[np.lexsort(rows.T[::-1])] if rows.shape[1] else rows
+    places = {int(place) for j in range(rows.shape[1]) for place in _ends(ordered[:, j])}
+    for place in sorted(places):
+        yield ordered[place].tolist()
+
+
+def _ends(column: FloatArray) -> tuple[int, int]:
+    return int(np.argmin(column)), int(np.argmax(column))
