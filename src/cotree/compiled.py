@@ -72,7 +72,7 @@ class Model(CompiledModel, EnsembleMethods):
     def _program_at_rest(self) -> Program | None:
         return self._rest.program if isinstance(self._rest, OperatingPoint) else None
 
-    @formed_once
+    @property
     def digest(self) -> str:
         """Hash of its C text, names and default values: equal for models that compute the same."""
         return digest(self._compiled.text, self._program_at_rest)

@@ -88,7 +88,9 @@ class EnsembleMethods:
             Members side by side in vectors of an explicit method: 1 for none; as many as the
             processor has where absent.
         executor : concurrent.futures.Executor, optional
-            Who runs blocks of members in place of threads.
+            Who runs blocks of members in place of threads: ``ProcessPoolExecutor()``, a client of
+            ``dask.distributed`` or its executor, ``MPIPoolExecutor()`` of mpi4py; ``threads`` are
+            then those of each worker, one where absent. Blocks of a worker that dies are run again.
         store : path, optional
             Where results are kept as they are done.
         progress : bool

@@ -20,6 +20,7 @@ import numpy as np
 from cotree.ensemble.batch import run_block, usable_cores
 from cotree.ensemble.collected import Collected, member_bytes
 from cotree.ensemble.dataset import check_xarray, dataset_of
+from cotree.ensemble.executors import Shares, read_executor, run_on
 from cotree.ensemble.interrupts import stopped_by_interrupt
 from cotree.ensemble.plan import Plan
 from cotree.ensemble.progress import EnsembleProgress
@@ -87,14 +88,14 @@ def run_ensemble(
     """
     check_xarray()
     n = len(members.rows)
-    done, pace = Collected(plan, n), Pace(plan, execution.threads)
+    done, pace = Collected(plan, n), Pace(plan, execution)
     with stopped_by_interrupt() as stop, EnsembleProgress(n, execution.progress) as bar:
         blocks = run_blocks(
             plan,
             members.rows,
             pace.ranges(n),
             threads=pace.threads,
-            executor=execution.executor,
+            executor=pace.executor,
             stop=stop,
         )
         try:
@@ -135,12 +136,15 @@ def run_blocks(
     ranges : iterable of (int, int)
         First row of each block, and the one behind its last; asked for as they are run.
     threads : int
-        Threads of this machine.
+        Threads of this machine, or of each worker of an executor.
     executor : concurrent.futures.Executor, optional
         Who runs them instead.
     stop : threading.Event
         Set where no further block is to begin.
     """
+    if executor is not None:
+        yield from run_on(executor, plan, rows, ranges, threads=threads, stop=stop)
+        return
     for first, end in ranges:
         if stop.is_set():
             return
@@ -154,17 +158,29 @@ class Pace:
     ----------
     plan : Plan
         What the members share.
-    threads : int, optional
-        Threads that share a block; as many as the process may use where absent.
+    execution : Execution
+        How they are run.
+
+    Attributes
+    ----------
+    executor : concurrent.futures.Executor or None
+        Who runs blocks, if not this process.
+    threads : int
+        Threads that share a block: as many as the process may use, or one of each worker.
     """
 
-    def __init__(self, plan: Plan, threads: int | None) -> None:
-        self.threads = usable_cores() if threads is None else threads
+    def __init__(self, plan: Plan, execution: Execution) -> None:
+        self.executor = read_executor(execution.executor)
+        self.threads = execution.threads or (usable_cores() if self.executor is None else 1)
         self._most = max(1, _LARGEST_BLOCK // max(1, member_bytes(plan)))
         # All lanes of all threads have something to do.
         self._least = self.threads * (_LANES if plan.lanes is None else plan.lanes)
 
-    def ranges(self, n: int) -> Iterator[tuple[int, int]]:
+    def ranges(self, n: int) -> Iterable[tuple[int, int]]:
+        """Cut n members into blocks, which are as large as those before them tell."""
+        return self._one_by_one(n) if self.executor is None else Shares(n, self._most)
+
+    def _one_by_one(self, n: int) -> Iterator[tuple[int, int]]:
         """Cut n members into blocks, one while the block before it is done."""
         first, size = 0, self._least
         while first < n:
@@ -210,9 +226,9 @@ def check_execution(execution: Execution) -> None:
     """
     if execution.threads is not None:
         check_count(execution.threads, "threads")
-    for name in ("executor", "store"):
-        if getattr(execution, name) is not None:
-            raise SolveError(f"{name} is not supported yet: leave it out")
+    read_executor(execution.executor)
+    if execution.store is not None:
+        raise SolveError("store is not supported yet: leave it out")
     if execution.on_error not in ("keep", "raise"):
         raise SolveError(f"on_error is {execution.on_error!r}: give 'keep' or 'raise'")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -60,6 +61,11 @@ class CompiledModel(PreparedKernels):
         super().__init__(program, kernels)
         self._rest = rest
         self.kept: Kept[Any] = Kept(_MOST_KEPT)
+
+    @property
+    def digest(self) -> str:
+        """Hash of names and default values: different for models that compute something else."""
+        return hashlib.sha256(repr(self.layout).encode()).hexdigest()
 
     @property
     def unreached(self) -> tuple[str, ...]:

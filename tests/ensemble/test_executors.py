@@ -1,0 +1,280 @@
+"""Ensembles on executors: the same numbers from each, and nothing lost where workers die."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import time
+from concurrent import futures
+
+import numpy as np
+import pytest
+
+import cotree
+from cotree import BuildError, SolveError
+from cotree.ensemble import executors, parcel
+from cotree.ensemble.batch import run_block
+from cotree.ensemble.executors import Shares, read_executor, run_on
+from cotree.ensemble.plan import Plan
+from cotree.solvers.settings import Settings
+
+pytestmark = pytest.mark.compiler
+
+TIMES = np.linspace(0.0, 2.0, 5)
+ROWS = np.random.default_rng(7).uniform([0.9, 40.0], [1.1, 60.0], (120, 2))
+
+needs_fork = pytest.mark.skipif(sys.platform != "linux", reason="pools are forked here")
+
+
+@pytest.fixture(scope="module")
+def plan():
+    model = cotree.load("slider-pendulum").compile(["L"])
+    return Plan(model, Settings((0.0, 2.0), TIMES, "dop853"), ("L", "k"), ("rod_x",))
+
+
+@pytest.fixture(scope="module")
+def wanted(plan):
+    return run_block(plan, ROWS, threads=1)
+
+
+def forked(n_workers=2, **options):
+    context = multiprocessing.get_context("fork")
+    return futures.ProcessPoolExecutor(n_workers, mp_context=context, **options)
+
+
+def gathered(plan, executor, ranges=None, each=lambda i: None):
+    """Run all rows and put blocks into the order of the members; each may come once."""
+    found = {}
+    stop = threading.Event()
+    ranges = Shares(len(ROWS), 8) if ranges is None else ranges
+    for i, (first, block) in enumerate(run_on(executor, plan, ROWS, ranges, threads=1, stop=stop)):
+        assert first not in found
+        found[first] = block
+        each(i)
+    assert not stop.is_set()
+    return [found[first] for first in sorted(found)]
+
+
+def assert_same(blocks, wanted):
+    for name in ("z", "outputs", "output_sensitivities", "status", "steps"):
+        values = np.concatenate([getattr(block, name) for block in blocks])
+        np.testing.assert_array_equal(values, getattr(wanted, name))
+
+
+class Inline(futures.Executor):
+    """Runs each call when its result is asked for last, and counts what it was given."""
+
+    def __init__(self, n_workers=2):
+        self._max_workers, self.with_plan, self.most, self.waiting = n_workers, 0, 0, []
+
+    def submit(self, call, *args):
+        future = futures.Future()
+        self.waiting.append((future, call, args))
+        self.most = max(self.most, len(self.waiting))
+        self.with_plan += any(isinstance(arg, parcel.Parcel) and arg.data for arg in args)
+        if len(self.waiting) == executors._AHEAD * self._max_workers:
+            self.work()
+        else:
+            threading.Timer(0.01, self.work).start()
+        return future
+
+    def work(self):
+        while self.waiting:
+            future, call, args = self.waiting.pop()
+            try:
+                future.set_result(call(*args))
+            except Exception as error:
+                future.set_exception(error)
+
+
+def test_threads_give_the_same(plan, wanted):
+    with futures.ThreadPoolExecutor(2) as pool:
+        assert_same(gathered(plan, pool), wanted)
+
+
+@needs_fork
+def test_forked_processes_give_the_same(plan, wanted):
+    with forked() as pool:
+        assert_same(gathered(plan, pool), wanted)
+
+
+@pytest.mark.slow
+def test_spawned_processes_give_the_same(plan, wanted):
+    context = multiprocessing.get_context("spawn")
+    with futures.ProcessPoolExecutor(2, mp_context=context) as pool:
+        assert_same(gathered(plan, pool), wanted)
+
+
+@needs_fork
+def test_a_killed_process_loses_nothing(plan, wanted):
+    with forked() as pool:
+
+        def kill(i):
+            if i == 3:
+                os.kill(next(iter(pool._processes)), signal.SIGKILL)
+
+        assert_same(gathered(plan, pool, each=kill), wanted)
+
+
+@needs_fork
+def test_a_member_that_kills_its_worker_fails_alone(plan, wanted, monkeypatch):
+    whole, deadly = parcel.run_here, ROWS[50, 0]
+
+    def dying(plan, rows, threads):
+        if deadly in rows:
+            os._exit(3)
+        return whole(plan, rows, threads)
+
+    monkeypatch.setattr(parcel, "run_here", dying)  # forked processes have it, too
+    ranges = [(first, first + 10) for first in range(0, len(ROWS), 10)]
+    with forked() as pool:
+        blocks = gathered(plan, pool, ranges)
+    status = np.concatenate([block.status for block in blocks])
+    assert np.flatnonzero(status).tolist() == list(range(50, 60))
+    assert blocks[5].messages[0].startswith("its worker died each of the 3 times")
+    rest = status == 0
+    np.testing.assert_array_equal(
+        np.concatenate([block.z for block in blocks])[rest], wanted.z[rest]
+    )
+
+
+@needs_fork
+def test_processes_that_never_begin_are_told(plan, monkeypatch):
+    monkeypatch.setattr(executors, "_MOST_BARREN", 3)
+    with (
+        forked(initializer=os._exit, initargs=(1,)) as pool,
+        pytest.raises(SolveError, match="die before they give anything"),
+    ):
+        gathered(plan, pool, [(i, i + 1) for i in range(len(ROWS))])
+
+
+@pytest.mark.slow
+def test_dask_loses_nothing_where_a_worker_is_killed(plan, wanted):
+    distributed = pytest.importorskip("distributed")
+    cluster = distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    )
+    with cluster, distributed.Client(cluster) as client:
+        executor = read_executor(client)
+        assert_same(gathered(plan, executor), wanted)
+
+        def kill(i):
+            if i == 3:
+                os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
+
+        assert_same(gathered(plan, executor, each=kill), wanted)
+
+
+def test_the_plan_is_sent_until_it_is_known_and_few_blocks_are_under_way(plan, wanted):
+    parcel._kept.clear()
+    executor = Inline(3)
+    assert_same(gathered(plan, executor, [(i, i + 2) for i in range(0, len(ROWS), 2)]), wanted)
+    assert executor.most <= executors._AHEAD * 3
+    assert executor.with_plan <= executors._AHEAD * 3  # of 60 blocks
+    # A worker that comes later asks for it.
+    forgetful, seen = Inline(1), []
+
+    def forget(i):
+        seen.append(i)
+        parcel._kept.clear()
+
+    assert_same(gathered(plan, forgetful, [(0, 60), (60, 120)], each=forget), wanted)
+    assert len(seen) == 2
+
+
+def test_blocks_grow_by_the_time_that_they_took():
+    shares = Shares(1000, 100)
+    shares.n_workers = 2
+    assert next(shares) == (0, 1)
+    shares.learn(1, 0.01)
+    assert next(shares) == (1, 9)  # eight times as many, at first
+    shares.learn(8, 0.08)
+    assert next(shares) == (9, 39)  # 0.3 s
+    shares.learn(30, 0.0003)
+    assert next(shares) == (39, 139)
+    ranges = [(0, 1), (1, 9), (9, 39), (39, 139), *shares]
+    assert [first for first, _ in ranges[1:]] == [end for _, end in ranges[:-1]]
+    assert ranges[-1][1] == 1000
+    assert ranges[-1][1] - ranges[-1][0] < 10  # the last ones are small, so that all end together
+
+
+def test_a_stopped_ensemble_gives_what_is_done(plan):
+    stop, firsts = threading.Event(), []
+    with futures.ThreadPoolExecutor(1) as pool:
+        ranges = ((i, i + 1) for i in range(len(ROWS)))
+        for first, _ in run_on(pool, plan, ROWS, ranges, threads=1, stop=stop):
+            firsts.append(first)
+            stop.set()
+    assert 1 <= len(firsts) <= 1 + executors._AHEAD
+
+
+def test_what_is_no_executor_is_refused(plan):
+    for wrong in ("dask", 4, futures.ProcessPoolExecutor):
+        with pytest.raises(SolveError, match=r"give a concurrent\.futures\.Executor"):
+            read_executor(wrong)
+    closed = futures.ThreadPoolExecutor(1)
+    closed.shutdown()
+    with pytest.raises(SolveError, match="keep it open until the ensemble is done"):
+        gathered(plan, closed)
+
+
+def test_what_cannot_be_sent_is_refused(plan):
+    settings = Settings((0.0, 2.0), TIMES, "dop853", inputs={"u": lambda t: t})
+    with pytest.raises(SolveError, match="give inputs as tables or expressions"):
+        gathered(Plan(plan.model, settings, ("L", "k")), Inline())
+
+
+def test_a_worker_without_a_compiler_or_cotree_is_told(plan, monkeypatch):
+    sent = parcel.parcel_of(plan)
+    other = parcel.Parcel("0" * 64, "Python", sent.data)
+    with pytest.raises(BuildError, match="Install a C compiler on all machines"):
+        parcel.run_parcel(other, ROWS[:1], 1, 0)
+
+    def missing(*args):
+        raise ModuleNotFoundError("No module named 'cotree'")
+
+    monkeypatch.setattr(parcel, "_plan_of", missing)
+    with pytest.raises(BuildError, match="install cotree there"):
+        gathered(plan, Inline())
+
+
+@needs_fork
+def test_an_ensemble_takes_an_executor(plan):
+    members = {"L": ROWS[:40, 0], "k": ROWS[:40, 1]}
+    settings = {"t_eval": 5, "method": "dop853", "progress": False}
+    here = plan.model.ensemble((0, 2), members, **settings)
+    with forked() as pool:
+        there = plan.model.ensemble((0, 2), members, executor=pool, **settings)
+    assert here.drop_vars("seconds").identical(there.drop_vars("seconds"))
+    with pytest.raises(SolveError, match="give a concurrent"):
+        plan.model.ensemble((0, 2), members, executor="processes")
+
+
+@needs_fork
+def test_interrupted_workers_leave_what_is_done(plan, monkeypatch):
+    """Ctrl-C goes to all processes of a terminal."""
+    whole = parcel.run_here
+
+    def slow(plan, rows, threads):
+        time.sleep(0.05)
+        return whole(plan, rows, threads)
+
+    monkeypatch.setattr(parcel, "run_here", slow)
+    members = {"L": np.linspace(0.9, 1.1, 40)}
+    with forked() as pool:
+
+        def interrupt():
+            for pid in (*pool._processes, os.getpid()):
+                os.kill(pid, signal.SIGINT)
+
+        timer = threading.Timer(0.5, interrupt)
+        timer.start()
+        monkeypatch.setattr(executors, "_PIECE", 0.0)  # one member in each block
+        with pytest.warns(RuntimeWarning, match="stopped after"):
+            runs = plan.model.ensemble(
+                (0, 2), members, t_eval=5, method="dop853", executor=pool, progress=False
+            )
+    assert 0 < int((runs["status"] == 0).sum()) < 40
