@@ -4,7 +4,7 @@ import platform
 
 import pytest
 
-from cotree.build import BuildOptions, Toolchain, compiler_flags
+from cotree.build import BuildOptions, Toolchain, compiler_flags, loop_flags
 from cotree.build.options import cpu_features
 from cotree.errors import BuildError
 
@@ -81,3 +81,10 @@ def test_unknown_level_is_refused(optimize):
 def test_time_limit_is_positive(time_limit):
     with pytest.raises(BuildError, match="time_limit"):
         BuildOptions(time_limit=time_limit)
+
+
+def test_loops_become_vectors_in_less_than_the_highest_level():
+    """The highest level takes gcc twice as long; other compilers know other names of its parts."""
+    assert loop_flags(GCC).startswith("-O1 ")
+    assert "-ftree-loop-vectorize" in loop_flags(GCC).split()
+    assert loop_flags(CLANG) == loop_flags(ZIG) == "-O3"

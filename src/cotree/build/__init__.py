@@ -10,7 +10,7 @@ from cotree.build.cache import cache_directory, cache_key, clear_cache
 from cotree.build.compile import BuiltLibrary, build_library
 from cotree.build.load import LoadedLibrary, load_library
 from cotree.build.obtain import obtain_library
-from cotree.build.options import BuildOptions, compiler_flags
+from cotree.build.options import BuildOptions, compiler_flags, loop_flags
 from cotree.build.toolchain import Toolchain, find_toolchain
 
 __all__ = [
@@ -25,5 +25,6 @@ __all__ = [
     "compiler_flags",
     "find_toolchain",
     "load_library",
+    "loop_flags",
     "obtain_library",
 ]

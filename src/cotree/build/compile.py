@@ -94,7 +94,8 @@ def build_library(
     toolchain : Toolchain
         The compiler, from :func:`find_toolchain`.
     levels : mapping of str to str
-        Compiler level of single files, where it is another one than that of ``options``.
+        Compiler level of single files, where it is another one than that of ``options``, with
+        further flags behind blanks.
     shared : collection of str
         Names of files that other libraries have, too, with the same text. They include no files but
         each other. The objects of these ``.c`` files are kept in the cache for those libraries.
@@ -179,7 +180,7 @@ def _steps(
     # The library comes last: linkers take from it only what the files before it ask for.
     to = ("-o", _OUTPUT, "-lm")
     # The level of a single file comes after the common one: of several levels the last one counts.
-    own = {source: (*compiler, *filter(None, [levels.get(source)])) for source in sources}
+    own = {source: (*compiler, *levels.get(source, "").split()) for source in sources}
     if len(sources) == 1:
         return [_Step(source, (*command, source, *to)) for source, command in own.items()]
     steps = [

@@ -11,7 +11,7 @@ import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from cotree.build import BuildOptions, find_toolchain, obtain_library
+from cotree.build import BuildOptions, find_toolchain, loop_flags, obtain_library
 from cotree.codegen.integrators import SHARED_FILES, engine_declarations, engine_files
 from cotree.codegen.sundials import SUNDIALS_FUNCTIONS
 from cotree.errors import BuildError, Error
@@ -59,12 +59,18 @@ def build_ahead(method: str) -> None:
     # A choice of the method begins with steps of this one.
     row = METHODS.get("dop853" if method == "auto" else method)
     if row is not None and row.stepper:
+        # Here and not in the thread: two that print and import take turns at the interpreter, and
+        # the compiler, which works beside it, would begin late.
+        _text_of(row.stepper)
         threading.Thread(target=_prepare, args=(row.stepper,), name="cotree-engine").start()
 
 
 def _prepare(stepper: str) -> None:
+    from cotree.solvers.sweep import load_sweep
+
     with contextlib.suppress(Error):  # who needs the engine meets the error, too
         load_engine(stepper)
+        load_sweep()
 
 
 def load_engine(stepper: str) -> Engine | str:
@@ -88,9 +94,14 @@ def load_engine(stepper: str) -> Engine | str:
 
 
 @made_once
+def _text_of(stepper: str) -> Mapping[str, str]:
+    return engine_files(stepper)
+
+
+@made_once
 def _opened(stepper: str, path: str) -> Engine | str:
     """Build an engine, and open the library of SUNDIALS that a path names, if any."""
-    files = engine_files(stepper)
+    files = _text_of(stepper)
     library = build_engine(files, engine_declarations(files, stepper))
     if library is None:
         return "no compiler can build its engine"
@@ -105,9 +116,9 @@ def build_engine(files: Mapping[str, str], declarations: str) -> LoadedLibrary |
     toolchain = find_toolchain()
     if toolchain is None:
         return None
-    # The least level that makes vectors of sums over equations: a fifth faster for 8 of them, a
-    # quarter for 36. A number of equations known beforehand gains nothing. What is around the steps
-    # takes the compiler longer than these do, and runs no faster.
+    # The steps are worth vectors of sums over equations: a fifth faster for 8 of them, a quarter
+    # for 36. A number of equations known beforehand gains nothing. What is around the steps takes
+    # the compiler longer than these do, and runs no faster.
     try:
         _, loaded = obtain_library(
             files,
@@ -117,7 +128,7 @@ def build_engine(files: Mapping[str, str], declarations: str) -> LoadedLibrary |
             n_operations=1,
             options=BuildOptions("-O1"),
             toolchain=toolchain,
-            levels={"engine.c": "-O3"},
+            levels={"engine.c": loop_flags(toolchain)},
             shared=SHARED_FILES & files.keys(),
         )
     except BuildError:

@@ -59,7 +59,7 @@ def sweep(
     SingularSystemError
         If an output is not determined somewhere.
     """
-    library = None if native is None or len(t) <= _FEW_POINTS else _load()
+    library = None if native is None or len(t) <= _FEW_POINTS else load_sweep()
     if native is not None and library is not None:
         found = _in_c(model, native, library, u, t, z)
         if found is not None:
@@ -68,7 +68,7 @@ def sweep(
 
 
 @made_once
-def _load() -> LoadedLibrary | None:
+def load_sweep() -> LoadedLibrary | None:
     """Build and load the loop over points; None where there is no compiler."""
     files = sweep_files()
     return build_engine(files, sweep_declarations(files))

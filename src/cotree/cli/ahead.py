@@ -1,0 +1,70 @@
+"""The engine of a run, whose compilation begins before the command's own packages are imported.
+
+At the first run on a machine the compiler works as long as Python imports and forms, beside it.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+_SHIPPED = Path(__file__).parents[1] / "scenes"
+_OPTION = "--method"
+
+
+def begin_engine(arguments: Sequence[str]) -> None:
+    """Begin to build the engine that a command line asks for, if it is one that runs a scene.
+
+    This only guesses: the command itself reads its arguments, says what is wrong with them, and
+    waits for the engine that it needs.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+        What follows the program's name.
+    """
+    if "run" not in arguments or "--help" in arguments:
+        return
+    rest = list(arguments[arguments.index("run") + 1 :])
+    scene = next(filter(None, map(_scene_file, rest)), None)
+    if scene is None:  # a sentence must not wait for a compiler
+        return
+    method = _method_given(rest) or _method_of(scene)
+    if method is not None:
+        from cotree.solvers.engine import build_ahead
+
+        build_ahead(method)
+
+
+def _scene_file(argument: str) -> Path | None:
+    """Find the file of a scene that an argument may name."""
+    if argument.startswith("-"):
+        return None
+    places = (Path(argument), _SHIPPED / f"{argument}.toml")
+    return next((place for place in places if place.is_file()), None)
+
+
+def _method_given(arguments: list[str]) -> str:
+    """Read the option that names a method; empty where it is absent."""
+    for place, argument in enumerate(arguments):
+        if argument == _OPTION:
+            return "".join(arguments[place + 1 : place + 2])
+        if argument.startswith(f"{_OPTION}="):
+            return argument.removeprefix(f"{_OPTION}=")
+    return ""
+
+
+def _method_of(scene: Path) -> str | None:
+    """Read the method of a scene's file; None where that cannot be told."""
+    if scene.suffix != ".toml":
+        return "auto"
+    try:
+        settings = tomllib.loads(scene.read_text(encoding="utf-8")).get("simulation", {})
+        method = settings.get("method", "auto")
+    except (OSError, ValueError, AttributeError):
+        return None
+    return method if isinstance(method, str) else None

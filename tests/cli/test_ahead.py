@@ -1,0 +1,77 @@
+"""The engine that a command line asks for, guessed before its packages are imported."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from cotree.cli import ahead
+from cotree.solvers import engine
+from cotree.solvers.sweep import load_sweep
+
+
+@pytest.fixture
+def begun(monkeypatch):
+    """Methods whose engines were begun."""
+    found = []
+    monkeypatch.setattr(engine, "build_ahead", found.append)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("line", "method"),
+    [
+        ("run slider-pendulum", "auto"),
+        ("run slider-pendulum --method rodas5", "rodas5"),
+        ("--base free run --method=dopri5 slider-pendulum -s L", "dopri5"),
+    ],
+)
+def test_the_engine_of_a_run_is_begun(begun, line, method):
+    ahead.begin_engine(line.split())
+    assert begun == [method]
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["", "run", "check slider-pendulum", "run slider-pendulm", "run slider-pendulum --help"],
+)
+def test_no_other_line_begins_one(begun, line):
+    ahead.begin_engine(line.split())
+    assert begun == []
+
+
+@pytest.mark.parametrize(
+    ("text", "methods"),
+    [
+        ("", ["auto"]),
+        ('[simulation]\nmethod = "rodas5"', ["rodas5"]),
+        ("[simulation]\nmethod = 5", []),
+        ("simulation = 5", []),
+        ("[simulation", []),
+    ],
+)
+def test_the_method_of_a_file_is_read(begun, tmp_path, text, methods):
+    file = tmp_path / "scene.toml"
+    file.write_text(text)
+    ahead.begin_engine(["run", str(file)])
+    assert begun == methods
+
+
+def test_the_guess_imports_little():
+    """Whatever it imports, the compiler waits for."""
+    script = "import sys, cotree.cli; print('numpy' in sys.modules, 'typer' in sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == ["False", "False"]
+
+
+@pytest.mark.compiler
+def test_engine_and_sweep_are_there_when_the_thread_has_ended(monkeypatch):
+    asked = []
+    monkeypatch.setattr(engine, "load_engine", asked.append)
+    engine._prepare("dop853")
+    assert asked == ["dop853"]
+    assert load_sweep() is not None
