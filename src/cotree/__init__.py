@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from cotree.build import cache_directory, clear_cache
     from cotree.components import register_component
     from cotree.ensemble.grid import grid
+    from cotree.ensemble.sampling import sample
     from cotree.errors import (
         BuildError,
         CodegenError,
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
         TopologyError,
     )
     from cotree.model.signals import sampled
+    from cotree.plot.ensembles import bands, curves, heat_map
     from cotree.reading import read_spice, read_urdf
     from cotree.results import Result
     from cotree.studies.bench import bench
@@ -44,14 +46,18 @@ __all__ = [
     "SolveError",
     "TopologyError",
     "__version__",
+    "bands",
     "bench",
     "cache_directory",
     "clear_cache",
+    "curves",
     "grid",
+    "heat_map",
     "load",
     "read_spice",
     "read_urdf",
     "register_component",
+    "sample",
     "sampled",
 ]
 
@@ -62,14 +68,18 @@ _HOMES = {
     "Result": "results",
     "Scene": "api",
     "__version__": "version",
+    "bands": "plot.ensembles",
     "bench": "studies.bench",
     "cache_directory": "build",
     "clear_cache": "build",
+    "curves": "plot.ensembles",
     "grid": "ensemble.grid",
+    "heat_map": "plot.ensembles",
     "load": "api",
     "read_spice": "reading",
     "read_urdf": "reading",
     "register_component": "components",
+    "sample": "ensemble.sampling",
     "sampled": "model.signals",
 }
 

@@ -50,6 +50,10 @@ _LANES = 8
 _LARGEST_BLOCK = 2**26
 
 
+class MemberError(SolveError):
+    """A member of an ensemble failed, and errors were to be raised."""
+
+
 @dataclass(frozen=True)
 class Execution:
     """How an ensemble is run; see :meth:`cotree.Model.ensemble`."""
@@ -83,7 +87,7 @@ def run_ensemble(
 
     Raises
     ------
-    SolveError
+    MemberError
         If a member fails and errors are to be raised.
     """
     check_xarray()
@@ -260,7 +264,7 @@ def _raise_first(members: Members, first: int, block: Block) -> None:
     failed = np.flatnonzero((block.status != 0) & (block.status != NOT_RUN))
     if failed.size:
         i = int(failed[0])
-        raise SolveError(f"{members.described(first + i)} failed: {block.messages[i]}")
+        raise MemberError(f"{members.described(first + i)} failed: {block.messages[i]}")
 
 
 def _tell(block: Block) -> None:

@@ -70,7 +70,7 @@ def choose_curves(
     values: dict[str, None] = {}
     pairs: dict[tuple[str, str], None] = {}
     for name in [names] if isinstance(names, str) else names:
-        pair = _pair(name)
+        pair = sensitivity_pair(name)
         if pair is not None:
             _check_pair(pair, known, parameters)
             pairs[pair] = None
@@ -86,7 +86,7 @@ def choose_curves(
     return Curves(tuple(values), tuple(pairs))
 
 
-def _pair(name: object) -> tuple[str, str] | None:
+def sensitivity_pair(name: object) -> tuple[str, str] | None:
     """Give name and parameter of a sensitivity; None for what names none."""
     if isinstance(name, str):
         found = _TITLE.match(name)

@@ -1,0 +1,212 @@
+"""Samples: members drawn from distributions, at random or evenly spread over their space."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cotree.ensemble.distributions import read_distribution
+from cotree.errors import Error, ParameterError, brief, nearest
+from cotree.model.model import CompiledModel
+from cotree.scene.description import SceneDescription
+
+if TYPE_CHECKING:
+    from cotree.solvers.base import FloatArray
+
+#: Ways to draw points of a unit cube.
+METHODS = ("sobol", "latin", "halton", "random")
+
+# Sobol's points of scipy have so many bits.
+_MOST = 2**30
+
+
+@dataclass(frozen=True, eq=False)
+class Samples(Mapping[str, "FloatArray"]):
+    """Members that were drawn; a mapping of names to arrays of shape (n,).
+
+    Attributes
+    ----------
+    columns : mapping of str to ndarray
+        The values.
+    origin : mapping of str to object
+        How they were drawn: method, seed and distributions. Results tell it.
+    """
+
+    columns: Mapping[str, FloatArray]
+    origin: Mapping[str, Any] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> FloatArray:
+        return self.columns[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.columns)
+
+    def __len__(self) -> int:
+        return len(self.columns)
+
+    def __repr__(self) -> str:
+        n = len(next(iter(self.columns.values())))
+        told = f"{self.origin['method']}, seed {self.origin['seed']}"
+        return f"<Samples of {n} members, {told}: {', '.join(self.columns)}>"
+
+    def to_dataframe(self) -> Any:
+        """Return a pandas DataFrame with a row for each member.
+
+        Raises
+        ------
+        Error
+            If pandas is not installed.
+        """
+        try:
+            import pandas as pd
+        except ImportError as error:
+            raise Error(
+                "to_dataframe() needs pandas: run `pip install cotree[ensembles]`"
+            ) from error
+        return pd.DataFrame(dict(self.columns))
+
+
+def sample(
+    source: CompiledModel | SceneDescription,
+    distributions: Mapping[str, Any],
+    n: int,
+    *,
+    method: str = "sobol",
+    seed: int | None = None,
+) -> Samples:
+    """Draw members from independent distributions.
+
+    Parameters
+    ----------
+    source : Model or Scene
+        Its values are those that ``relative`` is relative to.
+    distributions : mapping of str to tuple, or distribution of scipy.stats
+        For parameters, and initial values of states: ``("uniform", low, high)``,
+        ``("loguniform", low, high)``, ``("triangular", low, mode, high)``,
+        ``("normal", mean, deviation)``, ``("truncated", mean, deviation, low, high)``,
+        ``("lognormal", median, factor)`` whose logarithm deviates by that of the factor,
+        ``("relative", share)``, uniform within that share of the model's own value, or any frozen
+        distribution, such as ``scipy.stats.weibull_min(2.0)``.
+    n : int
+        How many members.
+    method : {"sobol", "latin", "halton", "random"}
+        Scrambled points of Sobol or Halton, a Latin hypercube, or independent points. The first
+        three cover the space more evenly: means converge faster. Sobol's are best for powers of 2.
+    seed : int, optional
+        Equal seeds give equal members. One is drawn where absent, and kept in ``origin``.
+
+    Returns
+    -------
+    Samples
+        For ``members`` of :meth:`cotree.Model.ensemble`.
+
+    Raises
+    ------
+    ParameterError
+        If a distribution, the number or the method makes no sense.
+
+    Examples
+    --------
+    >>> import cotree
+    >>> model = cotree.load("slider-pendulum").compile()
+    >>> drawn = cotree.sample(model, {"L": ("relative", 0.1), "k": ("normal", 50, 5)}, 8, seed=1)
+    >>> bool(((drawn["L"] >= 0.9) & (drawn["L"] <= 1.1)).all())
+    True
+    """
+    if not isinstance(source, (CompiledModel, SceneDescription)):
+        raise ParameterError(f"sample takes a model or a scene first, not {brief(repr(source))}")
+    if not isinstance(distributions, Mapping) or not distributions:
+        raise ParameterError(
+            'sample takes a mapping of names to distributions: {"L": ("uniform", 0.9, 1.1)}'
+        )
+    if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or not 1 <= n <= _MOST:
+        raise ParameterError(
+            f"the number of members is {brief(repr(n))}: give a whole number of at least 1"
+        )
+    if method not in METHODS:
+        raise ParameterError(
+            f"there is no way {method!r} to draw members{nearest(method, METHODS)}"
+        )
+    seed = _checked_seed(seed)
+    read = {
+        name: read_distribution(given, name, partial(own_value, source, name))
+        for name, given in distributions.items()
+    }
+    points = _unit_points(method, int(n), len(read), seed)
+    columns = {
+        name: _finite(row.quantiles(points[:, j]), name)
+        for j, (name, row) in enumerate(read.items())
+    }
+    told = {name: row.told for name, row in read.items()}
+    origin = {"method": method, "seed": seed, "n": int(n), "distributions": told}
+    return Samples(columns, origin)
+
+
+def own_value(source: CompiledModel | SceneDescription, name: str) -> float:
+    """Give the value that a model or scene has for a parameter or the start of a state.
+
+    Raises
+    ------
+    ParameterError
+        If it has none.
+    """
+    if isinstance(source, SceneDescription):
+        row = source.parameters.get(name)
+        if row is not None and not row.is_derived:
+            return row.number
+        hint = nearest(name, source.parameters)
+        compiled = "; initial values of states need a compiled model" if "." in name else ""
+        raise ParameterError(f"the scene has no value of '{brief(name)}'{compiled or hint}")
+    if name in source.parameters:
+        return float(source.default_parameters[source.parameters.index(name)])
+    if name in source.states:
+        start = getattr(source, "initial_state", None)
+        start = source.initial() if start is None else start
+        return float(start[source.states.index(name)])
+    known = (*source.parameters, *source.states)
+    raise ParameterError(
+        f"the model has no tunable parameter or state '{brief(name)}'{nearest(name, known)}"
+    )
+
+
+def _checked_seed(seed: object) -> int:
+    """Accept a seed, or draw one that can be told."""
+    if seed is None:
+        return int(np.random.SeedSequence().generate_state(1)[0])
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise ParameterError(f"the seed is {brief(repr(seed))}: give a whole number from 0 on")
+    return int(seed)
+
+
+def _unit_points(method: str, n: int, n_columns: int, seed: int) -> FloatArray:
+    """Draw points of the open unit cube, shape (n, n_columns)."""
+    from scipy.stats import qmc
+
+    generator = np.random.default_rng(seed)
+    if method == "random":
+        points = generator.random((n, n_columns))
+    elif method == "sobol":
+        # As many as a power of 2 has, of which the first are taken: any other number is asked for
+        # with a warning.
+        drawn = qmc.Sobol(n_columns, seed=generator).random_base2(max(0, int(n - 1).bit_length()))
+        points = drawn[:n]
+    else:
+        kind = {"latin": qmc.LatinHypercube, "halton": qmc.Halton}[method]
+        points = kind(n_columns, seed=generator).random(n)
+    # On its faces the quantiles of unbounded distributions are infinite.
+    return np.clip(points, 2.0**-53, 1.0 - 2.0**-53)
+
+
+def _finite(values: Any, name: str) -> FloatArray:
+    """Refuse a distribution whose quantiles are no numbers."""
+    found = np.asarray(values, dtype=float)
+    if not np.isfinite(found).all():
+        raise ParameterError(
+            f"the distribution of '{brief(name)}' gives values that are not finite: check its "
+            "parameters"
+        )
+    return found

@@ -1,0 +1,316 @@
+"""Ensembles: bands over time, families of curves, and heat maps over grids.
+
+In: a Dataset of :meth:`cotree.Model.ensemble`, or a part of it. Out: a matplotlib `Figure`.
+Members that failed are nan and are left out.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from cotree.errors import SceneError
+from cotree.plot.known import figure_for_people
+from cotree.plot.result import curve_colors, draw_grid, new_figure
+from cotree.plot.variables import Variable, chosen_variables, read_variable
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from cotree.plot.layout import Array
+
+    Make = Callable[[float, float], Figure]
+
+# Shares of the members inside the bands, from the outer one to the inner one, and how they look.
+_BANDS = ((0.95, 0.18, "95 %"), (0.5, 0.38, "50 %"))
+
+# Panels side by side.
+_COLUMNS = 2
+
+# Positive values over so many powers of ten are drawn on a logarithmic axis.
+_DECADES = 1.5
+
+_NOTHING = "all members failed: there is nothing to draw"
+
+#: What a heat map may show of each member: a value of its curve.
+SUMMARIES = ("last", "max", "min", "mean")
+
+
+def bands(
+    dataset: Any,
+    names: str | Sequence[str] | None = None,
+    *,
+    ax: Axes | None = None,
+    make: Make = figure_for_people,
+) -> Figure:
+    """Draw median and bands over all members at each time.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Of :meth:`cotree.Model.ensemble`, or what its methods made of that.
+    names : str or sequence of str, optional
+        States, outputs, sensitivities as ``d(j1.s)/d(L)``, or variables of your own over time;
+        coordinates and outputs where absent.
+    ax : Axes, optional
+        Axes to draw one of them into.
+    make : callable, optional
+        Makes a figure of a width and a height, [in].
+
+    Returns
+    -------
+    Figure
+        A panel for each name: the median, and bands that hold 50 % and 95 % of the members.
+
+    Raises
+    ------
+    SceneError
+        If there is nothing of a name.
+    """
+    variables = [
+        read_variable(dataset, name, over_time=True) for name in chosen_variables(dataset, names)
+    ]
+
+    def draw(where: Axes, row: Variable, color: Any) -> None:
+        low, middle, high = _quantiles(row.flat())
+        for (_, alpha, label), below, above in zip(_BANDS, low, high, strict=True):
+            where.fill_between(
+                row.times, below, above, color=color, alpha=alpha, lw=0.0, label=label
+            )
+        where.plot(row.times, middle, color=color, lw=1.8, label="median")
+        _label_time(where, row)
+        where.legend(loc="best", fontsize=8, frameon=False, title=_counted(row), title_fontsize=8)
+
+    return _panels(variables, draw, ax, make)
+
+
+def curves(
+    dataset: Any,
+    names: str | Sequence[str] | None = None,
+    *,
+    color_by: str | None = None,
+    ax: Axes | None = None,
+    make: Make = figure_for_people,
+) -> Figure:
+    """Draw the curve of each member, coloured by what it sets.
+
+    Parameters
+    ----------
+    dataset, names, ax, make
+        As of :func:`bands`.
+    color_by : str, optional
+        Column of the members by which curves are coloured; the first one where absent.
+
+    Returns
+    -------
+    Figure
+        A panel for each name.
+
+    Raises
+    ------
+    SceneError
+        If there is nothing of a name, or members have no such column.
+    """
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import LogNorm, Normalize
+
+    variables = [
+        read_variable(dataset, name, over_time=True) for name in chosen_variables(dataset, names)
+    ]
+
+    def draw(where: Axes, row: Variable, _: Any) -> None:
+        title, values = row.column(color_by)
+        is_log = _is_wide(values)
+        norm = (LogNorm if is_log else Normalize)(float(values.min()), float(values.max()))
+        shown = ScalarMappable(norm, "viridis")
+        for curve, value in zip(row.flat(), values, strict=True):
+            where.plot(row.times, curve, color=shown.to_rgba(value), lw=1.2)
+        _label_time(where, row)
+        where.figure.colorbar(shown, ax=where, label=title)
+
+    return _panels(variables, draw, ax, make)
+
+
+def heat_map(
+    dataset: Any,
+    name: str | None = None,
+    *,
+    time: float | None = None,
+    of: str = "last",
+    ax: Axes | None = None,
+    make: Make = figure_for_people,
+) -> Figure:
+    """Draw a value of each member of a grid of two dimensions as a colour.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Of :meth:`cotree.Model.ensemble` with a grid; of one with more dimensions give
+        ``dataset.sel(...)``.
+    name : str, optional
+        A state, output, sensitivity as ``d(j1.s)/d(L)``, or a variable of your own; the first
+        state where absent.
+    time : float, optional
+        When, [s]; the nearest time of the dataset is taken.
+    of : {"last", "max", "min", "mean"}
+        What is taken of each curve where no time is given.
+    ax : Axes, optional
+        Axes to draw into.
+    make : callable, optional
+        Makes a figure of a width and a height, [in].
+
+    Returns
+    -------
+    Figure
+        The picture; members that failed are grey.
+
+    Raises
+    ------
+    SceneError
+        If there is nothing of the name, or the members are no grid of two dimensions.
+    """
+    chosen = chosen_variables(dataset, name)[0]
+    row = read_variable(dataset, chosen, over_time=False)
+    if len(row.dims) != 2:
+        raise SceneError(
+            f"a heat map needs a grid of two dimensions, and '{row.name}' has "
+            f"{' x '.join(row.dims) or 'none'}: choose values of others with dataset.sel(...), or "
+            "draw bands"
+        )
+    values, when = row.summary(time, of)
+    if np.isnan(values).all():
+        raise SceneError(_NOTHING)
+    figure = make(6.0, 4.4) if ax is None else cast("Figure", ax.figure)
+    where = figure.subplots() if ax is None else ax
+    (down, y_label, y), (across, x_label, x) = _axis(row, 0), _axis(row, 1)
+    ordered = values[np.ix_(np.argsort(y, kind="stable"), np.argsort(x, kind="stable"))]
+    style: dict[str, Any] = {"cmap": "viridis"}
+    if row.is_sensitivity:
+        # Their sign says which way to go: both sides of zero have colours of their own.
+        most = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
+        style = {"cmap": "RdBu_r", "vmin": -most, "vmax": most}
+    where.set_facecolor("0.85")
+    mesh = where.pcolormesh(across, down, ordered, **style)
+    for scale, edges in ((where.set_xscale, across), (where.set_yscale, down)):
+        if _is_wide(edges):
+            scale("log")
+    where.set(xlabel=x_label, ylabel=y_label)
+    what = when if not row.unit else f"[{row.unit}] {when}"
+    figure.colorbar(mesh, ax=where, label=f"{row.label} {what}".strip())
+    return figure
+
+
+def picture(dataset: Any, names: Sequence[str] = (), of: str = "last") -> Figure:
+    """Draw what fits: heat maps of a grid of two dimensions, curves of one, or else bands.
+
+    Parameters
+    ----------
+    dataset, names
+        As of :func:`bands`.
+    of : {"last", "max", "min", "mean"}
+        What heat maps show.
+
+    Raises
+    ------
+    SceneError
+        If there is nothing of a name.
+    """
+    chosen = chosen_variables(dataset, names or None)
+    dims = read_variable(dataset, chosen[0], over_time=False).dims
+    if len(dims) == 1 and "member" not in dims:
+        return curves(dataset, chosen, make=new_figure)
+    if len(dims) != 2:
+        return bands(dataset, chosen, make=new_figure)
+    rows, columns = _layout(len(chosen))
+    figure = new_figure(6.0 * columns, 4.4 * rows)
+    for name, ax in zip(chosen, np.ravel(figure.subplots(rows, columns)), strict=False):
+        heat_map(dataset, name, of=of, ax=ax)
+    for ax in figure.axes[len(chosen) : rows * columns]:
+        ax.set_axis_off()
+    return figure
+
+
+def _panels(
+    variables: Sequence[Variable],
+    draw: Callable[[Axes, Variable, Any], None],
+    ax: Axes | None,
+    make: Make,
+) -> Figure:
+    """Draw a panel for each variable, or one into given axes."""
+    if ax is not None:
+        if len(variables) != 1:
+            raise SceneError(
+                f"{len(variables)} variables do not share axes: name one, or leave out ax"
+            )
+        draw(ax, variables[0], ax._get_lines.get_next_color())  # type: ignore[attr-defined]
+        return cast("Figure", ax.figure)
+    rows, columns = _layout(len(variables))
+    figure = make(max(6.0, 5.2 * columns), max(3.4, 2.9 * rows))
+    grid = figure.add_gridspec(rows, columns)
+    colors = curve_colors(len(variables))
+    for i, row in enumerate(variables):
+        where = figure.add_subplot(grid[divmod(i, columns)])
+        draw(where, row, colors[i])
+        draw_grid(where)
+        where.set_axisbelow(True)  # or the grid shows through the bands
+    return figure
+
+
+def _layout(n: int) -> tuple[int, int]:
+    """Give rows and columns of panels."""
+    columns = min(n, _COLUMNS)
+    return -(-n // columns), columns
+
+
+def _label_time(ax: Axes, row: Variable) -> None:
+    ax.set_xlabel("time [s]", fontsize=11)
+    ax.set_ylabel(f"{row.label} [{row.unit}]" if row.unit else row.label, fontsize=11)
+    ax.margins(x=0.02)
+
+
+def _counted(row: Variable) -> str:
+    """Say how many members are drawn."""
+    curves_of_members = row.flat()
+    failed = int(np.isnan(curves_of_members).all(axis=1).sum())
+    n = len(curves_of_members)
+    return f"{n} members" if not failed else f"{n - failed} of {n} members"
+
+
+def _quantiles(values: Array) -> tuple[list[Array], Array, list[Array]]:
+    """Give the lower bounds of the bands, the median, and the upper bounds."""
+    there = values[~np.isnan(values).all(axis=1)]
+    if not len(there):
+        raise SceneError(_NOTHING)
+    low = [(1.0 - share) / 2.0 for share, *_ in _BANDS]
+    wanted = [*low, 0.5, *(1.0 - q for q in low)]
+    # Members that an event ended have nan behind it; the slower function is for those alone.
+    has_gaps = bool(np.isnan(there).any())
+    columns = ~np.isnan(there).all(axis=0)
+    found = np.full((len(wanted), there.shape[1]), np.nan)
+    quantile = np.nanquantile if has_gaps else np.quantile
+    found[:, columns] = quantile(there[:, columns], wanted, axis=0)
+    k = len(_BANDS)
+    return list(found[:k]), found[k], list(found[k + 1 :])
+
+
+def _axis(row: Variable, i: int) -> tuple[Array, str, Array]:
+    """Give the edges of the cells along a dimension, its label, and its values."""
+    title, values = row.coordinate(i)
+    ordered = np.sort(values)
+    is_log = _is_wide(ordered)
+    at = np.log(ordered) if is_log else ordered
+    middle = 0.5 * (at[1:] + at[:-1])
+    # Outer cells are as wide as their neighbours; a single one has the width of its value.
+    first, last = (at[1] - at[0], at[-1] - at[-2]) if len(at) > 1 else (abs(at[0]) or 1.0,) * 2
+    edges = np.concatenate([[at[0] - first / 2], middle, [at[-1] + last / 2]])
+    return (np.exp(edges) if is_log else edges), title, values
+
+
+def _is_wide(values: Array) -> bool:
+    """Tell whether values spread over powers of ten."""
+    low, high = float(np.min(values)), float(np.max(values))
+    return low > 0.0 and high / low >= 10.0**_DECADES
