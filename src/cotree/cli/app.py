@@ -39,6 +39,7 @@ from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
 from cotree.cli.report import run_report
 from cotree.cli.source import read_robots_with, read_scene
 from cotree.cli.studies import bench_scene, check_scene
+from cotree.cli.sweep import sweep_scene
 from cotree.errors import Error
 from cotree.version import VERSION
 
@@ -212,6 +213,9 @@ def run_scene(
     # What was computed is written all the same; the exit code tells of the failure.
     if not result.success:
         raise typer.Exit(1)
+
+
+app.command("sweep")(sweep_scene)
 
 
 @app.command("generate")

@@ -166,8 +166,8 @@ def _labels(index: Any) -> npt.NDArray[Any]:
             "give a plain index"
         )
     labels = np.asarray(index)
-    # Files of results hold texts, and no objects.
-    labels = np.array([str(label) for label in labels]) if labels.dtype == object else labels
+    if labels.dtype.kind in "OUS":  # files of results hold texts of any length, and no others
+        labels = np.array([str(label) for label in labels], dtype=object)
     found, counts = np.unique(labels, return_counts=True)
     if len(found) < len(labels):
         raise ParameterError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import weakref
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol, cast
@@ -24,6 +25,10 @@ if TYPE_CHECKING:
 
 # Attributes of a file of HDF5 have 64 KiB each, and a large scene takes seconds to be written.
 _MOST_EDGES, _LONGEST_TEXT = 200, 2**15
+
+
+# What results tell of models that have run ensembles.
+_told: weakref.WeakKeyDictionary[Any, dict[str, str]] = weakref.WeakKeyDictionary()
 
 
 class EnsembleMethods:
@@ -183,16 +188,15 @@ def _described(model: Any) -> dict[str, str]:
     """Tell which model ran: its digest and, where it is short, its scene."""
     from cotree.scene.toml_text import scene_text
 
-    scene: SceneDescription = model._scene
-    told = {"model": model.digest}
-    if len(scene.edges) > _MOST_EDGES:
-        return told
-    # A scene with types of a user's own cannot be told in TOML.
-    with contextlib.suppress(SceneError):
-        text = scene_text(scene)
-        if len(text) <= _LONGEST_TEXT:
-            told["scene_toml"] = text
-    return told
+    if model not in _told:
+        scene: SceneDescription = model._scene
+        _told[model] = {"model": model.digest}
+        # A scene with types of a user's own cannot be told in TOML.
+        with contextlib.suppress(SceneError):
+            text = scene_text(scene) if len(scene.edges) <= _MOST_EDGES else ""
+            if 0 < len(text) <= _LONGEST_TEXT:
+                _told[model]["scene_toml"] = text
+    return _told[model]
 
 
 def _compiled_for(

@@ -6,6 +6,7 @@ Members that failed are nan and are left out.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -18,6 +19,7 @@ from cotree.plot.variables import Variable, chosen_variables, read_variable
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    import numpy.typing as npt
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -31,8 +33,9 @@ _BANDS = ((0.95, 0.18, "95 %"), (0.5, 0.38, "50 %"))
 # Panels side by side.
 _COLUMNS = 2
 
-# Positive values over so many powers of ten are drawn on a logarithmic axis.
-_DECADES = 1.5
+# Ratio of the largest to the smallest positive value from which an axis is logarithmic: where the
+# values grow by the same factor, and in any case.
+_LEAST_RATIO, _WIDE_RATIO = 3.0, 30.0
 
 _NOTHING = "all members failed: there is nothing to draw"
 
@@ -124,7 +127,7 @@ def curves(
 
     def draw(where: Axes, row: Variable, _: Any) -> None:
         title, values = row.column(color_by)
-        is_log = _is_wide(values)
+        is_log = _is_logarithmic(values)
         norm = (LogNorm if is_log else Normalize)(float(values.min()), float(values.max()))
         shown = ScalarMappable(norm, "viridis")
         for curve, value in zip(row.flat(), values, strict=True):
@@ -186,19 +189,17 @@ def heat_map(
         raise SceneError(_NOTHING)
     figure = make(6.0, 4.4) if ax is None else cast("Figure", ax.figure)
     where = figure.subplots() if ax is None else ax
-    (down, y_label, y), (across, x_label, x) = _axis(row, 0), _axis(row, 1)
-    ordered = values[np.ix_(np.argsort(y, kind="stable"), np.argsort(x, kind="stable"))]
+    upright, level = _axis(row, 0), _axis(row, 1)
+    ordered = values[np.ix_(upright.order, level.order)]
     style: dict[str, Any] = {"cmap": "viridis"}
     if row.is_sensitivity:
         # Their sign says which way to go: both sides of zero have colours of their own.
         most = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
         style = {"cmap": "RdBu_r", "vmin": -most, "vmax": most}
     where.set_facecolor("0.85")
-    mesh = where.pcolormesh(across, down, ordered, **style)
-    for scale, edges in ((where.set_xscale, across), (where.set_yscale, down)):
-        if _is_wide(edges):
-            scale("log")
-    where.set(xlabel=x_label, ylabel=y_label)
+    where.grid(False)  # whatever the reader's own style says
+    mesh = where.pcolormesh(level.edges, upright.edges, ordered, **style)
+    where.set(xlabel=level.title, xscale=level.scale, ylabel=upright.title, yscale=upright.scale)
     what = when if not row.unit else f"[{row.unit}] {when}"
     figure.colorbar(mesh, ax=where, label=f"{row.label} {what}".strip())
     return figure
@@ -297,20 +298,35 @@ def _quantiles(values: Array) -> tuple[list[Array], Array, list[Array]]:
     return list(found[:k]), found[k], list(found[k + 1 :])
 
 
-def _axis(row: Variable, i: int) -> tuple[Array, str, Array]:
-    """Give the edges of the cells along a dimension, its label, and its values."""
+@dataclass(frozen=True, eq=False)
+class _Axis:
+    """An axis of a heat map: the edges of its cells, and the order of its values."""
+
+    title: str
+    scale: str
+    edges: Array
+    order: npt.NDArray[np.intp]
+
+
+def _axis(row: Variable, i: int) -> _Axis:
+    """Lay out the cells along a dimension."""
     title, values = row.coordinate(i)
-    ordered = np.sort(values)
-    is_log = _is_wide(ordered)
-    at = np.log(ordered) if is_log else ordered
+    order = np.argsort(values, kind="stable")
+    is_log = _is_logarithmic(values)
+    at = np.log(values[order]) if is_log else values[order]
     middle = 0.5 * (at[1:] + at[:-1])
     # Outer cells are as wide as their neighbours; a single one has the width of its value.
     first, last = (at[1] - at[0], at[-1] - at[-2]) if len(at) > 1 else (abs(at[0]) or 1.0,) * 2
     edges = np.concatenate([[at[0] - first / 2], middle, [at[-1] + last / 2]])
-    return (np.exp(edges) if is_log else edges), title, values
+    scale, edges = ("log", np.exp(edges)) if is_log else ("linear", edges)
+    return _Axis(title, scale, edges, order)
 
 
-def _is_wide(values: Array) -> bool:
-    """Tell whether values spread over powers of ten."""
-    low, high = float(np.min(values)), float(np.max(values))
-    return low > 0.0 and high / low >= 10.0**_DECADES
+def _is_logarithmic(values: Array) -> bool:
+    """Tell whether values spread over powers of ten, or grow by the same factor."""
+    ordered = np.sort(values)
+    if ordered[0] <= 0.0 or ordered[-1] < _LEAST_RATIO * ordered[0]:
+        return False
+    steps = np.diff(np.log(ordered))
+    is_even = len(steps) > 1 and bool(np.allclose(steps, steps[0], rtol=1e-6))
+    return is_even or bool(ordered[-1] >= _WIDE_RATIO * ordered[0])

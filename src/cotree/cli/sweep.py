@@ -1,0 +1,213 @@
+"""The command that runs a scene with many values of its parameters."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path  # noqa: TC003 - typer reads the annotations
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cotree.cli.arguments import check_picture, given, read_inputs, read_numbers, read_tree
+from cotree.cli.members import check_options, read_members_of
+from cotree.cli.messages import complain
+from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
+    EndTime,
+    InputOption,
+    MaxSteps,
+    Method,
+    SceneName,
+    Sensitivity,
+    Setting,
+    TimeLimit,
+    TreeOption,
+)
+from cotree.cli.source import read_scene
+from cotree.errors import ParameterError, nearest
+from cotree.quiet import without_warnings
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cotree.api import Model, Scene
+
+_INTERRUPTED = 130
+
+
+def sweep_scene(
+    scene: SceneName,
+    grid: Annotated[
+        list[str],
+        typer.Option(
+            metavar="NAME=VALUES",
+            help="An axis of a grid: L=0.8:1.2:11 for 11 values, k=1:1000:7:log, or k=40,50,60; a "
+            "parameter, or a state by its initial value; may be repeated.",
+        ),
+    ] = [],  # noqa: B006 - typer copies it
+    sample: Annotated[
+        list[str],
+        typer.Option(
+            metavar="NAME=KIND:NUMBERS",
+            help="A distribution: uniform:low:high, loguniform:low:high, triangular:low:mode:high, "
+            "normal:mean:deviation, truncated:mean:deviation:low:high, lognormal:median:factor, or "
+            "relative:share of the scene's value; may be repeated.",
+        ),
+    ] = [],  # noqa: B006
+    members: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N|FILE",
+            help="How many are drawn by --sample; or a table in CSV with a column for each name.",
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(metavar="N", help="Of --sample: equal seeds draw equal members.")
+    ] = None,
+    sampling: Annotated[
+        str | None, typer.Option(help="Of --sample: sobol, latin, halton or random.")
+    ] = None,
+    file: Annotated[
+        Path | None,
+        typer.Option("--file", "-o", help="Write all results to this: .nc, .zarr or .csv."),
+    ] = None,
+    sensitivity: Sensitivity = [],  # noqa: B006
+    output: Annotated[
+        list[str],
+        typer.Option(metavar="NAME", help="An output; may be repeated. All if absent."),
+    ] = [],  # noqa: B006
+    t_end: EndTime = None,
+    points: Annotated[int, typer.Option(min=2, help="Number of evenly spaced times.")] = 101,
+    method: Method = None,
+    rtol: Annotated[float | None, typer.Option(help="Relative tolerance.")] = None,
+    atol: Annotated[float | None, typer.Option(help="Absolute tolerance.")] = None,
+    setting: Setting = [],  # noqa: B006
+    initial: Annotated[
+        list[str],
+        typer.Option(metavar="STATE=NUMBER", help="Initial value of a state; may be repeated."),
+    ] = [],  # noqa: B006
+    inputs: InputOption = [],  # noqa: B006
+    tree: TreeOption = [],  # noqa: B006
+    threads: Annotated[
+        int | None, typer.Option(min=1, help="Threads; as many as processors if absent.")
+    ] = None,
+    lanes: Annotated[
+        int | None,
+        typer.Option(min=1, help="Members side by side in vectors; 1 for none."),
+    ] = None,
+    store: Annotated[
+        Path | None,
+        typer.Option(help="Keep results here as they are done; a killed sweep goes on from there."),
+    ] = None,
+    on_error: Annotated[
+        str,
+        typer.Option(metavar="keep|raise", help="What a member that fails does: nan, or the end."),
+    ] = "keep",
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            help="Draw to this file, .svg, .png or .pdf: heat maps of a grid of two axes, curves "
+            "of one, bands of all else."
+        ),
+    ] = None,
+    show: Annotated[
+        list[str],
+        typer.Option(
+            metavar="NAME",
+            help="What --plot draws: a state, output or d(STATE)/d(PARAMETER); may be repeated.",
+        ),
+    ] = [],  # noqa: B006
+    of: Annotated[
+        str, typer.Option(help="What heat maps show: last, max, min or mean over time.")
+    ] = "last",
+    max_steps: MaxSteps = None,
+    time_limit: TimeLimit = None,
+) -> None:
+    """Run a scene with many values of its parameters: a grid, samples, or a table."""
+    import numpy as np
+
+    from cotree.cli.sweep_report import sweep_report
+    from cotree.ensemble.dataset import check_xarray
+    from cotree.ensemble.files import check_dataset_file, write_dataset
+    from cotree.ensemble.run import MemberError
+    from cotree.plot.ensembles import SUMMARIES, picture
+    from cotree.plot.files import save_figure
+    from cotree.solvers.engine import build_ahead
+
+    # Whatever can be refused is refused before the scene is compiled.
+    check_xarray()
+    check_options(grid, sample, members, seed=seed, sampling=sampling)
+    if file is not None:
+        check_dataset_file(file)
+    check_picture(plot)
+    if show and plot is None:
+        raise typer.BadParameter("--show says what --plot draws: give --plot FILE, too")
+    if of not in SUMMARIES:
+        raise typer.BadParameter(f"--of is '{of}': give {', '.join(SUMMARIES)}")
+    values = read_numbers("--set", setting)
+    described = _with_inputs(read_scene(scene), inputs, values, grid, sample)
+    build_ahead(method or described.defaults.method)
+    model = described.compile(sensitivity, read_tree(tree))
+    rows = read_members_of(model, grid, sample, members, seed, sampling)
+    _check_shown(model, show, output)
+    end = described.defaults.t_end if t_end is None else t_end
+    settings: dict[str, Any] = given(
+        rtol=rtol, atol=atol, max_steps=max_steps, time_limit=time_limit
+    )
+    begun = time.perf_counter()
+    try:
+        # The table of failed members says it with their values.
+        with without_warnings(message=r"\d+ of \d+ members failed"):
+            runs = model.ensemble(
+                (0.0, end),
+                rows,
+                t_eval=points,
+                method=method,
+                outputs=output or None,
+                parameters=values,
+                initial=read_numbers("--initial", initial),
+                threads=threads,
+                lanes=lanes,
+                store=store,
+                on_error=on_error,
+                **settings,
+            )
+    except MemberError as error:
+        complain(str(error))
+        raise typer.Exit(1) from None
+    typer.echo(sweep_report(runs, time.perf_counter() - begun))
+    if file is not None:
+        write_dataset(runs, file)
+        typer.echo(f"wrote {file}")
+    status = np.asarray(runs["status"].values)
+    if plot is not None and (status == 0).any():
+        save_figure(picture(runs, show, of), plot)
+        typer.echo(f"wrote {plot}")
+    if (status == -3).any():
+        raise typer.Exit(_INTERRUPTED)
+    # Some failures are results; if nothing came out, the sweep itself has failed.
+    if not (status == 0).any():
+        raise typer.Exit(1)
+
+
+def _with_inputs(
+    scene: Scene,
+    inputs: Sequence[str],
+    values: Mapping[str, float],
+    grid: Sequence[str],
+    sample: Sequence[str],
+) -> Scene:
+    """Put expressions in place of inputs; members may set what is new in them."""
+    # A parameter that only members set needs some value in the scene, which no member takes.
+    swept = {text.partition("=")[0].strip(): 1.0 for text in (*grid, *sample)}
+    return read_inputs(scene, inputs, {**swept, **values})
+
+
+def _check_shown(model: Model, show: Sequence[str], outputs: Sequence[str]) -> None:
+    """Refuse names that --plot cannot draw, before anything runs."""
+    from cotree.plot import choose_curves
+
+    for name in outputs:
+        if name not in model.outputs:
+            raise ParameterError(f"--output names no output '{name}'{nearest(name, model.outputs)}")
+    if show:
+        choose_curves(show, model.states, outputs or model.outputs, (), model.sensitivities)
