@@ -26,9 +26,8 @@ import numpy as np
 
 from cotree.ensemble.block_in_c import BlockInC
 from cotree.ensemble.one_by_one import run_one_by_one
-from cotree.ensemble.pattern import find_pattern
+from cotree.ensemble.pattern import Unfit, find_pattern
 from cotree.ensemble.worker import Worker
-from cotree.errors import Error
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,7 +41,7 @@ if TYPE_CHECKING:
 _GLANCE = 0.05
 
 # What plans have in common with C, found at their first block.
-_patterns: weakref.WeakKeyDictionary[Plan, Pattern | str] = weakref.WeakKeyDictionary()
+_patterns: weakref.WeakKeyDictionary[Plan, Pattern | Unfit] = weakref.WeakKeyDictionary()
 
 
 def run_block(
@@ -70,8 +69,8 @@ def run_block(
     """
     rows = np.ascontiguousarray(rows, dtype=np.float64).reshape(-1, len(plan.columns))
     pattern = _pattern(plan)
-    if isinstance(pattern, str):
-        return run_one_by_one(plan, rows, stop=stop)
+    if isinstance(pattern, Unfit):
+        return run_one_by_one(pattern.plan, rows, stop=stop)
     members = BlockInC(pattern, rows)
     wanted = usable_cores() if threads is None else max(1, threads)
     workers = [Worker(members) for _ in range(max(1, min(wanted, len(rows), members.most_threads)))]
@@ -100,14 +99,10 @@ def usable_cores() -> int:
     return max(1, cores)
 
 
-def _pattern(plan: Plan) -> Pattern | str:
+def _pattern(plan: Plan) -> Pattern | Unfit:
     """Find what members share, once for a plan."""
     if plan not in _patterns:
-        try:
-            _patterns[plan] = find_pattern(plan)
-        except Error as error:
-            # The values that no member sets may be refused where those of members are not.
-            _patterns[plan] = str(error)
+        _patterns[plan] = find_pattern(plan)
     return _patterns[plan]
 
 

@@ -5,6 +5,7 @@ In: a ``Pattern`` and rows. Out: a ``cotree_batch`` that workers share, and a ``
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,8 +16,12 @@ from cotree.ensemble.results import Results
 from cotree.ensemble.starts import own_values, tolerances
 from cotree.errors import BuildError
 from cotree.sharing import made_once
+from cotree.solvers.base import Drift, Statistics, Trajectory
 from cotree.solvers.engine import build_engine
-from cotree.solvers.timely import is_fine
+from cotree.solvers.evaluate import FAILED as STATUS_FAILED
+from cotree.solvers.simulate import _redundant
+from cotree.solvers.timely import is_fine, timely
+from cotree.solvers.trust import held
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,10 +33,14 @@ if TYPE_CHECKING:
     from cotree.ensemble.plan import Block
     from cotree.ensemble.worker import Worker
     from cotree.solvers.base import FloatArray
+    from cotree.solvers.problem import Problem
 
 # How members end in C; see cotree_batch.h.
 WAITS, DONE, STOPPED, FAILED, REFUSED, UNSWEPT, STIFF = range(7)
 STEPS_SPENT, EVENTS_SPENT, TIME_SPENT, LEFT = range(7, 11)
+
+# In Python, of members that were run by themselves.
+ALONE = 100
 
 
 @made_once
@@ -58,8 +67,12 @@ class BlockInC:
     ----------
     pattern : Pattern
         As given.
+    rows : ndarray, shape (n_members, n_columns)
+        As given.
     library : LoadedLibrary
         The loop over members.
+    ended : ndarray of int, shape (n_members,)
+        How members ended in C.
     batch : cotree_batch
         The structure.
     results : Results
@@ -67,7 +80,7 @@ class BlockInC:
     """
 
     def __init__(self, pattern: Pattern, rows: FloatArray) -> None:
-        self.pattern, self.library, self._rows = pattern, load_batch(), rows
+        self.pattern, self.library, self.rows = pattern, load_batch(), rows
         self.results = Results(pattern.plan, len(rows))
         self._kept: list[Any] = []
         self.batch = self.library.ffi.new("cotree_batch *")
@@ -84,15 +97,58 @@ class BlockInC:
         """Break off what is in work, and begin nothing else."""
         self.batch.is_stopped = 1
 
-    def run_alone(self, member: int) -> None:
-        """Run a member by itself, where C has not brought it to its end: for its sentence."""
-        run_member(self.pattern.plan, self._rows[member].tolist(), self.results, member)
+    def fail(self, member: int, message: str) -> None:
+        """Put in a member that cannot begin."""
+        self.ended[member] = REFUSED
+        self.results.fail(member, STATUS_FAILED, message)
+
+    def run_alone(self, member: int, method: str = "", note: str = "") -> None:
+        """Run a member by itself, where C has not brought it to its end.
+
+        Parameters
+        ----------
+        member : int
+            Its place.
+        method : str
+            Another method than that of the plan.
+        note : str
+            What is said of a member that succeeds so.
+        """
+        plan = self.pattern.plan
+        if method:
+            plan = replace(plan, settings=replace(plan.settings, method=method))
+        self.ended[member] = ALONE
+        run_member(plan, self.rows[member].tolist(), self.results, member)
+        if self.results.status[member] == 0:
+            self.results.messages[member] = note
+
+    def check(self, member: int, problem: Problem) -> None:
+        """Look at a member that is done as a run by itself is looked at; run it so if it fails.
+
+        Its times may be too late for its steps, or constraints may not have held it.
+        """
+        if self.ended[member] not in (DONE, STOPPED):
+            return
+        n = self.n_kept[member]
+        t, z = problem.t_eval[:n], self.results.z[member, :n].T
+        work = Statistics(self.pattern.row.name, 0, 0, 0, int(self.n_steps[member]), 0.0)
+        drift = Drift((), np.zeros((0, n)), float(self.corrections[member]))
+        run = Trajectory(t, z, 0, "", work, drift if problem.project is not None else None)
+        redundant = _redundant(self.pattern.plan.model, problem.project, run)
+        leaves_out = (
+            redundant
+            and problem.n_sensitivities
+            and any(self.pattern.plan.model.layout.uses_multipliers)
+        )
+        if held(problem, timely(problem, run), redundant).status != 0 or leaves_out:
+            self.run_alone(member)
 
     def block(self, workers: Sequence[Worker]) -> Block:
         """Give what came out, once all workers are done."""
         results, is_done = self.results, (self.ended == DONE) | (self.ended == STOPPED)
         results.steps[is_done] = self.n_steps[is_done]
-        if self.pattern.is_timed:
+        # Those that were prepared in Python have been looked at.
+        if self.pattern.is_timed and not self.pattern.is_searched:
             is_late = is_done & ~is_fine(self.pattern.problem, self.n_steps)
             for member in np.flatnonzero(is_late).tolist():
                 self.run_alone(member)
@@ -129,6 +185,7 @@ class BlockInC:
         c.memory = int(engine.lib.cotree_job_memory(job))
         c.max_steps, c.time_limit = problem.max_steps or 0, problem.time_limit or 0.0
         c.n_full = problem.size
+        c.is_watched, c.are_asked_for = self.pattern.is_watched, self.pattern.is_searched
         lib = self.library.lib
         c.prepare, c.finish = lib.cotree_batch_prepare, lib.cotree_batch_finish
         self._set_given()
@@ -145,8 +202,8 @@ class BlockInC:
 
     def _set_own(self) -> None:
         """Fill in what members have of their own."""
-        c, own = self.batch, own_values(self.pattern, self._rows)
-        c.n_members, c.n_set = len(self._rows), len(own.states)
+        c, own = self.batch, own_values(self.pattern, self.rows)
+        c.n_members, c.n_set = len(self.rows), len(own.states)
         c.p, c.set_values = self.pointer(own.p), self.pointer(own.values)
         c.set, c.set_by = self.pointer(own.states, "int"), self.pointer(own.by, "int")
         atols, turns = tolerances(self.pattern, own.p)
@@ -161,7 +218,7 @@ class BlockInC:
 
     def _set_results(self) -> None:
         """Make room for what comes out."""
-        c, results, n = self.batch, self.results, len(self._rows)
+        c, results, n = self.batch, self.results, len(self.rows)
         plan = self.pattern.plan
         places = [plan.model.outputs.index(name) for name in plan.outputs]
         c.n_outputs, c.outputs = len(places), self.pointer(np.array(places, np.intc), "int")
@@ -170,7 +227,8 @@ class BlockInC:
         c.output_slopes = self.pointer(results.slopes)
         self.n_steps = np.zeros(n, dtype=np.dtype("l"))
         c.n_steps = self.pointer(self.n_steps, "long")
-        c.n_kept = self.pointer(np.zeros(n, dtype=np.intc), "int")
+        self.n_kept = np.zeros(n, dtype=np.intc)
+        c.n_kept = self.pointer(self.n_kept, "int")
         c.seconds = self.pointer(results.seconds)
         self.corrections = np.zeros(n)
         c.corrections = self.pointer(self.corrections)

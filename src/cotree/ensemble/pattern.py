@@ -5,30 +5,29 @@ In: a ``Plan``. Out: a ``Pattern``, or the reason why members have to run one by
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from cotree.dag.symbols import INPUT, PARAMETER, TIME
 from cotree.dag.traverse import symbols_in
 from cotree.ensemble.results import n_sensitivities
+from cotree.errors import Error
 from cotree.model.signals import read_signals
-from cotree.scene.expressions import check_number
 from cotree.solvers.engine import load_engine
 from cotree.solvers.job import Job
-from cotree.solvers.jumps import ModelEvents
 from cotree.solvers.methods import method_row, refusal
-from cotree.solvers.native import check_available
-from cotree.solvers.prepare import given_scales, max_step_of, n_observed, places_of, scales_of
-from cotree.solvers.problem import Native, Problem, check_problem
-from cotree.solvers.settings import check_settings, read_bound, read_span, read_times, read_whole
+from cotree.solvers.native import can_extend, check_available
+from cotree.solvers.prepare import prepared
+from cotree.solvers.problem import check_values
+from cotree.solvers.select import choose_method
 
 if TYPE_CHECKING:
     from cotree.ensemble.plan import Plan
+    from cotree.model.newton import Newton
     from cotree.model.signals import ReplacedInputs
     from cotree.solvers.engine import Engine
     from cotree.solvers.methods import Method
+    from cotree.solvers.problem import Problem
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,130 +37,155 @@ class Pattern:
     Attributes
     ----------
     plan : Plan
-        The plan.
+        The plan, with a method by its name.
     row : Method
-        Its method.
+        The method.
     engine : Engine
-        The engine of the method.
+        Its engine.
     problem : Problem
-        That of a run with the values that no member sets; the start is of no meaning.
+        That of a run with the values that no member sets.
+    newton : Newton or None
+        The factors of the model, for own implicit methods.
     job : Job
-        Its job.
+        A job that has not begun.
     signals : ReplacedInputs
         Inputs in place of the scene's.
+    is_searched : bool
+        Whether each member is prepared in Python: its start is searched for, or it has corners of
+        its own.
     is_timed : bool
         Whether rates depend on time, so that its rounding may decide a run.
-    is_extended : bool
-        Whether algebraic unknowns are integrated, too, by an explicit method.
+    is_watched : bool
+        Whether members that an explicit method finds stiff are run with another one.
     """
 
     plan: Plan
     row: Method
     engine: Engine
     problem: Problem
+    newton: Newton | None
     job: Job
     signals: ReplacedInputs
+    is_searched: bool
     is_timed: bool
-    is_extended: bool = False
+    is_watched: bool
+
+    def job_of(self, problem: Problem) -> Job:
+        """Make the job of a member, which may begin again for others."""
+        is_extended = bool(self.job.job.is_extended)
+        return Job(self.engine, self.row, problem, self.newton, is_extended=is_extended)
 
 
-def find_pattern(plan: Plan) -> Pattern | str:
-    """Find what members share.
+@dataclass(frozen=True)
+class Unfit:
+    """A plan whose members run one by one, with a method by its name, and the reason."""
 
-    Returns
-    -------
-    Pattern or str
-        A reason is a sentence without a capital and an end.
+    plan: Plan
+    why: str
+
+
+def find_pattern(plan: Plan) -> Pattern | Unfit:
+    """Find what members share."""
+    try:
+        problem = problem_of(plan, plan.settings.parameters, plan.settings.initial)
+        is_chosen = plan.settings.method == "auto"
+        method = choose_method(problem)[0] if is_chosen else plan.settings.method
+        row = method_row(method)
+        plan = replace(plan, settings=replace(plan.settings, method=method))
+        found = _pattern(plan, row, problem, is_watched=is_chosen and not row.implicit)
+    except Error as error:
+        # The values that no member sets may be refused where those of members are not.
+        found = str(error)
+    return Unfit(plan, found) if isinstance(found, str) else found
+
+
+def problem_of(plan: Plan, parameters: Any, initial: Mapping[str, float]) -> Problem:
+    """Give the problem of one run, with the sensitivities that the plan has.
+
+    Parameters
+    ----------
+    plan : Plan
+        The plan.
+    parameters, initial
+        As of :meth:`cotree.solvers.prepare.Preparation.run`.
 
     Raises
     ------
     Error
-        If the settings are refused, or the values that no member sets.
+        If the settings are refused, or there is no start.
     """
-    check_settings(plan.settings)
-    row, signals = (
-        method_row(plan.settings.method),
-        read_signals(plan.settings.inputs, plan.model.inputs),
+    problem = prepared(plan.model, plan.settings).run(parameters, initial).problem
+    check_values(problem)
+    if not problem.n_sensitivities or n_sensitivities(plan):
+        return problem
+    assert problem.state_rhs is not None  # it is a model's
+    return replace(
+        problem,
+        rhs=problem.state_rhs,
+        n_sensitivities=0,
+        z0=problem.z0[: problem.n_states].copy(),
+        scales=None,
+        parameters=(),
+        places=None,
+        shifts={},
     )
+
+
+def _pattern(plan: Plan, row: Method, problem: Problem, *, is_watched: bool) -> Pattern | str:
+    """Find the pattern of a plan whose method has a name."""
     if not row.stepper:
         return f"'{row.name}' runs in Python"
-    why = _unfit(plan, signals)
-    if why:
-        return why
+    if problem.reach is not None:
+        return "an input is sampled by a function of Python"
     check_available(row.name)
-    problem = _problem(plan, signals)
-    check_problem(problem)
-    why = refusal(row.name, problem)
-    if why:
-        return why
-    engine = load_engine(row.stepper)
-    if isinstance(engine, str):
-        return engine
+    why, engine = refusal(row.name, problem), load_engine(row.stepper)
+    if why or isinstance(engine, str):
+        return why or str(engine)
     newton = None
     if row.family == "cotree" and row.implicit:
         assert problem.native is not None  # it was not refused
         newton = problem.native.model.newton()
         if newton is None:
             return "no compiler can build what it needs of the model"
+    # Without the sensitivities that a model is compiled with, it has no rates of the unknowns.
+    is_alike = bool(plan.model.sensitivities) == bool(problem.n_sensitivities)
+    is_extended = is_alike and can_extend(row, problem)
+    job = Job(engine, row, problem, newton, is_extended=is_extended)
+    if problem.is_sparse and job.is_wide and problem.events is None:
+        return "the Jacobian's band is wide"
     read = symbols_in(plan.model._program.kernels["rhs"].results)
-    is_timed = any(node.data[0] in (TIME, INPUT) for node in read)
-    return Pattern(plan, row, engine, problem, Job(engine, row, problem, newton), signals, is_timed)
+    return Pattern(
+        plan,
+        row,
+        engine,
+        problem,
+        newton,
+        job,
+        read_signals(plan.settings.inputs, plan.model.inputs),
+        is_searched=_is_searched(plan, problem),
+        is_timed=any(node.data[0] in (TIME, INPUT) for node in read),
+        is_watched=is_watched,
+    )
 
 
-def _unfit(plan: Plan, signals: ReplacedInputs) -> str:
-    """Say why members cannot run side by side in C; empty where they can."""
+def _is_searched(plan: Plan, problem: Problem) -> bool:
+    """Tell whether each member is prepared in Python."""
     model, layout = plan.model, plan.model.layout
-    if model.backend != "C":
-        return "the model is evaluated in Python"
-    if signals.by_position.keys() - signals.tables.keys() or signals.sampled:
-        return "an input is a function of Python"
     if layout.constraints or layout.start_rows or layout.n_algebraic or layout.redundant:
-        return "the start of each member is searched for"
+        return True
     if layout.followers or model.begins_at_rest or any(row.is_jump for row in layout.events):
-        return "the start of each member is searched for"
-    program = model._program
+        return True
+    assert problem.native is not None  # C takes it
+    if problem.native.functions:  # of which one exception ends all that is asked after it
+        return True
+    return bool(_moving(plan) & set(plan.columns))
+
+
+def _moving(plan: Plan) -> set[str]:
+    """Name the parameters that corners and the longest step depend on."""
+    program = plan.model._program
     stops = [stop for own in program.stops.values() for stop in own]
     nodes = [node for stop in stops for node in (stop.first, stop.period) if node is not None]
     nodes += [limit for own in program.longest_steps.values() for limit in own]
     read = {node.data for node in symbols_in(nodes)}
-    set_ones = {(PARAMETER, i) for i, name in enumerate(model.parameters) if name in plan.columns}
-    if read & set_ones:
-        return "members differ in where sources have corners"
-    return ""
-
-
-def _problem(plan: Plan, signals: ReplacedInputs) -> Problem:
-    """Give the problem of a run with the values that no member sets."""
-    model, settings, m = plan.model, plan.settings, n_sensitivities(plan)
-    p = model.parameter_array(settings.parameters)
-    values = dict(zip(model.parameters, p.tolist(), strict=True))
-    t_span, n = read_span(settings.t_span), len(model.states)
-    corners = model.corners(p, t_span, settings.inputs, signals.breakpoints)
-    native = model.native(p)
-    assert native is not None
-    return Problem(
-        rhs=lambda t, z: z,
-        jacobian=None,
-        n_states=n,
-        n_sensitivities=m,
-        z0=np.zeros(n * (1 + m)),
-        t_span=t_span,
-        t_eval=read_times(settings.t_eval),
-        rtol=check_number(settings.rtol, "rtol"),
-        atol=check_number(settings.atol, "atol"),
-        error_test_sensitivities=settings.error_test_sensitivities,
-        scales=scales_of(model, values, given_scales(model, settings.scales))[:m],
-        breakpoints=tuple(corner.t for corner in corners),
-        scale=max(*map(abs, t_span), *(corner.scale for corner in corners)),
-        shifts={corner.t: corner for corner in corners if any(corner.slopes + corner.spreads)},
-        names=model.states,
-        parameters=model.sensitivities[:m],
-        max_step=max_step_of(model, p, settings),
-        max_steps=read_whole(settings.max_steps, "max_steps"),
-        max_events=read_whole(settings.max_events, "max_events"),
-        time_limit=read_bound(settings.time_limit, "time_limit"),
-        native=Native(native, len(model.inputs), signals.tables, {}),
-        events=ModelEvents(model, p, lambda t: None) if model.layout.events else None,
-        places=places_of(model) if m else None,
-        n_observed=n_observed(model),
-    )
+    return {name for i, name in enumerate(plan.model.parameters) if (PARAMETER, i) in read}

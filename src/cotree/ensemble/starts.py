@@ -86,6 +86,6 @@ def tolerances(pattern: Pattern, p: FloatArray) -> tuple[FloatArray | None, Floa
         size = np.abs(p[:, model.parameters.index(names[j])])
         scales[:, j] = np.where(size == 0.0, 1.0, size)
     own = replace(problem, scales=scales)
-    _, _, atols = tested(pattern.row, own, is_extended=pattern.is_extended)
+    _, _, atols = tested(pattern.row, own, is_extended=bool(pattern.job.job.is_extended))
     # Where sensitivities are not tested, their sizes change nothing.
     return (atols if atols.ndim > 1 else None), turn_tolerances(own)

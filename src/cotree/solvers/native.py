@@ -76,7 +76,7 @@ def is_available(method: str) -> bool:
     return True
 
 
-def _can_extend(row: Method, problem: Problem) -> bool:
+def can_extend(row: Method, problem: Problem) -> bool:
     """Tell whether algebraic unknowns are integrated instead of solved for at each evaluation."""
     native = problem.native
     return (
@@ -124,7 +124,7 @@ def solve_in_c(
         if newton is None:
             return "no compiler can build what it needs of the model"
     compiling = time.perf_counter() - before
-    is_extended = _can_extend(row, problem)
+    is_extended = can_extend(row, problem)
     job = _begun(engine, row, problem, newton, is_extended=is_extended)
     # There SciPy's sparse factorisation is worth the loop in Python.
     if problem.is_sparse and job.is_wide and problem.events is None:

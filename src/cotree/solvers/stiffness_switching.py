@@ -89,7 +89,7 @@ class Succession:
         c, method = job.job, first.statistics.method
         # A copy, since the job may go on from this point after all.
         t, z, since = float(c.t), job.z.copy(), float(c.stiff_since)
-        if self._has_failed or not _is_confirmed(problem, t, z, float(c.last_step), method):
+        if self._has_failed or not is_confirmed(problem, t, z, float(c.last_step), method):
             return None
         self.note = _obstacle(problem, t, z, method)
         if self.note:
@@ -109,8 +109,22 @@ class Succession:
         return _joined(problem, first, replace(second, message=f"{second.message} {note}"))
 
 
-def _is_confirmed(problem: Problem, t: float, z: FloatArray, step: float, method: str) -> bool:
-    """Tell whether there is a mode that limits a step."""
+def is_confirmed(problem: Problem, t: float, z: FloatArray, step: float, method: str) -> bool:
+    """Tell whether there is a mode that limits a step.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    t : float
+        Time, [s].
+    z : ndarray
+        States and sensitivities there.
+    step : float
+        The step, [s].
+    method : str
+        The explicit method that takes it.
+    """
     cut, blocks = problem.n_states - problem.n_algebraic, 1 + problem.n_sensitivities
     w = z.reshape(blocks, problem.n_states)[:, :cut].ravel()
     # The method is stable up to |lambda| h = bound; the modes that count are those that decay.
