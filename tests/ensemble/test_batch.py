@@ -4,6 +4,7 @@ import threading
 
 import numpy as np
 import pytest
+from batches import assert_same, rows_of
 
 import cotree
 from cotree.ensemble.batch import run_block, usable_cores
@@ -26,24 +27,6 @@ def ball():
 
 def settings_of(**others):
     return Settings((0.0, 2.0), TIMES, **{"method": "dop853", "rtol": 1e-6, **others})
-
-
-def rows_of(model, n, names):
-    """Draw values within a tenth of the scene's, or near zero for initial values of zero."""
-    rng = np.random.default_rng(1)
-    values = dict(zip(model.parameters, model.default_parameters, strict=True))
-    values |= dict(zip(model.states, model.initial_state, strict=True))
-    middle = np.array([values[name] for name in names])
-    return middle + 0.1 * np.where(middle, middle, 1.0) * rng.uniform(-1, 1, (n, len(names)))
-
-
-def assert_same(block, other):
-    for name in ("z", "outputs", "output_sensitivities", "status", "steps"):
-        np.testing.assert_array_equal(getattr(block, name), getattr(other, name), name)
-    assert block.messages == other.messages
-    for name in ("member", "event", "t", "s"):
-        found, wanted = getattr(block.happened, name), getattr(other.happened, name)
-        np.testing.assert_array_equal(found, wanted, name)
 
 
 @pytest.mark.parametrize("method", ["dop853", "rodas5", "cvode", "ida"])

@@ -108,6 +108,8 @@ def _pattern(plan: Plan) -> Pattern | Unfit:
 
 def _drive(workers: Sequence[Worker], members: BlockInC, stop: Event | None) -> None:
     """Let workers run members until none is left, or the ensemble is stopped."""
+    if stop is not None and stop.is_set():
+        members.stop()
     if len(workers) == 1:
         _drive_here(workers[0], members, stop)
         return

@@ -19,7 +19,8 @@ from cotree.sharing import made_once
 from cotree.solvers.base import Drift, Statistics, Trajectory
 from cotree.solvers.engine import build_engine
 from cotree.solvers.evaluate import FAILED as STATUS_FAILED
-from cotree.solvers.simulate import _redundant
+from cotree.solvers.project import Projection
+from cotree.solvers.simulate import redundancy
 from cotree.solvers.timely import is_fine, timely
 from cotree.solvers.trust import held
 
@@ -129,18 +130,17 @@ class BlockInC:
         """
         if self.ended[member] not in (DONE, STOPPED):
             return
-        n = self.n_kept[member]
-        t, z = problem.t_eval[:n], self.results.z[member, :n].T
+        n, plan = self.n_kept[member], self.pattern.plan
+        t, z = np.asarray(plan.settings.t_eval, dtype=float)[:n], self.results.z[member, :n].T
         work = Statistics(self.pattern.row.name, 0, 0, 0, int(self.n_steps[member]), 0.0)
-        drift = Drift((), np.zeros((0, n)), float(self.corrections[member]))
-        run = Trajectory(t, z, 0, "", work, drift if problem.project is not None else None)
-        redundant = _redundant(self.pattern.plan.model, problem.project, run)
-        leaves_out = (
-            redundant
-            and problem.n_sensitivities
-            and any(self.pattern.plan.model.layout.uses_multipliers)
-        )
-        if held(problem, timely(problem, run), redundant).status != 0 or leaves_out:
+        projection = problem.project if isinstance(problem.project, Projection) else None
+        correction = float(self.corrections[member])
+        drift = None if projection is None else Drift((), np.zeros((0, n)), correction)
+        run = Trajectory(t, z, 0, "", work, drift)
+        redundant = redundancy(plan.model, projection, run)
+        # Reactions that are not unique have no sensitivities.
+        is_left_out = redundant > 0 and problem.n_sensitivities > 0 and bool(plan.outputs)
+        if held(problem, timely(problem, run), redundant).status != 0 or is_left_out:
             self.run_alone(member)
 
     def block(self, workers: Sequence[Worker]) -> Block:

@@ -6,7 +6,7 @@ In: a ``Plan``. Out: a ``Pattern``, or the reason why members have to run one by
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cotree.dag.symbols import INPUT, PARAMETER, TIME
 from cotree.dag.traverse import symbols_in
@@ -22,6 +22,8 @@ from cotree.solvers.problem import check_values
 from cotree.solvers.select import choose_method
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from cotree.ensemble.plan import Plan
     from cotree.model.newton import Newton
     from cotree.model.signals import ReplacedInputs
@@ -88,11 +90,12 @@ def find_pattern(plan: Plan) -> Pattern | Unfit:
     """Find what members share."""
     try:
         problem = problem_of(plan, plan.settings.parameters, plan.settings.initial)
-        is_chosen = plan.settings.method == "auto"
-        method = choose_method(problem)[0] if is_chosen else plan.settings.method
+        is_auto = plan.settings.method == "auto"
+        method = choose_method(problem)[0] if is_auto else plan.settings.method
         row = method_row(method)
         plan = replace(plan, settings=replace(plan.settings, method=method))
-        found = _pattern(plan, row, problem, is_watched=is_chosen and not row.implicit)
+        is_watched = (is_auto or plan.is_chosen) and row.family == "cotree" and not row.implicit
+        found = _pattern(plan, row, problem, is_watched=is_watched)
     except Error as error:
         # The values that no member sets may be refused where those of members are not.
         found = str(error)

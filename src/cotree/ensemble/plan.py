@@ -38,6 +38,9 @@ class Plan:
         Whether the sensitivities that the model was compiled with are integrated.
     lanes : int or None
         Members side by side in vectors: 1 for none, None for as many as the processor has.
+    is_chosen : bool
+        Whether the method was chosen for all members and not asked for: a member that an explicit
+        one finds stiff on its way is then run from its start with one for stiff problems.
     """
 
     model: CompiledModel
@@ -46,6 +49,7 @@ class Plan:
     outputs: tuple[str, ...] = ()
     has_sensitivities: bool = True
     lanes: int | None = None
+    is_chosen: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +91,8 @@ class Block:
         As of :class:`cotree.solvers.base.Trajectory`; -3 where the ensemble was stopped before the
         member had run.
     messages : tuple of str
-        A sentence for each member that failed or was not run; empty for others.
+        A sentence for each member that failed or was not run, or that another method ran; empty
+        for others.
     steps : ndarray of int, shape (n_members,)
         Accepted steps.
     seconds : ndarray, shape (n_members,)

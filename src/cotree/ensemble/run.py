@@ -215,9 +215,10 @@ def make_plan(
     wanted = _outputs(model, outputs)
     if lanes is not None:
         check_count(lanes, "lanes")
+    is_chosen = settings.method == "auto"
     settings = tried_settings(model, settings, members)
     has_sensitivities = bool(sensitivities) and bool(model.sensitivities)
-    return Plan(model, settings, members.columns, wanted, has_sensitivities, lanes)
+    return Plan(model, settings, members.columns, wanted, has_sensitivities, lanes, is_chosen)
 
 
 def check_execution(execution: Execution) -> None:

@@ -130,11 +130,11 @@ class Worker:
     def _answer(self, member: int) -> None:
         """See to a member that has not come to its end."""
         c, members = self._worker, self._members
-        if members.ended[member] == STIFF and self._goes_on(member):
-            return
-        c.member = -1
         if members.ended[member] != STIFF:
             members.run_alone(member)
+        elif self._goes_on(member):
+            return
+        c.member = -1
 
     def _goes_on(self, member: int) -> bool:
         """Run a member that is stiff with another method; tell where it is to go on by itself."""

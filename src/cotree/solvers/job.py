@@ -311,6 +311,10 @@ class Job:
         why = undefined_ahead(problem, float(c.t), self.z)
         return f"{reason}: {why}" if why else reason
 
+    def stand(self) -> None:
+        """Write where a job stands that is broken off."""
+        self._lib.cotree_job_stand(self.job)
+
     def end(self) -> None:
         """Free what the stepper holds."""
         self._lib.cotree_job_end(self.job)

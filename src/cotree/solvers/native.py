@@ -227,6 +227,8 @@ def run_job(job: Job, problem: Problem, method: str, spent: float = 0.0) -> Ende
     with Progress(method, problem.t_span) as progress:
         begin = time.perf_counter() - spent
         status, reason, is_stiff = _advance(job, problem, begin, progress)
+        if status == BUDGET_SPENT:
+            job.stand()
         return Ended(status, reason, time.perf_counter() - begin, is_stiff)
 
 

@@ -95,7 +95,7 @@ def run_values(
     # A run may still be refused: by the rounding of t, then by its constraints.
     trajectory = timely(problem, integrate(problem, settings.method))
     # Redundancy may come and go along a motion, so a few points are looked at, not the start alone.
-    redundant = _redundant(model, projection, trajectory)
+    redundant = redundancy(model, projection, trajectory)
     trajectory = with_growth(problem, held(problem, trajectory, redundant))
     if trajectory.status != 0:
         if settings.throw:
@@ -159,7 +159,7 @@ def _times_of(trajectory: Trajectory, seconds: float) -> dict[str, float]:
     return {"compile": compiling, "integrate": seconds - compiling}
 
 
-def _redundant(model: CompiledModel, projection: Projection | None, trajectory: Trajectory) -> int:
+def redundancy(model: CompiledModel, projection: Projection | None, trajectory: Trajectory) -> int:
     """Return the largest number of redundant constraints at a few points of the trajectory."""
     n = len(trajectory.t)
     if projection is None or not model.layout.constraint_edges or n == 0:
