@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         SceneError,
         SingularSystemError,
         SolveError,
+        StoreError,
         TopologyError,
     )
     from cotree.model.signals import sampled
@@ -44,6 +45,7 @@ __all__ = [
     "SceneError",
     "SingularSystemError",
     "SolveError",
+    "StoreError",
     "TopologyError",
     "__version__",
     "bands",

@@ -13,7 +13,8 @@
     │   └── SingularSystemError            the mass matrix is singular
     ├── CodegenError (RuntimeError)        the C text cannot be written
     ├── BuildError (RuntimeError)          the C text cannot be compiled or loaded
-    └── SolveError (RuntimeError)          the integration failed or cannot start
+    ├── SolveError (RuntimeError)          the integration failed or cannot start
+    └── StoreError (RuntimeError)          the store of an ensemble cannot be used
 
 Messages name the edge, node, parameter or file line at fault and say what to do about it; the
 functions below shorten what they quote.
@@ -99,6 +100,10 @@ class BuildError(Error, RuntimeError):
 
 class SolveError(Error, RuntimeError):
     """The integration failed, or cannot start."""
+
+
+class StoreError(Error, RuntimeError):
+    """The store of an ensemble cannot be read or written, or holds something else."""
 
 
 #: Names that a message lists, and names among which a similar one is looked for.

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cotree.ensemble.reasons import Reasons
 from cotree.ensemble.results import NOT_RUN, Results, n_sensitivities
 from cotree.errors import SolveError
 
 if TYPE_CHECKING:
+    from cotree.ensemble.dataset import Frame
     from cotree.ensemble.plan import Block, Plan
 
 
@@ -19,15 +21,15 @@ class Collected(Results):
 
     Parameters
     ----------
-    plan : Plan
-        What they share.
-    n_members : int
-        Number of members.
+    frame : Frame
+        What their Dataset is made of, but for them.
 
     Attributes
     ----------
-    done, failed : int
-        Members that were run, and those of them that failed.
+    done : int
+        Members that were run.
+    reasons : Reasons
+        Those of them that failed.
 
     Raises
     ------
@@ -35,10 +37,12 @@ class Collected(Results):
         If their results cannot be held in memory.
     """
 
-    def __init__(self, plan: Plan, n_members: int) -> None:
-        check_memory(member_bytes(plan) * n_members, n_members)
-        super().__init__(plan, n_members)
-        self.done = self.failed = 0
+    def __init__(self, frame: Frame) -> None:
+        n_members = len(frame.members.rows)
+        check_memory(member_bytes(frame.plan) * n_members, n_members)
+        super().__init__(frame.plan, n_members)
+        self._frame = frame
+        self.done, self.reasons = 0, Reasons()
 
     def take(self, first: int, block: Block) -> None:
         """Take the results of some members, of which the first is given by its number."""
@@ -49,9 +53,15 @@ class Collected(Results):
         self.steps[there], self.seconds[there] = block.steps, block.seconds
         own = block.happened
         self.add_happened(np.column_stack([own.member + first, own.event, own.t, own.s]))
-        was_run = block.status != NOT_RUN
-        self.done += int(was_run.sum())
-        self.failed += int((was_run & (block.status != 0)).sum())
+        self.done += int(np.count_nonzero(block.status != NOT_RUN))
+        self.reasons.add(first, block.status, block.messages)
+
+    def close(self) -> None:
+        """Hold nothing open, as a store does."""
+
+    def dataset(self) -> Any:
+        """Put them into an ``xarray.Dataset``."""
+        return self._frame.dataset(self._frame.variables(self._frame.shape, self.block()))
 
 
 def member_bytes(plan: Plan) -> int:

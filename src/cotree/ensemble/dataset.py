@@ -54,69 +54,85 @@ def check_xarray() -> Any:
     return xarray
 
 
-def dataset_of(plan: Plan, members: Members, block: Block, attributes: Mapping[str, str]) -> Any:
-    """Put results into a Dataset.
+class Frame:
+    """All of a Dataset but its results: dimensions, coordinates and attributes.
 
     Parameters
     ----------
     plan : Plan
         What the members share.
     members : Members
-        What each of them set.
-    block : Block
-        Their results.
+        What each of them sets.
     attributes : mapping of str to str
         Further attributes of the Dataset.
 
-    Returns
-    -------
-    xarray.Dataset
+    Attributes
+    ----------
+    dims, shape : tuple of str, tuple of int
+        The dimensions of members, and their lengths.
     """
-    xarray = check_xarray()
-    model = plan.model
-    names = Names(plan)
-    dims = (
-        tuple(names.column(name) for name in members.dimensions) if members.is_grid else (MEMBER,)
-    )
-    shape = members.shape
-    variables: dict[str, Any] = {}
-    units = model.layout.units
-    n, n_y = len(model.states), len(plan.outputs)
-    n_s = len(model.sensitivities) if plan.has_sensitivities else 0
-    n_t = len(plan.settings.t_eval)
-    # Views: z goes parameter by parameter behind the states.
-    y = block.z[:, :, :n].reshape(*shape, n_t, n)
-    s = block.z[:, :, n:].reshape(*shape, n_t, n_s, n) if n_s else None
-    outputs = block.outputs.reshape(*shape, n_t, n_y)
-    slopes = block.output_sensitivities.reshape(*shape, n_t, n_s, n_y)
-    rows = [
-        (name, y[..., i], None if s is None else s[..., i]) for i, name in enumerate(model.states)
-    ]
-    rows += [(name, outputs[..., i], slopes[..., i]) for i, name in enumerate(plan.outputs)]
-    told = {row.name: row.doc for row in model.layout.outputs}
-    for name, values, slope in rows:
-        title = names.value(name)
-        about = _about(units.get(name, ""), told.get(name) or name)
-        variables[title] = ((*dims, TIME), values, about)
-        if n_s:
-            unit = units.get(name, "")
-            about = _about(f"{unit or '1'} / unit of parameter", f"sensitivity of {name}")
-            variables[f"d({title})"] = ((*dims, TIME, PARAMETER), slope, about)
-    per_member = {
-        "status": block.status,
-        "message": np.array(block.messages, dtype=object),
-        "steps": block.steps,
-        "seconds": block.seconds,
-    }
-    for name, values in per_member.items():
-        about = {"long_name": _PER_MEMBER[name]} | ({"units": "s"} if name == "seconds" else {})
-        variables[name] = (dims, values.reshape(shape), about)
-    variables |= _events(plan, dims, shape, block.happened)
-    return xarray.Dataset(
-        variables,
-        _coordinates(plan, members, names, dims),
-        {**attributes, **_attributes(plan, members)},
-    )
+
+    def __init__(self, plan: Plan, members: Members, attributes: Mapping[str, str]) -> None:
+        self.plan, self.members, self._attributes = plan, members, attributes
+        self._names = Names(plan)
+        axes = tuple(self._names.column(name) for name in members.dimensions)
+        self.dims = axes if members.is_grid else (MEMBER,)
+        self.shape = members.shape
+
+    def dataset(self, variables: Mapping[str, Any]) -> Any:
+        """Put variables into an ``xarray.Dataset``."""
+        plan, members = self.plan, self.members
+        return check_xarray().Dataset(
+            variables,
+            _coordinates(plan, members, self._names, self.dims),
+            {**self._attributes, **_attributes(plan, members)},
+        )
+
+    def variables(self, shape: tuple[int, ...], block: Block) -> dict[str, Any]:
+        """Give the variables of some members: dimensions, values and attributes by name.
+
+        Parameters
+        ----------
+        shape : tuple of int
+            Lengths of the members' dimensions, here.
+        block : Block
+            Their results, of which the values are views.
+        """
+        plan, dims, names = self.plan, self.dims, self._names
+        model, units = plan.model, plan.model.layout.units
+        found: dict[str, Any] = {}
+        n, n_y = len(model.states), len(plan.outputs)
+        n_s = len(model.sensitivities) if plan.has_sensitivities else 0
+        n_t = len(plan.settings.t_eval)
+        # Views: z goes parameter by parameter behind the states.
+        y = block.z[:, :, :n].reshape(*shape, n_t, n)
+        s = block.z[:, :, n:].reshape(*shape, n_t, n_s, n) if n_s else None
+        outputs = block.outputs.reshape(*shape, n_t, n_y)
+        slopes = block.output_sensitivities.reshape(*shape, n_t, n_s, n_y)
+        rows = [
+            (name, y[..., i], None if s is None else s[..., i])
+            for i, name in enumerate(model.states)
+        ]
+        rows += [(name, outputs[..., i], slopes[..., i]) for i, name in enumerate(plan.outputs)]
+        told = {row.name: row.doc for row in model.layout.outputs}
+        for name, values, slope in rows:
+            title = names.value(name)
+            about = _about(units.get(name, ""), told.get(name) or name)
+            found[title] = ((*dims, TIME), values, about)
+            if n_s:
+                unit = units.get(name, "")
+                about = _about(f"{unit or '1'} / unit of parameter", f"sensitivity of {name}")
+                found[f"d({title})"] = ((*dims, TIME, PARAMETER), slope, about)
+        per_member = {
+            "status": block.status,
+            "message": np.array(block.messages, dtype=object),
+            "steps": block.steps,
+            "seconds": block.seconds,
+        }
+        for name, values in per_member.items():
+            about = {"long_name": _PER_MEMBER[name]} | ({"units": "s"} if name == "seconds" else {})
+            found[name] = (dims, values.reshape(shape), about)
+        return found | _events(plan, dims, shape, block.happened)
 
 
 class Names:

@@ -337,11 +337,12 @@ class _Crew:
         """Count the workers; as many as processors where the executor does not tell."""
         now = time.monotonic()
         if now - self._counted > _COUNTED_FOR:
-            self._n_workers, self._counted = max(1, _count(self._executor)), now
+            self._n_workers, self._counted = max(1, count_workers(self._executor)), now
         return self._n_workers
 
 
-def _count(executor: Any) -> int:
+def count_workers(executor: Any) -> int:
+    """Count the workers of an executor; the processors of this machine where it does not tell."""
     client = getattr(executor, "_client", None)
     if client is not None:
         return int(sum(client.nthreads().values()))

@@ -97,7 +97,9 @@ class EnsembleMethods:
             ``dask.distributed`` or its executor, ``MPIPoolExecutor()`` of mpi4py; ``threads`` are
             then those of each worker, one where absent. Blocks of a worker that dies are run again.
         store : path, optional
-            Where results are kept as they are done.
+            A folder in which results are kept as they are done, in the format Zarr: whatever ends
+            the call, the same call again computes only what is missing. The Dataset is then read
+            from there when values are asked for.
         progress : bool
             Whether a bar shows members done at a terminal, from the second second on.
         on_error : {"keep", "raise"}
@@ -122,6 +124,8 @@ class EnsembleMethods:
             If members, or what they share, are not accepted; the message names column and row.
         SolveError
             If a setting makes no sense; with ``on_error="raise"``, if a member fails.
+        StoreError
+            If the store cannot be used, or is another ensemble's; the message says what differs.
         Error
             If xarray is not installed.
 

@@ -7,25 +7,26 @@ neither on the sizes of the blocks nor on who runs them.
 
 from __future__ import annotations
 
-import re
+import contextlib
 import time
 import warnings
-from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from cotree.ensemble.batch import run_block, usable_cores
 from cotree.ensemble.collected import Collected, member_bytes
-from cotree.ensemble.dataset import check_xarray, dataset_of
-from cotree.ensemble.executors import Shares, read_executor, run_on
+from cotree.ensemble.dataset import Frame, check_xarray
+from cotree.ensemble.executors import Shares, count_workers, read_executor, run_on
 from cotree.ensemble.interrupts import stopped_by_interrupt
 from cotree.ensemble.plan import Plan
 from cotree.ensemble.progress import EnsembleProgress
 from cotree.ensemble.results import NOT_RUN
+from cotree.ensemble.sizing import timed_size
+from cotree.ensemble.store import Store
 from cotree.ensemble.trial import tried_settings
+from cotree.ensemble.zarr_folder import read_path
 from cotree.errors import SceneError, SolveError, nearest
 from cotree.quiet import level_of_user
 
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 
     from cotree.ensemble.members import Members
     from cotree.ensemble.plan import Block
+    from cotree.ensemble.reasons import Reasons
     from cotree.model.model import CompiledModel
     from cotree.solvers.base import FloatArray
     from cotree.solvers.settings import Settings
@@ -45,6 +47,9 @@ _PIECE = 0.3
 
 # Members of the first block for each thread, where the number of lanes is left open.
 _LANES = 8
+
+# Workers whose blocks of that size a store takes in without being late.
+_MOST_QUICK = 8
 
 # Results of a block, [byte]; it is held beside the whole.
 _LARGEST_BLOCK = 2**26
@@ -91,33 +96,45 @@ def run_ensemble(
         If a member fails and errors are to be raised.
     """
     check_xarray()
-    n = len(members.rows)
-    done, pace = Collected(plan, n), Pace(plan, execution)
-    with stopped_by_interrupt() as stop, EnsembleProgress(n, execution.progress) as bar:
+    n, frame, pace = len(members.rows), Frame(plan, members, attributes), Pace(plan, execution)
+    with (
+        stopped_by_interrupt() as stop,
+        EnsembleProgress(n, execution.progress) as bar,
+        contextlib.ExitStack() as opened,
+    ):
+        done: Collected | Store
+        if execution.store is None:
+            done, ranges = Collected(frame), pace.ranges(n)
+        else:
+            done = Store(execution.store, frame, lambda: pace.size(plan, members.rows))
+            ranges = done.ranges()
+            pace.spread(done.members_of_a_block, opened)
+        opened.callback(done.close)
         blocks = run_blocks(
             plan,
             members.rows,
-            pace.ranges(n),
+            ranges,
             threads=pace.threads,
             executor=pace.executor,
             stop=stop,
         )
+        opened.callback(blocks.close)
         try:
+            _check(execution, members, done.reasons)
             for first, block in blocks:
                 done.take(first, block)
-                bar.reached(done.done, done.failed)
-                if execution.on_error == "raise":
-                    _raise_first(members, first, block)
+                bar.reached(done.done, done.reasons.failed)
+                _check(execution, members, done.reasons)
         except KeyboardInterrupt:
             # Of a program with a handler of its own it comes as an exception; a second one leaves.
             if stop.is_set():
                 raise
             stop.set()
-        finally:
-            blocks.close()
-    block = done.block()
-    _tell(block)
-    return dataset_of(plan, members, block, attributes)
+        except BaseException:
+            stop.set()
+            raise
+    _tell(n, done.done, done.reasons)
+    return done.dataset()
 
 
 def run_blocks(
@@ -180,6 +197,19 @@ class Pace:
         # All lanes of all threads have something to do.
         self._least = self.threads * (_LANES if plan.lanes is None else plan.lanes)
 
+    def size(self, plan: Plan, rows: FloatArray) -> int:
+        """Try how many members a block of a store is to have; they are run again with theirs."""
+        n_workers = 1 if self.executor is None else count_workers(self.executor)
+        # So many workers together write as many files as a few do.
+        piece = _PIECE * max(1.0, n_workers / _MOST_QUICK)
+        return min(self._most, timed_size(plan, rows, self.threads, piece, self._most))
+
+    def spread(self, members_of_a_block: int, opened: contextlib.ExitStack) -> None:
+        """Let threads run blocks of their own where a block has fewer members than threads."""
+        if self.executor is None and members_of_a_block < self.threads:
+            self.executor = opened.enter_context(ThreadPoolExecutor(self.threads))
+            self.threads = 1
+
     def ranges(self, n: int) -> Iterable[tuple[int, int]]:
         """Cut n members into blocks, which are as large as those before them tell."""
         return self._one_by_one(n) if self.executor is None else Shares(n, self._most)
@@ -233,7 +263,7 @@ def check_execution(execution: Execution) -> None:
         check_count(execution.threads, "threads")
     read_executor(execution.executor)
     if execution.store is not None:
-        raise SolveError("store is not supported yet: leave it out")
+        read_path(execution.store)
     if execution.on_error not in ("keep", "raise"):
         raise SolveError(f"on_error is {execution.on_error!r}: give 'keep' or 'raise'")
 
@@ -260,31 +290,19 @@ def _outputs(model: CompiledModel, outputs: Sequence[str] | None) -> tuple[str, 
     return names
 
 
-def _raise_first(members: Members, first: int, block: Block) -> None:
-    """Raise for the first member of a block that failed."""
-    failed = np.flatnonzero((block.status != 0) & (block.status != NOT_RUN))
-    if failed.size:
-        i = int(failed[0])
-        raise MemberError(f"{members.described(first + i)} failed: {block.messages[i]}")
+def _check(execution: Execution, members: Members, reasons: Reasons) -> None:
+    """Raise for the first member that failed, where errors are to be raised."""
+    if execution.on_error == "raise" and reasons.first is not None:
+        i, sentence = reasons.first
+        raise MemberError(f"{members.described(i)} failed: {sentence}")
 
 
-def _tell(block: Block) -> None:
+def _tell(n: int, n_done: int, reasons: Reasons) -> None:
     """Warn of members that failed or were not run."""
-    n, is_left = len(block.status), block.status == NOT_RUN
-    if is_left.any():
-        _warn(
-            f"stopped after {n - int(is_left.sum())} of {n} members: the others are nan, with "
-            f"status {NOT_RUN}"
-        )
-    failed = np.flatnonzero((block.status != 0) & ~is_left)
-    if not failed.size:
-        return
-    # Sentences that differ in their numbers alone have one reason.
-    reasons = [re.sub(r"[-+.\d]+(e[-+]?\d+)?", "#", block.messages[i]) for i in failed]
-    ((reason, count),) = Counter(reasons).most_common(1)
-    shown = block.messages[int(failed[reasons.index(reason)])]
-    often = f", {count} of them for this reason" if count < failed.size else ""
-    _warn(f"{failed.size} of {n} members failed and are nan{often}: {shown}")
+    if n_done < n:
+        _warn(f"stopped after {n_done} of {n} members: the others are nan, with status {NOT_RUN}")
+    if reasons.failed:
+        _warn(reasons.told(n))
 
 
 def _warn(sentence: str) -> None:

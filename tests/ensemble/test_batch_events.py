@@ -1,0 +1,33 @@
+"""What happened to members, where a worker gets more room for it."""
+
+import numpy as np
+import pytest
+
+import cotree
+from cotree.ensemble.batch import run_block
+from cotree.ensemble.one_by_one import run_one_by_one
+from cotree.ensemble.plan import Plan
+from cotree.ensemble.worker import Worker
+from cotree.solvers.settings import Settings
+
+
+@pytest.mark.compiler
+def test_events_are_not_read_from_room_that_was_given_up(monkeypatch):
+    """Times of a few members were whatever stood in memory that the worker had freed."""
+    whole, given_up = Worker._make_room, []
+
+    def make_room(worker):
+        before = worker._kept.get("records")
+        whole(worker)
+        if before is not None:
+            before[:] = np.nan
+            given_up.append(before)
+
+    monkeypatch.setattr(Worker, "_make_room", make_room)
+    ball = cotree.load("bouncing-ball").compile(["e"])
+    plan = Plan(ball, Settings((0.0, 3.0), np.linspace(0.0, 3.0, 3), "dopri5"), ("e",))
+    rows = np.linspace(0.3, 0.9, 150)[:, np.newaxis]
+    block, wanted = run_block(plan, rows, threads=1), run_one_by_one(plan, rows)
+    assert len(given_up) >= 1
+    np.testing.assert_array_equal(block.happened.t, wanted.happened.t)
+    np.testing.assert_array_equal(block.happened.s, wanted.happened.s)
