@@ -182,7 +182,7 @@ class _Printer:
     def _compound(self, row: ConstantTable | Loop | When) -> Iterator[str]:
         """Print a statement that takes several lines."""
         if isinstance(row, ConstantTable):
-            kind = self._target.type_of(row.kind)
+            kind = self._target.type_of_entry(row.kind)
             yield f"static const {kind} {row.name}[{len(row.values)}] = {{"
             suffix = self._target.suffix if row.kind == SCALAR else ""
             text = " ".join([f"{value}{suffix}," for value in row.values])
@@ -216,7 +216,9 @@ class _Printer:
     def _spelt(self, form: Form) -> str:
         op, name = form.op, form.name
         if op in _LEAVES:
-            return _LEAVES[op].format(name=name, suffix=self._target.suffix, zero=self._target.zero)
+            target = self._target
+            text = _LEAVES[op].format(name=name, suffix=target.suffix, zero=target.zero)
+            return target.number.format(text) if op == "number" else text
         args = [self._format(arg) for arg in form.args]
         if op in ("call", "part"):
             own = self._target.name.format(name) if op == "part" else name

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from cotree.codegen.expressions import fields_of
 from cotree.codegen.statements import REAL, SCALAR, WHOLE
 from cotree.dag.operations import OPERATIONS
 
@@ -37,6 +38,13 @@ class Target:
         Qualifier of an array that vectors are read from.
     restrict : str
         Qualifier of an argument that no other leads to the same array.
+    number : str
+        A constant, its digits left open.
+    entry : str
+        Type of one number in a table; empty where it is ``scalar``.
+    calls : str
+        Beginning of the names of functions that stand for those of the C library and for choices;
+        empty where these themselves are called.
     """
 
     real: str = "double"
@@ -47,10 +55,17 @@ class Target:
     name: str = "{}"
     aligned: str = "COTREE_ALIGNED "
     restrict: str = "COTREE_RESTRICT "
+    number: str = "{}"
+    entry: str = ""
+    calls: str = ""
 
     def type_of(self, kind: str) -> str:
         """Spell a type; a type of C stays as it is."""
         return {REAL: self.real, SCALAR: self.scalar, WHOLE: "int"}.get(kind, kind)
+
+    def type_of_entry(self, kind: str) -> str:
+        """Spell the type of the numbers in a table."""
+        return (self.entry if kind == SCALAR else "") or self.type_of(kind)
 
     def declared(self, argument: Argument) -> str:
         """Declare an argument."""
@@ -67,6 +82,9 @@ class Target:
             text = _SPELLED[op]
         else:
             row = OPERATIONS[op]
+            if self.calls and row.is_call:
+                # Arguments in the order, and as often, as the row spells them.
+                return f"{self.calls}{op}({', '.join(f'{{{i}}}' for i in fields_of(row.c))})"
             # Functions of the C library have a suffix by type, sinf for float; operators have none.
             is_named = row.is_call and row.c[0].isalpha()
             text = row.c.replace("(", f"{self.suffix}(", 1) if is_named else row.c
@@ -81,4 +99,13 @@ LANES = Target(
     zero="ZERO",
     function="TARGET COTREE_APART static void",
     name="NAMED({})",
+)
+#: Members of an ensemble: whole kernels, a member in each lane.
+MEMBERS = Target(
+    real="VECTOR",
+    scalar="VECTOR",
+    zero="ZERO",
+    number="ALL({})",
+    entry="double",
+    calls="cotree_",
 )

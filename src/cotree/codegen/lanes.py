@@ -1,0 +1,217 @@
+"""C text that runs members of an ensemble side by side, one in each lane of vectors.
+
+In: a program after its passes, a tableau and a width. Out: ``<model>_lanes.c``: the kernels of
+rates once more, for the target ``MEMBERS``, and steps of the method around them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from cotree.codegen.kernel_text import KernelFile, file_fields, kernel_context, name_tables
+from cotree.codegen.node_statements import SINES
+from cotree.codegen.printing import wrapped
+from cotree.codegen.render import abi_header, declared, render
+from cotree.codegen.tableaus import TABLEAUS
+from cotree.codegen.targets import MEMBERS
+from cotree.dag.operations import OPERATIONS
+from cotree.dag.traverse import substitute
+from cotree.naming import c_identifier
+from cotree.passes.rewriting import rewrite
+from cotree.quiet import without_collection
+from cotree.version import VERSION
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from cotree.dag.linear_map import LinearMap
+    from cotree.dag.nodes import Node
+    from cotree.program import Kernel, Program
+
+#: Functions that are left to the C library, lane by lane.
+_LIBRARY = tuple("tan asin acos atan sinh cosh tanh erf floor atan2 pow".split())
+#: Operations beyond which compiling takes longer than vectors are worth.
+_MOST_OPERATIONS = 20_000
+
+
+@dataclass(frozen=True)
+class Lanes:
+    """Vectors of a processor.
+
+    Attributes
+    ----------
+    width : int
+        Numbers in a vector.
+    n_bundles : int
+        Vectors in turn: one is worked at while another waits for its own results.
+    instructions : str
+        The instructions that they need besides the common ones, as compilers name them.
+    """
+
+    width: int
+    n_bundles: int
+    instructions: str
+
+
+@dataclass(frozen=True)
+class LanesContext(KernelFile):
+    """Data of the template."""
+
+    width: int
+    n_bundles: int
+    instructions: str
+    has_sensitivities: bool
+    packs_sines: bool
+    library: dict[str, str]
+    n: int
+    n_full: int
+    n_states: int
+    n_parameters: int
+    n_prepared: int
+    n_inputs: int
+    places: list[str]
+
+
+def lanes_refusal(program: Program, method: str, *, has_sensitivities: bool) -> str:
+    """Say why members of a model do not run in lanes; empty where they can.
+
+    Parameters
+    ----------
+    program : Program
+        After its passes.
+    method : str
+        The method.
+    has_sensitivities : bool
+        Whether sensitivities are integrated.
+
+    Returns
+    -------
+    str
+        A sentence without a capital and an end.
+    """
+    layout = program.layout
+    if method not in TABLEAUS:
+        return f"'{method}' is no explicit method of cotree"
+    if layout.events:
+        return "there are events"
+    if layout.constraints:
+        return "there are constraints"
+    if layout.n_algebraic:
+        return "there are algebraic unknowns"
+    if any(program.stops.values()):
+        return "rates have kinks or jumps at known times"
+    kernels = _kernels(program, has_sensitivities=has_sensitivities)
+    ops = {node.op for kernel in kernels for node in kernel.order}
+    if "solve" in ops:
+        return "a linear system is solved with pivots that are chosen at run time"
+    if "call" in ops:
+        return "a function from outside is called"
+    if sum(kernel.operations.total for kernel in kernels) > _MOST_OPERATIONS:
+        return f"rates have more than {_MOST_OPERATIONS} operations"
+    return "" if layout.states else "there are no states"
+
+
+@without_collection()
+def lanes_context(program: Program, lanes: Lanes, *, has_sensitivities: bool) -> LanesContext:
+    """Gather what the template needs.
+
+    Parameters
+    ----------
+    program : Program
+        After its passes, one that :func:`lanes_refusal` accepts.
+    lanes : Lanes
+        The vectors.
+    has_sensitivities : bool
+        Whether sensitivities are integrated.
+    """
+    layout, prefix = program.layout, c_identifier(program.layout.name)
+    kernels = [_written_out(k) for k in _kernels(program, has_sensitivities=has_sensitivities)]
+    nodes = [node for kernel in kernels for node in kernel.order]
+    ops = {node.op for node in nodes}
+    packs_sines = "sines" in ops
+    names = {**name_tables(nodes), **({SINES: "cotree_sines"} if packs_sines else {})}
+    contexts = [kernel_context(prefix, k, program, names, {}, MEMBERS) for k in kernels]
+    n, n_blocks = len(layout.states), 1 + has_sensitivities * len(layout.sensitivities)
+    places = [*range(n)]
+    if has_sensitivities:
+        places += [n + place for place in layout.sensitivity_places]
+    return LanesContext(
+        **file_fields(layout.name, nodes, contexts),
+        width=lanes.width,
+        n_bundles=lanes.n_bundles,
+        instructions=lanes.instructions,
+        has_sensitivities=has_sensitivities,
+        packs_sines=packs_sines,
+        library={op: OPERATIONS[op].c.split("(")[0] for op in _LIBRARY if op in ops},
+        n=len(places),
+        n_full=n * n_blocks,
+        n_states=n,
+        n_parameters=len(layout.parameters),
+        n_prepared=program.n_prepared,
+        n_inputs=len(layout.inputs),
+        # Most often nothing vanishes.
+        places=[] if places == [*range(n * n_blocks)] else wrapped(map(str, places)),
+    )
+
+
+def render_lanes(model: LanesContext, method: str) -> Mapping[str, str]:
+    """Write the file of a model, and the headers that it includes.
+
+    Parameters
+    ----------
+    model : LanesContext
+        From :func:`lanes_context`.
+    method : str
+        A name in ``TABLEAUS``.
+
+    Returns
+    -------
+    mapping of str to str
+        Text by file name.
+    """
+    return {
+        "cotree_abi.h": abi_header(),
+        "cotree_lanes.h": lanes_header(),
+        f"{model.prefix}_lanes.c": render(
+            "c/lanes/lanes.c.jinja", model=model, method=TABLEAUS[method]
+        ),
+    }
+
+
+def lanes_header() -> str:
+    """Write the header that is the same for every model."""
+    return render("c/lanes/cotree_lanes.h.jinja", generator=VERSION)
+
+
+def lanes_declarations(model: LanesContext) -> str:
+    """Give the declarations that cffi reads."""
+    return f"{declared(lanes_header())}const cotree_lanes *{model.prefix}_lanes(void);\n"
+
+
+def _kernels(program: Program, *, has_sensitivities: bool) -> list[Kernel]:
+    """Give the kernels of rates, and of inputs where there are any."""
+    names = ["inputs"] if program.layout.inputs else []
+    names.append("augmented_rhs" if has_sensitivities else "rhs")
+    return [program.kernels[name] for name in names]
+
+
+def _written_out(kernel: Kernel) -> Kernel:
+    """Write the columns of maps out, each with its own values: lanes hold members instead."""
+    columns: dict[Node, list[Node]] = {}
+
+    def form(node: Node, new: Mapping[Node, Node]) -> Node:
+        if node.op == "map":
+            linear: LinearMap = node.data
+            args = [new.get(arg, arg) for arg in node.args]
+            given = [dict(zip(linear.inputs, row, strict=True)) for row in linear.given_to(args)]
+            columns[node] = [root for row in given for root in substitute(linear.results, row)]
+            return node
+        return columns[node.args[0]][node.data]
+
+    chosen = {
+        node
+        for node in kernel.order
+        if node.op == "map" or (node.op == "result" and node.args[0].op == "map")
+    }
+    return replace(rewrite(kernel, chosen, form)) if chosen else kernel
