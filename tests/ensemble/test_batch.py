@@ -1,5 +1,6 @@
 """Members in one call into C are the runs that ``simulate`` makes, to the last bit."""
 
+import functools
 import threading
 
 import numpy as np
@@ -9,8 +10,11 @@ from batches import assert_same, rows_of
 import cotree
 from cotree.ensemble.batch import run_block, usable_cores
 from cotree.ensemble.one_by_one import run_one_by_one
-from cotree.ensemble.plan import Plan
+from cotree.ensemble.plan import Plan as PlanOfMembers
 from cotree.solvers.settings import Settings
+
+# Members one after another; those in lanes are tested in test_lanes.py.
+Plan = functools.partial(PlanOfMembers, lanes=1)
 
 TIMES = np.linspace(0.0, 2.0, 9)
 

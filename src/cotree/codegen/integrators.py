@@ -227,6 +227,7 @@ def batch_declarations(files: Mapping[str, str]) -> str:
         "void cotree_batch_close(cotree_worker *);\n"
         "int cotree_batch_prepare(const cotree_batch *, int, double *, double *);\n"
         "int cotree_batch_finish(cotree_worker *, int, const double *);\n"
+        "double cotree_batch_now(void);\n"
         "int cotree_batch_most_threads(void);\n"
     )
 

@@ -7,12 +7,13 @@ rates once more, for the target ``MEMBERS``, and steps of the method around them
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from cotree.codegen.integrators import batch_files
 from cotree.codegen.kernel_text import KernelFile, file_fields, kernel_context, name_tables
 from cotree.codegen.node_statements import SINES
 from cotree.codegen.printing import wrapped
-from cotree.codegen.render import abi_header, declared, render
+from cotree.codegen.render import declared, render
 from cotree.codegen.tableaus import TABLEAUS
 from cotree.codegen.targets import MEMBERS
 from cotree.dag.operations import OPERATIONS
@@ -30,7 +31,10 @@ if TYPE_CHECKING:
     from cotree.program import Kernel, Program
 
 #: Functions that are left to the C library, lane by lane.
-_LIBRARY = tuple("tan asin acos atan sinh cosh tanh erf floor atan2 pow".split())
+_LIBRARY = (
+    *("tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "erf", "floor"),
+    *("atan2", "pow"),
+)
 #: Operations beyond which compiling takes longer than vectors are worth.
 _MOST_OPERATIONS = 20_000
 
@@ -99,8 +103,6 @@ def lanes_refusal(program: Program, method: str, *, has_sensitivities: bool) -> 
         return "there are constraints"
     if layout.n_algebraic:
         return "there are algebraic unknowns"
-    if any(program.stops.values()):
-        return "rates have kinks or jumps at known times"
     kernels = _kernels(program, has_sensitivities=has_sensitivities)
     ops = {node.op for kernel in kernels for node in kernel.order}
     if "solve" in ops:
@@ -130,7 +132,9 @@ def lanes_context(program: Program, lanes: Lanes, *, has_sensitivities: bool) ->
     nodes = [node for kernel in kernels for node in kernel.order]
     ops = {node.op for node in nodes}
     packs_sines = "sines" in ops
-    names = {**name_tables(nodes), **({SINES: "cotree_sines"} if packs_sines else {})}
+    names: dict[Any, str] = {**name_tables(nodes)}
+    if packs_sines:
+        names[SINES] = "cotree_sines"
     contexts = [kernel_context(prefix, k, program, names, {}, MEMBERS) for k in kernels]
     n, n_blocks = len(layout.states), 1 + has_sensitivities * len(layout.sensitivities)
     places = [*range(n)]
@@ -170,8 +174,9 @@ def render_lanes(model: LanesContext, method: str) -> Mapping[str, str]:
     mapping of str to str
         Text by file name.
     """
+    headers = {name: text for name, text in batch_files().items() if name.endswith(".h")}
     return {
-        "cotree_abi.h": abi_header(),
+        **headers,
         "cotree_lanes.h": lanes_header(),
         f"{model.prefix}_lanes.c": render(
             "c/lanes/lanes.c.jinja", model=model, method=TABLEAUS[method]
@@ -207,7 +212,8 @@ def _written_out(kernel: Kernel) -> Kernel:
             given = [dict(zip(linear.inputs, row, strict=True)) for row in linear.given_to(args)]
             columns[node] = [root for row in given for root in substitute(linear.results, row)]
             return node
-        return columns[node.args[0]][node.data]
+        place: int = node.data
+        return columns[node.args[0]][place]
 
     chosen = {
         node

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.codegen.integrators import batch_declarations, batch_files
+from cotree.ensemble.lanes import LoadedLanes, find_lanes
 from cotree.ensemble.one_by_one import run_member
 from cotree.ensemble.results import Results
 from cotree.ensemble.starts import own_values, tolerances
@@ -78,11 +79,14 @@ class BlockInC:
         The structure.
     results : Results
         What comes out.
+    lanes : LoadedLanes or str
+        The lanes that members run in; or why they run one at a time.
     """
 
     def __init__(self, pattern: Pattern, rows: FloatArray) -> None:
         self.pattern, self.library, self.rows = pattern, load_batch(), rows
         self.results = Results(pattern.plan, len(rows))
+        self.lanes = find_lanes(pattern)
         self._kept: list[Any] = []
         self.batch = self.library.ffi.new("cotree_batch *")
         self._set_shared()
@@ -188,6 +192,9 @@ class BlockInC:
         c.is_watched, c.are_asked_for = self.pattern.is_watched, self.pattern.is_searched
         lib = self.library.lib
         c.prepare, c.finish = lib.cotree_batch_prepare, lib.cotree_batch_finish
+        c.now = lib.cotree_batch_now
+        if isinstance(self.lanes, LoadedLanes):
+            c.lanes = ffi.cast(ffi.typeof(c.lanes), self.lanes.work)
         self._set_given()
 
     def _set_given(self) -> None:

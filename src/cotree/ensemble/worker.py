@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.ensemble.block_in_c import STIFF
+from cotree.ensemble.lanes import LoadedLanes
 from cotree.ensemble.one_by_one import settings_of
 from cotree.ensemble.pattern import problem_of
 from cotree.errors import Error
@@ -60,6 +61,8 @@ class Worker:
             ("memory", -(-int(members.batch.memory) // 8)),
         ):
             setattr(c, name, self._point(name, np.zeros(max(1, size))))
+        if isinstance(members.lanes, LoadedLanes):
+            c.own = self._aligned("own", members.lanes.n_bytes)
         self._happened = np.zeros((0, 3 + m))
         self._width, self._at_once = 0, 0
         if problem.events is not None:
@@ -178,6 +181,12 @@ class Worker:
         happened[:n] = self._happened[:n]
         self._happened = happened
         c.happened, c.most_happened = self._point("happened", happened), len(happened)
+
+    def _aligned(self, name: str, n_bytes: int) -> Any:
+        """Make room that begins at a multiple of 64 bytes, as vectors need."""
+        room = np.zeros(n_bytes // 8 + 8)
+        first = -room.ctypes.data % 64 // 8
+        return self._point(name, room[first:])
 
     def _point(self, name: str, array: FloatArray) -> Any:
         self._kept[name] = array

@@ -1,0 +1,173 @@
+"""Members side by side in the lanes of vectors: whether they can be, and the library that does it.
+
+In: a ``Pattern``. Out: the code of its lanes, compiled at the first ensemble that asks for it; or
+the reason why its members run one at a time.
+"""
+
+from __future__ import annotations
+
+import platform
+import threading
+import weakref
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from cotree.build import BuildOptions, find_toolchain, obtain_library
+from cotree.build.options import cpu_features
+from cotree.codegen.lanes import (
+    Lanes,
+    lanes_context,
+    lanes_declarations,
+    lanes_refusal,
+    render_lanes,
+)
+from cotree.errors import BuildError, SolveError
+from cotree.sharing import forming
+from cotree.version import ABI_VERSION
+
+if TYPE_CHECKING:
+    from cotree.build import LoadedLibrary
+    from cotree.ensemble.pattern import Pattern
+    from cotree.model.model import CompiledModel
+    from cotree.program import Program
+
+# What models have loaded, one thread at a time.
+_loaded: weakref.WeakKeyDictionary[CompiledModel, dict[Any, LoadedLanes | str]] = (
+    weakref.WeakKeyDictionary()
+)
+_building = threading.Lock()
+
+#: Numbers of lanes that may be asked for; one is none.
+WIDTHS = (1, 2, 4, 8, 16)
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedLanes:
+    """Lanes of a model.
+
+    Attributes
+    ----------
+    n_lanes : int
+        Members side by side.
+    n_bytes : int
+        Memory that a worker needs for them.
+    work : int
+        Address of the function that works in them.
+    library : LoadedLibrary
+        The library, which keeps the code loaded.
+    """
+
+    n_lanes: int
+    n_bytes: int
+    work: int
+    library: LoadedLibrary
+
+
+def find_lanes(pattern: Pattern) -> LoadedLanes | str:
+    """Find or build the lanes that members run in.
+
+    Which they are depends on the plan and the processor alone, not on the number of members:
+    results are then the same whatever else is in a block.
+
+    Parameters
+    ----------
+    pattern : Pattern
+        What members share.
+
+    Returns
+    -------
+    LoadedLanes or str
+        A reason is a sentence without a capital and an end.
+
+    Raises
+    ------
+    SolveError
+        If a number of lanes is asked for that there is not.
+    """
+    wanted, problem = pattern.plan.lanes, pattern.problem
+    if wanted is not None and wanted not in WIDTHS:
+        raise SolveError(f"lanes is {wanted}; give one of {', '.join(map(str, WIDTHS))}, or None")
+    if wanted == 1:
+        return "one lane is asked for"
+    has_sensitivities = problem.n_sensitivities > 0
+    model = pattern.plan.model
+    program = model._program
+    why = lanes_refusal(program, pattern.row.name, has_sensitivities=has_sensitivities)
+    why = why or _refusal(pattern)
+    if why:
+        return why
+    lanes = lanes_of(cpu_features().split(), wanted)
+    key = (pattern.row.name, lanes, has_sensitivities)
+    with _building:
+        loaded = _loaded.setdefault(model, {})
+        if key not in loaded:
+            loaded[key] = _load(program, *key)
+        return loaded[key]
+
+
+def lanes_of(features: list[str], wanted: int | None = None) -> Lanes:
+    """Choose vectors for a processor.
+
+    Parameters
+    ----------
+    features : list of str
+        Its instruction sets, as Linux names them.
+    wanted : int, optional
+        How many lanes; as many as are quickest if absent.
+    """
+    width, instructions = 2, ""
+    if platform.machine().lower() in ("x86_64", "amd64"):
+        if {"avx512f", "avx512dq"} <= set(features):
+            width, instructions = 8, "avx512f,avx512dq"
+        elif "avx2" in features:
+            width, instructions = 4, "avx2"
+    # Two vectors in turn gain little: processors look ahead far enough by themselves.
+    wanted = wanted or width
+    width = min(width, wanted)
+    return Lanes(width, wanted // width, instructions)
+
+
+def _refusal(pattern: Pattern) -> str:
+    """Say why members do not run in lanes by what a run is asked for; empty where they can."""
+    problem = pattern.problem
+    if pattern.signals.by_position:
+        return "inputs are given in place of the scene's"
+    if problem.breakpoints:
+        return "rates have kinks or jumps at known times"
+    if pattern.is_searched:
+        return "the start of each member is searched for, or it has corners of its own"
+    if pattern.is_watched:
+        return "stiff members go on with another method"
+    return ""
+
+
+def _load(
+    program: Program,
+    method: str,
+    lanes: Lanes,
+    has_sensitivities: bool,
+) -> LoadedLanes | str:
+    """Build and load lanes."""
+    toolchain = find_toolchain()
+    if toolchain is None:
+        return "no compiler is found"
+    # Columns of maps that are written out are new nodes of the model's arena.
+    with forming:
+        model = lanes_context(program, lanes, has_sensitivities=has_sensitivities)
+        files = render_lanes(model, method)
+    try:
+        _, library = obtain_library(
+            files,
+            lanes_declarations(model),
+            abi_version=ABI_VERSION,
+            n_operations=model.n_written,
+            n_all=model.n_written_in_all,
+            # What is common to kernels and steps is found by this level only.
+            options=BuildOptions("-O2"),
+            toolchain=toolchain,
+        )
+    except BuildError:
+        return "the compiler has no vectors"
+    found = getattr(library.lib, f"{model.prefix}_lanes")()
+    work = int(library.ffi.cast("uintptr_t", found.work))
+    return LoadedLanes(int(found.n_lanes), int(found.n_bytes), work, library)
