@@ -69,7 +69,7 @@ def test_bits_are_the_same_for_any_lanes_threads_order_and_division(slider, meth
     np.testing.assert_array_equal(run_block(plan, rows[5:6]).z[0], blocks[2].z[5])
 
 
-@pytest.mark.parametrize("method", ["dop853", "dopri5"])
+@pytest.mark.parametrize("method", ["dop853", "dopri5", "rkf45"])
 @pytest.mark.parametrize("has_sensitivities", [True, False])
 def test_members_are_those_of_the_scalar_engine_to_rounding(slider, method, has_sensitivities):
     names = ("L", "m2", "zeta")
