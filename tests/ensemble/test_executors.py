@@ -275,6 +275,6 @@ def test_interrupted_workers_leave_what_is_done(plan, monkeypatch):
         monkeypatch.setattr(executors, "_PIECE", 0.0)  # one member in each block
         with pytest.warns(RuntimeWarning, match="stopped after"):
             runs = plan.model.ensemble(
-                (0, 2), members, t_eval=5, method="dop853", executor=pool, progress=False
+                (0, 2), members, t_eval=5, method="dop853", lanes=1, executor=pool, progress=False
             )
     assert 0 < int((runs["status"] == 0).sum()) < 40
