@@ -78,7 +78,7 @@ def test_an_unknown_name_is_told(tmp_path):
 
 
 def test_every_script_that_measures_is_listed():
-    helpers = {"__main__", "kernel_peers", "kernel_pydy", "peer_equations", "robots_mujoco"}
+    helpers = {"__main__", "ensemble_peers", "kernel_peers", "kernel_pydy", "peer_equations"}
     done = benchmarks("--help")
-    for name in SCRIPTS - helpers - {"timing"}:
+    for name in SCRIPTS - helpers - {"robots_mujoco", "timing"}:
         assert f"{name}: " in done.stdout.replace("\n", " "), name

@@ -1,0 +1,304 @@
+"""Ensembles: a thousand runs in one call, beside loops of single runs and other tools.
+
+Run it with ``python benchmarks/ensembles.py [ROW ...] [--members N] [--rounds N] [--json FILE]``;
+it needs ``pip install heyoka diffrax`` and leaves out what is not there. Parameters are drawn
+within 10 % of the scene's. Every tool takes the loosest tolerance with which no member errs by more
+than 1e-6 at any of 101 points, beside the same members at 1e-12: error = |y - ref| / max(1, max
+|ref|), of states and sensitivities alike. Tools take turns; times are medians, of a member, [us].
+``one thread`` is time of the processor, which other work on the machine does not lengthen; ``on the
+clock`` and ``two threads`` are what a user waits. What compiling takes is left out for all.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+import warnings
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "example_scenes"))
+from domain_scenes import scene_of_domain
+from ensemble_peers import PEERS
+from reference_scenes import read_reference
+from rod_chain import rod_chain
+from timing import about, keep, surroundings, table
+
+import cotree
+from cotree.ensemble.batch import run_block
+from cotree.ensemble.plan import Plan
+from cotree.solvers.settings import Settings
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+POINTS, SPREAD, WANTED = 101, 0.1, 1e-6
+TOLERANCES = [10.0 ** (-k / 2) for k in range(6, 25)]
+#: Members that the loop of single runs, and the slow peers, get: they take long.
+FEW = 100
+LOOP, IN_C = "loop of `simulate`", "its time in C"
+
+
+@dataclass(frozen=True)
+class Row:
+    """A work: a scene, what is drawn, what sensitivities are taken to, and who does it."""
+
+    name: str
+    make: Callable[[], Any]
+    drawn: Callable[[Any], list[str]]
+    wanted: Callable[[Any], list[str]]
+    end: float
+    members: int = 1000
+    methods: tuple[str, ...] = ("dop853", "dopri5")
+    peers: tuple[str, ...] = ("heyoka", "Diffrax")
+    initial: dict[str, float] = field(default_factory=dict)
+    reference: str = "dop853"
+    beside: str = ""  # what members are compared with, if not the best peer
+
+
+def _first_three(scene: Any) -> list[str]:
+    return list(scene.compile().parameters)[:3]
+
+
+def _pendulum() -> Any:
+    return cotree.load("slider-pendulum")
+
+
+def _every(scene: Any) -> list[str]:
+    return list(scene.parameters)
+
+
+def _chain() -> Any:
+    return rod_chain(5)[0]
+
+
+def _of_rods(scene: Any) -> list[str]:
+    return rod_chain(5)[1]
+
+
+def _none(scene: Any) -> list[str]:
+    return []
+
+
+SWING = {"h0.theta": -1.2}
+ROWS = [
+    Row("slider-pendulum, states", _pendulum, _every, _none, 10.0),
+    Row("slider-pendulum, s_L", _pendulum, _every, lambda s: ["L"], 10.0),
+    Row("slider-pendulum, all 8", _pendulum, _every, _every, 10.0),
+    Row("chain of 5 rods, states", _chain, _of_rods, _none, 5.0, 200, initial=SWING),
+    Row("chain of 5 rods, 10", _chain, _of_rods, _of_rods, 5.0, 40, initial=SWING),
+    Row("HIRES, 3", lambda: scene_of_domain("chem_hires"), _first_three, _first_three,
+        float(read_reference("chem_hires")["t_end"]), 200, ("rodas5",), (), reference="rodas5",
+        beside=IN_C),
+    Row("bouncing ball, 4", lambda: cotree.load("bouncing-ball"), _every, _every, 8.0, 1000,
+        ("dop853",), (), beside=LOOP),
+]  # fmt: skip
+
+
+@dataclass
+class Entry:
+    """A tool at the tolerance that it needs.
+
+    Attributes
+    ----------
+    run : callable
+        Runs a number of threads; the seconds of a member, where the tool itself tells them.
+    members : int
+        How many it runs.
+    """
+
+    tool: str
+    tolerance: float
+    error: float
+    members: int
+    run: Callable[[int], Any]
+    is_threaded: bool = False
+    processor: list[float] = field(default_factory=list)
+    clock: list[float] = field(default_factory=list)
+    threaded: list[float] = field(default_factory=list)
+
+    def measure(self) -> None:
+        """Take one more time of each."""
+        used, begin = time.process_time(), time.perf_counter()
+        own = self.run(1)
+        seconds, used = time.perf_counter() - begin, time.process_time() - used
+        # What a tool tells of itself leaves the loop around it out.
+        self.processor.append((used if own is None else own) / self.members)
+        self.clock.append(seconds / self.members)
+        if self.is_threaded:
+            begin = time.perf_counter()
+            self.run(2)
+            self.threaded.append((time.perf_counter() - begin) / self.members)
+
+
+class Work:
+    """One row: its model, its members and their reference."""
+
+    def __init__(self, row: Row, n_members: int | None) -> None:
+        self.row, scene = row, row.make()
+        self.columns = tuple(row.drawn(scene))
+        self.model = scene.compile(row.wanted(scene))
+        layout = self.model._program.layout
+        values = dict(zip(self.model.parameters, layout.parameter_values, strict=True))
+        middle = np.array([float(values[name]) for name in self.columns])
+        draw = np.random.default_rng(0).uniform(-1.0, 1.0, (n_members or row.members, len(middle)))
+        self.rows = middle * (1.0 + SPREAD * draw)
+        self.times = np.linspace(0.0, row.end, POINTS)
+        block = run_block(self.plan(row.reference, 1e-12), self.rows)
+        if np.any(block.status != 0):
+            raise ArithmeticError(f"{row.name}: {set(block.messages) - {''}}")
+        self.exact = block.z
+
+    def plan(self, method: str, tolerance: float, lanes: int | None = 1) -> Plan:
+        """Say how members are run."""
+        settings = Settings(
+            (0.0, self.row.end), self.times, method, tolerance, tolerance * 1e-2,
+            initial=self.row.initial,
+        )  # fmt: skip
+        return Plan(self.model, settings, self.columns, lanes=lanes)
+
+    def error(self, found: Any) -> float:
+        """Give the largest error of the members that were run."""
+        exact = self.exact[: len(found)]
+        share = np.abs(found - exact) / np.maximum(1.0, np.abs(exact).max(axis=1, keepdims=True))
+        # A member that failed is nan.
+        return float(np.max(share)) if np.all(np.isfinite(found)) else np.inf
+
+    def loosest(self, values: Callable[[float], Any]) -> tuple[float, float]:
+        """Find the loosest tolerance that keeps the error, and that error."""
+        for tolerance in TOLERANCES:
+            error = self.error(values(tolerance))
+            if error <= WANTED:
+                return tolerance, error
+        raise ArithmeticError(f"no tolerance reaches {WANTED:g}")
+
+    def start(self) -> Any:
+        """States and sensitivities at the start, which members share."""
+        start = self.model.start(initial=self.row.initial)
+        return np.concatenate([start.y, start.s.T.ravel()])
+
+
+def own(work: Work) -> list[Entry]:
+    """Enter the methods of cotree, in lanes where there are any, and a loop of single runs."""
+    entries = []
+    for method in work.row.methods:
+        tolerance, error = work.loosest(
+            lambda tol, method=method: run_block(work.plan(method, tol), work.rows).z
+        )
+        for lanes, what in ((None, "lanes"), (1, "one by one")):
+            plan = work.plan(method, tolerance, lanes)
+            error = work.error(run_block(plan, work.rows).z)
+
+            def run(threads: int, plan: Plan = plan) -> None:
+                run_block(plan, work.rows, threads=threads)
+
+            tool = f"cotree `{method}`, {what}"
+            entries.append(Entry(tool, tolerance, error, len(work.rows), run, True))
+        entries += _single(work, method, tolerance, error)
+    return entries
+
+
+def _single(work: Work, method: str, tolerance: float, error: float) -> list[Entry]:
+    """Enter a loop of ``simulate``, and the time in C that its results tell."""
+    some = work.rows[:FEW].tolist()
+
+    def run(threads: int) -> float:
+        seconds = 0.0
+        for values in some:
+            found = work.model.simulate(
+                (0.0, work.row.end), work.times, method, tolerance, tolerance * 1e-2,
+                parameters=dict(zip(work.columns, values, strict=True)), initial=work.row.initial,
+            )  # fmt: skip
+            seconds += found.statistics.seconds
+        return seconds
+
+    def whole(threads: int) -> None:
+        run(threads)
+
+    return [
+        Entry(f"{LOOP}, `{method}`", tolerance, error, len(some), whole),
+        Entry(f"{IN_C}, `{method}`", tolerance, error, len(some), run),
+    ]
+
+
+def others(work: Work) -> list[Entry]:
+    """Enter the peers that are installed."""
+    entries = []
+    for kind in PEERS:
+        if kind.name not in work.row.peers:
+            continue
+        try:
+            peer = kind(work.model, list(work.columns), work.start())
+        except (ImportError, NotImplementedError) as reason:
+            print(f"{work.row.name}: {kind.name} is left out: {reason}", file=sys.stderr)
+            continue
+        rows = work.rows if kind.is_quick else work.rows[:FEW]
+        tolerance, error = work.loosest(
+            lambda tol, peer=peer, rows=rows: peer.run(rows, work.times, tol)[0]
+        )
+
+        def run(threads: int, peer: Any = peer, rows: Any = rows, tol: float = tolerance) -> float:
+            return float(peer.run(rows, work.times, tol)[1])
+
+        entries.append(Entry(kind.name, tolerance, error, len(rows), run))
+    return entries
+
+
+def measure(row: Row, n_members: int | None, rounds: int) -> list[Entry]:
+    """Measure all tools in turn."""
+    work = Work(row, n_members)
+    entries = [*own(work), *others(work)]
+    for _ in range(rounds):
+        for entry in entries:
+            entry.measure()
+    return entries
+
+
+def line(entry: Entry, best: float) -> list[str]:
+    """Write the cells of an entry, with its share of the best peer's time."""
+    processor, clock = median(entry.processor), median(entry.clock)
+    cells = [entry.tool, f"{entry.tolerance:.0e}", f"{entry.error:.0e}", f"{1e6 * processor:.3g}"]
+    cells += [f"{processor / best:.2f}", f"{1e6 * clock:.3g}"]
+    if not entry.threaded:
+        return [*cells, "", ""]
+    return [*cells, f"{1e6 * median(entry.threaded):.3g}", f"{clock / median(entry.threaded):.2f}"]
+
+
+HEAD = (
+    *("tool", "tolerance", "error", "one thread", "of the best peer"),
+    *("on the clock", "two threads", "gain"),
+)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("rows", nargs="*", help="parts of their names; all of them if absent")
+    parser.add_argument("--members", type=int)
+    parser.add_argument("--rounds", type=int, default=9)
+    parser.add_argument("--json", type=Path)
+    given = parser.parse_args()
+    warnings.simplefilter("ignore")
+    print(surroundings())
+    kept = {}
+    for row in ROWS:
+        if given.rows and not any(part in row.name for part in given.rows):
+            continue
+        entries = measure(row, given.members, given.rounds)
+        beside = (row.beside,) if row.beside else row.peers
+        # Without the other tools members are compared with single runs.
+        peers = [e for e in entries if e.tool.startswith(beside)] or entries[2:3]
+        best = min(median(entry.processor) for entry in peers)
+        n = given.members or row.members
+        print(f"{row.name}: {n} members\n\n{table(HEAD, [line(e, best) for e in entries])}\n")
+        sys.stdout.flush()
+        kept[row.name] = [{k: v for k, v in vars(e).items() if k != "run"} for e in entries]
+    keep(given.json, about("as a run chooses them"), kept)
+
+
+if __name__ == "__main__":
+    main()
