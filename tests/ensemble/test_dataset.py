@@ -67,6 +67,24 @@ def test_a_grid_has_a_dimension_for_each_axis(model):
     np.testing.assert_array_equal(runs["h2.theta"].values[1, 0], one["h2.theta"].values[0])
 
 
+def test_names_that_mean_something_in_the_dataset_are_told_apart(tmp_path):
+    scene = cotree.Scene("names")
+    for name in ("time", "member", "status"):
+        scene.parameter(name, 1.0)
+    scene.edge("j", "prismatic", "ground", "A", axis=[1, 0, 0], initial={"s": "time"})
+    scene.edge("body", "rigid_body", "ground", "A", mass="member + status")
+    for name in ("seconds", "message"):
+        scene.output(name, "2*j.s")
+    model = scene.compile(["time"])
+    runs = model.ensemble((0, 1), cotree.grid(time=[1, 2], member=[1, 2]), t_eval=3)
+    assert runs["j.s"].dims == ("parameter(time)", "parameter(member)", "time")
+    np.testing.assert_array_equal(runs["value(seconds)"], 2 * runs["j.s"])
+    assert runs["d(value(seconds))"].sel(parameter="time").values == pytest.approx(2.0)
+    runs.to_netcdf(tmp_path / "runs.nc")
+    listed = model.ensemble((0, 1), {"time": [1, 2], "member": [1, 2]}, t_eval=3)
+    assert listed["parameter(member)"].dims == ("member",)
+
+
 def test_variables_are_views_of_one_array(runs):
     """Memory of ten thousand members must not triple."""
     assert np.shares_memory(runs["j1.s"].values, runs["d(j1.s)"].values.base)
@@ -139,7 +157,12 @@ def test_a_member_that_fails_is_nan_and_the_warning_counts(model):
         ({"t_eval": 1}, "at least 2 points"),
         ({"t_eval": 10**9}, "at most 10000000 points"),
         ({"t_eval": [0.0, 5.0]}, "outside the time span"),
-        ({"t_eval": "many"}, "sequence of numbers"),
+        ({"t_eval": "many"}, "t_eval is 'many'"),
+        ({"t_eval": True}, "t_eval is True"),
+        ({"t_eval": 5.0}, "give a whole number of points, or times"),
+        ({"t_eval": ["a"]}, "sequence of numbers"),
+        ({"outputs": 3}, "give a list of names"),
+        ({"sensitivities": ["L"]}, "give True or False"),
         ({"rtol": -1.0}, "rtol"),
         ({"outputs": ["rodx"]}, "did you mean 'rod_x'"),
         ({"outputs": "j1.s"}, "results have all states"),

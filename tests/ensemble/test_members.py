@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+import xarray
 
 import cotree
 from cotree.ensemble.members import check_columns, read_members
@@ -44,6 +45,7 @@ def test_the_index_of_a_table_labels_its_members():
     [
         (None, "members are missing"),
         (3, "cannot be a int"),
+        (xarray.Dataset({"L": ("member", [1.0])}), "cannot be a Dataset"),
         ("L", "cannot be a str"),
         ({}, "no columns"),
         ([], "members are empty"),

@@ -48,17 +48,15 @@ class Members:
         order of the rows: ``member``, or the axes of a grid.
     origin : mapping of str to object
         How they were drawn, if they were.
+    is_grid : bool
+        Whether they are the product of axes.
     """
 
     columns: tuple[str, ...]
     rows: FloatArray
     dimensions: Mapping[str, npt.NDArray[Any]]
     origin: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def is_grid(self) -> bool:
-        """Whether they are the product of axes."""
-        return MEMBER not in self.dimensions
+    is_grid: bool = False
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -91,8 +89,8 @@ def read_members(given: Any) -> Members:
         column and the row.
     """
     if isinstance(given, Grid):
-        return Members(given.names, given.rows(), given.axes)
-    if isinstance(given, Mapping):
+        return Members(given.names, given.rows(), given.axes, is_grid=True)
+    if isinstance(given, Mapping) and not hasattr(given, "data_vars"):
         return _from_columns(given, None, getattr(given, "origin", {}))
     if hasattr(given, "columns") and hasattr(given, "__getitem__"):
         return _from_frame(given)
@@ -101,7 +99,10 @@ def read_members(given: Any) -> Members:
     if isinstance(given, Sequence) and not isinstance(given, (str, bytes)):
         return _from_list(given)
     if given is None:
-        raise ParameterError(f"members are missing: {_FORMS}")
+        raise ParameterError(
+            f"members are missing: call ensemble((0, 10), members), or ensemble(members=...), and "
+            f"{_FORMS}"
+        )
     raise ParameterError(f"members cannot be a {type(given).__name__}: {_FORMS}")
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import time
 import warnings
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from numbers import Integral
@@ -27,12 +28,12 @@ from cotree.ensemble.sizing import timed_size
 from cotree.ensemble.store import Store
 from cotree.ensemble.trial import tried_settings
 from cotree.ensemble.zarr_folder import read_path
-from cotree.errors import SceneError, SolveError, nearest
+from cotree.errors import SceneError, SolveError, brief, nearest
 from cotree.quiet import level_of_user
 
 if TYPE_CHECKING:
     import threading
-    from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Generator, Iterator, Mapping, Sequence
 
     from cotree.ensemble.members import Members
     from cotree.ensemble.plan import Block
@@ -242,12 +243,17 @@ def make_plan(
     ModelError, SolveError
         If a setting is not accepted.
     """
+    if not isinstance(sensitivities, (bool, np.bool_)):
+        raise SolveError(
+            f"sensitivities is {brief(repr(sensitivities))}: give True or False; to which "
+            "parameters they are is said when the model is compiled"
+        )
     wanted = _outputs(model, outputs)
     if lanes is not None:
         check_count(lanes, "lanes")
     is_chosen = settings.method == "auto"
     settings = tried_settings(model, settings, members)
-    has_sensitivities = bool(sensitivities) and bool(model.sensitivities)
+    has_sensitivities = bool(sensitivities and model.sensitivities)
     return Plan(model, settings, members.columns, wanted, has_sensitivities, lanes, is_chosen)
 
 
@@ -278,6 +284,8 @@ def _outputs(model: CompiledModel, outputs: Sequence[str] | None) -> tuple[str, 
     """Read the outputs that are wanted; all of them where nothing is said."""
     if outputs is None:
         return model.outputs
+    if not isinstance(outputs, (str, Iterable)):
+        raise SceneError(f"outputs is {brief(repr(outputs))}: give a list of names")
     names = (outputs,) if isinstance(outputs, str) else tuple(dict.fromkeys(outputs))
     for name in names:
         if name in model.states:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.ensemble.one_by_one import settings_of
-from cotree.errors import Error, SolveError
+from cotree.errors import Error, SolveError, brief
 from cotree.quiet import level_of_user
 from cotree.solvers.methods import METHODS, method_row
 from cotree.solvers.settings import check_settings, read_span, read_times, read_whole
@@ -49,6 +49,10 @@ def times_of(t_eval: Any, t_span: Any) -> FloatArray:
         if t_eval > _MOST_POINTS:
             raise SolveError(f"t_eval is {t_eval}: give at most {_MOST_POINTS} points")
         return np.linspace(first, last, int(t_eval))
+    if t_eval is not None and np.ndim(t_eval) == 0:
+        raise SolveError(
+            f"t_eval is {brief(repr(t_eval))}: give a whole number of points, or times"
+        )
     times = read_times(t_eval)
     return np.linspace(first, last, POINTS) if times is None else times
 

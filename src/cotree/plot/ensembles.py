@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
     from cotree.plot.layout import Array
@@ -133,7 +134,8 @@ def curves(
         for curve, value in zip(row.flat(), values, strict=True):
             where.plot(row.times, curve, color=shown.to_rgba(value), lw=1.2)
         _label_time(where, row)
-        where.figure.colorbar(shown, ax=where, label=title)
+        bar = where.figure.colorbar(shown, ax=where, label=title)
+        _tick_plainly(bar.ax.yaxis)
 
     return _panels(variables, draw, ax, make)
 
@@ -200,6 +202,8 @@ def heat_map(
     where.grid(False)  # whatever the reader's own style says
     mesh = where.pcolormesh(level.edges, upright.edges, ordered, **style)
     where.set(xlabel=level.title, xscale=level.scale, ylabel=upright.title, yscale=upright.scale)
+    for axis in (where.xaxis, where.yaxis):
+        _tick_plainly(axis)
     what = when if not row.unit else f"[{row.unit}] {when}"
     figure.colorbar(mesh, ax=where, label=f"{row.label} {what}".strip())
     return figure
@@ -320,6 +324,19 @@ def _axis(row: Variable, i: int) -> _Axis:
     edges = np.concatenate([[at[0] - first / 2], middle, [at[-1] + last / 2]])
     scale, edges = ("log", np.exp(edges)) if is_log else ("linear", edges)
     return _Axis(title, scale, edges, order)
+
+
+def _tick_plainly(axis: Axis) -> None:
+    """Label a logarithmic axis at 1, 2 and 5 of each power of ten, or at these powers alone."""
+    if axis.get_scale() != "log":
+        return
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+    low, high = axis.get_view_interval()
+    subs = (1.0, 2.0, 5.0) if high < 1e3 * low else (1.0,)
+    axis.set_major_locator(LogLocator(subs=subs))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _is_logarithmic(values: Array) -> bool:
