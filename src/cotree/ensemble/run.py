@@ -243,7 +243,7 @@ def make_plan(
     ModelError, SolveError
         If a setting is not accepted.
     """
-    if not isinstance(sensitivities, (bool, np.bool_)):
+    if not isinstance(sensitivities, bool):
         raise SolveError(
             f"sensitivities is {brief(repr(sensitivities))}: give True or False; to which "
             "parameters they are is said when the model is compiled"
