@@ -81,6 +81,16 @@ def test_members_that_fail_are_listed_with_values_and_sentences(capsys):
     assert main([*SWEEP, "--grid", "m1=-1,-2"]) == 1
 
 
+def test_a_sweep_goes_on_from_its_store(tmp_path, capsys):
+    arguments = [*SWEEP, "--grid", "L=0.9,1.1", "--store", str(tmp_path / "runs.zarr")]
+    assert main(arguments) == 0
+    first = capsys.readouterr().out.splitlines()
+    assert main(arguments) == 0
+    assert capsys.readouterr().out.splitlines()[3:] == first[3:]
+    assert main([*SWEEP, "--grid", "k=40,50", "--store", str(tmp_path / "runs.zarr")]) == 2
+    assert "holds another ensemble" in capsys.readouterr().err
+
+
 def test_gains_of_inputs_are_swept(capsys):
     arguments = ["sweep", "cart-pole", "--t-end", "1", "--points", "3", "--input"]
     feedback = "push=-k*hinge.theta - 8*hinge.theta_dot"

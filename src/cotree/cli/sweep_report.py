@@ -48,11 +48,7 @@ def _failed_lines(runs: Any, dims: Sequence[str], failed: Any) -> list[str]:
     """List failed members with their values and sentences."""
     if not len(failed):
         return []
-    names = [
-        name
-        for name, row in runs.coords.items()
-        if row.dims and set(row.dims) <= set(dims) and (name != "member" or _is_labelled(row))
-    ]
+    names = [name for name, row in runs.coords.items() if row.dims and set(row.dims) <= set(dims)]
     like = runs["status"]
     columns = {
         name: runs[name].broadcast_like(like).transpose(*dims).values.ravel() for name in names
@@ -85,11 +81,6 @@ def _last_lines(runs: Any, dims: Sequence[str]) -> list[str]:
         f"{row[0]:<{width}}{''.join(f'{cell:>14}' for cell in row[1:4])} {row[4]}".rstrip()
         for row in (title, *rows)
     ]
-
-
-def _is_labelled(row: Any) -> bool:
-    """Tell whether members have labels of their own, and not just numbers."""
-    return not (row.dtype.kind == "i" and (row.values == np.arange(row.size)).all())
 
 
 def _short(value: Any) -> str:
