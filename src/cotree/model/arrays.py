@@ -52,16 +52,19 @@ def as_array(value: Any, shape: Sequence[int], what: str) -> Array:
 
 
 def as_parameters(
-    values: Any, names: Sequence[str], defaults: Array, derived: Sequence[DerivedParameter] = ()
+    values: Any,
+    places: Mapping[str, int],
+    defaults: Array,
+    derived: Sequence[DerivedParameter] = (),
 ) -> Array:
-    """Make the array of parameters of some by name, of an array of all, or of nothing.
+    """Make the array of parameters of some by name, or of an array of all.
 
     Parameters
     ----------
-    values : mapping of str to float, array_like of shape (n_parameters,), or None
+    values : mapping of str to float, or array_like of shape (n_parameters,)
         The user's value.
-    names : sequence of str
-        Of all parameters.
+    places : mapping of str to int
+        Where each parameter stands, by name.
     defaults : ndarray, shape (n_parameters,)
         The scene's values, for those that are not given.
     derived : sequence of DerivedParameter
@@ -72,17 +75,16 @@ def as_parameters(
     ParameterError
         If a name is unknown, a value is not a finite number, or an array has another shape.
     """
-    if values is not None and not isinstance(values, Mapping):
-        return as_array(values, (len(names),), "the parameters")
+    if not isinstance(values, Mapping):
+        return as_array(values, (len(places),), "the parameters")
     p = defaults.copy()
-    places = {name: i for i, name in enumerate(names)} if values else {}
-    for name, value in (values or {}).items():
-        followers = [row for row in derived if row.name == name]
-        if followers:
-            raise ParameterError(f"{followers[0].told}: give those, and it follows")
+    for name, value in values.items():
         if name not in places:
+            followers = [row for row in derived if row.name == name]
+            if followers:
+                raise ParameterError(f"{followers[0].told}: give those, and it follows")
             raise ParameterError(
-                f"the model has no tunable parameter '{name}'{nearest(name, names)}"
+                f"the model has no tunable parameter '{name}'{nearest(name, places)}"
             )
         p[places[name]] = check_number(value, f"parameter '{name}'")
     return p

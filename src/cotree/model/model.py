@@ -19,7 +19,7 @@ from cotree.scene.expressions import check_number
 from cotree.sharing import Kept, formed_once
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Iterable
+    from collections.abc import Container, Sequence
 
     from scipy.sparse import csc_matrix
 
@@ -120,7 +120,7 @@ class CompiledModel(PreparedKernels):
         return self._program.operations
 
     def corners(
-        self, p: Array, span: tuple[float, float], given: Container[str], others: Iterable[float]
+        self, p: Array, span: tuple[float, float], given: Container[str], others: Sequence[float]
     ) -> list[Corner]:
         """List when inputs and rates jump or have kinks; see :meth:`Program.corners`.
 
@@ -132,7 +132,7 @@ class CompiledModel(PreparedKernels):
             Start and end of a run in either order, [s].
         given : container of str
             Inputs that the run replaces.
-        others : iterable of float
+        others : sequence of float
             Further times, those of tables say, [s].
         """
         return self._program.corners(p.tolist(), (min(span), max(span)), given, others)

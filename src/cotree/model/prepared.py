@@ -59,6 +59,7 @@ class PreparedKernels:
         self.parameters = tuple(row.name for row in layout.parameters)
         self.inputs = tuple(row.name for row in layout.inputs)
         self.outputs = tuple(row.name for row in layout.outputs)
+        self._place_of = {name: i for i, name in enumerate(self.parameters)}
 
     @property
     def layout(self) -> Layout:
@@ -89,8 +90,9 @@ class PreparedKernels:
             If a name is not a tunable parameter, a value is not a finite number, or an array has
             the wrong shape.
         """
-        derived = self.layout.derived
-        return as_parameters(values, self.parameters, self._defaults, derived)
+        if values is None:
+            return self._defaults.copy()
+        return as_parameters(values, self._place_of, self._defaults, self.layout.derived)
 
     def bound(self, name: str, p: Array) -> Callable[[float, Array, Array, Array | None], Array]:
         """Give a kernel as a function of time, states, flat sensitivities and inputs.
@@ -107,7 +109,7 @@ class PreparedKernels:
             # By identity: solvers hand over the same array at every call, and comparing values
             # would take as long as a small kernel.
             if own.prepared is not p:
-                self._take(p)
+                self.take(p)
             if u is None:
                 u = kernels("inputs", t, _NONE, _NONE, _NONE) if has_inputs else _NONE
             return kernel(t, x, s, u)
@@ -151,10 +153,18 @@ class PreparedKernels:
         """Prepare for parameters as users give them, unless they are those of the last call."""
         # Arrays that were prepared for are cotree's own, and nobody changes these.
         if p is None or self._own.prepared is not p:
-            self._take(self.parameter_array(p))
+            self.take(self.parameter_array(p))
 
-    def _take(self, p: Array) -> None:
-        """Prepare for an array of parameters that nobody changes."""
+    def take(self, p: Array) -> None:
+        """Prepare for an array of parameters that nobody changes.
+
+        Calls with the same array then look at nothing but its identity.
+
+        Raises
+        ------
+        ParameterError
+            If a value is not finite, or a guard of the model refuses it.
+        """
         own = self._own
         # Bits are compared: 0.0 equals -0.0, and 1 / p tells them apart.
         if own.prepared is None or p.tobytes() != own.prepared.tobytes():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain, pairwise
@@ -224,7 +225,7 @@ class Program:
         p: Sequence[float],
         span: tuple[float, float],
         replaced: Container[str] = (),
-        others: Iterable[float] = (),
+        others: Sequence[float] = (),
     ) -> list[Corner]:
         """List the times within a span where integration stops, for values of the parameters.
 
@@ -236,7 +237,7 @@ class Program:
             Two times, ascending.
         replaced : container of str
             Inputs that a run gives otherwise.
-        others : iterable of float
+        others : sequence of float
             Further times, which depend on no parameter.
 
         Raises
@@ -244,6 +245,8 @@ class Program:
         SolveError
             If a period is far too short for the span.
         """
+        if not self.stops and not others:
+            return []
         # A run that replaces an input has no corners of the scene's own one.
         stops = [stop for name, own in self.stops.items() if name not in replaced for stop in own]
         try:
@@ -258,6 +261,8 @@ class Program:
 
     def longest_step(self, p: Sequence[float], replaced: Container[str] = ()) -> float:
         """Give the upper bound of the steps, [s], infinity for none; see :meth:`corners`."""
+        if not self.longest_steps:
+            return math.inf
         limits = [
             limit
             for name, own in self.longest_steps.items()

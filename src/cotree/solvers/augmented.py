@@ -154,19 +154,18 @@ def augmented_tolerances(problem: Problem) -> tuple[float, FloatArray]:
         At least ``RTOL_FLOOR``.
     atol : ndarray, shape (..., len(problem.integrated))
     """
-    places = problem.integrated
     state_atol = problem.state_atol
-    if problem.error_test_sensitivities and not problem.n_sensitivities:
-        return tested_rtol(problem), np.minimum(state_atol[..., places], UNTESTED)
     if problem.error_test_sensitivities:
-        blocks, states = np.divmod(places, problem.n_states)
-        own = np.ones(problem.n_sensitivities) if problem.scales is None else problem.scales
-        # States have the size 1.
-        scales = np.concatenate([np.ones((*own.shape[:-1], 1)), own], axis=-1)
+        n, m, scales = problem.n_states, problem.n_sensitivities, problem.scales
+        own = np.ones(m) if scales is None else np.asarray(scales)
+        lead = own.shape[:-1] if len(own.shape) > 1 else state_atol.shape[:-1]
+        atol = np.empty((*lead, 1 + m, n))
+        atol[..., 0, :] = state_atol
+        np.divide(state_atol[..., None, :], own[..., None], out=atol[..., 1:, :])
         # A parameter of tiny size must not make a tolerance infinite; see UNTESTED.
-        atol = np.minimum(state_atol[..., states] / scales[..., blocks], UNTESTED)
-        return tested_rtol(problem), atol
-    share = _share(problem)
+        atol = np.minimum(atol, UNTESTED).reshape(*lead, problem.size)
+        return tested_rtol(problem), atol if problem.places is None else atol[..., problem.places]
+    places, share = problem.integrated, _share(problem)
     atol = np.full((*state_atol.shape[:-1], len(places)), UNTESTED)
     # States come first in `places`, and none of them is left out.
     atol[..., : problem.n_states] = state_atol / share

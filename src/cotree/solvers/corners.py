@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 
 def corner_times(problem: Problem) -> list[float]:
     """List start, breakpoints inside the span, and end, in the order of the run."""
-    start, end = (float(t) for t in problem.t_span)
+    start, end = map(float, problem.t_span)
+    if not problem.breakpoints:
+        return [start, end]
     low, high = min(start, end), max(start, end)
     # Both ends are strict: a breakpoint there cuts nothing, but may make the end sharp.
     inside = sorted({float(b) for b in problem.breakpoints if low < b < high})

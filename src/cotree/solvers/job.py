@@ -140,6 +140,7 @@ class Job:
         self._ffi, self._lib = engine.library.ffi, engine.library.lib
         self._kept: list[Any] = [engine, newton]
         self._arrays: dict[str, FloatArray] = {}
+        self._n_bytes = 0  # of all that were made
         self._pointers: dict[str, Any] = {}
         self.rescue = Rescue(problem)
         self._callbacks = Callbacks(self._ffi, self.rescue)
@@ -197,15 +198,14 @@ class Job:
         self._put("u", np.zeros(native.n_inputs))
         self._set_values(problem)
         self._set_times(problem)
-        # Last, since the size follows from all that is filled in. It is rounded up to doubles.
-        self._put("memory", np.zeros(-(-int(self._lib.cotree_job_memory(c)) // 8)))
+        # Last, since the size follows from all that is filled in.
+        self._clear_memory(int(self._lib.cotree_job_memory(c)))
         self._make_all_room(problem)
 
     @property
     def n_bytes(self) -> int:
         """How much memory a job holds that waits to begin again."""
-        held = (*self._arrays.values(), self.rows.values, self.records)
-        return sum(array.nbytes for array in held)
+        return self._n_bytes + self.rows.values.nbytes + self.records.nbytes
 
     def _set_model(self, problem: Problem, native: Native) -> None:
         """Fill in the model, its inputs, and the functions by which C asks Python."""
@@ -225,7 +225,7 @@ class Job:
         c = self.job
         c.rtol, atols = _tolerances(self._row, problem)
         self._put("atols", atols if self._is_left is None else atols[self._is_left])
-        c.atol = problem.atol if isinstance(problem.atol, float) else float(np.min(problem.atol))
+        c.atol = problem.least_atol
         self._put("z", problem.z0)
         self.z = self._arrays["z"]
 
@@ -369,6 +369,7 @@ class Job:
         array = self._arrays.get(name)
         if array is None or array.size != values.size:
             array = self._arrays[name] = np.array(values, dtype=np.float64)
+            self._n_bytes += array.nbytes
             # The pointer keeps the array.
             empty = not array.size
             pointer = self._ffi.NULL if empty else self._ffi.from_buffer("double[]", array)
@@ -376,6 +377,15 @@ class Job:
         else:
             array[...] = values
         setattr(self.job, name, self._pointers[name])
+
+    def _clear_memory(self, n_bytes: int) -> None:
+        """Give C memory for what it remembers, all of it zero."""
+        memory = self._arrays.get("memory")
+        if memory is None or memory.nbytes < n_bytes:
+            self._put("memory", np.zeros(-(-n_bytes // 8)))  # rounded up to whole doubles
+            return
+        memory.fill(0.0)
+        self.job.memory = self._pointers["memory"]
 
     def _doubles(self, array: FloatArray) -> Any:
         """Return a pointer to an array, and keep the array alive."""

@@ -139,10 +139,10 @@ def solve_in_c(
     if isinstance(ended, Trajectory):
         return compiled_in(ended, ended.statistics.compile_seconds + compiling)
     note = successor.note if successor is not None else _note(job)
-    trajectory = trajectory_of(job, problem, method, ended, note)
+    trajectory = trajectory_of(job, problem, method, ended, note, compiling)
     if problem.shared is not None:
         problem.shared.give_back(job)
-    return compiled_in(trajectory, compiling)
+    return trajectory
 
 
 def _begun(
@@ -268,7 +268,12 @@ def _advance(job: Job, problem: Problem, begin: float, progress: Progress) -> tu
 
 
 def trajectory_of(
-    job: Job, problem: Problem, method: str, ended: Ended, note: str = ""
+    job: Job,
+    problem: Problem,
+    method: str,
+    ended: Ended,
+    note: str = "",
+    compile_seconds: float = 0.0,
 ) -> Trajectory:
     """Return the values that a job has kept, with the last good point of a failed job.
 
@@ -284,6 +289,8 @@ def trajectory_of(
         Its outcome.
     note : str
         What the message ends with.
+    compile_seconds : float
+        Time that the C of the method took, [s].
     """
     c = job.job
     t, z = job.rows.stored(job.z, is_cut=ended.status != 0 or bool(ended.reason))
@@ -294,6 +301,7 @@ def trajectory_of(
         nlu=int(c.n_factorisations),
         n_steps=int(c.n_steps),
         seconds=ended.seconds,
+        compile_seconds=compile_seconds,
     )
     sentences = summary(problem, method, float(c.t), ended.reason)
     notes = [row for row in (job.rows.thinning.note, note) if row]

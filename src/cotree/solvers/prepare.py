@@ -167,6 +167,7 @@ class Preparation:
         values |= derived_values(model.layout.derived, p)
         signals, samples = _with_samples(model, p, self._signals, t_span)
         u = _input_function(model, p, signals)
+        model.take(p)
         corners = self._corners(p, signals)
         at = Moment(model, t_span[0], p, u(t_span[0]))
         start, reach = find_start(at, initial), None

@@ -208,6 +208,14 @@ class Problem:
         return np.asarray(self.atol * self.sizes, dtype=np.float64)
 
     @property
+    def least_atol(self) -> float:
+        """Return the least absolute tolerance that was given; infinity where there is none."""
+        # Runs of a model have one for all, and have it looked at several times.
+        if isinstance(self.atol, float):
+            return self.atol
+        return float(np.min(self.atol, initial=math.inf))
+
+    @property
     def size(self) -> int:
         """Return the length of z."""
         return self.n_states * (1 + self.n_sensitivities)

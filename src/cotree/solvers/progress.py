@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import threading
 import time
@@ -29,10 +30,7 @@ class Progress:
 
     def __init__(self, method: str, t_span: tuple[float, float]) -> None:
         self._method = method
-        self._start, self._end = (float(t) for t in t_span)
-        # Bars of several threads would write over each other, and take each other's streams.
-        is_main = threading.current_thread() is threading.main_thread()
-        self._is_watched = is_main and sys.stderr is not None and sys.stderr.isatty()
+        self._start, self._end = t_span
         self._next = time.perf_counter() + PATIENCE
         self._bar: Bar | None = None
 
@@ -50,7 +48,10 @@ class Progress:
 
     def reached(self, t: float) -> None:
         """Take note of a time reached, [s]."""
-        if not self._is_watched or time.perf_counter() < self._next:
+        if time.perf_counter() < self._next:
+            return
+        if self._bar is None and not _is_watched():
+            self._next = math.inf
             return
         self._next = time.perf_counter() + _REFRESH
         if self._bar is None:
@@ -66,3 +67,10 @@ class Progress:
         bar.add_task(self._method, total=1.0)
         bar.start()
         return bar
+
+
+def _is_watched() -> bool:
+    """Tell whether somebody looks."""
+    # Bars of several threads would write over each other, and take each other's streams.
+    is_main = threading.current_thread() is threading.main_thread()
+    return is_main and sys.stderr is not None and sys.stderr.isatty()

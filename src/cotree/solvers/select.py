@@ -235,8 +235,7 @@ def _find_rates(problem: Problem, explicit: str) -> Rates:
 
 def _smallest_tolerance(problem: Problem) -> float:
     """Give the smaller of both tolerances, at least a rounding unit."""
-    atol = float(np.min(problem.atol, initial=math.inf))
-    return max(min(problem.rtol, atol), float(np.finfo(np.float64).eps))
+    return max(min(problem.rtol, problem.least_atol), float(np.finfo(np.float64).eps))
 
 
 def _probe(problem: Problem, method: str) -> list[tuple[float, FloatArray]]:

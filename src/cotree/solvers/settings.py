@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,9 +18,11 @@ if TYPE_CHECKING:
     from cotree.solvers.base import FloatArray
 
 
-# Settings that differ from run to run, and the times, which are compared by their bytes. Beyond so
-# many of these preparing a run takes no time beside it.
-_APART, _MOST_TIMES = frozenset(("parameters", "initial", "t_eval")), 10_000
+# Of more times than these preparing a run takes no time beside it.
+_MOST_TIMES = 10_000
+
+# Kinds of values that never change.
+_PLAIN = frozenset((int, float, str, bool, type(None)))
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,16 @@ class Settings:
     time_limit: float | None = LONGEST_TIME
     throw: bool = False
     project: bool = True
+
+
+# Settings that are one number or name each; parameters and initial values belong to a run.
+_plain = attrgetter(
+    *(
+        field.name
+        for field in fields(Settings)
+        if field.name not in {"t_span", "t_eval", "parameters", "initial", "inputs", "scales"}
+    )
+)
 
 
 def check_settings(settings: Settings) -> None:
@@ -67,12 +80,17 @@ def key_of(settings: Settings) -> Hashable | None:
     times = read_times(settings.t_eval)
     if times is not None and times.size > _MOST_TIMES:
         return None
+    numbers = _plain(settings)
+    kinds = tuple(map(type, numbers))
+    if not _PLAIN.issuperset(kinds):
+        return None
     try:
-        # `vars` lists fields in order.
-        rest = [_token(value) for name, value in vars(settings).items() if name not in _APART]
+        rest = tuple(_token(value) for value in (settings.t_span, settings.inputs, settings.scales))
     except _UnknownError:
         return None
-    return (*rest, None if times is None else (times.shape, times.tobytes()))
+    # Equal numbers of different kinds, as 1 and True, are not accepted alike. Zeros of both signs
+    # are refused among them.
+    return numbers, kinds, rest, None if times is None else (times.shape, times.tobytes())
 
 
 class _UnknownError(Exception):
@@ -81,9 +99,7 @@ class _UnknownError(Exception):
 
 def _token(value: object) -> Hashable:
     kind = type(value)
-    if value is None or kind in (str, bool):
-        return kind, value
-    if kind in (int, float):
+    if kind in _PLAIN:
         # 0.0 equals -0.0, and their reciprocals differ.
         return kind, value or str(value)
     if isinstance(value, (tuple, list)):

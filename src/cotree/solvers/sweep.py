@@ -59,6 +59,12 @@ def sweep(
     SingularSystemError
         If an output is not determined somewhere.
     """
+    if not model.outputs and not model.inputs:
+        return (
+            np.zeros((0, len(t))),
+            np.zeros((0, len(model.sensitivities), len(t))),
+            np.zeros((0, len(t))),
+        )
     library = None if native is None or len(t) <= _FEW_POINTS else load_sweep()
     if native is not None and library is not None:
         found = _in_c(model, native, library, u, t, z)

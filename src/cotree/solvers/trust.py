@@ -130,7 +130,7 @@ def held(problem: Problem, trajectory: Trajectory, redundant: int) -> Trajectory
     drift = trajectory.drift
     if drift is None or trajectory.status != 0:
         return trajectory
-    tolerance = max(problem.rtol, float(np.min(problem.atol)), _CORRECTED_RTOL)
+    tolerance = max(problem.rtol, problem.least_atol, _CORRECTED_RTOL)
     if drift.correction > FARTHEST_CORRECTION * tolerance:
         reason = (
             "the projection onto the constraints moved the states by up to "
@@ -185,11 +185,12 @@ def _left_free(
 def _untested(problem: Problem, trajectory: Trajectory) -> str:
     """Report an absolute tolerance that is large compared with all states of the run."""
     n = problem.n_states - problem.n_algebraic
-    y, atol = trajectory.z[:n], float(np.min(problem.atol))
+    y, atol = trajectory.z[:n], problem.least_atol
     if problem.sizes is not None:
         y = y / problem.sizes[:n, None]
     # The largest of all in size is the largest, or the smallest with the other sign.
-    largest = max(float(y.max(initial=0.0)), -float(y.min(initial=0.0)))
+    most, least = (f.reduce(y, axis=None, initial=0.0) for f in (np.maximum, np.minimum))
+    largest = max(float(most), -float(least))
     # States at rest hold only rounding errors, which no tolerance is meant to test.
     if not np.finfo(np.float64).eps < largest < atol / LOOSE_RTOL:
         return ""
