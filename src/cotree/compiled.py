@@ -10,21 +10,15 @@ from typing import TYPE_CHECKING, Any
 from cotree.carried import carry, digest
 from cotree.ensemble.of_model import EnsembleMethods
 from cotree.model.arrays import as_array, derived_values
-from cotree.model.model import CompiledModel
 from cotree.model.moment import Moment
 from cotree.model.start import find_start, scene_start
 from cotree.model.unknowns import solve_states
 from cotree.operating import OperatingPoint, program_at_rest
-from cotree.records import filled
-from cotree.results import Result
+from cotree.runner import RunnableModel
 from cotree.scene.replaced import expressions_among
 from cotree.scene.simulation import OPERATING_POINT
 from cotree.sharing import formed_once, forming
-from cotree.solvers.budgets import LONGEST_TIME, MOST_EVENTS, MOST_STEPS
 from cotree.solvers.methods import METHODS
-from cotree.solvers.prepare import prepared
-from cotree.solvers.settings import Settings
-from cotree.solvers.simulate import run_values
 from cotree.variants import Variants
 
 if TYPE_CHECKING:
@@ -38,9 +32,10 @@ if TYPE_CHECKING:
     from cotree.program import Program
     from cotree.recipe import CarriedRecipe, Recipe
     from cotree.scene.description import SceneDescription
+    from cotree.solvers.settings import Settings
 
 
-class Model(CompiledModel, EnsembleMethods):
+class Model(RunnableModel, EnsembleMethods):
     """A compiled scene.
 
     Attributes
@@ -48,6 +43,8 @@ class Model(CompiledModel, EnsembleMethods):
     times : dict of str to float
         Seconds spent in each stage: formulate, generate, compile, start.
     """
+
+    _recipe: Recipe | CarriedRecipe
 
     def __init__(
         self, compiled: Compiled, recipe: Recipe | CarriedRecipe, at_rest: Program | None = None
@@ -237,120 +234,11 @@ class Model(CompiledModel, EnsembleMethods):
         # Derivatives along the motion hold at solutions of the algebraic equations only.
         return self._linearizer.about(at, solve_states(at, y), reduced=reduced)
 
-    def simulate(
-        self,
-        t_span: tuple[float, float] | None = None,
-        t_eval: Any = None,
-        method: str | None = None,
-        rtol: float | None = None,
-        atol: float | None = None,
-        parameters: Any = None,
-        initial: Mapping[str, float] | None = None,
-        inputs: Mapping[str, Any] | None = None,
-        *,
-        error_test_sensitivities: bool = True,
-        scales: Mapping[str, float] | None = None,
-        max_step: float | None = None,
-        max_steps: float | None = MOST_STEPS,
-        max_events: float | None = MOST_EVENTS,
-        time_limit: float | None = LONGEST_TIME,
-        throw: bool = False,
-        project: bool = True,
-    ) -> Result:
-        """Integrate states and sensitivities together.
-
-        Parameters
-        ----------
-        t_span : (float, float), optional
-            Start and end, [s]; the scene's ``t_end`` where absent.
-        t_eval : array_like, shape (n_t,), optional
-            Times to report; the solver's own steps where absent, of which every second, fourth, ...
-            is stored where all of them would take more than 256 MiB.
-        method : str, optional
-            ``dopri5``, ``rkf45``, ``dop853``, ``rodas4``, ``rodas5`` (in C), ``RK45``, ``RK23``,
-            ``DOP853``, ``Radau``, ``BDF``, ``LSODA`` (SciPy), ``cvode``, ``ida``, and as an extra
-            ``cvodes``, ``cvodes-simultaneous`` and ``idas`` (SUNDIALS), or ``auto``.
-        rtol, atol : float, optional
-            Relative and absolute tolerance.
-        parameters : mapping of str to float, or array_like of shape (n_parameters,), optional
-            Values in place of the scene's.
-        initial : mapping of str to float, optional
-            Initial values of states in place of the scene's; they depend on no parameter.
-        inputs : mapping, optional
-            Inputs in place of the scene's: a number, (times, values), a Python function of t, or
-            an expression of t, parameters, states, outputs and whatever fields may name.
-            Expressions are compiled into the model at their first use. Parameters that the model
-            does not have, such as gains, get their values by ``parameters``; for sensitivities to
-            them compile ``scene.with_inputs(...)``.
-        error_test_sensitivities : bool
-            Whether sensitivities take part in the error test.
-        scales : mapping of str to float, optional
-            Sizes of parameters in place of their values: ``atol`` divided by them is that of their
-            sensitivities. One where a value is zero, and for initial values.
-        max_step : float, optional
-            Longest step, [s]; infinity for no limit. The default is a 32nd of the shortest period
-            where sines of time drive laws that act for a part of it, as diodes do; else none.
-        max_steps, max_events, time_limit : int, int and float
-            Budgets of steps, of events that happen, and of seconds of computing time: a million, a
-            hundred thousand and 3600 s. None, or infinity, for no limit. A run that spends one
-            stops with what is there, and the message names the state that grows without bound, if
-            one does.
-        throw : bool
-            Raise SolveError where the integration fails; else it warns, and the result says so.
-        project : bool
-            Hold states and sensitivities to the constraints by projection; where false, drift
-            is left to the tolerances, or to ``baumgarte``.
-
-        Returns
-        -------
-        Result
-            ``t``, ``y`` (n_states, n_t), ``s`` (n_states, n_parameters, n_t), and all by name.
-
-        Raises
-        ------
-        ModelError
-            If a parameter, initial value or input is not accepted.
-        SolveError
-            If the method is unknown or its settings make no sense.
-
-        Examples
-        --------
-        >>> from cotree import load
-        >>> result = load("slider-pendulum").compile(["L"]).simulate((0, 10), rtol=1e-10)
-        >>> round(float(result["j1.s"][-1]), 6)
-        0.526045
-        """
-        defaults = self._recipe.defaults
-        # What the caller leaves open is taken from the scene.
-        settings = Settings(
-            t_span=(0.0, defaults.t_end) if t_span is None else t_span,
-            t_eval=t_eval,
-            method=method or defaults.method,
-            rtol=defaults.rtol if rtol is None else rtol,
-            atol=defaults.atol if atol is None else atol,
-            parameters=parameters,
-            initial=initial or {},
-            inputs=inputs or {},
-            error_test_sensitivities=error_test_sensitivities,
-            scales=scales or {},
-            max_step=max_step,
-            max_steps=max_steps,
-            max_events=max_events,
-            time_limit=time_limit,
-            throw=throw,
-            project=project,
-        )
-        model, settings = self._variant(settings)
-        run = run_values(prepared(model, settings), settings.parameters, settings.initial)
-        # The model's library was compiled before; the first run of a method compiles its engine.
-        built = model.times.get("compile", 0.0) + run["times"]["compile"]
-        run["times"] = {**model.times, **run["times"], "compile": built}
-        # What runs belongs to a room below, which knows neither pictures nor this model.
-        return filled(Result, {**run, "model": model, "settings": settings})
-
     def _variant(self, settings: Settings) -> tuple[Model, Settings]:
         """Give the model with expressions among the inputs compiled in, and what is left to set."""
         given = settings.inputs
+        if not given:
+            return self, settings
         expressions = expressions_among(given) if isinstance(given, Mapping) else {}
         if not expressions:
             return self, settings

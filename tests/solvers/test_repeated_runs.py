@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cotree import ParameterError, Scene, load
+from cotree import ParameterError, Scene, SolveError, load
+from cotree.ensemble.batch import run_block
+from cotree.ensemble.plan import Plan
 from cotree.sharing import Kept
 from cotree.solvers import select
 from cotree.solvers.job import Job
@@ -175,3 +177,88 @@ def test_settings_that_differ_have_different_keys(other):
 )
 def test_settings_that_cannot_be_compared_have_none(other):
     assert key_of(replace(Settings(t_span=(0.0, 1.0)), **other)) is None
+
+
+def test_a_runner_gives_what_simulate_gives(slider):
+    run = {"t_span": (0.0, 2.0), "t_eval": [1.0, 2.0], "rtol": 1e-7}
+    runner = slider.runner(**run, parameters={"L": 0.9, "k": 40.0}, initial={"h2.theta": 0.1})
+    calls = [
+        ({}, {"L": 0.9, "k": 40.0}, {"h2.theta": 0.1}),
+        ({"parameters": {"L": 1.1}}, {"L": 1.1, "k": 40.0}, {"h2.theta": 0.1}),
+        (
+            {"initial": {"h2.theta_dot": 1.0}},
+            {"L": 0.9, "k": 40.0},
+            {"h2.theta": 0.1, "h2.theta_dot": 1.0},
+        ),
+    ]
+    for given, parameters, initial in calls:
+        found = runner(**given)
+        assert bits(found) == anew(slider, **run, parameters=parameters, initial=initial)
+        assert found.settings.parameters == parameters
+        assert found.settings.initial == initial
+    known = slider.parameter_array({"k": 40.0})
+    by_array = slider.runner(**run, parameters=known)({"L": 1.1})
+    assert bits(by_array) == bits(slider.simulate(**run, parameters={"L": 1.1, "k": 40.0}))
+    whole = slider.runner(**run)(known)
+    assert bits(whole) == bits(slider.simulate(**run, parameters=known))
+    assert repr(runner) == "<Runner of 'slider-pendulum' from t = 0 to 2 by auto>"
+
+
+def test_a_runner_refuses_settings_when_it_is_made(slider):
+    with pytest.raises(SolveError, match=r"t_eval holds t = 3"):
+        slider.runner((0.0, 2.0), [3.0])
+    with pytest.raises(ParameterError, match="no input 'u'"):
+        slider.runner((0.0, 2.0), inputs={"u": 1.0})
+    with pytest.raises(TypeError, match="rtoll"):
+        slider.runner((0.0, 2.0), rtoll=1e-6)
+    with pytest.raises(ParameterError, match="no state 'x'"):
+        slider.runner((0.0, 2.0))(initial={"x": 1.0})
+
+
+def driven():
+    """A stiff network, driven by a voltage that changes with time."""
+    scene = Scene("driven")
+    scene.parameter("R", 2.0)
+    scene.edge("V1", "voltage_source", "a", "ground", voltage="sin(3 * t)")
+    scene.edge("R1", "resistor", "a", "b", resistance="R")
+    scene.edge("C1", "capacitor", "b", "ground", capacitance=0.5, initial={"v": 0.0})
+    scene.edge("R2", "resistor", "b", "c", resistance=1e-4)
+    scene.edge("C2", "capacitor", "c", "ground", capacitance=0.1, initial={"v": 0.0})
+    return scene
+
+
+@pytest.mark.parametrize("method", ["dop853", "rodas5", "auto", "DOP853"])
+@pytest.mark.parametrize("name", ["slider-pendulum", "bouncing-ball", "motor-linkage", "driven"])
+def test_runs_of_states_alone(name, method):
+    scene = driven() if name == "driven" else load(name)
+    if name == "bouncing-ball" and method == "DOP853":
+        pytest.skip("SciPy's methods refuse events")
+    plain = scene.compile()
+    model = scene.compile([plain.parameters[0]])
+    run = {"t_span": (0.0, 1.0), "t_eval": np.linspace(0.0, 1.0, 11), "method": method}
+    found = model.simulate(**run, sensitivities=False)
+    assert found.parameters_of_sensitivity == ()
+    assert found.s.shape == (len(model.states), 0, 11)
+    assert found.output_sensitivities.shape == (len(model.outputs), 0, 11)
+    # The same equations without sensitivities. Kernels of one expression round alike.
+    assert bits(found) == bits(plain.simulate(**run))
+    # Preparing the same kernels through one model is seen by the other.
+    first = model.parameters[0]
+    moved = {first: 1.02 * model.default_parameters[0]}
+    model.simulate(**run, sensitivities=False, parameters=moved)
+    assert model.simulate(**run).s.shape == (len(model.states), 1, 11)
+    assert bits(model.simulate(**run, sensitivities=False)) == bits(found)
+
+
+def test_members_without_sensitivities_need_no_room_for_their_time_slopes():
+    """Time slopes of a model with sensitivities have these, whether a run has them or not."""
+    model, times = driven().compile(["R"]), np.linspace(0.0, 1.0, 5)
+    settings = Settings((0.0, 1.0), times, "rodas5")
+    block = run_block(Plan(model, settings, ("R",), has_sensitivities=False), np.array([[2.0]]))
+    alone = model.simulate((0.0, 1.0), times, "rodas5", sensitivities=False)
+    assert np.array_equal(block.z[0].T, alone.y)
+
+
+def test_sensitivities_of_a_run_are_wanted_or_not(slider):
+    with pytest.raises(ParameterError, match=r"sensitivities is \['L'\]: give True or False"):
+        slider.simulate((0.0, 1.0), sensitivities=["L"])

@@ -50,6 +50,7 @@ def run_member(plan: Plan, row: Sequence[float], results: Results, member: int) 
     begun = time.perf_counter()
     try:
         settings = settings_of(plan.model, plan.settings, plan.columns, row)
+        settings = replace(settings, sensitivities=plan.has_sensitivities)
         with without_warnings():  # a message says the same
             results.put(member, simulate(plan.model, settings, {}))
     except Error as error:

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.errors import ParameterError
-from cotree.model.arrays import as_parameters
+from cotree.model.arrays import as_array, as_parameters
 from cotree.model.packing import whole_kernel
 from cotree.model.structure import Structure
 
@@ -76,13 +76,15 @@ class PreparedKernels:
         """The scene's parameter values, shape (n_parameters,)."""
         return self._defaults.copy()
 
-    def parameter_array(self, values: Any = None) -> Array:
+    def parameter_array(self, values: Any = None, others: Any = None) -> Array:
         """Give the parameter array, as every call that takes parameters does.
 
         Parameters
         ----------
         values : mapping of str to float, or array_like of shape (n_parameters,), optional
             Values in place of the scene's by name, or all of them.
+        others : array_like, shape (n_parameters,), optional
+            Values in place of the scene's for those that are not named.
 
         Raises
         ------
@@ -90,9 +92,12 @@ class PreparedKernels:
             If a name is not a tunable parameter, a value is not a finite number, or an array has
             the wrong shape.
         """
+        known = self._defaults
+        if others is not None:
+            known = as_array(others, known.shape, "the parameters")
         if values is None:
-            return self._defaults.copy()
-        return as_parameters(values, self._place_of, self._defaults, self.layout.derived)
+            return known.copy()
+        return as_parameters(values, self._place_of, known, self.layout.derived)
 
     def bound(self, name: str, p: Array) -> Callable[[float, Array, Array, Array | None], Array]:
         """Give a kernel as a function of time, states, flat sensitivities and inputs.

@@ -25,11 +25,12 @@ from cotree.solvers.messages import undefined_ahead
 from cotree.solvers.problem import describe_entry
 from cotree.solvers.rescue import Rescue
 from cotree.solvers.rows import Rows
+from cotree.solvers.shared import job_kind
 from cotree.solvers.sundials_aid import SundialsAid
 from cotree.tolerances import LIMITS
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Sequence
+    from collections.abc import Sequence
 
     import numpy.typing as npt
 
@@ -118,7 +119,7 @@ class Job:
     rows : Rows
         What C keeps of the run.
     kind : object
-        What :func:`job_kind` gives.
+        See :func:`job_kind`.
     is_reusable : bool
         Whether another run may begin with it.
     rescue : Rescue
@@ -222,18 +223,16 @@ class Job:
 
     def _set_values(self, problem: Problem) -> None:
         """Fill in the start and the tolerances."""
-        c = self.job
-        c.rtol, atols = _tolerances(self._row, problem)
+        self.job.rtol, atols = _tolerances(self._row, problem)
         self._put("atols", atols if self._is_left is None else atols[self._is_left])
-        c.atol = problem.least_atol
+        self.job.atol = problem.least_atol
         self._put("z", problem.z0)
         self.z = self._arrays["z"]
 
     def _set_times(self, problem: Problem) -> None:
         """Fill in the span, breakpoints and wanted times."""
         c, corners = self.job, corner_times(problem)
-        c.t = corners[0]
-        c.n_corners = len(corners)
+        c.t, c.n_corners = corners[0], len(corners)
         self._put("corners", np.array(corners))
         c.scale = problem.scale
         c.is_start_sharp = int(corners[0] in problem.breakpoints)
@@ -370,10 +369,7 @@ class Job:
         if array is None or array.size != values.size:
             array = self._arrays[name] = np.array(values, dtype=np.float64)
             self._n_bytes += array.nbytes
-            # The pointer keeps the array.
-            empty = not array.size
-            pointer = self._ffi.NULL if empty else self._ffi.from_buffer("double[]", array)
-            self._pointers[name] = pointer
+            self._pointers[name] = self._doubles(array)
         else:
             array[...] = values
         setattr(self.job, name, self._pointers[name])
@@ -402,8 +398,3 @@ class Job:
             row.t, row.u = self._doubles(times), self._doubles(values)
         self._kept.append(tables)
         return tables
-
-
-def job_kind(engine: Engine, row: Method, problem: Problem, *, is_extended: bool) -> Hashable:
-    """Give what the jobs of one model and its settings differ in, besides values and functions."""
-    return engine, row.name, is_extended, problem.t_eval is None

@@ -18,10 +18,11 @@ from cotree.solvers.base import Drift, Statistics, Trajectory
 from cotree.solvers.engine import load_engine
 from cotree.solvers.evaluate import BUDGET_SPENT, FAILED
 from cotree.solvers.event_messages import verdict
-from cotree.solvers.job import Job, job_kind
+from cotree.solvers.job import Job
 from cotree.solvers.messages import summary
 from cotree.solvers.methods import METHODS, refusal
 from cotree.solvers.progress import Progress
+from cotree.solvers.shared import job_kind
 from cotree.solvers.sundials_library import check_installed
 
 if TYPE_CHECKING:

@@ -18,6 +18,7 @@ from cotree.model.contents import content_sizes
 from cotree.model.moment import Moment
 from cotree.model.signals import read_signals
 from cotree.model.start import find_start
+from cotree.model.states_only import states_only
 from cotree.records import changed
 from cotree.scene.expressions import check_number
 from cotree.solvers.augmented import DENSE_LIMIT
@@ -88,7 +89,9 @@ class Preparation:
 
     Attributes
     ----------
-    model, settings
+    model : CompiledModel
+        The same, or where no sensitivities are wanted, what it is without them.
+    settings : Settings
         The same.
     units : dict of str to str
         Unit of each name of the model that has one.
@@ -103,6 +106,8 @@ class Preparation:
 
     def __init__(self, model: CompiledModel, settings: Settings) -> None:
         check_settings(settings)
+        if not settings.sensitivities:
+            model = states_only(model)
         layout = model.layout
         self.model, self.settings, self.units = model, settings, layout.units
         self._signals = read_signals(settings.inputs, model.inputs)

@@ -50,7 +50,7 @@ class Progress:
         """Take note of a time reached, [s]."""
         if time.perf_counter() < self._next:
             return
-        if self._bar is None and not _is_watched():
+        if self._bar is None and not is_watched():
             self._next = math.inf
             return
         self._next = time.perf_counter() + _REFRESH
@@ -69,7 +69,7 @@ class Progress:
         return bar
 
 
-def _is_watched() -> bool:
+def is_watched() -> bool:
     """Tell whether somebody looks."""
     # Bars of several threads would write over each other, and take each other's streams.
     is_main = threading.current_thread() is threading.main_thread()

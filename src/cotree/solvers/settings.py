@@ -37,6 +37,7 @@ class Settings:
     parameters: Any = None
     initial: Mapping[str, float] = field(default_factory=dict)
     inputs: Mapping[str, Any] = field(default_factory=dict)
+    sensitivities: bool = True
     error_test_sensitivities: bool = True
     scales: Mapping[str, float] = field(default_factory=dict)
     max_step: float | None = None
@@ -61,6 +62,11 @@ def check_settings(settings: Settings) -> None:
     """Refuse settings of the wrong kind, by name."""
     if not isinstance(settings.method, str):
         raise SolveError(f"method is {settings.method!r}: give a name in quotes")
+    if not isinstance(settings.sensitivities, bool):
+        raise ParameterError(
+            f"sensitivities is {settings.sensitivities!r}: give True or False; to which parameters "
+            "they are is chosen where a scene is compiled"
+        )
     for name in ("initial", "inputs", "scales"):
         check_mapping(name, getattr(settings, name))
 

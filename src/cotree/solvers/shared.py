@@ -17,7 +17,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Hashable
 
     from cotree.solvers.base import FloatArray
+    from cotree.solvers.engine import Engine
     from cotree.solvers.job import Job
+    from cotree.solvers.methods import Method
+    from cotree.solvers.problem import Problem
 
 T = TypeVar("T")
 
@@ -64,3 +67,8 @@ class Shared:
         key = blake2b(b"".join(array.tobytes() for array in of), digest_size=16).digest()
         found: T = self._findings.of((key, *map(len, of)), make)  # type: ignore[assignment]
         return found
+
+
+def job_kind(engine: Engine, row: Method, problem: Problem, *, is_extended: bool) -> Hashable:
+    """Give what the jobs of one model and its settings differ in, besides values and functions."""
+    return engine, row.name, is_extended, problem.t_eval is None
