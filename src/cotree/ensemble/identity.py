@@ -61,6 +61,7 @@ def identity_of(plan: Plan) -> dict[str, Any]:
         "inputs": {name: _short(_plain(table)) for name, table in tables.items()},
         # A column goes before these.
         "parameters": {name: v for name, v in values.items() if name not in plan.columns},
+        "leaves_explicit": plan.is_chosen,
         "outputs": list(plan.outputs),
         "sensitivities": list(model.sensitivities) if plan.has_sensitivities else [],
         "kernels": model.backend,

@@ -77,7 +77,7 @@ class EnsembleMethods:
             Number of times, evenly over the span, or the times themselves; 101 where absent.
         method : str, optional
             As of :meth:`simulate`. ``auto`` is decided once for all members: by a run with the
-            values that they share, and by the starts of the extreme ones.
+            values that they share, and by the members with the extreme values of each column.
         rtol, atol : float, optional
             Relative and absolute tolerance.
         sensitivities : bool

@@ -39,8 +39,9 @@ class Plan:
     lanes : int or None
         Members side by side in vectors: 1 for none, None for as many as the processor has.
     is_chosen : bool
-        Whether the method was chosen for all members and not asked for: a member that an explicit
-        one finds stiff on its way is then run from its start with one for stiff problems.
+        Whether the method was chosen for all members and not asked for, and some may become stiff:
+        a member that an explicit one finds stiff on its way is then run from its start with one for
+        stiff problems.
     """
 
     model: CompiledModel

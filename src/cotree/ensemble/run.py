@@ -251,10 +251,9 @@ def make_plan(
     wanted = _outputs(model, outputs)
     if lanes is not None:
         check_count(lanes, "lanes")
-    is_chosen = settings.method == "auto"
-    settings = tried_settings(model, settings, members)
+    settings, is_watched = tried_settings(model, settings, members)
     has_sensitivities = bool(sensitivities and model.sensitivities)
-    return Plan(model, settings, members.columns, wanted, has_sensitivities, lanes, is_chosen)
+    return Plan(model, settings, members.columns, wanted, has_sensitivities, lanes, is_watched)
 
 
 def check_execution(execution: Execution) -> None:

@@ -5,21 +5,24 @@ In: a model, settings and members. Out: settings with times and a method by name
 
 from __future__ import annotations
 
+import contextlib
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cotree.ensemble.batch import usable_cores
 from cotree.ensemble.one_by_one import settings_of
 from cotree.errors import Error, SolveError, brief
-from cotree.quiet import level_of_user
+from cotree.quiet import level_of_user, without_warnings
 from cotree.solvers.methods import METHODS, method_row
 from cotree.solvers.settings import check_settings, read_span, read_times, read_whole
 from cotree.solvers.simulate import simulate
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Sequence
 
     from cotree.ensemble.members import Members
     from cotree.model.model import CompiledModel
@@ -35,6 +38,12 @@ _MOST_POINTS = 10_000_000
 
 # A trial goes on until all settings are read and a method is chosen, which takes 20 steps.
 _TRIAL_STEPS = 30
+
+# Extreme members are run to their ends where they are less than a twentieth of all.
+_FEW = 20
+
+# Where no values are found that run, each member tells why it does not.
+_OTHERWISE = "dop853"
 
 # How many members are tried where the scene's own values do not run.
 _TRIED = 3
@@ -57,13 +66,24 @@ def times_of(t_eval: Any, t_span: Any) -> FloatArray:
     return np.linspace(first, last, POINTS) if times is None else times
 
 
-def tried_settings(model: CompiledModel, settings: Settings, members: Members) -> Settings:
+def tried_settings(
+    model: CompiledModel, settings: Settings, members: Members
+) -> tuple[Settings, bool]:
     """Try settings, and give them with times and the name of a method.
 
     Members may fail, but wrong settings are refused before the first of them runs. Where the
     method is ``auto``, it is chosen once for all of them: by a whole run at the values of the
-    scene, and by the starts of the members with the smallest and the largest value of each column.
-    One that is stiff decides, whatever the order of the members.
+    scene, and by the members with the smallest and the largest value of each column. One whose
+    start is stiff decides, whatever the order of the members.
+
+    Returns
+    -------
+    settings : Settings
+        With times and a method by name.
+    is_watched : bool
+        Whether members may become stiff on their way. Of many members those with the extreme
+        values are run to their ends, and where none of them becomes stiff, none is looked at
+        again: members need not leave their lanes for that.
 
     Raises
     ------
@@ -75,19 +95,33 @@ def tried_settings(model: CompiledModel, settings: Settings, members: Members) -
     if settings.method != "auto":
         method_row(settings.method)
         _first_success(model, _short(settings), members)
-        return settings
+        return settings, False
     base = _first_success(model, settings, members)
-    chosen = "dop853" if base is None else base.statistics.method
-    if chosen in METHODS and METHODS[chosen].implicit:
-        return replace(settings, method=chosen)
-    for row in _extremes(members):
-        try:
-            run = _quiet(model, settings_of(model, _short(settings), members.columns, row))
-        except Error:
-            continue  # a member that fails, fails later with its sentence
-        if METHODS[run.statistics.method].implicit:
-            return replace(settings, method=run.statistics.method)
-    return replace(settings, method=chosen)
+    rows = _extremes(members)
+    is_whole = len(members.rows) >= _FEW * len(rows)
+    work = settings if is_whole else _short(settings)
+    runs = [base, *_runs(model, work, members.columns, rows)] if base else []
+    begun = [run.statistics.began_with or run.statistics.method for run in runs]
+    stiff = [method for method in begun if METHODS[method].implicit]
+    if stiff:
+        return replace(settings, method=stiff[0]), False
+    is_watched = not is_whole or any(run.statistics.began_with for run in runs)
+    return replace(settings, method=begun[0] if begun else _OTHERWISE), is_watched or not begun
+
+
+def _runs(
+    model: CompiledModel, settings: Settings, columns: Sequence[str], rows: Sequence[list[float]]
+) -> list[RunRecord]:
+    """Run some members, and leave out those that are refused: they fail later, with a sentence."""
+
+    def run(row: list[float]) -> RunRecord | None:
+        with contextlib.suppress(Error):
+            return simulate(model, settings_of(model, settings, columns, row), {})
+        return None
+
+    # C leaves the other threads alone; filters of warnings belong to all of them.
+    with without_warnings(), ThreadPoolExecutor(usable_cores()) as threads:
+        return [found for found in threads.map(run, rows) if found is not None]
 
 
 def _short(settings: Settings) -> Settings:
@@ -111,7 +145,8 @@ def _first_success(model: CompiledModel, settings: Settings, members: Members) -
     reasons = {str(found)}
     for row in members.rows[:_TRIED].tolist():
         try:
-            return _quiet(model, settings_of(model, settings, members.columns, row))
+            with without_warnings():
+                return simulate(model, settings_of(model, settings, members.columns, row), {})
         except Error as error:
             reasons.add(str(error))
     if len(reasons) == 1:
@@ -130,21 +165,11 @@ def _heard(model: CompiledModel, settings: Settings) -> RunRecord:
     return run
 
 
-def _quiet(model: CompiledModel, settings: Settings) -> RunRecord:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return simulate(model, settings, {})
-
-
-def _extremes(members: Members) -> Iterator[list[float]]:
+def _extremes(members: Members) -> list[list[float]]:
     """Give the members with the smallest and the largest value of each column."""
     rows = members.rows
     # Sorted by all columns first, so that of equal ones the same is taken in any order.
     ordered = rows[np.lexsort(rows.T[::-1])] if rows.shape[1] else rows
-    places = {int(place) for j in range(rows.shape[1]) for place in _ends(ordered[:, j])}
-    for place in sorted(places):
-        yield ordered[place].tolist()
-
-
-def _ends(column: FloatArray) -> tuple[int, int]:
-    return int(np.argmin(column)), int(np.argmax(column))
+    places = {*np.argmin(ordered, axis=0).tolist(), *np.argmax(ordered, axis=0).tolist()}
+    found: list[list[float]] = ordered[sorted(places)].tolist()
+    return found
