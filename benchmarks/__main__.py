@@ -37,6 +37,7 @@ SCRIPTS = {
     "operations": "operations of the slider-pendulum, and a chain of rods stage by stage",
     "real_time": "steps of one length, in C projects for real time",
     "inputs": "inputs that a run is given: numbers, expressions, tables, functions",
+    "million": "members in memory, in a store and in processes, and a million of them on paper",
     "first_run": "the first run of a scene on a machine, and later ones",
     "networks": "networks of growing size, stage by stage",
     "growth": "growth of code and times with the number of rods or stages",
@@ -56,6 +57,7 @@ SCRIPTS = {
 QUICK = {
     "operations": ["5"],
     "inputs": ["--rounds", "11"],
+    "million": ["--members", "2000"],
     "first_run": ["command", "--rounds", "1"],
     "networks": ["ladder", "5", "50", "500"],
     "growth": ["ladder", "10", "100"],
