@@ -132,6 +132,8 @@ def _refusal(pattern: Pattern) -> str:
     problem = pattern.problem
     if pattern.signals.by_position:
         return "inputs are given in place of the scene's"
+    if problem.t_eval is None or not len(problem.t_eval):
+        return "no times are wanted"
     if problem.breakpoints:
         return "rates have kinks or jumps at known times"
     if pattern.is_searched:
@@ -163,7 +165,7 @@ def _load(
             n_operations=model.n_written,
             n_all=model.n_written_in_all,
             # What is common to kernels and steps is found by this level only.
-            options=BuildOptions("-O2"),
+            options=BuildOptions("-O3"),
             toolchain=toolchain,
         )
     except BuildError:
