@@ -136,13 +136,26 @@ def test_a_member_that_fails_on_its_way_says_what_its_run_says(ball):
     assert_same(block, run_one_by_one(plan, rows))
 
 
-def test_budgets_hold_for_each_member(slider):
-    plan = Plan(slider, settings_of(max_steps=5), ("L",))
-    rows = np.array([[1.0], [1.1]])
+def test_budgets_hold_for_each_member(slider, ball):
+    plan = Plan(slider, settings_of(max_steps=40), ("L", "k"))
+    # A negative spring drives the block away.
+    rows = np.array([[1.0, 50.0], [1.1, -5000.0]])
     block = run_block(plan, rows)
-    assert block.status.tolist() == [-2, -2]
-    assert "the limit of 5 steps is reached" in block.messages[0]
+    assert block.status.tolist() == [0, -2]
+    assert "the limit of 40 steps is reached. 'h2.theta_dot' grows" in block.messages[1]
     assert_same(block, run_one_by_one(plan, rows))
+    plan = Plan(ball, Settings((0.0, 8.0), TIMES, "dop853", 1e-6, max_events=2), ("v",))
+    block = run_block(plan, np.array([[0.5], [100.0]]))
+    assert block.status.tolist() == [-2, 0]
+    assert "the limit of 2 events is reached" in block.messages[0]
+    assert_same(block, run_one_by_one(plan, np.array([[0.5], [100.0]])))
+
+
+def test_a_member_may_take_so_much_time(slider):
+    plan = Plan(slider, settings_of(time_limit=1e-9), ("L",))
+    block = run_block(plan, np.array([[1.0]]))
+    assert block.status.tolist() == [-2]
+    assert "the time limit of 1e-09 s is spent" in block.messages[0]
 
 
 def test_what_is_stopped_is_not_run(slider):

@@ -19,6 +19,7 @@ from cotree.errors import BuildError
 from cotree.sharing import made_once
 from cotree.solvers.base import Drift, Statistics, Trajectory
 from cotree.solvers.engine import build_engine
+from cotree.solvers.evaluate import BUDGET_SPENT
 from cotree.solvers.evaluate import FAILED as STATUS_FAILED
 from cotree.solvers.project import Projection
 from cotree.solvers.simulate import redundancy
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
 
 # How members end in C; see cotree_batch.h.
 WAITS, DONE, STOPPED, FAILED, REFUSED, UNSWEPT, STIFF = range(7)
-STEPS_SPENT, EVENTS_SPENT, TIME_SPENT, LEFT = range(7, 11)
+LEFT = 10  # the budgets that are spent stand between
 
 # In Python, of members that were run by themselves.
 ALONE = 100
@@ -106,6 +107,11 @@ class BlockInC:
         """Put in a member that cannot begin."""
         self.ended[member] = REFUSED
         self.results.fail(member, STATUS_FAILED, message)
+
+    def spend(self, member: int, message: str) -> None:
+        """Put in a member whose budget is spent."""
+        self.results.steps[member] = self.n_steps[member]
+        self.results.fail(member, BUDGET_SPENT, message)
 
     def run_alone(self, member: int, method: str = "", note: str = "") -> None:
         """Run a member by itself, where C has not brought it to its end.

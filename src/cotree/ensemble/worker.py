@@ -11,6 +11,7 @@ from cotree.ensemble.block_in_c import STIFF
 from cotree.ensemble.lanes import LoadedLanes
 from cotree.ensemble.one_by_one import settings_of
 from cotree.ensemble.pattern import problem_of
+from cotree.ensemble.spent import EVENTS_SPENT, STEPS_SPENT, TIME_SPENT, spent_sentence
 from cotree.errors import Error
 from cotree.quiet import without_warnings
 from cotree.solvers.evaluate import FAILED
@@ -132,19 +133,39 @@ class Worker:
 
     def _answer(self, member: int) -> None:
         """See to a member that has not come to its end."""
-        c, members = self._worker, self._members
-        if members.ended[member] != STIFF:
-            members.run_alone(member)
-        elif self._goes_on(member):
+        members, ended = self._members, int(self._members.ended[member])
+        if ended == STIFF and self._goes_on(member):
             return
-        c.member = -1
+        if ended in (STEPS_SPENT, EVENTS_SPENT, TIME_SPENT):
+            self._spend(member, ended)
+        elif ended != STIFF:
+            members.run_alone(member)
+        self._worker.member = -1
+
+    def _spend(self, member: int, ended: int) -> None:
+        """Put in a member whose budget is spent."""
+        c, members, engine = self._worker, self._members, self._pattern.engine.library
+        address = int(self._ffi.cast("uintptr_t", self._ffi.addressof(c, "job")))
+        engine.lib.cotree_job_stand(engine.ffi.cast("cotree_job *", address))
+        problem = self._problem_in_work(member)
+        kept = members.results.z[member, : members.n_kept[member]].copy()
+        method = self._pattern.row.name
+        said = spent_sentence(problem, method, c.job, ended, kept, self._last_point())
+        members.spend(member, said)
+
+    def _last_point(self) -> FloatArray:
+        """Give where the member in work stands."""
+        size = self._pattern.problem.size
+        return np.frombuffer(self._ffi.buffer(self._worker.job.z, 8 * size)).copy()
+
+    def _problem_in_work(self, member: int) -> Problem:
+        return self._asked[1] if self._asked is not None else self._problem(member)
 
     def _goes_on(self, member: int) -> bool:
         """Run a member that is stiff with another method; tell where it is to go on by itself."""
         c, members = self._worker, self._members
-        problem = self._asked[1] if self._asked is not None else self._problem(member)
+        problem, z = self._problem_in_work(member), self._last_point()
         job, method = c.job, self._pattern.row.name
-        z = np.frombuffer(self._ffi.buffer(job.z, 8 * problem.size)).copy()
         if not is_confirmed(problem, float(job.t), z, float(job.last_step), method):
             # Asking again costs eigenvalues: only after as many steps as were taken so far.
             c.watched_from = 2 * int(job.n_steps)

@@ -25,6 +25,16 @@ def most_rows(width: int) -> int:
     return max(_LEAST_ROWS, MOST_STORED // (8 * max(1, width)))
 
 
+def steps_spent(limit: int) -> str:
+    """Say that a budget of steps is spent, without a capital and a full stop."""
+    return f"the limit of {limit} steps is reached"
+
+
+def time_spent(limit: float) -> str:
+    """Say the same of time, [s]."""
+    return f"the time limit of {limit:g} s is spent"
+
+
 class Thinning:
     """Choice of the steps that a run stores: every one, then every second, fourth, and so on.
 

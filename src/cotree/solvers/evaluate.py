@@ -22,6 +22,7 @@ from cotree.solvers.augmented import (
     augmented_tolerances,
     difference_columns,
 )
+from cotree.solvers.budgets import time_spent
 from cotree.solvers.messages import MOVED_FAR
 from cotree.solvers.problem import describe_entry
 from cotree.tolerances import FARTHEST_CORRECTION
@@ -344,9 +345,9 @@ class Evaluator:
         return self._last_jacobian.copy()
 
     def _check_budgets(self) -> None:
-        if time.perf_counter() > self._deadline:
-            limit = self.problem.time_limit
-            raise IntegrationStopError(BUDGET_SPENT, f"the time limit of {limit:g} s is spent")
+        limit = self.problem.time_limit
+        if limit is not None and time.perf_counter() > self._deadline:
+            raise IntegrationStopError(BUDGET_SPENT, time_spent(limit))
         if self.nfev > self._allowed:
             raise IntegrationStopError(FAILED, "the step size control does not come to an end")
 

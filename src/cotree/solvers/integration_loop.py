@@ -24,7 +24,7 @@ from cotree.errors import SolveError
 from cotree.quiet import without_warnings
 from cotree.solvers.algebraic import solve_reduced
 from cotree.solvers.base import Drift, Statistics, Trajectory
-from cotree.solvers.budgets import Thinning
+from cotree.solvers.budgets import Thinning, steps_spent
 from cotree.solvers.corners import segments
 from cotree.solvers.evaluate import (
     BUDGET_SPENT,
@@ -385,4 +385,4 @@ class _Run:
     def _check_steps(self) -> None:
         limit = self.problem.max_steps
         if limit is not None and self.problem.steps_taken + self.n_steps >= limit:
-            raise IntegrationStopError(BUDGET_SPENT, f"the limit of {limit} steps is reached")
+            raise IntegrationStopError(BUDGET_SPENT, steps_spent(limit))

@@ -275,11 +275,6 @@ class Job:
         self.rows.drop_between()
         return result
 
-    @property
-    def is_stiff(self) -> bool:
-        """Tell whether stability made an explicit method take many steps."""
-        return bool(self.job.is_stiff) and int(self.job.n_stiff_steps) > LIMITS.most_stiff_steps
-
     def wait_where_stiff(self, first_step: int) -> None:
         """Make an explicit method wait where its problem is stiff, from ``first_step`` on."""
         self._looks_from = first_step

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cotree.codegen.statuses import SENTENCES
 from cotree.solvers.augmented import RTOL_FLOOR, tested_rtol
 from cotree.solvers.rescue import Rescue
+from cotree.tolerances import LIMITS
 
 if TYPE_CHECKING:
     from cotree.solvers.base import FloatArray
@@ -56,6 +57,23 @@ def summary(problem: Problem, method: str, t: float, reason: str) -> list[str]:
             f"{RTOL_FLOOR:.3g} was used."
         )
     return [sentence for sentence in sentences if sentence]
+
+
+def stiffness_note(job: Any) -> str:
+    """Say what an explicit method found out about stiffness; empty where that is nothing.
+
+    Parameters
+    ----------
+    job : cotree_job
+        Its job in C.
+    """
+    if not (job.is_stiff and job.n_stiff_steps > LIMITS.most_stiff_steps):
+        return ""
+    return (
+        f"The problem is stiff from t = {float(job.stiff_since):.6g} on: about "
+        f"{int(job.n_stiff_steps)} steps were as short as stability asks, and a method for "
+        "stiff problems such as rodas5 may take far fewer."
+    )
 
 
 def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:

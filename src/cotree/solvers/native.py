@@ -15,11 +15,12 @@ import numpy as np
 from cotree.errors import SolveError
 from cotree.records import changed
 from cotree.solvers.base import Drift, Statistics, Trajectory
+from cotree.solvers.budgets import steps_spent, time_spent
 from cotree.solvers.engine import load_engine
 from cotree.solvers.evaluate import BUDGET_SPENT, FAILED
 from cotree.solvers.event_messages import verdict
 from cotree.solvers.job import Job
-from cotree.solvers.messages import summary
+from cotree.solvers.messages import stiffness_note, summary
 from cotree.solvers.methods import METHODS, refusal
 from cotree.solvers.progress import Progress
 from cotree.solvers.shared import job_kind
@@ -139,7 +140,7 @@ def solve_in_c(
     # The successor has taken over: its trajectory is complete, message included.
     if isinstance(ended, Trajectory):
         return compiled_in(ended, ended.statistics.compile_seconds + compiling)
-    note = successor.note if successor is not None else _note(job)
+    note = successor.note if successor is not None else stiffness_note(job.job)
     trajectory = trajectory_of(job, problem, method, ended, note, compiling)
     if problem.shared is not None:
         problem.shared.give_back(job)
@@ -183,17 +184,6 @@ def _run(
         return ended
     finally:
         job.end()
-
-
-def _note(job: Job) -> str:
-    """Say what an explicit method found out about stiffness."""
-    if not job.is_stiff:
-        return ""
-    return (
-        f"The problem is stiff from t = {float(job.job.stiff_since):.6g} on: about "
-        f"{int(job.job.n_stiff_steps)} steps were as short as stability asks, and a method for "
-        "stiff problems such as rodas5 may take far fewer."
-    )
 
 
 def compiled_in(trajectory: Trajectory, seconds: float) -> Trajectory:
@@ -258,9 +248,9 @@ def _advance(job: Job, problem: Problem, begin: float, progress: Progress) -> tu
             return BUDGET_SPENT, verdict("spends", [], detail=job.job.most_events), False
         # Checked after events, which end a run whatever is left of the budget of steps.
         if limit is not None and others + job.job.n_steps >= limit:
-            return BUDGET_SPENT, f"the limit of {limit} steps is reached", False
+            return BUDGET_SPENT, steps_spent(limit), False
         if problem.time_limit is not None and now - begin > problem.time_limit:
-            return BUDGET_SPENT, f"the time limit of {problem.time_limit:g} s is spent", False
+            return BUDGET_SPENT, time_spent(problem.time_limit), False
         # So many steps as fill a tenth of a second: Ctrl-C and the time limit are seen soon
         # enough, and the way into C and back costs nothing beside them.
         rest = _GLANCE if problem.time_limit is None else problem.time_limit - (now - begin)
