@@ -1,5 +1,7 @@
 """Members in C that are prepared in Python are the runs that ``simulate`` makes, bit by bit."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from batches import assert_same, rows_of
@@ -144,9 +146,11 @@ def thickening():
     return scene
 
 
-def test_a_member_that_becomes_stiff_is_run_with_another_method():
+@pytest.mark.parametrize("lanes", [1, None])
+def test_a_member_that_becomes_stiff_is_run_with_another_method(lanes):
     model, times = thickening().compile(), np.linspace(0.0, 14.0, 5)
     plan = plan_of(model, ("c",), "auto", t_span=(0.0, 14.0), t_eval=times)
+    plan = replace(plan, lanes=lanes)
     # With c = 0.1 the damping is four at the end; with c = 1 a million.
     rows = np.array([[0.1], [1.0]])
     found = find_pattern(plan)

@@ -25,6 +25,7 @@ from cotree.solvers.project import Projection
 from cotree.solvers.simulate import redundancy
 from cotree.solvers.timely import is_fine, timely
 from cotree.solvers.trust import held
+from cotree.tolerances import LIMITS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -41,6 +42,10 @@ if TYPE_CHECKING:
 # How members end in C; see cotree_batch.h.
 WAITS, DONE, STOPPED, FAILED, REFUSED, UNSWEPT, STIFF = range(7)
 LEFT = 10  # the budgets that are spent stand between
+
+# Lanes do not look whether a member is stiff. Where that matters, one that takes so many steps is
+# left to a worker that does: most members take fewer, and of those that are stiff little is lost.
+_WATCHED_IN_LANES = 4 * LIMITS.most_stiff_steps
 
 # In Python, of members that were run by themselves.
 ALONE = 100
@@ -196,6 +201,8 @@ class BlockInC:
         c.max_steps, c.time_limit = problem.max_steps or 0, problem.time_limit or 0.0
         c.n_full = problem.size
         c.is_watched, c.are_asked_for = self.pattern.is_watched, self.pattern.is_searched
+        if self.pattern.is_watched:
+            c.most_in_lanes = _WATCHED_IN_LANES
         lib = self.library.lib
         c.prepare, c.finish = lib.cotree_batch_prepare, lib.cotree_batch_finish
         c.now = lib.cotree_batch_now

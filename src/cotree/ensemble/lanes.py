@@ -138,8 +138,6 @@ def _refusal(pattern: Pattern) -> str:
         return "rates have kinks or jumps at known times"
     if pattern.is_searched:
         return "the start of each member is searched for, or it has corners of its own"
-    if pattern.is_watched:
-        return "stiff members go on with another method"
     return ""
 
 
