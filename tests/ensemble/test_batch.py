@@ -77,6 +77,24 @@ def test_without_sensitivities_a_member_is_a_run_of_the_model_without_them(slide
     block = run_block(Plan(slider, settings_of(), names, (), has_sensitivities=False), rows)
     assert block.z.shape == (3, 9, 4)
     assert_same(block, run_block(Plan(plain, settings_of(), names), rows))
+    run = slider.simulate(
+        (0, 2),
+        TIMES,
+        method="dop853",
+        rtol=1e-6,
+        parameters=dict(zip(names, rows[0], strict=True)),
+        sensitivities=False,
+    )
+    np.testing.assert_array_equal(block.z[0].T, run.y)
+
+
+def test_a_member_without_sensitivities_that_fails_says_what_its_run_says(ball):
+    settings = Settings((0.0, 8.0), TIMES, "dop853", 1e-6)
+    plan = Plan(ball, settings, ("v",), ball.outputs, has_sensitivities=False)
+    rows = np.array([[0.5], [0.0]])
+    block = run_block(plan, rows)
+    assert block.status.tolist() == [0, -1]
+    assert_same(block, run_one_by_one(plan, rows))
 
 
 @pytest.mark.parametrize("scales", [{}, {"L": 0.01}])

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.dag.symbols import INPUT, PARAMETER, TIME
 from cotree.dag.traverse import symbols_in
-from cotree.ensemble.results import n_sensitivities
 from cotree.errors import Error
 from cotree.model.signals import read_signals
 from cotree.solvers.engine import load_engine
@@ -117,21 +116,10 @@ def problem_of(plan: Plan, parameters: Any, initial: Mapping[str, float]) -> Pro
     Error
         If the settings are refused, or there is no start.
     """
-    problem = prepared(plan.model, plan.settings).run(parameters, initial).problem
+    settings = replace(plan.settings, sensitivities=plan.has_sensitivities)
+    problem = prepared(plan.model, settings).run(parameters, initial).problem
     check_values(problem)
-    if not problem.n_sensitivities or n_sensitivities(plan):
-        return problem
-    assert problem.state_rhs is not None  # it is a model's
-    return replace(
-        problem,
-        rhs=problem.state_rhs,
-        n_sensitivities=0,
-        z0=problem.z0[: problem.n_states].copy(),
-        scales=None,
-        parameters=(),
-        places=None,
-        shifts={},
-    )
+    return problem
 
 
 def _pattern(plan: Plan, row: Method, problem: Problem, *, is_watched: bool) -> Pattern | str:
@@ -150,10 +138,7 @@ def _pattern(plan: Plan, row: Method, problem: Problem, *, is_watched: bool) -> 
         newton = problem.native.model.newton()
         if newton is None:
             return "no compiler can build what it needs of the model"
-    # Without the sensitivities that a model is compiled with, it has no rates of the unknowns.
-    is_alike = bool(plan.model.sensitivities) == bool(problem.n_sensitivities)
-    is_extended = is_alike and can_extend(row, problem)
-    job = Job(engine, row, problem, newton, is_extended=is_extended)
+    job = Job(engine, row, problem, newton, is_extended=can_extend(row, problem))
     if problem.is_sparse and job.is_wide and problem.events is None:
         return "the Jacobian's band is wide"
     read = symbols_in(plan.model._program.kernels["rhs"].results)
