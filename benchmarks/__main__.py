@@ -36,6 +36,7 @@ HERE = Path(__file__).parent
 SCRIPTS = {
     "operations": "operations of the slider-pendulum, and a chain of rods stage by stage",
     "real_time": "steps of one length, in C projects for real time",
+    "calls": "what a call of simulate costs beside its C, of small models",
     "inputs": "inputs that a run is given: numbers, expressions, tables, functions",
     "million": "members in memory, in a store and in processes, and a million of them on paper",
     "first_run": "the first run of a scene on a machine, and later ones",
@@ -56,6 +57,7 @@ SCRIPTS = {
 #: The smallest cases of each, which show that it runs and about what it finds.
 QUICK = {
     "operations": ["5"],
+    "calls": ["--rounds", "11"],
     "inputs": ["--rounds", "11"],
     "million": ["--members", "2000"],
     "first_run": ["command", "--rounds", "1"],

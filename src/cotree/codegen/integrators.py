@@ -200,6 +200,23 @@ def sweep_declarations(files: Mapping[str, str]) -> str:
     )
 
 
+def columns_files() -> Mapping[str, str]:
+    """Write the evaluation of one kernel at many points, the same for every model."""
+    return {
+        "cotree_abi.h": abi_header(),
+        "cotree_columns.c": render("c/engine/cotree_columns.c.jinja", **_COMMON),
+    }
+
+
+def columns_declarations(files: Mapping[str, str]) -> str:
+    """Give the declarations of these that cffi reads."""
+    return declared(files["cotree_abi.h"]) + (
+        "int cotree_columns(const cotree_model *, cotree_state_kernel, cotree_sensitivity_kernel,"
+        " int, const double *, const double *, const double *, int, const double *, int, double *,"
+        " int, double *, double *, int);\n"
+    )
+
+
 def batch_files() -> Mapping[str, str]:
     """Write the loop over many runs of a model, the same for every model and method.
 

@@ -16,9 +16,9 @@ from cotree.ensemble.one_by_one import run_member
 from cotree.ensemble.results import Results
 from cotree.ensemble.starts import own_values, tolerances
 from cotree.errors import BuildError
+from cotree.model.shared_code import build_engine
 from cotree.sharing import made_once
 from cotree.solvers.base import Drift, Statistics, Trajectory
-from cotree.solvers.engine import build_engine
 from cotree.solvers.evaluate import BUDGET_SPENT
 from cotree.solvers.evaluate import FAILED as STATUS_FAILED
 from cotree.solvers.project import Projection

@@ -110,6 +110,10 @@ class Kernels(Protocol):
         """Give the model as C sees it, as this thread last prepared it; None where it is none."""
         ...
 
+    def address(self, name: str) -> int | None:
+        """Give the address of a kernel in C; None where it is none."""
+        ...
+
     def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
         """Evaluate a kernel; arguments that it does not use are ignored.
 
@@ -218,6 +222,10 @@ class CKernels:
         p, k = bound.p.copy(), bound.k.copy()
         return NativeModel(self._address, p, k, self._library, self._can_extend, self._newton)
 
+    def address(self, name: str) -> int:
+        """Give the address of a kernel; see :class:`Kernels`."""
+        return int(self._library.ffi.cast("uintptr_t", self._own.bound[name][0]))
+
     def _failure(self, status: int, name: str, known: Mapping[str, Any]) -> Exception:
         if status == SINGULAR:
             return _singular(self._program, name, known)
@@ -265,6 +273,10 @@ class PythonKernels:
         own.prepared = dict(zip(self._program.kernels["prepare"].results, values, strict=True))
 
     def native(self) -> None:
+        """Return None, as there is no C; see :class:`Kernels`."""
+        return
+
+    def address(self, name: str) -> None:
         """Return None, as there is no C; see :class:`Kernels`."""
         return
 

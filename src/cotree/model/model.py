@@ -12,6 +12,7 @@ import numpy.typing as npt
 from cotree.dag.traverse import symbols_in
 from cotree.errors import SingularSystemError
 from cotree.model.arrays import as_array
+from cotree.model.columns import in_columns, is_many
 from cotree.model.limited_newton import Junctions
 from cotree.model.prepared import PreparedKernels
 from cotree.model.undefined import why_undefined
@@ -110,11 +111,6 @@ class CompiledModel(PreparedKernels):
         return self.structure.sensitivity_pattern
 
     @property
-    def backend(self) -> str:
-        """The evaluator of the kernels: ``C`` or ``Python``."""
-        return self._kernels.backend
-
-    @property
     def operations(self) -> dict[str, OperationCount]:
         """Operation counts by kernel; ``total`` counts in what it uses of ``prepare``."""
         return self._program.operations
@@ -168,7 +164,7 @@ class CompiledModel(PreparedKernels):
         """The exponentials of the algebraic equations."""
         return Junctions.of(self._program)
 
-    def constraint_values(self, t: float, y: Any, p: Any = None) -> Array:
+    def constraint_values(self, t: Any, y: Any, p: Any = None) -> Array:
         """Evaluate the residuals of :attr:`constraints`, shape (n_constraints,).
 
         Parameters as for :meth:`rhs`.
@@ -183,30 +179,33 @@ class CompiledModel(PreparedKernels):
     def initial_sensitivity(self, p: Any = None) -> Array:
         """Give the sensitivities of the initial states, shape (n_states, n_parameters)."""
         self._prepare(p)
-        return self._by_parameter(self._call("initial_sensitivity", 0.0, _NONE, _NONE, _NONE))
+        return self._by_parameter(
+            self._call("initial_sensitivity", 0.0, _NONE, _NONE, _NONE), len(self.states)
+        )
 
     def input_values(self, t: float, p: Any = None) -> Array:
         """Give the scene's own inputs at a time, shape (n_inputs,)."""
         self._prepare(p)
         return self._call("inputs", float(t), _NONE, _NONE, _NONE)
 
-    def rhs(self, t: float, y: Any, p: Any = None, u: Any = None) -> Array:
+    def rhs(self, t: Any, y: Any, p: Any = None, u: Any = None) -> Array:
         """Evaluate the rates of the states.
 
         Parameters
         ----------
-        t : float
+        t : float, or array_like of shape (m,)
             Time, [s].
-        y : array_like, shape (n_states,)
-            States.
+        y : array_like, shape (n_states,) or (n_states, m)
+            States; with two axes, those of m points, which are evaluated in one call into C.
         p : array_like, shape (n_parameters,), or mapping of str to float, optional
-            Parameters.
+            Parameters; of m points (n_parameters, m), too.
         u : array_like, shape (n_inputs,), optional
-            Inputs. Where the scene's own input depends on a parameter, so do sensitivities.
+            Inputs; of m points (n_inputs, m), too. Where the scene's own input depends on a
+            parameter, so do sensitivities.
 
         Returns
         -------
-        ndarray, shape (n_states,)
+        ndarray, shape (n_states,) or (n_states, m)
             Rates, in the states' units per second; residuals in the places of algebraic unknowns.
 
         Raises
@@ -214,55 +213,56 @@ class CompiledModel(PreparedKernels):
         ParameterError
             If an array has the wrong shape, or the parameters are refused by the model.
         SingularSystemError
-            If the mass matrix is singular here.
+            If the mass matrix is singular here. Of m points, the message names the column.
         """
         return self._at("rhs", t, y, p, u)
 
-    def jacobian(self, t: float, y: Any, p: Any = None, u: Any = None) -> Array:
+    def jacobian(self, t: Any, y: Any, p: Any = None, u: Any = None) -> Array:
         """Evaluate the derivatives of the rates by the states, shape (n_states, n_states).
 
-        Parameters and errors as for :meth:`rhs`.
+        Parameters and errors as for :meth:`rhs`; of m points the shape is (n_states, n_states, m).
         """
         return self.structure.full(self._at("jacobian", t, y, p, u))
 
     def jacobian_sparse(self, t: float, y: Any, p: Any = None, u: Any = None) -> csc_matrix:
         """Evaluate the Jacobian as a SciPy CSC matrix, shape (n_states, n_states).
 
-        Parameters and errors as for :meth:`rhs`.
+        Parameters and errors as for :meth:`rhs`, at one point.
         """
-        return self.structure.sparse(self._at("jacobian", t, y, p, u))
+        one = as_array(y, (len(self.states),), "the states")
+        return self.structure.sparse(self._at("jacobian", t, one, p, u))
 
-    def sensitivity_rhs(self, t: float, y: Any, s: Any, p: Any = None, u: Any = None) -> Array:
+    def sensitivity_rhs(self, t: Any, y: Any, s: Any, p: Any = None, u: Any = None) -> Array:
         """Evaluate the rates of the sensitivities.
 
         Parameters
         ----------
         t, y, p, u
             As for :meth:`rhs`.
-        s : array_like, shape (n_states, n_parameters)
+        s : array_like, shape (n_states, n_parameters) or (n_states, n_parameters, m)
             Sensitivities of the states, in the order of :attr:`sensitivities`.
 
         Returns
         -------
-        ndarray, shape (n_states, n_parameters)
+        ndarray, of the shape of ``s``
             Their rates.
         """
-        return self._by_parameter(self._at("sensitivity_rhs", t, y, p, u, s))
+        return self._by_parameter(self._at("sensitivity_rhs", t, y, p, u, s), len(self.states))
 
-    def output_values(self, t: float, y: Any, p: Any = None, u: Any = None) -> Array:
-        """Evaluate the outputs, shape (n_outputs,).
+    def output_values(self, t: Any, y: Any, p: Any = None, u: Any = None) -> Array:
+        """Evaluate the outputs, shape (n_outputs,) or (n_outputs, m).
 
         Parameters and errors as for :meth:`rhs`.
         """
         return self._at("outputs", t, y, p, u)
 
-    def output_sensitivity(self, t: float, y: Any, s: Any, p: Any = None, u: Any = None) -> Array:
+    def output_sensitivity(self, t: Any, y: Any, s: Any, p: Any = None, u: Any = None) -> Array:
         """Evaluate the sensitivities of the outputs, shape (n_outputs, n_parameters).
 
-        Parameters and errors as for :meth:`sensitivity_rhs`.
+        Parameters and errors as for :meth:`sensitivity_rhs`; of m points the shape ends with m.
         """
         flat = self._at("output_sensitivity", t, y, p, u, s)
-        return flat.reshape(len(self.sensitivities), len(self.outputs)).T.copy()
+        return self._by_parameter(flat, len(self.outputs))
 
     def why_undefined(self, t: float, y: Array, p: Array, u: Array | None) -> str:
         """Say why rates have no value at a point, as a sentence without a capital and an end.
@@ -283,11 +283,14 @@ class CompiledModel(PreparedKernels):
         u = self.input_values(t, p) if u is None else u
         return why_undefined(self._program, "rhs", {"t": [t], "x": y, "p": p, "u": u})
 
-    def _by_parameter(self, flat: Array) -> Array:
+    def _by_parameter(self, flat: Array, n_rows: int) -> Array:
         # Kernels go parameter by parameter; users see a column for each parameter.
-        return flat.reshape(len(self.sensitivities), len(self.states)).T.copy()
+        blocks = flat.reshape(len(self.sensitivities), n_rows, *flat.shape[1:])
+        return blocks.swapaxes(0, 1).copy()
 
-    def _at(self, name: str, t: float, y: Any, p: Any, u: Any, s: Any = None) -> Array:
+    def _at(self, name: str, t: Any, y: Any, p: Any, u: Any, s: Any = None) -> Array:
+        if is_many(y):
+            return in_columns(self, name, t, y, p, u, s)
         self._prepare(p)
         n, m = len(self.states), len(self.sensitivities)
         states = as_array(y, (n,), "the states")

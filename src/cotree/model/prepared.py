@@ -126,6 +126,15 @@ class PreparedKernels:
         self._prepare(p)
         return self._kernels.native()
 
+    @property
+    def backend(self) -> str:
+        """The evaluator of the kernels: ``C`` or ``Python``."""
+        return self._kernels.backend
+
+    def address(self, name: str) -> int | None:
+        """Give the address of a kernel in C; None where it is none."""
+        return self._kernels.address(name)
+
     def bound_jacobian(
         self, p: Array, *, is_sparse: bool = False
     ) -> Callable[[float, Array, Array | None], Any]:

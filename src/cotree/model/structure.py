@@ -52,9 +52,12 @@ class Structure:
         return self.sparse(values).tocsr()
 
     def full(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Put values where the Jacobian may be nonzero, and zeros elsewhere."""
+        """Put values where the Jacobian may be nonzero, and zeros elsewhere.
+
+        Further axes of the values are further axes of what is given.
+        """
         n = len(self.layout.states)
-        dense = np.zeros((n, n))
+        dense = np.zeros((n, n, *values.shape[1:]))
         dense[self._rows, self._columns] = values
         return dense
 

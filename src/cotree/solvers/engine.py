@@ -11,14 +11,13 @@ import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from cotree.build import BuildOptions, find_toolchain, loop_flags, obtain_library
-from cotree.codegen.integrators import SHARED_FILES, engine_declarations, engine_files
+from cotree.codegen.integrators import engine_declarations, engine_files
 from cotree.codegen.sundials import SUNDIALS_FUNCTIONS
-from cotree.errors import BuildError, Error
+from cotree.errors import Error
+from cotree.model.shared_code import build_engine
 from cotree.sharing import made_once
 from cotree.solvers.methods import METHODS
 from cotree.solvers.sundials_library import library_path, open_sundials
-from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -109,28 +108,3 @@ def _opened(stepper: str, path: str) -> Engine | str:
         return Engine(stepper, library)
     opened = open_sundials(library.ffi, stepper, path)
     return opened if isinstance(opened, str) else Engine(stepper, library, *opened)
-
-
-def build_engine(files: Mapping[str, str], declarations: str) -> LoadedLibrary | None:
-    """Build and load C that is the same for every model; None if that is not possible."""
-    toolchain = find_toolchain()
-    if toolchain is None:
-        return None
-    # The steps are worth vectors of sums over equations: a fifth faster for 8 of them, a quarter
-    # for 36. A number of equations known beforehand gains nothing. What is around the steps takes
-    # the compiler longer than these do, and runs no faster.
-    try:
-        _, loaded = obtain_library(
-            files,
-            declarations,
-            abi_version=ABI_VERSION,
-            # The level is given below, so that the count of operations decides nothing.
-            n_operations=1,
-            options=BuildOptions("-O1"),
-            toolchain=toolchain,
-            levels={"engine.c": loop_flags(toolchain)},
-            shared=SHARED_FILES & files.keys(),
-        )
-    except BuildError:
-        return None
-    return loaded

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cotree.codegen.integrators import sweep_declarations, sweep_files
+from cotree.model.shared_code import build_engine
 from cotree.sharing import made_once
-from cotree.solvers.engine import build_engine
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -1,0 +1,174 @@
+"""A kernel at many points in one call: states in columns, as a trajectory has them.
+
+In: a model, a kernel's name, and arrays whose last axis are points. Out: its results, a column for
+each. Where there is no compiler the points are evaluated one by one.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cotree.codegen.integrators import columns_declarations, columns_files
+from cotree.errors import Error, ParameterError
+from cotree.model.arrays import as_array
+from cotree.model.shared_code import build_engine
+from cotree.program.kernels import KERNELS
+from cotree.scene.expressions import check_number
+from cotree.sharing import made_once
+
+if TYPE_CHECKING:
+    from cotree.build import LoadedLibrary
+    from cotree.model.arrays import Array
+    from cotree.model.prepared import PreparedKernels
+
+_NONE = np.zeros(0)
+
+
+def is_many(y: Any) -> bool:
+    """Tell whether there is a column of states for each of several points."""
+    try:
+        return np.ndim(y) == 2
+    except ValueError:  # of no shape
+        return False
+
+
+@made_once
+def _load() -> LoadedLibrary | None:
+    files = columns_files()
+    return build_engine(files, columns_declarations(files))
+
+
+def in_columns(
+    model: PreparedKernels, name: str, t: Any, y: Any, p: Any, u: Any, s: Any = None
+) -> Array:
+    """Evaluate a kernel at many points.
+
+    Parameters
+    ----------
+    model : PreparedKernels
+        The model.
+    name : str
+        A kernel of the states, or of these and sensitivities.
+    t : float or array_like, shape (m,)
+        Times, [s].
+    y : array_like, shape (n_states, m)
+        States.
+    p : array_like, shape (n_parameters,) or (n_parameters, m), mapping, or None
+        Parameters.
+    u : array_like, shape (n_inputs,) or (n_inputs, m), or None
+        Inputs.
+    s : array_like, shape (n_states, n_sensitivities, m), optional
+        Sensitivities, where the kernel takes them.
+
+    Returns
+    -------
+    ndarray, shape (n_results, m)
+
+    Raises
+    ------
+    ParameterError
+        If an array has the wrong shape, or parameters are refused.
+    Error
+        As a call at one point. The message names the column.
+    """
+    points = _Points(model, t, y, p, u, s)
+    library = _load() if model.backend == "C" else None
+    results = np.zeros((points.n, len(model._program.kernels[name].results)))
+    done = 0 if library is None else _in_c(model, library, name, points, results)
+    if KERNELS[name].is_packed:
+        whole = np.zeros((points.n, points.s.shape[1]))
+        whole[:, points.places] = results
+        results = whole
+    # What is left has no compiler, or C has refused the first of it, and Python says why.
+    for j in range(done, points.n):
+        results[j] = _at(model, name, points, j)
+    return results.T.copy()
+
+
+class _Points:
+    """Points with a row each, as C takes them."""
+
+    def __init__(self, model: PreparedKernels, t: Any, y: Any, p: Any, u: Any, s: Any) -> None:
+        n, n_s, self.n = len(model.states), len(model.sensitivities), np.shape(y)[1]
+        self.places = np.array(model.layout.sensitivity_places, dtype=np.intp)
+        self.u: Array | None = None
+        self.s = np.zeros((self.n, 0))
+        self.x = _rows(y, (n,), self.n, "the states")
+        self.t = (
+            np.full(self.n, check_number(t, "t"))
+            if np.ndim(t) == 0
+            else _rows(t, (), self.n, "the times")
+        )
+        for j in np.flatnonzero(~np.isfinite(self.t))[:1].tolist():
+            raise ParameterError(f"column {j}: t is {self.t[j]}: give a finite number")
+        # A row for each point, or one for all of them.
+        self.has_own = is_many(p)
+        if self.has_own:
+            self.p = _rows(p, (len(model.parameters),), self.n, "the parameters")
+            for j in np.flatnonzero(~np.isfinite(self.p).all(axis=1))[:1].tolist():
+                _at(model, "rhs", self, j)  # which C would evaluate to what is no number
+        else:
+            self.p = model.parameter_array(p)[None, :]
+            model.take(self.p[0])
+        if u is not None and is_many(u):
+            self.u = _rows(u, (len(model.inputs),), self.n, "inputs")
+        elif u is not None:
+            self.u = np.tile(as_array(u, (len(model.inputs),), "inputs"), (self.n, 1))
+        # Sensitivities stand parameter by parameter.
+        if s is not None:
+            whole = as_array(s, (n, n_s, self.n), "the sensitivities")
+            self.s = np.ascontiguousarray(whole.transpose(2, 1, 0)).reshape(self.n, n * n_s)
+
+
+def _rows(values: Any, shape: tuple[int, ...], n: int, what: str) -> Array:
+    """Read an array whose last axis are points, and give them a row each."""
+    return np.ascontiguousarray(as_array(values, (*shape, n), what).T)
+
+
+def _in_c(
+    model: PreparedKernels, library: LoadedLibrary, name: str, points: _Points, results: Array
+) -> int:
+    """Fill in results in C; tell for how many points."""
+    ffi, spec, native = library.ffi, KERNELS[name], model.native(points.p[0])
+    address = model.address(name)
+    if native is None or address is None or not points.n:
+        return 0
+    kernel = ffi.cast(spec.type, address)
+    s = np.ascontiguousarray(points.s[:, points.places]) if spec.is_packed else points.s
+    inputs = np.zeros((points.n, len(model.inputs))) if points.u is None else points.u
+    is_of_states = spec.type == "cotree_state_kernel"
+
+    def pointer(array: Array) -> Any:
+        return ffi.from_buffer("double[]", array) if array.size else ffi.NULL
+
+    return int(
+        library.lib.cotree_columns(
+            ffi.cast("cotree_model *", native.address),
+            kernel if is_of_states else ffi.NULL,
+            ffi.NULL if is_of_states else kernel,
+            points.n,
+            pointer(points.t),
+            pointer(points.x),
+            pointer(s),
+            s.shape[1],
+            pointer(points.p),
+            points.p.shape[1] if points.has_own else 0,
+            pointer(native.k),
+            points.u is not None,
+            pointer(inputs),
+            pointer(results),
+            results.shape[1],
+        )
+    )
+
+
+def _at(model: PreparedKernels, name: str, points: _Points, j: int) -> Array:
+    """Evaluate one point by itself."""
+    try:
+        p = points.p[j if points.has_own else 0]
+        u = None if points.u is None else points.u[j]
+        return model.bound(name, p)(float(points.t[j]), points.x[j], points.s[j], u)
+    except Error as error:
+        raise type(error)(f"column {j}: {error}") from None
