@@ -101,7 +101,8 @@ class CarriedRecipe:
                 assert isinstance(recipe, Recipe)
                 return recipe
             except (Error, AttributeError, ImportError, pickle.UnpicklingError) as error:
-                reason = str(error).rstrip(".")
+                # Without the names that are known here.
+                reason = str(error).split(";")[0].rstrip(".")
         raise ModelError(
             "this model came from another process as C text, and what is asked for needs its "
             f"scene, which cannot be had here ({reason}): register its components and import its "

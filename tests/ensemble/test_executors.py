@@ -185,6 +185,39 @@ def test_the_plan_is_sent_until_it_is_known_and_few_blocks_are_under_way(plan, w
     assert len(seen) == 2
 
 
+class KilledWorker(Exception):
+    """What dask raises where a task was on several workers that died, by name."""
+
+
+class Lossy(Inline):
+    """Loses the calls of some numbers: their workers die, or their futures are cancelled."""
+
+    def __init__(self, lost):
+        super().__init__(2)
+        self.lost, self.n_calls = lost, 0
+
+    def submit(self, call, *args):
+        number, self.n_calls = self.n_calls, self.n_calls + 1
+        if number not in self.lost:
+            return super().submit(call, *args)
+        future = futures.Future()
+        if number % 2:
+            future.set_exception(KilledWorker("run_parcel", "tcp://127.0.0.1"))
+        else:
+            future.cancel()
+            future.set_running_or_notify_cancel()
+        return future
+
+
+def test_lost_calls_are_submitted_again(plan, wanted):
+    executor, ranges = Lossy({0, 3, 4, 9}), [(i, i + 10) for i in range(0, len(ROWS), 10)]
+    assert_same(gathered(plan, executor, ranges), wanted)
+    assert executor.n_calls >= len(ranges) + 4
+    hopeless = gathered(plan, Lossy(range(1000)), [(0, 2), (2, 4)])
+    assert [block.status.tolist() for block in hopeless] == [[-1, -1]] * 2
+    assert "its worker died each of the 3 times" in hopeless[0].messages[0]
+
+
 def test_blocks_grow_by_the_time_that_they_took():
     shares = Shares(1000, 100)
     shares.n_workers = 2

@@ -94,6 +94,8 @@ def test_components_of_a_user_stay_at_home(tmp_path):
         known = pickle.loads(data)
         assert known.summary() == model.summary()
     stranger = pickle.loads(data)
+    runs = stranger.ensemble((0, 0.5), {"m.v": [1.0]}, t_eval=2, progress=False)
+    assert runs["status"].values.tolist() == [0]
     assert stranger.digest == model.digest
     with pytest.raises(ModelError, match=r"needs its scene.*'spring_of_a_user'.*register"):
         stranger.linearize()

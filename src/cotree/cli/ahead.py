@@ -5,6 +5,7 @@ At the first run on a machine the compiler works as long as Python imports and f
 
 from __future__ import annotations
 
+import contextlib
 import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -45,7 +46,9 @@ def _scene_file(argument: str) -> Path | None:
     if argument.startswith("-"):
         return None
     places = (Path(argument), _SHIPPED / f"{argument}.toml")
-    return next((place for place in places if place.is_file()), None)
+    with contextlib.suppress(OSError):  # a name that is too long, say
+        return next((place for place in places if place.is_file()), None)
+    return None
 
 
 def _method_given(arguments: list[str]) -> str:
@@ -65,6 +68,6 @@ def _method_of(scene: Path) -> str | None:
     try:
         settings = tomllib.loads(scene.read_text(encoding="utf-8")).get("simulation", {})
         method = settings.get("method", "auto")
-    except (OSError, ValueError, AttributeError):
+    except (OSError, ValueError, AttributeError, RecursionError):
         return None
     return method if isinstance(method, str) else None

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 
-from cotree.errors import SceneError
+from cotree.errors import ModelError
 from cotree.model.arrays import as_array
 from cotree.solvers.budgets import LONGEST_TIME, MOST_EVENTS, MOST_STEPS
 from cotree.solvers.settings import Settings, check_settings
@@ -182,8 +182,8 @@ class _Compiling(Protocol):
     @property
     def _scene(self) -> SceneDescription: ...
 
-    @property
-    def parameters(self) -> tuple[str, ...]: ...
+    parameters: tuple[str, ...]
+    states: tuple[str, ...]
 
     def _variant(self, settings: Settings) -> tuple[CompiledModel, Settings]: ...
 
@@ -193,10 +193,11 @@ def _described(model: Any) -> dict[str, str]:
     from cotree.scene.toml_text import scene_text
 
     if model not in _told:
-        scene: SceneDescription = model._scene
         _told[model] = {"model": model.digest}
-        # A scene with types of a user's own cannot be told in TOML.
-        with contextlib.suppress(SceneError):
+        # A scene with types of a user's own cannot be told in TOML, and in another process it may
+        # not be had at all.
+        with contextlib.suppress(ModelError):
+            scene: SceneDescription = model._scene
             text = scene_text(scene) if len(scene.edges) <= _MOST_EDGES else ""
             if 0 < len(text) <= _LONGEST_TEXT:
                 _told[model]["scene_toml"] = text
@@ -219,7 +220,7 @@ def _compiled_for(
     gains = {
         name: float(np.median(members.rows[:, j]))
         for j, name in enumerate(members.columns)
-        if name not in names and name not in model._scene.parameters
+        if name not in {*names, *model.states} and name not in model._scene.parameters
     }
     compiled, rest = model._variant(replace(settings, parameters={**gains, **shared}))
     # An array has a value of each parameter, columns among them.
