@@ -84,6 +84,9 @@ def test_members_are_those_of_the_scalar_engine_to_rounding(slider, method, has_
     # Lengths of steps differ in their last places, and by more where an error is near rounding.
     np.testing.assert_allclose(found.z, wanted.z, rtol=1e-9, atol=1e-10)
     np.testing.assert_allclose(found.outputs, wanted.outputs, rtol=1e-9, atol=1e-10)
+    slopes = found.output_sensitivities, wanted.output_sensitivities
+    assert slopes[0].shape == (12, 41, 2 * has_sensitivities, 1)
+    np.testing.assert_allclose(*slopes, rtol=1e-9, atol=1e-10)
     # Most values are closer.
     assert np.median(np.abs(found.z - wanted.z)) < 1e-14
 

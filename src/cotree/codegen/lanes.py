@@ -24,17 +24,14 @@ from cotree.quiet import without_collection
 from cotree.version import VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from cotree.dag.linear_map import LinearMap
     from cotree.dag.nodes import Node
     from cotree.program import Kernel, Program
 
 #: Functions that are left to the C library, lane by lane.
-_LIBRARY = (
-    *("tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "erf", "floor"),
-    *("atan2", "pow"),
-)
+_LIBRARY = ("tan asin acos atan sinh cosh tanh erf floor atan2 pow").split()  # noqa: SIM905
 #: Operations beyond which compiling takes longer than vectors are worth.
 _MOST_OPERATIONS = 20_000
 
@@ -74,6 +71,9 @@ class LanesContext(KernelFile):
     n_parameters: int
     n_prepared: int
     n_inputs: int
+    has_outputs: bool
+    n_outputs: int
+    n_sensitivities: int
     places: list[str]
 
 
@@ -103,7 +103,13 @@ def lanes_refusal(program: Program, method: str, *, has_sensitivities: bool) -> 
         return "there are constraints"
     if layout.n_algebraic:
         return "there are algebraic unknowns"
-    kernels = _kernels(program, has_sensitivities=has_sensitivities)
+    if not layout.states:
+        return "there are no states"
+    return _kernels_refusal(_kernels(program, has_sensitivities=has_sensitivities))
+
+
+def _kernels_refusal(kernels: Sequence[Kernel]) -> str:
+    """Say why vectors do not evaluate some kernels; empty where they can."""
     ops = {node.op for kernel in kernels for node in kernel.order}
     if "solve" in ops:
         return "a linear system is solved with pivots that are chosen at run time"
@@ -111,7 +117,7 @@ def lanes_refusal(program: Program, method: str, *, has_sensitivities: bool) -> 
         return "a function from outside is called"
     if sum(kernel.operations.total for kernel in kernels) > _MOST_OPERATIONS:
         return f"rates have more than {_MOST_OPERATIONS} operations"
-    return "" if layout.states else "there are no states"
+    return ""
 
 
 @without_collection()
@@ -128,7 +134,10 @@ def lanes_context(program: Program, lanes: Lanes, *, has_sensitivities: bool) ->
         Whether sensitivities are integrated.
     """
     layout, prefix = program.layout, c_identifier(program.layout.name)
-    kernels = [_written_out(k) for k in _kernels(program, has_sensitivities=has_sensitivities)]
+    kernels = _kernels(program, has_sensitivities=has_sensitivities)
+    outputs = _output_kernels(program, has_sensitivities=has_sensitivities)
+    has_outputs = bool(layout.outputs) and not _kernels_refusal(outputs)
+    kernels = [_written_out(k) for k in (*kernels, *(outputs if has_outputs else ()))]
     nodes = [node for kernel in kernels for node in kernel.order]
     ops = {node.op for node in nodes}
     packs_sines = "sines" in ops
@@ -136,7 +145,8 @@ def lanes_context(program: Program, lanes: Lanes, *, has_sensitivities: bool) ->
     if packs_sines:
         names[SINES] = "cotree_sines"
     contexts = [kernel_context(prefix, k, program, names, {}, MEMBERS) for k in kernels]
-    n, n_blocks = len(layout.states), 1 + has_sensitivities * len(layout.sensitivities)
+    n, n_s = len(layout.states), len(layout.sensitivities) if has_sensitivities else 0
+    n_blocks = 1 + n_s
     places = [*range(n)]
     if has_sensitivities:
         places += [n + place for place in layout.sensitivity_places]
@@ -154,6 +164,9 @@ def lanes_context(program: Program, lanes: Lanes, *, has_sensitivities: bool) ->
         n_parameters=len(layout.parameters),
         n_prepared=program.n_prepared,
         n_inputs=len(layout.inputs),
+        has_outputs=has_outputs,
+        n_outputs=len(layout.outputs),
+        n_sensitivities=n_s,
         # Most often nothing vanishes.
         places=[] if places == [*range(n * n_blocks)] else wrapped(map(str, places)),
     )
@@ -198,6 +211,12 @@ def _kernels(program: Program, *, has_sensitivities: bool) -> list[Kernel]:
     """Give the kernels of rates, and of inputs where there are any."""
     names = ["inputs"] if program.layout.inputs else []
     names.append("augmented_rhs" if has_sensitivities else "rhs")
+    return [program.kernels[name] for name in names]
+
+
+def _output_kernels(program: Program, *, has_sensitivities: bool) -> list[Kernel]:
+    """Give the kernels of outputs."""
+    names = ["outputs", *(["output_sensitivity"] if has_sensitivities else [])]
     return [program.kernels[name] for name in names]
 
 
