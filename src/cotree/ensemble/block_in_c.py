@@ -181,6 +181,12 @@ class BlockInC:
         self.batch.lanes, self.batch.next = self.library.ffi.NULL, 0
         return bool(is_left.any())
 
+    def buffer(self, pointer: Any) -> Any:
+        """Give the memory of an array that :meth:`pointer` was made of."""
+        ffi = self.library.ffi
+        address = ffi.cast("uintptr_t", pointer)
+        return next(ffi.buffer(p) for p in self._kept if ffi.cast("uintptr_t", p) == address)
+
     def pointer(self, array: npt.NDArray[Any], kind: str = "double") -> Any:
         """Return a pointer to an array, and keep the array alive."""
         # Where there is nothing to point to, C computes no address of it either.

@@ -50,6 +50,7 @@ class EnsembleMethods:
         inputs: Mapping[str, Any] | None = None,
         threads: int | None = None,
         lanes: int | None = None,
+        device: str = "cpu",
         executor: Any = None,
         store: Any = None,
         progress: bool = True,
@@ -92,6 +93,10 @@ class EnsembleMethods:
         lanes : int, optional
             Members side by side in vectors of an explicit method: 1 for none; as many as the
             processor has where absent.
+        device : {"cpu", "cuda"}
+            Who runs members: the processor, or a graphics processor of NVIDIA, one thread for each
+            member (extra ``cuda``). That takes ``dopri5``, ``dop853`` and ``rkf45``, without events
+            and constraints, and its results are the same to rounding.
         executor : concurrent.futures.Executor, optional
             Who runs blocks of members in place of threads: ``ProcessPoolExecutor()``, a client of
             ``dask.distributed`` or its executor, ``MPIPoolExecutor()`` of mpi4py; ``threads`` are
@@ -169,7 +174,13 @@ class EnsembleMethods:
         rows = read_members(members)
         compiled, settings = _compiled_for(model, settings, rows)
         plan = make_plan(
-            compiled, settings, rows, sensitivities=sensitivities, outputs=outputs, lanes=lanes
+            compiled,
+            settings,
+            rows,
+            sensitivities=sensitivities,
+            outputs=outputs,
+            lanes=lanes,
+            device=device,
         )
         return run_ensemble(plan, rows, execution, _described(compiled))
 

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from cotree.solvers.base import FloatArray
     from cotree.solvers.settings import Settings
 
+#: Who may run members.
+DEVICES = ("cpu", "cuda")
+
 
 @dataclass(frozen=True, eq=False)
 class Plan:
@@ -42,6 +45,8 @@ class Plan:
         Whether the method was chosen for all members and not asked for, and some may become stiff:
         a member that an explicit one finds stiff on its way is then run from its start with one for
         stiff problems.
+    device : str
+        One of ``DEVICES``: the processor, or a graphics processor.
     """
 
     model: CompiledModel
@@ -51,6 +56,7 @@ class Plan:
     has_sensitivities: bool = True
     lanes: int | None = None
     is_chosen: bool = False
+    device: str = "cpu"
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ from cotree.ensemble.collected import Collected, member_bytes
 from cotree.ensemble.dataset import Frame, check_xarray
 from cotree.ensemble.executors import Shares, count_workers, read_executor, run_on
 from cotree.ensemble.interrupts import stopped_by_interrupt
-from cotree.ensemble.plan import Plan
+from cotree.ensemble.plan import DEVICES, Plan
 from cotree.ensemble.progress import EnsembleProgress
 from cotree.ensemble.results import NOT_RUN
 from cotree.ensemble.sizing import timed_size
@@ -197,6 +197,8 @@ class Pace:
         self._most = max(1, _LARGEST_BLOCK // max(1, member_bytes(plan)))
         # All lanes of all threads have something to do.
         self._least = self.threads * (_LANES if plan.lanes is None else plan.lanes)
+        if plan.device == "cuda":  # which has thousands of threads
+            self._least = self._most
 
     def size(self, plan: Plan, rows: FloatArray) -> int:
         """Try how many members a block of a store is to have; they are run again with theirs."""
@@ -235,6 +237,7 @@ def make_plan(
     sensitivities: bool,
     outputs: Sequence[str] | None,
     lanes: int | None,
+    device: str = "cpu",
 ) -> Plan:
     """Check what members share, and choose their method.
 
@@ -251,9 +254,13 @@ def make_plan(
     wanted = _outputs(model, outputs)
     if lanes is not None:
         check_count(lanes, "lanes")
+    if device not in DEVICES:
+        raise SolveError(f"device is {brief(repr(device))}: give {' or '.join(map(repr, DEVICES))}")
     settings, is_watched = tried_settings(model, settings, members)
     has_sensitivities = bool(sensitivities and model.sensitivities)
-    return Plan(model, settings, members.columns, wanted, has_sensitivities, lanes, is_watched)
+    return Plan(
+        model, settings, members.columns, wanted, has_sensitivities, lanes, is_watched, device
+    )
 
 
 def check_execution(execution: Execution) -> None:
