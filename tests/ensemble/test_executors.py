@@ -15,7 +15,7 @@ import pytest
 
 import cotree
 from cotree import BuildError, SolveError
-from cotree.ensemble import executors, parcel
+from cotree.ensemble import executors, parcel, run
 from cotree.ensemble.batch import run_block
 from cotree.ensemble.executors import Shares, read_executor, run_on
 from cotree.ensemble.plan import Plan
@@ -75,7 +75,7 @@ class Inline(futures.Executor):
         self.waiting.append((future, call, args))
         self.most = max(self.most, len(self.waiting))
         self.with_plan += any(isinstance(arg, parcel.Parcel) and arg.data for arg in args)
-        if len(self.waiting) == executors._AHEAD * self._max_workers:
+        if len(self.waiting) == executors.AHEAD * self._max_workers:
             self.work()
         else:
             threading.Timer(0.01, self.work).start()
@@ -172,8 +172,8 @@ def test_the_plan_is_sent_until_it_is_known_and_few_blocks_are_under_way(plan, w
     parcel._kept.clear()
     executor = Inline(3)
     assert_same(gathered(plan, executor, [(i, i + 2) for i in range(0, len(ROWS), 2)]), wanted)
-    assert executor.most <= executors._AHEAD * 3
-    assert executor.with_plan <= executors._AHEAD * 3  # of 60 blocks
+    assert executor.most <= executors.AHEAD * 3
+    assert executor.with_plan <= executors.AHEAD * 3  # of 60 blocks
     # A worker that comes later asks for it.
     forgetful, seen = Inline(1), []
 
@@ -241,7 +241,7 @@ def test_a_stopped_ensemble_gives_what_is_done(plan):
         for first, _ in run_on(pool, plan, ROWS, ranges, threads=1, stop=stop):
             firsts.append(first)
             stop.set()
-    assert 1 <= len(firsts) <= 1 + executors._AHEAD
+    assert 1 <= len(firsts) <= 1 + executors.AHEAD
 
 
 def test_what_is_no_executor_is_refused(plan):
@@ -311,3 +311,11 @@ def test_interrupted_workers_leave_what_is_done(plan, monkeypatch):
                 (0, 2), members, t_eval=5, method="dop853", lanes=1, executor=pool, progress=False
             )
     assert 0 < int((runs["status"] == 0).sum()) < 40
+
+
+def test_results_under_way_are_bounded(plan):
+    execution = run.Execution(executor=Inline(64))
+    one = run.Pace(plan, execution)
+    n_bytes = one._most * 8 * len(TIMES) * 5 * 2
+    assert n_bytes * executors.AHEAD * 64 <= 2**29
+    assert run.Pace(plan, run.Execution())._most > 8 * one._most

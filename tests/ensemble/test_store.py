@@ -26,7 +26,7 @@ from cotree.ensemble.chunks import chunk_lengths, chunk_places, chunk_region, me
 
 pytestmark = pytest.mark.compiler
 
-N = 60
+N = 35
 LENGTHS = np.linspace(0.9, 1.1, N)
 SETTINGS = {"t_eval": 5, "method": "dop853", "progress": False}
 
@@ -205,7 +205,7 @@ def test_a_full_disk_ends_with_a_sentence_and_can_go_on(model, wanted, tmp_path,
     store, whole, count = tmp_path / "runs.zarr", pathlib.Path.replace, iter(range(10**6))
 
     def replace(path, target):
-        if next(count) == 130:
+        if next(count) == 100:
             raise OSError(28, "No space left on device")
         return whole(path, target)
 
@@ -242,7 +242,7 @@ def test_a_limit_of_file_sizes_ends_with_a_sentence(model, tmp_path):
         ({"parameters": {"zeta": 1.0}}, r"of parameters 'zeta' is 10.0 there and 1.0 here"),
         ({"initial": {"j1.s": 0.1}}, r"of initial 'j1.s' is not given there and 0.1 here"),
         ({"max_steps": 100}, r"max_steps is 1000000 there and 100 here"),
-        ({"members": {"L": LENGTHS[1:], "k": 45.0}}, r"'member' has 60 values there and 59 here"),
+        ({"members": {"L": LENGTHS[1:], "k": 45.0}}, r"'member' has 35 values there and 34 here"),
         ({"members": {"L": LENGTHS}}, r"columns is"),
         ({"members": {"L": [*LENGTHS[:9], 2.0, *LENGTHS[10:]], "k": 45.0}}, r"'L' at place 9 is"),
     ],
@@ -335,9 +335,9 @@ def test_executors_write_the_same_store(model, wanted, tmp_path):
 def test_slow_members_are_written_one_by_one(model, wanted, tmp_path, monkeypatch):
     """Threads then take a block each, so that a quick member does not wait for a slow one."""
     monkeypatch.setattr(run, "timed_size", lambda *args: 1)
-    found = into(model, tmp_path / "runs.zarr", threads=2)
-    assert_same(found, wanted)
-    assert len(chunks_of(tmp_path / "runs.zarr", "status")) == N
+    found = into(model, tmp_path / "runs.zarr", {"L": LENGTHS[:6], "k": 45.0}, threads=2)
+    np.testing.assert_array_equal(found["j1.s"].values, wanted["j1.s"].values[:6])
+    assert len(chunks_of(tmp_path / "runs.zarr", "status")) == 6
 
 
 def test_an_interrupted_ensemble_is_continued(model, wanted, tmp_path, monkeypatch):

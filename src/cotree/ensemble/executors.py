@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from cotree.ensemble.plan import Block, Plan
     from cotree.solvers.base import FloatArray
 
-# Blocks under way for each worker: one runs and one waits, so that none idles while the answer
+#: Blocks under way for each worker: one runs and one waits, so that none idles while the answer
 # travels.
-_AHEAD = 2
+AHEAD = 2
 
 # How often a block may lose its worker while nothing else is under way.
 _MOST_LOSSES = 2
@@ -215,7 +215,7 @@ class _Crew:
         """Submit as many shares as are to be under way: one, if it may have killed a worker."""
         if any(share.is_suspect for share in self._flying.values()):
             return
-        room = _AHEAD * self._workers()
+        room = AHEAD * self._workers()
         if hasattr(ranges, "n_workers"):
             ranges.n_workers = self._n_workers
         while len(self._flying) < room:

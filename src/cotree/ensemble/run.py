@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from cotree.ensemble.batch import run_block, usable_cores
 from cotree.ensemble.collected import Collected, member_bytes
 from cotree.ensemble.dataset import Frame, check_xarray
-from cotree.ensemble.executors import Shares, count_workers, read_executor, run_on
+from cotree.ensemble.executors import AHEAD, Shares, count_workers, read_executor, run_on
 from cotree.ensemble.interrupts import stopped_by_interrupt
 from cotree.ensemble.plan import DEVICES, Plan
 from cotree.ensemble.progress import EnsembleProgress
@@ -54,6 +54,9 @@ _MOST_QUICK = 8
 
 # Results of a block, [byte]; it is held beside the whole.
 _LARGEST_BLOCK = 2**26
+
+# Results of all blocks of an executor that are under way, [byte].
+_UNDER_WAY = 2**29
 
 
 class MemberError(SolveError):
@@ -194,7 +197,11 @@ class Pace:
     def __init__(self, plan: Plan, execution: Execution) -> None:
         self.executor = read_executor(execution.executor)
         self.threads = execution.threads or (usable_cores() if self.executor is None else 1)
-        self._most = max(1, _LARGEST_BLOCK // max(1, member_bytes(plan)))
+        most = _LARGEST_BLOCK
+        if self.executor is not None:
+            # Workers together may be faster than this process takes their results in.
+            most = min(most, _UNDER_WAY // (AHEAD * count_workers(self.executor)))
+        self._most = max(1, most // max(1, member_bytes(plan)))
         # All lanes of all threads have something to do.
         self._least = self.threads * (_LANES if plan.lanes is None else plan.lanes)
         if plan.device == "cuda":  # which has thousands of threads
