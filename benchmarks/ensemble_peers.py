@@ -115,7 +115,7 @@ class Diffrax:
         places = [self.names.index(name) for name in model.sensitivities]
         self.directions = np.eye(len(self.names))[places]
         self.start = start
-        self.made: dict[Any, Any] = {}
+        self.made: Any = None
 
     def _rates(self, t: Any, z: Any, p: Any) -> Any:
         jnp, n = self.jax.numpy, self.n
@@ -140,18 +140,18 @@ class Diffrax:
         float
             Seconds of the processor in the tool itself.
         """
-        key = (tolerance, rows.shape, len(times))
-        if key not in self.made:
-            self.made[key] = self.jax.jit(self.jax.vmap(self._solve(times, tolerance)))
         every = np.hstack([rows, np.tile(self.rest, (len(rows), 1))])
+        if self.made is None:
+            self.made = self.jax.jit(self.jax.vmap(self._solve(times), (0, None)))
+        self.made(every, tolerance).block_until_ready()  # compiles where it has to
         begin = time.process_time()
-        found = np.asarray(self.made[key](every))
+        found = np.asarray(self.made(every, tolerance))
         return found, time.process_time() - begin
 
-    def _solve(self, times: Any, tolerance: float) -> Any:
+    def _solve(self, times: Any) -> Any:
         dfx = self.diffrax
 
-        def solve(p: Any) -> Any:
+        def solve(p: Any, tolerance: Any) -> Any:
             return dfx.diffeqsolve(
                 dfx.ODETerm(self._rates), dfx.Dopri8(), times[0], times[-1], None,
                 self.jax.numpy.asarray(self.start), args=p, saveat=dfx.SaveAt(ts=times),
