@@ -157,6 +157,8 @@ def augmented_tolerances(problem: Problem) -> tuple[float, FloatArray]:
     state_atol = problem.state_atol
     if problem.error_test_sensitivities:
         n, m, scales = problem.n_states, problem.n_sensitivities, problem.scales
+        if not m and problem.places is None:
+            return tested_rtol(problem), np.minimum(state_atol, UNTESTED)
         own = np.ones(m) if scales is None else np.asarray(scales)
         lead = own.shape[:-1] if len(own.shape) > 1 else state_atol.shape[:-1]
         atol = np.empty((*lead, 1 + m, n))
