@@ -104,6 +104,25 @@ def test_files_give_back_what_was_written(runs, tmp_path):
         np.testing.assert_array_equal(read["d(j1.s)"], runs["d(j1.s)"])
 
 
+def test_a_file_holds_what_it_takes_to_run_the_members_again(tmp_path):
+    model = cotree.load("cart-pole").compile()
+    feedback = {"push": "-kp*hinge.theta - kd*hinge.theta_dot"}
+    members = {"kp": np.linspace(30, 40, 24), "hinge.theta": 0.1}
+    shared = {"parameters": {"kd": 8.0}, "initial": {"rail.s": 0.5}, "outputs": []}
+    first = model.ensemble((0, 1), members, t_eval=4, rtol=1e-6, inputs=feedback, **shared)
+    first.to_netcdf(tmp_path / "runs.nc")
+    with xarray.open_dataset(tmp_path / "runs.nc") as kept:
+        (tmp_path / "again.toml").write_text(kept.attrs["scene_toml"])
+        other = cotree.load(tmp_path / "again.toml").compile()
+        again = other.ensemble(
+            members={"kp": kept["kp"].values, "hinge.theta": kept["initial(hinge.theta)"].values},
+            t_eval=kept["time"].values,
+            **json.loads(kept.attrs["settings"]),
+        )
+    for name in (*model.states, "status", "steps"):
+        np.testing.assert_array_equal(again[name], first[name])
+
+
 def test_tables_of_pandas(runs):
     table = runs[["j1.s", "h2.theta"]].to_dataframe()
     assert table.index.names == ["member", "time"]

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from cotree.ensemble.members import Members
     from cotree.ensemble.plan import Block, Happened, Plan
     from cotree.solvers.base import FloatArray
-    from cotree.solvers.settings import Settings
 
 TIME, PARAMETER, OCCURRENCE = "time", "parameter", "occurrence"
 
@@ -63,8 +62,9 @@ class Frame:
         What the members share.
     members : Members
         What each of them sets.
-    attributes : mapping of str to str
-        Further attributes of the Dataset.
+    attributes : mapping of str to object
+        Further attributes of the Dataset; ``inputs`` among them are expressions that were compiled
+        into the model.
 
     Attributes
     ----------
@@ -72,8 +72,11 @@ class Frame:
         The dimensions of members, and their lengths.
     """
 
-    def __init__(self, plan: Plan, members: Members, attributes: Mapping[str, str]) -> None:
-        self.plan, self.members, self._attributes = plan, members, attributes
+    def __init__(self, plan: Plan, members: Members, attributes: Mapping[str, Any]) -> None:
+        self.plan, self.members = plan, members
+        self._attributes = dict(attributes)
+        # The model that runs has them compiled in; a call gives them to the scene's own.
+        self._expressions = self._attributes.pop("inputs", {})
         self._names = Names(plan)
         axes = tuple(self._names.column(name) for name in members.dimensions)
         self.dims = axes if members.is_grid else (MEMBER,)
@@ -85,7 +88,7 @@ class Frame:
         return check_xarray().Dataset(
             variables,
             _coordinates(plan, members, self._names, self.dims),
-            {**self._attributes, **_attributes(plan, members)},
+            {**self._attributes, **_attributes(plan, members, self._expressions)},
         )
 
     def variables(self, shape: tuple[int, ...], block: Block) -> dict[str, Any]:
@@ -228,7 +231,7 @@ def _about(unit: str, name: str) -> dict[str, str]:
     return {"long_name": name} | ({"units": unit} if unit else {})
 
 
-def _attributes(plan: Plan, members: Members) -> dict[str, Any]:
+def _attributes(plan: Plan, members: Members, expressions: Mapping[str, str]) -> dict[str, Any]:
     """Tell with what the members were run, so that they can be run again."""
     settings = plan.settings
     versions = {"cotree": VERSION, "python": platform.python_version(), "numpy": np.__version__}
@@ -238,7 +241,7 @@ def _attributes(plan: Plan, members: Members) -> dict[str, Any]:
         "rtol": float(settings.rtol),
         "atol": float(settings.atol),
         "t_span": np.array(settings.t_span, dtype=float),
-        "settings": json.dumps(_told(settings), sort_keys=True),
+        "settings": json.dumps(_told(plan, expressions), sort_keys=True),
         "versions": json.dumps(versions),
     }
     if members.origin:
@@ -246,13 +249,24 @@ def _attributes(plan: Plan, members: Members) -> dict[str, Any]:
     return told
 
 
-def _told(settings: Settings) -> dict[str, Any]:
-    """Give the other settings as what JSON can tell; functions of Python by their names."""
+def _told(plan: Plan, expressions: Mapping[str, str]) -> dict[str, Any]:
+    """Give the arguments of the call as what JSON can tell, but for members and times.
+
+    Functions of Python are told by their names.
+    """
     names = (
-        *("parameters", "initial", "inputs", "scales", "error_test_sensitivities"),
-        *("max_step", "max_steps", "max_events", "time_limit", "project"),
+        *("t_span", "method", "rtol", "atol", "parameters", "initial", "inputs", "scales"),
+        *("error_test_sensitivities", "max_step", "max_steps", "max_events", "time_limit"),
+        "project",
     )
-    return {name: _plain(getattr(settings, name)) for name in names}
+    told = {name: _plain(getattr(plan.settings, name)) for name in names}
+    told["inputs"] = {**told["inputs"], **expressions}
+    # Where members may leave the method that was chosen for all, only this says so.
+    told["method"] = "auto" if plan.is_chosen else told["method"]
+    # Gains that members set have values here for the model's sake alone.
+    shared = told["parameters"] or {}
+    told["parameters"] = {n: v for n, v in shared.items() if n not in plan.columns}
+    return {**told, "sensitivities": plan.has_sensitivities, "outputs": list(plan.outputs)}
 
 
 def _plain(value: Any) -> Any:

@@ -12,6 +12,7 @@ import numpy as np
 
 from cotree.errors import ModelError
 from cotree.model.arrays import as_array
+from cotree.scene.replaced import expressions_among
 from cotree.solvers.budgets import LONGEST_TIME, MOST_EVENTS, MOST_STEPS
 from cotree.solvers.settings import Settings, check_settings
 
@@ -182,7 +183,9 @@ class EnsembleMethods:
             lanes=lanes,
             device=device,
         )
-        return run_ensemble(plan, rows, execution, _described(compiled))
+        expressions = expressions_among(inputs or {})
+        told = {**_described(model), "model": compiled.digest, "inputs": expressions}
+        return run_ensemble(plan, rows, execution, told)
 
 
 class _Compiling(Protocol):
@@ -195,16 +198,17 @@ class _Compiling(Protocol):
 
     parameters: tuple[str, ...]
     states: tuple[str, ...]
+    inputs: tuple[str, ...]
 
     def _variant(self, settings: Settings) -> tuple[CompiledModel, Settings]: ...
 
 
 def _described(model: Any) -> dict[str, str]:
-    """Tell which model ran: its digest and, where it is short, its scene."""
+    """Tell the scene of a model, where it is short."""
     from cotree.scene.toml_text import scene_text
 
     if model not in _told:
-        _told[model] = {"model": model.digest}
+        _told[model] = {}
         # A scene with types of a user's own cannot be told in TOML, and in another process it may
         # not be had at all.
         with contextlib.suppress(ModelError):
@@ -215,9 +219,7 @@ def _described(model: Any) -> dict[str, str]:
     return _told[model]
 
 
-def _compiled_for(
-    model: _Compiling, settings: Settings, members: Members
-) -> tuple[CompiledModel, Settings]:
+def _compiled_for(model: _Compiling, settings: Settings, members: Members) -> tuple[Any, Settings]:
     """Give the model that has all columns, gains of expressions among them, and its settings."""
     from cotree.ensemble.members import check_columns
 
@@ -228,10 +230,11 @@ def _compiled_for(
     shared = dict(zip(names, values, strict=True)) if is_array else dict(given or {})
     # Gains have no values in the scene. In place of those stand some that no order of the members
     # changes.
+    taken = {*names, *model.states, *model.inputs}
     gains = {
         name: float(np.median(members.rows[:, j]))
         for j, name in enumerate(members.columns)
-        if name not in {*names, *model.states} and name not in model._scene.parameters
+        if name not in taken and name not in model._scene.parameters
     }
     compiled, rest = model._variant(replace(settings, parameters={**gains, **shared}))
     # An array has a value of each parameter, columns among them.

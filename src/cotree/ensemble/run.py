@@ -75,7 +75,7 @@ class Execution:
 
 
 def run_ensemble(
-    plan: Plan, members: Members, execution: Execution, attributes: Mapping[str, str]
+    plan: Plan, members: Members, execution: Execution, attributes: Mapping[str, Any]
 ) -> Any:
     """Run members and put their results into a Dataset.
 
@@ -87,7 +87,7 @@ def run_ensemble(
         What each of them sets.
     execution : Execution
         How they are run.
-    attributes : mapping of str to str
+    attributes : mapping of str to object
         What the Dataset tells about the model, beside its settings.
 
     Returns
