@@ -13,10 +13,7 @@ import xarray
 
 import cotree
 from cotree.ensemble import run as running
-from cotree.ensemble.members import read_members
-from cotree.ensemble.trial import tried_settings
 from cotree.errors import Error, SolveError
-from cotree.solvers.settings import Settings
 
 LENGTHS = [0.9, 1.0, 1.1]
 
@@ -281,20 +278,3 @@ def test_an_error_names_the_extra_that_is_missing(model, monkeypatch):
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(Error, match=r"cotree\[ensembles\]"):
         model.ensemble((0, 1), {"L": [1.0]})
-
-
-def test_auto_leaves_many_members_in_their_lanes_unless_one_becomes_stiff(model):
-    """Van der Pol's oscillator becomes stiff on its way where mu is large."""
-    many = read_members({"L": np.linspace(0.9, 1.1, 50)})
-    settings, is_watched = tried_settings(model, Settings((0.0, 1.0)), many)
-    assert (settings.method, is_watched) == ("dop853", False)
-    assert tried_settings(model, Settings((0.0, 1.0)), read_members({"L": LENGTHS}))[1]
-    assert not tried_settings(model, Settings((0.0, 1.0), method="dop853"), many)[1]
-    scene = cotree.Scene("van-der-pol")
-    scene.parameter("mu", 1.0)
-    scene.edge("m", "translational_mass", "ground", "A", mass=1.0)
-    scene.edge("s", "translational_spring", "ground", "A", stiffness=1.0, initial={"s": 0.1})
-    scene.edge("d", "translational_damper", "ground", "A", damping="mu*(s.s**2 - 1)")
-    own, rates = scene.compile(), np.geomspace(1.0, 1e3, 41)
-    settings, is_watched = tried_settings(own, Settings((0.0, 20.0)), read_members({"mu": rates}))
-    assert (settings.method, is_watched) == ("dop853", True)

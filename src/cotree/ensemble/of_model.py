@@ -78,8 +78,9 @@ class EnsembleMethods:
         t_eval : int or array_like of shape (n_t,), optional
             Number of times, evenly over the span, or the times themselves; 101 where absent.
         method : str, optional
-            As of :meth:`simulate`. ``auto`` is decided once for all members: by a run with the
-            values that they share, and by the members with the extreme values of each column.
+            As of :meth:`simulate`. ``auto`` is decided once for all members: by the starts of runs
+            with the values that they share, and of the members with the extreme values of each
+            column.
         rtol, atol : float, optional
             Relative and absolute tolerance.
         sensitivities : bool

@@ -263,10 +263,11 @@ def make_plan(
         check_count(lanes, "lanes")
     if device not in DEVICES:
         raise SolveError(f"device is {brief(repr(device))}: give {' or '.join(map(repr, DEVICES))}")
-    settings, is_watched = tried_settings(model, settings, members)
+    is_chosen = settings.method == "auto"
+    settings = tried_settings(model, settings, members)
     has_sensitivities = bool(sensitivities and model.sensitivities)
     return Plan(
-        model, settings, members.columns, wanted, has_sensitivities, lanes, is_watched, device
+        model, settings, members.columns, wanted, has_sensitivities, lanes, is_chosen, device
     )
 
 

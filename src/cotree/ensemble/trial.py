@@ -7,13 +7,11 @@ from __future__ import annotations
 
 import contextlib
 import warnings
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.ensemble.batch import usable_cores
 from cotree.ensemble.one_by_one import settings_of
 from cotree.errors import Error, SolveError, brief
 from cotree.quiet import level_of_user, without_warnings
@@ -22,8 +20,6 @@ from cotree.solvers.settings import check_settings, read_span, read_times, read_
 from cotree.solvers.simulate import simulate
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from cotree.ensemble.members import Members
     from cotree.model.model import CompiledModel
     from cotree.solvers.base import FloatArray
@@ -38,9 +34,6 @@ _MOST_POINTS = 10_000_000
 
 # A trial goes on until all settings are read and a method is chosen, which takes 20 steps.
 _TRIAL_STEPS = 30
-
-# Extreme members are run to their ends where they are less than a twentieth of all.
-_FEW = 20
 
 # Where no values are found that run, each member tells why it does not.
 _OTHERWISE = "dop853"
@@ -66,24 +59,14 @@ def times_of(t_eval: Any, t_span: Any) -> FloatArray:
     return np.linspace(first, last, POINTS) if times is None else times
 
 
-def tried_settings(
-    model: CompiledModel, settings: Settings, members: Members
-) -> tuple[Settings, bool]:
+def tried_settings(model: CompiledModel, settings: Settings, members: Members) -> Settings:
     """Try settings, and give them with times and the name of a method.
 
     Members may fail, but wrong settings are refused before the first of them runs. Where the
-    method is ``auto``, it is chosen once for all of them: by a whole run at the values of the
-    scene, and by the members with the smallest and the largest value of each column. One whose
-    start is stiff decides, whatever the order of the members.
-
-    Returns
-    -------
-    settings : Settings
-        With times and a method by name.
-    is_watched : bool
-        Whether members may become stiff on their way. Of many members those with the extreme
-        values are run to their ends, and where none of them becomes stiff, none is looked at
-        again: members need not leave their lanes for that.
+    method is ``auto``, it is chosen once for all of them: by the starts of runs at the values of
+    the scene, and of the members with the smallest and the largest value of each column. One that
+    is stiff decides, whatever the order of the members; those that become stiff later are found
+    when they run.
 
     Raises
     ------
@@ -94,34 +77,22 @@ def tried_settings(
     settings = replace(settings, t_eval=times_of(settings.t_eval, settings.t_span), throw=False)
     if settings.method != "auto":
         method_row(settings.method)
-        _first_success(model, _short(settings), members)
-        return settings, False
-    base = _first_success(model, settings, members)
-    rows = _extremes(members)
-    is_whole = len(members.rows) >= _FEW * len(rows)
-    work = settings if is_whole else _short(settings)
-    runs = [base, *_runs(model, work, members.columns, rows)] if base else []
+    base = _first_success(model, _short(settings), members)
+    if settings.method != "auto":
+        return settings
+    runs = [base, *_runs(model, _short(settings), members)] if base else []
     begun = [run.statistics.began_with or run.statistics.method for run in runs]
     stiff = [method for method in begun if METHODS[method].implicit]
-    if stiff:
-        return replace(settings, method=stiff[0]), False
-    is_watched = not is_whole or any(run.statistics.began_with for run in runs)
-    return replace(settings, method=begun[0] if begun else _OTHERWISE), is_watched or not begun
+    return replace(settings, method=[*stiff, *begun, _OTHERWISE][0])
 
 
-def _runs(
-    model: CompiledModel, settings: Settings, columns: Sequence[str], rows: Sequence[list[float]]
-) -> list[RunRecord]:
-    """Run some members, and leave out those that are refused: they fail later, with a sentence."""
-
-    def run(row: list[float]) -> RunRecord | None:
-        with contextlib.suppress(Error):
-            return simulate(model, settings_of(model, settings, columns, row), {})
-        return None
-
-    # C leaves the other threads alone; filters of warnings belong to all of them.
-    with without_warnings(), ThreadPoolExecutor(usable_cores()) as threads:
-        return [found for found in threads.map(run, rows) if found is not None]
+def _runs(model: CompiledModel, settings: Settings, members: Members) -> list[RunRecord]:
+    """Run extreme members, without those that are refused: they fail later, with a sentence."""
+    found = []
+    for row in _extremes(members):
+        with contextlib.suppress(Error), without_warnings():
+            found.append(simulate(model, settings_of(model, settings, members.columns, row), {}))
+    return found
 
 
 def _short(settings: Settings) -> Settings:
