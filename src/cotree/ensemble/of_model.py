@@ -193,13 +193,12 @@ class _Compiling(Protocol):
     """A model that compiles expressions of inputs into another one."""
 
     _recipe: Any
-
-    @property
-    def _scene(self) -> SceneDescription: ...
-
     parameters: tuple[str, ...]
     states: tuple[str, ...]
     inputs: tuple[str, ...]
+
+    @property
+    def _scene(self) -> SceneDescription: ...
 
     def _variant(self, settings: Settings) -> tuple[CompiledModel, Settings]: ...
 
