@@ -156,7 +156,8 @@ class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
         return bound
 
     def _pointer(self, array: Array) -> Any:
-        return self._ffi.from_buffer("double[]", array.data) if array.size else self._ffi.NULL
+        # Not array.data: the garbage collector may clear such a view before what was made of it.
+        return self._ffi.from_buffer("double[]", array) if array.size else self._ffi.NULL
 
 
 class _OwnBuffers(threading.local):
