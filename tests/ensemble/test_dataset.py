@@ -260,8 +260,11 @@ def test_the_numbers_do_not_depend_on_the_sizes_of_blocks(model, runs):
         model.ensemble((0, 2), {"L": LENGTHS, "j1.s": 0.4}, t_eval=5, threads=1, lanes=n)
         for n in (2, 4)
     ]
-    for other in lanes:
-        np.testing.assert_array_equal(other["d(j1.s)"], runs["d(j1.s)"])
+    np.testing.assert_array_equal(lanes[0]["d(j1.s)"], lanes[1]["d(j1.s)"])
+    # Fewer than 100 members run one after another: equal to rounding, enlarged by the step lengths.
+    np.testing.assert_allclose(lanes[0]["d(j1.s)"], runs["d(j1.s)"], rtol=1e-9, atol=1e-12)
+    one = model.ensemble((0, 2), {"L": LENGTHS, "j1.s": 0.4}, t_eval=5, threads=1, lanes=1)
+    np.testing.assert_array_equal(one["d(j1.s)"], runs["d(j1.s)"])
 
 
 def test_threads_of_a_program_may_run_ensembles(model):

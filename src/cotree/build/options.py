@@ -10,6 +10,7 @@ from __future__ import annotations
 import platform
 import sys
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 from cotree.errors import BuildError, nearest
@@ -150,6 +151,7 @@ def processor_name() -> str:
     return _processor_entry("model name") or platform.processor() or platform.machine()
 
 
+@cache
 def _processor_entry(*labels: str) -> str:
     """Give the first entry of some labels that Linux has of a processor; empty if there is none."""
     try:

@@ -93,8 +93,9 @@ class EnsembleMethods:
             Threads that run members; as many as processors where absent. Results are the same to
             the last bit for any number.
         lanes : int, optional
-            Members side by side in vectors of an explicit method: 1 for none; as many as the
-            processor has where absent.
+            Members side by side in vectors of an explicit method: 1 for none; where absent, as many
+            as the processor has, and 1 for fewer than 100 members, which take less time than
+            compiling the code of lanes.
         device : {"cpu", "cuda"}
             Who runs members: the processor, or a graphics processor of NVIDIA, one thread for each
             member (extra ``cuda``). That takes ``dopri5``, ``dop853`` and ``rkf45``, without events

@@ -49,6 +49,9 @@ _PIECE = 0.3
 # Members of the first block for each thread, where the number of lanes is left open.
 _LANES = 8
 
+# Members for which the code of lanes is not compiled, where nobody asks for lanes.
+_FEW = 100
+
 # Workers whose blocks of that size a store takes in without being late.
 _MOST_QUICK = 8
 
@@ -261,6 +264,8 @@ def make_plan(
     wanted = _outputs(model, outputs)
     if lanes is not None:
         check_count(lanes, "lanes")
+    elif len(members.rows) < _FEW:
+        lanes = 1
     if device not in DEVICES:
         raise SolveError(f"device is {brief(repr(device))}: give {' or '.join(map(repr, DEVICES))}")
     is_chosen = settings.method == "auto"
