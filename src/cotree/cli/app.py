@@ -24,7 +24,7 @@ from cotree.cli.arguments import (
 )
 from cotree.cli.guide import new_scene, show_components
 from cotree.cli.linting import lint_scene
-from cotree.cli.messages import complain, warnings_in_one_line
+from cotree.cli.messages import INTERRUPTED, complain, warnings_in_one_line
 from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
     EndTime,
     InputOption,
@@ -48,8 +48,6 @@ if TYPE_CHECKING:
 
     from cotree.api import Scene
     from cotree.scene.graphs import TreeChoice
-
-_INTERRUPTED = 130
 
 app = typer.Typer(
     name="cotree",
@@ -91,7 +89,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         complain(str(error))
         return 2
     except KeyboardInterrupt:
-        return _INTERRUPTED
+        return INTERRUPTED
     return 0
 
 

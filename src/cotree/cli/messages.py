@@ -11,6 +11,9 @@ import typer
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+#: Exit code of a command that Ctrl-C ended, as shells have it.
+INTERRUPTED = 130
+
 
 def complain(sentence: str) -> None:
     """Print a sentence on standard error."""

@@ -10,7 +10,7 @@ import typer
 
 from cotree.cli.arguments import check_picture, given, read_inputs, read_numbers, read_tree
 from cotree.cli.members import check_options, read_members_of
-from cotree.cli.messages import complain
+from cotree.cli.messages import INTERRUPTED, complain
 from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
     EndTime,
     InputOption,
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cotree.api import Model, Scene
-
-_INTERRUPTED = 130
 
 
 def sweep_scene(
@@ -183,7 +181,7 @@ def sweep_scene(
         save_figure(picture(runs, show, of), plot)
         typer.echo(f"wrote {plot}")
     if (status == -3).any():
-        raise typer.Exit(_INTERRUPTED)
+        raise typer.Exit(INTERRUPTED)
     # Some failures are results; if nothing came out, the sweep itself has failed.
     if not (status == 0).any():
         raise typer.Exit(1)

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import sys
-import threading
 import time
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
-from cotree.solvers.progress import PATIENCE
+from cotree.solvers.progress import PATIENCE, OwnBar, is_watched
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
     from rich.progress import Progress as Bar
 
 
-class EnsembleProgress:
+class EnsembleProgress(OwnBar):
     """Show how many members are done; it does nothing where nobody looks, nor for short ensembles.
 
     Parameters
@@ -28,24 +24,9 @@ class EnsembleProgress:
 
     def __init__(self, n: int, is_wanted: bool) -> None:
         self._n = n
-        # Bars of several threads would write over each other.
-        is_main = threading.current_thread() is threading.main_thread()
-        has_terminal = sys.stderr is not None and sys.stderr.isatty()
-        self._is_watched = is_wanted and is_main and has_terminal
+        self._is_watched = is_wanted and is_watched()
         self._begun = time.perf_counter()
-        self._bar: Bar | None = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if self._bar is not None:
-            self._bar.stop()
+        super().__init__()
 
     def reached(self, done: int, failed: int) -> None:
         """Take note of how many members are done, and how many of them failed."""

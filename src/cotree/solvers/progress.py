@@ -17,7 +17,26 @@ if TYPE_CHECKING:
 PATIENCE, _REFRESH = 1.0, 0.1
 
 
-class Progress:
+class OwnBar:
+    """A bar that is begun where it is first needed, and ends with its ``with`` statement."""
+
+    def __init__(self) -> None:
+        self._bar: Bar | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+
+class Progress(OwnBar):
     """Show how far an integration is; it does nothing where nobody looks, nor outside main threads.
 
     Parameters
@@ -32,19 +51,7 @@ class Progress:
         self._method = method
         self._start, self._end = t_span
         self._next = time.perf_counter() + PATIENCE
-        self._bar: Bar | None = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if self._bar is not None:
-            self._bar.stop()
+        super().__init__()
 
     def reached(self, t: float) -> None:
         """Take note of a time reached, [s]."""
