@@ -125,6 +125,7 @@ def test_times_that_interpolation_reads_badly_are_visited():
     assert_same(found, narrow)
 
 
+@pytest.mark.slow  # a chain is compiled
 def test_columns_of_maps_are_written_out():
     """Ten parameters of a chain: kernels take columns together, lanes do not."""
     scene, wanted = rod_chain(5)
@@ -138,6 +139,7 @@ def test_columns_of_maps_are_written_out():
     np.testing.assert_allclose(found.z, single.z, rtol=1e-8, atol=1e-9)
 
 
+@pytest.mark.slow  # a scene of its own is compiled
 def test_inputs_and_functions_of_the_scene_are_evaluated_in_lanes():
     for name, wanted in (("spring-mass-damper", "c"), ("two-tanks", ""), ("cart-pole", "")):
         model = cotree.load(name).compile([wanted] if wanted else [])

@@ -227,7 +227,11 @@ def driven():
     return scene
 
 
-@pytest.mark.parametrize("method", ["dop853", "rodas5", "auto", "DOP853"])
+@pytest.mark.parametrize(
+    "method",
+    # SciPy's takes the stiff circuit half a minute.
+    ["dop853", "rodas5", "auto", pytest.param("DOP853", marks=pytest.mark.slow)],
+)
 @pytest.mark.parametrize("name", ["slider-pendulum", "bouncing-ball", "motor-linkage", "driven"])
 def test_runs_of_states_alone(name, method):
     scene = driven() if name == "driven" else load(name)
