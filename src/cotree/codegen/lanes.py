@@ -21,6 +21,7 @@ from cotree.dag.traverse import substitute
 from cotree.naming import c_identifier
 from cotree.passes.rewriting import rewrite
 from cotree.quiet import without_collection
+from cotree.tolerances import LIMITS
 from cotree.version import VERSION
 
 if TYPE_CHECKING:
@@ -192,7 +193,7 @@ def render_lanes(model: LanesContext, method: str) -> Mapping[str, str]:
         **headers,
         "cotree_lanes.h": lanes_header(),
         f"{model.prefix}_lanes.c": render(
-            "c/lanes/lanes.c.jinja", model=model, method=TABLEAUS[method]
+            "c/lanes/lanes.c.jinja", model=model, method=TABLEAUS[method], limits=LIMITS
         ),
     }
 

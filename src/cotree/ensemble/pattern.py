@@ -15,7 +15,7 @@ from cotree.model.signals import read_signals
 from cotree.solvers.engine import load_engine
 from cotree.solvers.job import Job
 from cotree.solvers.methods import method_row, refusal
-from cotree.solvers.native import can_extend, check_available
+from cotree.solvers.native import band_refusal, can_extend, check_available, factors_of
 from cotree.solvers.prepare import prepared
 from cotree.solvers.problem import check_values
 from cotree.solvers.select import choose_method
@@ -132,15 +132,13 @@ def _pattern(plan: Plan, row: Method, problem: Problem, *, is_watched: bool) -> 
     why, engine = refusal(row.name, problem), load_engine(row.stepper)
     if why or isinstance(engine, str):
         return why or str(engine)
-    newton = None
-    if row.family == "cotree" and row.implicit:
-        assert problem.native is not None  # it was not refused
-        newton = problem.native.model.newton()
-        if newton is None:
-            return "no compiler can build what it needs of the model"
+    newton = factors_of(row, problem)
+    if isinstance(newton, str):
+        return newton
     job = Job(engine, row, problem, newton, is_extended=can_extend(row, problem))
-    if problem.is_sparse and job.is_wide and problem.events is None:
-        return "the Jacobian's band is wide"
+    why = band_refusal(job, problem)
+    if why:
+        return why
     read = symbols_in(plan.model._program.kernels["rhs"].results)
     return Pattern(
         plan,

@@ -118,19 +118,15 @@ def solve_in_c(
     engine = load_engine(row.stepper)
     if isinstance(engine, str):
         return engine
-    newton = None
-    if row.family == "cotree" and row.implicit:
-        assert problem.native is not None  # it was not refused
-        # Own implicit methods factorise by code that is written for the pattern of this model.
-        newton = problem.native.model.newton()
-        if newton is None:
-            return "no compiler can build what it needs of the model"
+    newton = factors_of(row, problem)
+    if isinstance(newton, str):
+        return newton
     compiling = time.perf_counter() - before
     is_extended = can_extend(row, problem)
     job = _begun(engine, row, problem, newton, is_extended=is_extended)
-    # There SciPy's sparse factorisation is worth the loop in Python.
-    if problem.is_sparse and job.is_wide and problem.events is None:
-        return "the Jacobian's band is wide"
+    why = band_refusal(job, problem)
+    if why:
+        return why
     ended = _run(job, problem, method, successor)
     if isinstance(ended, Ended) and ended.status == FAILED and is_extended:
         # Where unknowns cannot be integrated, solving for them at each evaluation may still do.
@@ -145,6 +141,34 @@ def solve_in_c(
     if problem.shared is not None:
         problem.shared.give_back(job)
     return trajectory
+
+
+def factors_of(row: Method, problem: Problem) -> Newton | str | None:
+    """Build what an own implicit method needs of the model; None for methods that need nothing.
+
+    Parameters
+    ----------
+    row : Method
+        A method that does not refuse the problem.
+    problem : Problem
+        The problem.
+
+    Returns
+    -------
+    Newton, str or None
+        A reason why there is none is a sentence without a capital and an end.
+    """
+    if row.family != "cotree" or not row.implicit:
+        return None
+    assert problem.native is not None  # it was not refused
+    # Own implicit methods factorise by code that is written for the pattern of this model.
+    return problem.native.model.newton() or "no compiler can build what it needs of the model"
+
+
+def band_refusal(job: Job, problem: Problem) -> str:
+    """Say that SciPy's sparse factorisation is worth the loop in Python, or nothing."""
+    is_refused = problem.is_sparse and job.is_wide and problem.events is None
+    return "the Jacobian's band is wide" if is_refused else ""
 
 
 def _begun(
