@@ -40,6 +40,8 @@ SCRIPTS = {
     "inputs": "inputs that a run is given: numbers, expressions, tables, functions",
     "million": "members in memory, in a store and in processes, and a million of them on paper",
     "first_run": "the first run of a scene on a machine, and later ones",
+    "estimation": "gradients of published estimation problems beside AMICI",
+    "interval_coverage": "how often intervals of fits hold the truth",
     "networks": "networks of growing size, stage by stage",
     "growth": "growth of code and times with the number of rods or stages",
     "multibody": "energy, arms, chains, loops, singular positions",
@@ -50,6 +52,7 @@ SCRIPTS = {
     "peers": "time to an error beside other tools",
     "references": "least time to an error of each method, on references",
     "correctors": "augmented sensitivities beside CVODES' and IDAS' correctors",
+    "stiff_choice": "what `auto` takes for stiff systems, beside the other methods",
     "work_precision": "speed against error of every method",
     "hard_cases": "digits, drift and cost of hard cases",
 }
@@ -61,6 +64,8 @@ QUICK = {
     "inputs": ["--rounds", "11"],
     "million": ["--members", "2000"],
     "first_run": ["command", "--rounds", "1"],
+    "estimation": ["Crauste_CellSystems2017", "--rounds", "3"],
+    "interval_coverage": ["bouncing-ball", "--seeds", "20"],
     "networks": ["ladder", "5", "50", "500"],
     "growth": ["ladder", "10", "100"],
     "multibody": ["arm", "loop"],
@@ -71,6 +76,7 @@ QUICK = {
     "peers": ["slider-pendulum, L", "--repeats", "3"],
     "references": ["chem_hires", "--runs", "3"],
     "correctors": ["slider-pendulum", "--runs", "2"],
+    "stiff_choice": ["6 species", "--rounds", "1"],
     "work_precision": ["slider-pendulum", "--repeats", "3", "--time-limit", "1"],
     "hard_cases": ["slider_pendulum"],
 }

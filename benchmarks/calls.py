@@ -1,4 +1,4 @@
-"""What a call of ``simulate`` costs beside its C, of small models.
+"""Cost of a call of ``simulate`` beside its C, of small models.
 
 ``python benchmarks/calls.py [--rounds 200]`` runs each model in turn with each method: with the
 same values again and again, with other values of a parameter at each call, and such by a runner. It

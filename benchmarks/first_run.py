@@ -1,4 +1,4 @@
-"""What a user waits for at the first run of a scene, and what is kept for later ones.
+"""Times of the first run of a scene, and of later ones, which find what it kept.
 
 Run it with ``python benchmarks/first_run.py [command] [ladder] [--rounds N] [--stages N]
 [--json FILE]``; it prints Markdown, both tables where none is named. Every time is that of a new

@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from cotree.api import Model, Scene, load
     from cotree.build import cache_directory, clear_cache
     from cotree.components import register_component
+    from cotree.design.optimise import optimise
     from cotree.ensemble.grid import grid
     from cotree.ensemble.sampling import sample
     from cotree.errors import (
@@ -24,9 +25,13 @@ if TYPE_CHECKING:
         StoreError,
         TopologyError,
     )
+    from cotree.estimation.assembly import estimation_problem
+    from cotree.estimation.experiment import Experiment
+    from cotree.estimation.fit import fit
+    from cotree.estimation.petab import PetabProblem, read_petab
     from cotree.model.signals import sampled
     from cotree.plot.ensembles import bands, curves, heat_map
-    from cotree.reading import read_spice, read_urdf
+    from cotree.reading import read_sbml, read_spice, read_urdf
     from cotree.results import Result
     from cotree.studies.bench import bench
     from cotree.version import VERSION as __version__
@@ -35,11 +40,13 @@ __all__ = [
     "BuildError",
     "CodegenError",
     "Error",
+    "Experiment",
     "ExpressionError",
     "FormulationError",
     "Model",
     "ModelError",
     "ParameterError",
+    "PetabProblem",
     "Result",
     "Scene",
     "SceneError",
@@ -53,9 +60,14 @@ __all__ = [
     "cache_directory",
     "clear_cache",
     "curves",
+    "estimation_problem",
+    "fit",
     "grid",
     "heat_map",
     "load",
+    "optimise",
+    "read_petab",
+    "read_sbml",
     "read_spice",
     "read_urdf",
     "register_component",
@@ -66,7 +78,9 @@ __all__ = [
 # Modules of the names that are not errors. They are imported at the first use of a name (PEP 562):
 # a program that imports cotree pays for no more than it uses.
 _HOMES = {
+    "Experiment": "estimation.experiment",
     "Model": "api",
+    "PetabProblem": "estimation.petab",
     "Result": "results",
     "Scene": "api",
     "__version__": "version",
@@ -75,9 +89,14 @@ _HOMES = {
     "cache_directory": "build",
     "clear_cache": "build",
     "curves": "plot.ensembles",
+    "estimation_problem": "estimation.assembly",
+    "fit": "estimation.fit",
     "grid": "ensemble.grid",
     "heat_map": "plot.ensembles",
     "load": "api",
+    "optimise": "design.optimise",
+    "read_petab": "estimation.petab",
+    "read_sbml": "reading",
     "read_spice": "reading",
     "read_urdf": "reading",
     "register_component": "components",

@@ -11,8 +11,8 @@ from cotree.carried import carry, digest
 from cotree.ensemble.of_model import EnsembleMethods
 from cotree.model.arrays import as_array, derived_values
 from cotree.model.moment import Moment
+from cotree.model.points import PointMethods
 from cotree.model.start import find_start, scene_start
-from cotree.model.unknowns import solve_states
 from cotree.operating import OperatingPoint, program_at_rest
 from cotree.runner import RunnableModel
 from cotree.scene.replaced import expressions_among
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
     from cotree.formulation.first_graph import FirstGraph
     from cotree.model.arrays import Array
     from cotree.model.consistent import Start
-    from cotree.model.linearize import Linearization, Linearizer
+    from cotree.model.linearize import Linearizer
     from cotree.program import Program
     from cotree.recipe import CarriedRecipe, Recipe
     from cotree.scene.description import SceneDescription
     from cotree.solvers.settings import Settings
 
 
-class Model(RunnableModel, EnsembleMethods):
+class Model(RunnableModel, EnsembleMethods, PointMethods):
     """A compiled scene.
 
     Attributes
@@ -190,49 +190,6 @@ class Model(RunnableModel, EnsembleMethods):
         from cotree.pipeline import equations_of_deviations
 
         return Linearizer(*equations_of_deviations(self.first_graph))
-
-    def linearize(
-        self, t: float = 0.0, y: Any = None, p: Any = None, u: Any = None, *, reduced: bool = False
-    ) -> Linearization:
-        """Linearise about the motion through a state: z' = A z + B u, y = C z + D u.
-
-        Parameters
-        ----------
-        t : float
-            Time, [s].
-        y : array_like, shape (n_states,), optional
-            States, of which algebraic unknowns are guesses; the initial ones where absent.
-        p, u : array_like, shapes (n_parameters,) and (n_inputs,), optional
-            Parameters, which may be a mapping of names to values, and inputs; the scene's where
-            absent.
-        reduced : bool
-            Whether to linearise in independent deviations, as many as there are degrees of freedom
-            of position and of speed; a scene with constraints or quaternions needs them for its
-            eigenvalues. Otherwise all states are taken, which constraints make dependent.
-
-        Returns
-        -------
-        Linearization
-            ``A``, ``B``, ``C``, ``D`` with names, ``basis`` and ``is_steady``. Deviations of the
-            states that satisfy the constraints to first order go on doing so along the motion: with
-            the constraints' gradient G and their basis N, G A N + G' N = 0, where G' is the rate
-            of G along the motion. The reduced A includes this through ``basis``.
-
-        Raises
-        ------
-        ParameterError
-            If an array has the wrong shape.
-        SingularSystemError
-            If the mass matrix is singular there.
-        """
-        p = self.parameter_array(p)
-        # Deviations are evaluated as nodes, without the kernels whose guards look at parameters.
-        self.check_parameters(p)
-        u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
-        at = Moment(self, float(t), p, u)
-        y = self.start(t, p).y if y is None else as_array(y, (len(self.states),), "the states")
-        # Derivatives along the motion hold at solutions of the algebraic equations only.
-        return self._linearizer.about(at, solve_states(at, y), reduced=reduced)
 
     def _variant(self, settings: Settings) -> tuple[Model, Settings]:
         """Give the model with expressions among the inputs compiled in, and what is left to set."""

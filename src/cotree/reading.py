@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cotree.api import Scene
+from cotree.readers.sbml import read_sbml_scene
 from cotree.readers.spice import read_spice_scene
 from cotree.readers.urdf import UrdfOptions, read_urdf_scene
 
@@ -73,3 +74,34 @@ def read_spice(path: str | Path) -> Scene:
         line.
     """
     return read_spice_scene(path, Scene)
+
+
+def read_sbml(path: str | Path) -> Scene:
+    """Read a model of reactions from an SBML file, Level 2 or 3.
+
+    Species become edges of the chemical domain, whose states are concentrations or amounts;
+    parameters, sizes of compartments and initial values (``A_0`` of a species ``A``) are
+    parameters. What changes has an output of its identifier, with the value that formulas of the
+    model mean by it; so have rates of reactions. Names that had to change, and what was not read,
+    stand in ``scene.origin``; docs/sbml.md lists what is known. Needs python-libsbml, which
+    ``pip install cotree[sbml]`` brings.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    Scene
+        The model, in the units of the file.
+
+    Raises
+    ------
+    Error
+        If python-libsbml is not installed.
+    SceneError
+        If the file cannot be read, or holds what is not known; the message begins with file and
+        line.
+    """
+    return read_sbml_scene(path, Scene)

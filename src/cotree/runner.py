@@ -157,7 +157,9 @@ class RunnableModel(CompiledModel):
         parameters : mapping of str to float, or array_like of shape (n_parameters,), optional
             Values in place of the scene's.
         initial : mapping of str to float, optional
-            Initial values of states in place of the scene's; they depend on no parameter.
+            Initial values of states in place of the scene's; they depend on no parameter, unless
+            their sensitivities are given, too, as ``"d(STATE)/d(PARAMETER)"``: a run can go on from
+            the end of another one.
         inputs : mapping, optional
             Inputs in place of the scene's: a number, (times, values), a Python function of t, or
             an expression of t, parameters, states, outputs and whatever fields may name.

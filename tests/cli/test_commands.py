@@ -398,3 +398,14 @@ def test_help_needs_no_heavy_package() -> None:
 )
 def test_trees_are_read(texts: list[str], tree: object) -> None:
     assert read_tree(texts) == tree
+
+
+def test_optimise_prints_the_design_and_writes_its_run(tmp_path, capsys):
+    target = tmp_path / "best.csv"
+    goal, over = "integral(j1.s**2)", "zeta=0.1:5"
+    arguments = ["optimise", "slider-pendulum", "--minimise", goal, "--over", over, "--t-end", "4"]
+    assert main([*arguments, "--csv", str(target)]) == 0
+    assert "Converged" in capsys.readouterr().out
+    assert target.read_text(encoding="utf-8").startswith("t,j1.s,")
+    assert main([*arguments[:5], "zeta=0.1"]) == 2
+    assert "is not of the form NAME=LOW:HIGH" in capsys.readouterr().err

@@ -195,6 +195,15 @@ def test_powers_with_a_constant_exponent_take_no_logarithm():
     assert not any(node.op == "log" for node in dag.nodes)
 
 
+def test_a_power_of_zero_does_not_change_with_a_positive_exponent():
+    dag = Dag()
+    x, n = dag.symbol("x", 0), dag.symbol("x", 1)
+    slope = tangent(x**n, {n: dag.one})
+    # The limit of x^n log(x); away from zero the formula itself.
+    assert evaluate([slope], {x: 0.0, n: 2.5}) == [0.0]
+    assert evaluate([slope], {x: 0.5, n: 2.0}) == [pytest.approx(0.25 * math.log(0.5))]
+
+
 def test_reverse_accumulates_roots_that_repeat():
     dag = Dag()
     x = dag.symbol("x", 0)

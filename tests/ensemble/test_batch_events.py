@@ -1,4 +1,4 @@
-"""What happened to members, where a worker gets more room for it."""
+"""Events of members, where a worker gets more room for them."""
 
 import numpy as np
 import pytest

@@ -186,7 +186,7 @@ def test_the_plan_is_sent_until_it_is_known_and_few_blocks_are_under_way(plan, w
 
 
 class KilledWorker(Exception):
-    """What dask raises where a task was on several workers that died, by name."""
+    """Stands for the error of dask where a task was on several workers that died."""
 
 
 class Lossy(Inline):

@@ -22,7 +22,7 @@ begun = time.perf_counter()
 runs = model.ensemble((0, 10), grid, **span)
 taken = time.perf_counter() - begun
 
-fig, (left, right) = plt.subplots(1, 2, figsize=(10, 4))
+fig, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
 cotree.heat_map(runs, "h2.theta", of="max", ax=left)
 cotree.heat_map(runs, "d(h2.theta)/d(k)", time=2.0, ax=right)
 fig.suptitle(f"{len(grid)} members in {taken:.2f} s")

@@ -22,11 +22,14 @@ from cotree.cli.arguments import (
     read_numbers,
     read_tree,
 )
+from cotree.cli.fitting import fit_scene
 from cotree.cli.guide import new_scene, show_components
 from cotree.cli.linting import lint_scene
 from cotree.cli.messages import INTERRUPTED, complain, warnings_in_one_line
+from cotree.cli.optimise import optimise_scene
 from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
     EndTime,
+    InitialOption,
     InputOption,
     MaxSteps,
     Method,
@@ -124,10 +127,7 @@ def run_scene(
     rtol: Annotated[float | None, typer.Option(help="Relative tolerance.")] = None,
     atol: Annotated[float | None, typer.Option(help="Absolute tolerance.")] = None,
     setting: Setting = [],  # noqa: B006
-    initial: Annotated[
-        list[str],
-        typer.Option(metavar="STATE=NUMBER", help="Initial value of a state; may be repeated."),
-    ] = [],  # noqa: B006
+    initial: InitialOption = [],  # noqa: B006
     inputs: InputOption = [],  # noqa: B006
     tree: TreeOption = [],  # noqa: B006
     csv: Annotated[Path | None, typer.Option(help="Write all columns to this file.")] = None,
@@ -214,6 +214,8 @@ def run_scene(
 
 
 app.command("sweep")(sweep_scene)
+app.command("optimise")(optimise_scene)
+app.command("fit")(fit_scene)
 
 
 @app.command("generate")

@@ -7,7 +7,8 @@ from typing import Annotated
 import typer
 
 SceneName = Annotated[
-    str, typer.Argument(metavar="SCENE", help="A shipped scene, or a TOML, URDF or SPICE file.")
+    str,
+    typer.Argument(metavar="SCENE", help="A shipped scene, or a TOML, URDF, SPICE or SBML file."),
 ]
 Sensitivity = Annotated[
     list[str],
@@ -40,6 +41,12 @@ InputOption = Annotated[
         metavar="NAME=VALUE",
         help="In place of an input: a number, or an expression of t, parameters, states and "
         "outputs; --set gives values of new names in it; may be repeated.",
+    ),
+]
+InitialOption = Annotated[
+    list[str],
+    typer.Option(
+        "--initial", metavar="STATE=NUMBER", help="Initial value of a state; may be repeated."
     ),
 ]
 MaxSteps = Annotated[

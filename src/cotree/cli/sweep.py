@@ -13,6 +13,7 @@ from cotree.cli.members import check_options, read_members_of
 from cotree.cli.messages import INTERRUPTED, complain
 from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
     EndTime,
+    InitialOption,
     InputOption,
     MaxSteps,
     Method,
@@ -79,10 +80,7 @@ def sweep_scene(
     rtol: Annotated[float | None, typer.Option(help="Relative tolerance.")] = None,
     atol: Annotated[float | None, typer.Option(help="Absolute tolerance.")] = None,
     setting: Setting = [],  # noqa: B006
-    initial: Annotated[
-        list[str],
-        typer.Option(metavar="STATE=NUMBER", help="Initial value of a state; may be repeated."),
-    ] = [],  # noqa: B006
+    initial: InitialOption = [],  # noqa: B006
     inputs: InputOption = [],  # noqa: B006
     tree: TreeOption = [],  # noqa: B006
     threads: Annotated[
@@ -92,6 +90,9 @@ def sweep_scene(
         int | None,
         typer.Option(min=1, help="Members side by side in vectors; 1 for none."),
     ] = None,
+    device: Annotated[
+        str, typer.Option(metavar="cpu|cuda", help="The processor, or a graphics processor.")
+    ] = "cpu",
     store: Annotated[
         Path | None,
         typer.Option(help="Keep results here as they are done; a killed sweep goes on from there."),
@@ -165,6 +166,7 @@ def sweep_scene(
                 initial=read_numbers("--initial", initial),
                 threads=threads,
                 lanes=lanes,
+                device=device,
                 store=store,
                 on_error=on_error,
                 **settings,

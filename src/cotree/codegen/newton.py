@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.codegen.blocks import cut_into_blocks
+from cotree.codegen.elimination_tables import elimination_tables
 from cotree.codegen.expressions import apply, element, named, number, temporary
 from cotree.codegen.kernel_text import KernelFile, file_fields, kernel_context, name_tables
 from cotree.codegen.printing import Body, print_body, wrapped
 from cotree.codegen.render import abi_header, render
 from cotree.codegen.statements import Argument, Assign
 from cotree.dag.symbols import INPUT, TIME, kinds_in
-from cotree.linear.plan import plan_elimination
 from cotree.naming import c_identifier
 from cotree.passes.curvature import form_curvature
 from cotree.passes.time_slope import form_time_slope
@@ -25,15 +25,16 @@ from cotree.quiet import without_collection
 from cotree.version import VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Mapping
 
+    from cotree.codegen.elimination_tables import IntTable
     from cotree.codegen.expressions import CExpression
     from cotree.codegen.statements import Statement
-    from cotree.linear.plan import Elimination, FactorStep
+    from cotree.linear.plan import Elimination
     from cotree.program import Program
 
-# Beyond this number of products tables are walked through. Straight lines, in blocks, factor up to
-# twice as fast at any size (measured to 13,000), but gcc takes half a second for each thousand.
+# Beyond this number of products tables are walked through: gcc takes half a second for each
+# thousand of straight lines.
 _LONGEST = 3000
 
 
@@ -49,8 +50,7 @@ class EliminationContext:
     reads_shift: bool
     factor: Body
     solve: Body
-    n_factor_steps: int
-    n_solve_steps: int
+    tables: list[IntTable]
 
 
 @dataclass(frozen=True)
@@ -107,9 +107,7 @@ def newton_context(program: Program) -> NewtonContext:
         After its passes.
     """
     layout, prefix = program.layout, c_identifier(program.layout.name)
-    plan = plan_elimination(
-        len(layout.states), layout.column_starts, layout.row_indices, layout.n_algebraic
-    )
+    plan = program.elimination
     elimination = None if plan is None else _elimination_context(plan)
     curvature = form_curvature(program)
     slope = form_time_slope(program)
@@ -123,6 +121,7 @@ def newton_context(program: Program) -> NewtonContext:
     further = list(places)
     if elimination is not None:
         further += [*elimination.factor.text, *elimination.solve.text]
+        further += [line for table in elimination.tables for line in table.lines]
     rates = [*program.kernels["rhs"].results, *program.kernels["augmented_rhs"].results]
     return NewtonContext(
         **file_fields(layout.name, nodes, kernels, further),
@@ -135,21 +134,24 @@ def newton_context(program: Program) -> NewtonContext:
     )
 
 
+def is_unrolled(plan: Elimination) -> bool:
+    """Tell whether an elimination is written as straight lines."""
+    return plan.n_operations <= _LONGEST
+
+
 def _elimination_context(plan: Elimination) -> EliminationContext:
-    is_unrolled = plan.n_operations <= _LONGEST
-    factors = [row for entry in plan.factors for row in _factor_steps(entry)]
-    solving = [row for steps in _solve_steps(plan) for row in steps]
+    lines = is_unrolled(plan)
+    nothing = Body([], [], [])
     return EliminationContext(
         n=len(plan.rows),
         n_factors=len(plan.factors),
         n_operations=plan.n_operations,
-        is_unrolled=is_unrolled,
+        is_unrolled=lines,
         reads_values=any(entry.value >= 0 for entry in plan.factors),
         reads_shift=any(entry.has_shift for entry in plan.factors),
-        factor=_factor(plan) if is_unrolled else Body(wrapped(map(str, factors)), [], []),
-        solve=_solve(plan) if is_unrolled else Body(wrapped(map(str, solving)), [], []),
-        n_factor_steps=len(factors),
-        n_solve_steps=len(solving),
+        factor=_factor(plan) if lines else nothing,
+        solve=_solve(plan) if lines else nothing,
+        tables=[] if lines else elimination_tables(plan),
     )
 
 
@@ -216,19 +218,3 @@ def _solve_rows(plan: Elimination) -> list[Statement]:
     # All are known before any is written: rows and columns may be exchanged.
     columns = enumerate(plan.columns)
     return rows + [Assign((element("b", at),), temporary("x", k)) for k, at in columns]
-
-
-def _factor_steps(entry: FactorStep) -> Iterable[int]:
-    # For C, the third number is the place of a pivot to multiply with, -1 for none, -2 for a pivot
-    # itself, which is inverted.
-    scale = -2 if entry.is_pivot else entry.pivot
-    flat = [number for pair in entry.products for number in pair]
-    return (entry.value, int(entry.has_shift), scale, len(entry.products), *flat)
-
-
-def _solve_steps(plan: Elimination) -> Iterable[Iterable[int]]:
-    n = len(plan.rows)
-    for pairs_of, ks in ((plan.lower, range(n)), (plan.upper, reversed(range(n)))):
-        for k in ks:
-            flat = [number for pair in pairs_of[k] for number in pair]
-            yield (plan.rows[k], plan.columns[k], plan.pivots[k], len(pairs_of[k]), *flat)

@@ -45,7 +45,11 @@ def _d_pow_base(node: Node) -> Node:
 
 
 def _d_pow_exponent(node: Node) -> Node:
-    return node * node.dag.function("log", node.args[0])
+    dag = node.dag
+    # Zero to a positive power is zero for all of them, where the logarithm has no value: a species
+    # that is absent at the start takes part in Hill's law. Zero to the power of zero is one.
+    is_zero = -dag.function("abs", node)
+    return dag.select(is_zero, dag.zero, node * dag.function("log", node.args[0]))
 
 
 def _d_erf(node: Node) -> Node:

@@ -43,6 +43,9 @@ ARGUMENT_OF = {
 #: Change of a state, and of the parameter of sensitivity j, along any direction in common.
 STATE_CHANGE = "dx"
 PARAMETER_CHANGE = "dp"
+#: Change of an input, and of any tunable parameter, along a direction of a linearisation.
+INPUT_CHANGE = "du"
+TUNED_CHANGE = "dtuned"
 #: The direct change by a parameter, at constant states, along that direction.
 SOURCE = "source"
 #: An acceleration or a multiplier, and its derivative along a direction.

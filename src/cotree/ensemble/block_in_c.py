@@ -101,7 +101,7 @@ class BlockInC:
 
     @property
     def most_threads(self) -> int:
-        """How many threads may share them."""
+        """The number of threads that may share them."""
         return int(self.library.lib.cotree_batch_most_threads())
 
     def stop(self) -> None:

@@ -48,7 +48,7 @@ _fitted: weakref.WeakKeyDictionary[Plan, tuple[Pattern, _Graphics]] = weakref.We
 
 
 class Machine(Protocol):
-    """What runs the text of :func:`cotree.codegen.cuda.cuda_text`, with a memory of its own."""
+    """Runs the text of :func:`cotree.codegen.cuda.cuda_text`, with a memory of its own."""
 
     def put(self, data: bytes) -> int:
         """Copy bytes to its memory; give their address."""

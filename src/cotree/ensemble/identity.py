@@ -1,4 +1,4 @@
-"""What the numbers of an ensemble follow from, so that those of two calls may stand in one store.
+"""Identity of an ensemble: all that its numbers follow from, by which calls share a store.
 
 In: a plan. Out: an ``Identity`` of texts and numbers that JSON has, and the first difference
 between two of them as a sentence.

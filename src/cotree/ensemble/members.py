@@ -35,7 +35,7 @@ _FORMS = (
 
 @dataclass(frozen=True, eq=False)
 class Members:
-    """What the members of an ensemble set.
+    """Values that the members of an ensemble set.
 
     Attributes
     ----------
@@ -140,7 +140,7 @@ def check_columns(
                 f"members have the column '{name}', an input: give inputs={{'{name}': "
                 f"'{name}_value'}} and a column '{name}_value', or any other expression"
             )
-        if name not in model.parameters and name not in model.states:
+        if name not in model.parameters and name not in model.states and name not in model.slopes:
             known = (*model.parameters, *model.states)
             raise ParameterError(
                 f"members have the column '{brief(name)}', but the model has no tunable parameter "

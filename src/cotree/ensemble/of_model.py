@@ -71,7 +71,8 @@ class EnsembleMethods:
         t_span : (float, float), optional
             Start and end, [s]; the scene's ``t_end`` where absent.
         members : DataFrame, mapping, sequence of mappings, Grid or Samples
-            A column for each parameter, or state by its initial value, that members set: a table of
+            A column for each parameter, or state by its initial value (or the sensitivity of that,
+            as ``d(STATE)/d(PARAMETER)``), that members set: a table of
             pandas, whose index labels the members; arrays of one length by name, numbers among them
             counting for all; a list of mappings, one for each member; :func:`cotree.grid`; or
             :func:`cotree.sample`. Parameters of expressions in ``inputs`` are columns, too.

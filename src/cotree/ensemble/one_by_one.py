@@ -69,7 +69,7 @@ def settings_of(
         If a value is not accepted.
     """
     own = dict(zip(columns, row, strict=True))
-    initial = {name: value for name, value in own.items() if name in model.states}
+    initial = {name: value for name, value in own.items() if name not in model.parameters}
     p = model.parameter_array(settings.parameters)
     # The same checks as of one run, value by value.
     for name in own.keys() - initial.keys():

@@ -1,4 +1,4 @@
-"""What goes to a worker and what it does there: a plan, sent once, and rows of members.
+"""Parcels for workers, and their work there: a plan, sent once, and rows of members.
 
 In: a plan as bytes with their hash. Out: the block of some rows. A worker keeps the last plans by
 their hashes, since most blocks come with the hash alone; one that does not know it asks for it.

@@ -1,4 +1,4 @@
-"""What the members of an ensemble share, as C takes it: a job that never runs.
+"""The pattern of an ensemble, which its members share: for C, a job that never runs.
 
 In: a ``Plan``. Out: a ``Pattern``, or the reason why members have to run one by one.
 """
@@ -12,6 +12,7 @@ from cotree.dag.symbols import INPUT, PARAMETER, TIME
 from cotree.dag.traverse import symbols_in
 from cotree.errors import Error
 from cotree.model.signals import read_signals
+from cotree.model.start import is_slope
 from cotree.solvers.engine import load_engine
 from cotree.solvers.job import Job
 from cotree.solvers.methods import method_row, refusal
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """What members share.
+    """The parts of a run that members share.
 
     Attributes
     ----------
@@ -160,6 +161,8 @@ def _is_searched(plan: Plan, problem: Problem) -> bool:
     if layout.constraints or layout.start_rows or layout.n_algebraic or layout.redundant:
         return True
     if layout.followers or model.begins_at_rest or any(row.is_jump for row in layout.events):
+        return True
+    if any(is_slope(name) for name in (*plan.columns, *plan.settings.initial)):
         return True
     assert problem.native is not None  # C takes it
     if problem.native.functions:  # of which one exception ends all that is asked after it

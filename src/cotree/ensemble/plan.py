@@ -24,7 +24,7 @@ DEVICES = ("cpu", "cuda")
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What all members of an ensemble share.
+    """Model and settings that all members of an ensemble share.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Why members failed, counted by sentences that differ in their numbers alone."""
+"""Reasons of failed members, counted by sentences that differ in their numbers alone."""
 
 from __future__ import annotations
 

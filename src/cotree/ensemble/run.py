@@ -68,7 +68,7 @@ class MemberError(SolveError):
 
 @dataclass(frozen=True)
 class Execution:
-    """How an ensemble is run; see :meth:`cotree.Model.ensemble`."""
+    """Execution of an ensemble: workers, store, errors; see :meth:`cotree.Model.ensemble`."""
 
     threads: int | None = None
     executor: Any = None

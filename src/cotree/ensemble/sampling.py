@@ -136,7 +136,7 @@ def sample(
         name: read_distribution(given, name, partial(own_value, source, name))
         for name, given in distributions.items()
     }
-    points = _unit_points(method, int(n), len(read), seed)
+    points = unit_points(method, int(n), len(read), seed)
     columns = {
         name: _finite(row.quantiles(points[:, j]), name)
         for j, (name, row) in enumerate(read.items())
@@ -182,7 +182,7 @@ def _checked_seed(seed: object) -> int:
     return int(seed)
 
 
-def _unit_points(method: str, n: int, n_columns: int, seed: int) -> FloatArray:
+def unit_points(method: str, n: int, n_columns: int, seed: int) -> FloatArray:
     """Draw points of the open unit cube, shape (n, n_columns)."""
     from scipy.stats import qmc
 

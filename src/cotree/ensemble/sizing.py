@@ -1,4 +1,4 @@
-"""How many members take a given time, tried with the first of them."""
+"""Estimates the number of members that take a given time, from runs of the first ones."""
 
 from __future__ import annotations
 

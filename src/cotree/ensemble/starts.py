@@ -1,4 +1,4 @@
-"""What members of a block have of their own, as arrays with a row for each.
+"""Parameters, initial values and tolerances of the members of a block, a row for each.
 
 In: a ``Pattern``, and the rows of a block. Out: parameters, initial values and tolerances.
 """
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from cotree.model.start import is_slope
 from cotree.solvers.corners import turn_tolerances
 from cotree.solvers.job import tested
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Own:
-    """What members have of their own.
+    """Values that members have of their own.
 
     Attributes
     ----------
@@ -49,12 +50,14 @@ def own_values(pattern: Pattern, rows: FloatArray) -> Own:
     plan, model = pattern.plan, pattern.plan.model
     p = np.tile(model.parameter_array(plan.settings.parameters), (len(rows), 1))
     initial = {
-        name: np.full(len(rows), float(value)) for name, value in plan.settings.initial.items()
+        name: np.full(len(rows), float(value))
+        for name, value in plan.settings.initial.items()
+        if not is_slope(name)
     }
     for j, name in enumerate(plan.columns):
         if name in model.states:
             initial[name] = rows[:, j]
-        else:
+        elif not is_slope(name):  # whose starts are made in Python
             p[:, model.parameters.index(name)] = rows[:, j]
     wanted = model.sensitivities
     return Own(

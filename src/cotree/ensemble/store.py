@@ -98,7 +98,7 @@ class Store:
 
     @property
     def members_of_a_block(self) -> int:
-        """How many members a block has, but for the last ones."""
+        """The number of members of a block, but for the last ones."""
         return math.prod(self._lengths)
 
     def ranges(self) -> list[tuple[int, int]]:

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from cotree.errors import SingularSystemError
 from cotree.model.linear import independent_columns, least_step
 from cotree.tolerances import RANK
 
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
 _ROUNDING = 1e-10
 #: Rates below this, beside the largest or one, are zero to what a steady motion is known to.
 _STILL = 1e-6
+#: Derivatives of redundant constraints agree to this share.
+_AGREE = 1e-7
 #: A change of the equations along the motion below this share is none.
 _SAME = 1e-5
 
@@ -144,6 +147,61 @@ def reduce(point: Slopes, names: Sequence[str], chosen: Sequence[str] | None = N
         basis=basis,
         rates=along @ point.rates,
         names=tuple(own_names[i] for i in free),
+    )
+
+
+def reduce_along(
+    point: Slopes, change: Slopes, found: Reduced, names: Sequence[str]
+) -> tuple[Array, Array, Array]:
+    """Differentiate a reduced system along a change of the full one.
+
+    Parameters
+    ----------
+    point, change : Slopes
+        The full system, and the derivatives of its matrices and of what is held.
+    found : Reduced
+        What :func:`reduce` gives of it.
+    names : sequence of str
+        Of the states.
+
+    Returns
+    -------
+    ndarray, shapes (n_z, n_z), (n_z, n_inputs) and (n_outputs, n_z)
+        Derivatives of A, B and C.
+
+    Raises
+    ------
+    SingularSystemError
+        If rotations are quaternions, or redundant constraints no longer agree along the change.
+    """
+    if not point.turns and not len(point.held_rates):
+        return change.A, change.B, change.C
+    if point.turns:
+        raise SingularSystemError(
+            "derivatives of a system in independent deviations are not formed where rotations are "
+            "quaternions: turn by revolute or universal joints, or take those of the full system"
+        )
+    free = np.array([list(names).index(name) for name in found.names], dtype=int)
+    bound = np.setdiff1d(np.arange(len(point.y)), free)
+    spread = found.basis
+    moved = np.zeros_like(spread)
+    if len(bound):
+        rows = np.vstack([point.held, point.held_rates])
+        size = np.maximum(np.linalg.norm(rows, axis=1), 1e-300)[:, None]
+        rows, changes = rows / size, np.vstack([change.held, change.held_rates]) / size
+        # held S = 0 in all rows, so that held_bound S_bound' = -held' S.
+        target = changes @ spread
+        moved[bound] = -least_step(rows[:, bound], target, rows)
+        left = np.max(np.abs(target + rows @ moved), initial=0.0)
+        if left > _AGREE * (1.0 + np.max(np.abs(target), initial=0.0)):
+            raise SingularSystemError(
+                "redundant constraints do not agree along this change with the states held: ask "
+                "with total=True, by which states follow the constraints"
+            )
+    return (
+        change.A[free] @ spread + point.A[free] @ moved,
+        change.B[free],
+        change.C @ spread + point.C @ moved,
     )
 
 

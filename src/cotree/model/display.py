@@ -15,11 +15,21 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from cotree.equations.equations import Quantity
-    from cotree.model.linearize import Linearization
+    from cotree.model.linearization import Linearization
     from cotree.model.model import CompiledModel
 
 #: What users call, in the order of a session.
-_CALLS = ("simulate", "linearize", "start", "rhs", "jacobian", "output_values", "write", "summary")
+_CALLS = (
+    "simulate",
+    "trim",
+    "linearize",
+    "start",
+    "rhs",
+    "jacobian",
+    "output_values",
+    "write",
+    "summary",
+)
 
 
 def model_text(model: CompiledModel, methods: Sequence[str]) -> str:

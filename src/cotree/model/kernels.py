@@ -20,6 +20,7 @@ from cotree.dag.traverse import reachable, symbols_in
 from cotree.errors import BuildError, SingularSystemError, SolveError
 from cotree.model.arrays import Array
 from cotree.model.newton import load_newton
+from cotree.model.step_work import count_step_work
 from cotree.model.undefined import why_undefined
 from cotree.program.kernels import KERNELS
 from cotree.sharing import made_once
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Node
     from cotree.equations import Guard
     from cotree.model.newton import Newton
+    from cotree.model.step_work import StepWork
     from cotree.program import Kernel, Program
 
 
@@ -78,6 +80,8 @@ class NativeModel:
     newton : callable
         Returns what implicit methods need in addition, built at the first call; None where it
         cannot be built.
+    work : callable
+        Returns what steps of implicit methods consist of, counted at the first call.
     """
 
     address: int
@@ -86,6 +90,7 @@ class NativeModel:
     library: LoadedLibrary
     can_extend: bool
     newton: Callable[[], Newton | None]
+    work: Callable[[], StepWork | None]
 
 
 class Kernels(Protocol):
@@ -180,6 +185,7 @@ class CKernels:
             raise BuildError("the loaded library belongs to another model: clear the cache")
         self._library = library  # keeps the code loaded
         self._newton = made_once(lambda: load_newton(program))
+        self._work = made_once(lambda: count_step_work(program))
         self._model = model
         self._program, self._guards = program, program.guards
         self._can_extend = program.can_extend
@@ -221,7 +227,8 @@ class CKernels:
         # Copies, since a run outlives what this thread may prepare next.
         bound = self._own.bound
         p, k = bound.p.copy(), bound.k.copy()
-        return NativeModel(self._address, p, k, self._library, self._can_extend, self._newton)
+        aid = self._newton, self._work
+        return NativeModel(self._address, p, k, self._library, self._can_extend, *aid)
 
     def address(self, name: str) -> int:
         """Give the address of a kernel; see :class:`Kernels`."""

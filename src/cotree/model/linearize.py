@@ -6,12 +6,11 @@ small deviations, of all states or of independent ones. Algebraic unknowns are e
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.dag.evaluate import evaluate
 from cotree.dag.multi_output import results
@@ -19,12 +18,15 @@ from cotree.dag.traverse import reachable, symbols_in
 from cotree.equations import spread
 from cotree.errors import Error, SingularSystemError
 from cotree.model.algebraic import eliminated
-from cotree.model.deviations import Reduced, Slopes, is_same, is_still, reduce
+from cotree.model.deviations import Reduced, Slopes, is_same, is_still, reduce, reduce_along
+from cotree.model.linearization import Linearization, LinearSlopes
 from cotree.model.unknowns import solve_states
+from cotree.model.variation import Direction, Variation, eliminated_along
 from cotree.program.solved import SolvedSystem
+from cotree.sharing import formed_once
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from cotree.dag.nodes import Node
     from cotree.equations import Derivative, Equations
@@ -34,72 +36,6 @@ if TYPE_CHECKING:
 
 #: How far to follow a motion, in the state that moves most, to see whether it stays the same.
 _ASIDE = 0.1
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Linearization:
-    """A linear system about a motion: z' = A z + B u, y = C z + D u for small deviations.
-
-    Attributes
-    ----------
-    A, B, C, D : ndarray
-        Shapes (n, n), (n, n_inputs), (n_outputs, n) and (n_outputs, n_inputs) with n deviations;
-        units follow from those of states, inputs and outputs.
-    states, inputs, outputs : tuple of str
-        Names along the axes. Of the full form: the states that have rates. Of the reduced one:
-        those that are independent; rotations where a quaternion stands for them, ``EDGE.turn_x``
-        to ``turn_z`` along the axes of the edge's first node and their rates, ``turn_x_dot``.
-    basis : ndarray, shape (n_states, n)
-        The deviations of all states that have rates for a unit of each z: the unit matrix in the
-        full form.
-    is_steady : bool
-        Whether the motion through the point is steady: whatever the independent deviations depend
-        on stays as it is, so that the reduced A is constant and its eigenvalues tell stability.
-        About any other motion they do not: the system holds at this instant.
-    """
-
-    A: Array
-    B: Array
-    C: Array
-    D: Array
-    states: tuple[str, ...]
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    basis: Array
-    is_steady: bool
-
-    def __repr__(self) -> str:
-        from cotree.model.display import linear_text
-
-        return linear_text(self)
-
-    def _repr_html_(self) -> str:
-        """Show the matrices with the names of their rows and columns in a notebook."""
-        from cotree.model.display import linear_html
-
-        return linear_html(self)
-
-    @property
-    def eigenvalues(self) -> npt.NDArray[np.complex128]:
-        """The eigenvalues of A, [1/s], shape (n,): the largest real part first.
-
-        They tell stability as :attr:`is_steady` says.
-        """
-        found = np.linalg.eigvals(self.A).astype(complex)
-        return found[np.lexsort((-found.imag, -found.real))]
-
-    def summary(self) -> str:
-        """Say in a sentence what it is about, and what its eigenvalues tell."""
-        size = f"{len(self.states)} deviations, {len(self.inputs)} inputs"
-        if not self.is_steady:
-            return (
-                f"{size}, about no steady motion in these coordinates: A holds at this instant, "
-                "and unless it is the same along the whole motion its eigenvalues do not tell "
-                "stability"
-            )
-        if len(self.states) == len(self.basis):
-            return f"{size}, about a steady motion"
-        return f"{size}, about a steady motion: the eigenvalues of A tell stability"
 
 
 class Linearizer:
@@ -115,15 +51,21 @@ class Linearizer:
 
     def __init__(self, equations: Equations, input_columns: Sequence[Derivative]) -> None:
         self._equations = equations
-        self._nodes, rates = _solved(equations, (*equations.columns, *input_columns))
+        solved = SolvedSystem.of(equations)
+        self._nodes = _columns(equations, solved, (*equations.columns, *input_columns))
+        rates = solved.put(equations.rates)
         rows = equations.constraints
-        with_value = [i for i, value in enumerate(rows.values) if value is not None]
+        valued = {i: value for i, value in enumerate(rows.values) if value is not None}
+        with_value = list(valued)
         # Column by column: slopes of the values of constraints, then of their rates.
         held = [
             node
             for column in equations.columns
             for node in (*(column.held[i] for i in with_value), *column.held_rates)
         ]
+        #: What is differentiated by parameters where they are to be solved for.
+        self._values_held = [*valued.values(), *rows.rates]
+        self._outputs = solved.put(equations.output_values)
         self._n_values = len(with_value)
         self._others = [*rates, *held]
         found = reachable([*self._nodes, *self._others])
@@ -135,11 +77,34 @@ class Linearizer:
         self.is_timed = equations.dag.symbol("t", 0) in found
         self.has_timed_inputs = equations.dag.symbol("t", 0) in reachable(equations.input_values)
 
+    @formed_once
+    def _variation(self) -> Variation:
+        """Derivatives of all that a linearisation is made of."""
+        return Variation(self._equations.dag, [*self._nodes, *self._others])
+
+    @formed_once
+    def _first(self) -> Variation:
+        """Derivatives of rates, outputs and constraints."""
+        n = len(self._equations.states)
+        rows = [*self._others[:n], *self._outputs, *self._values_held]
+        return Variation(self._equations.dag, rows)
+
+    @formed_once
+    def _inputs(self) -> Variation:
+        """Derivatives of the scene's own inputs."""
+        return Variation(self._equations.dag, self._equations.input_values)
+
     @property
     def states(self) -> tuple[str, ...]:
         """Names of the states that have rates."""
         n = len(self._equations.states) - self._equations.n_algebraic
         return tuple(state.name for state in self._equations.states[:n])
+
+    @property
+    def modes(self) -> range:
+        """Places of the modes among the states, which change by events alone."""
+        first = self._equations.n_coordinates + self._equations.n_speeds
+        return range(first, first + self._equations.n_modes)
 
     def at(self, t: float, y: Sequence[float] | Array, p: Array, u: Array) -> Slopes:
         """Evaluate them.
@@ -156,7 +121,25 @@ class Linearizer:
         SingularSystemError
             If the mass matrix, or the matrix of the algebraic unknowns, is singular there.
         """
-        equations = self._equations
+        rates, whole, held = self.whole(t, y, p, u)
+        return self._slopes(y, rates, self._without_algebraic(whole), held)
+
+    def whole(
+        self, t: float, y: Sequence[float] | Array, p: Array, u: Array
+    ) -> tuple[Array, Array, Array]:
+        """Evaluate rates and all slopes, algebraic unknowns being states as others are.
+
+        Parameters and errors as of :meth:`at`.
+
+        Returns
+        -------
+        rates : ndarray, shape (n_states,)
+            Rates, and residuals of the algebraic equations.
+        whole : ndarray, shape (n_states + n_outputs, n_states + n_inputs)
+            Slopes of these and of the outputs.
+        held : ndarray, shape (n_rows, n_states)
+            Slopes of what constraints hold, then of its rates.
+        """
         values = self._values(t, y, p, u)
         with np.errstate(all="ignore"):
             found = evaluate([*self._nodes, *self._others, *self._accepted], values)
@@ -164,16 +147,23 @@ class Linearizer:
         if not all(found[len(numbers) :]):
             raise SingularSystemError("the mass matrix is singular at this state")
         self._check_finite(numbers[: len(self._nodes)])
+        return self._arranged(numbers)
+
+    def _arranged(self, numbers: Array) -> tuple[Array, Array, Array]:
+        """Split the values of all nodes into rates, slopes, and slopes of constraints."""
+        equations = self._equations
         n, m, k = len(equations.states), len(equations.inputs), len(equations.outputs)
         whole, others = np.split(numbers, [len(self._nodes)])
         # The nodes go column by column, along each state and then each input: rates, then outputs.
         whole = whole.reshape(n + m, n + k).T
         rates, held = np.split(others, [n])
-        held = held.reshape(n, -1).T if n else held.reshape(0, 0)
-        if equations.n_algebraic:
-            # States with rates come first; the implicit function theorem eliminates the others.
-            n -= equations.n_algebraic
-            whole = _without_algebraic(whole, n, equations)
+        return rates, whole, held.reshape(n, -1).T if n else held.reshape(0, 0)
+
+    def _slopes(
+        self, y: Sequence[float] | Array, rates: Array, whole: Array, held: Array
+    ) -> Slopes:
+        """Cut slopes of states that have rates, without those that do not."""
+        equations, n = self._equations, len(self.states)
         return Slopes(
             y=np.array(y[:n], dtype=float),
             rates=rates[:n],
@@ -188,6 +178,66 @@ class Linearizer:
             turns=self._turns,
         )
 
+    def by_parameters(self, at: Moment, y: Array, direction: Direction) -> Array:
+        """Differentiate along a direction of states, inputs and parameters.
+
+        Returns
+        -------
+        ndarray, shape (n_states + n_outputs + n_rows,)
+            Of rates and residuals, of outputs, of what constraints hold and of its rates.
+        """
+        values = self._values(at.t, y, at.p, at.inputs, self._first.symbols)
+        return self._first.along(values, direction)
+
+    def inputs_by_parameters(self, at: Moment, dp: Array) -> Array:
+        """Differentiate the scene's own inputs along a change of parameters, shape (n_inputs,)."""
+        none, y = np.zeros(len(self._equations.inputs)), np.zeros(len(self._equations.states))
+        values = self._values(at.t, y, at.p, none, self._inputs.symbols)
+        return self._inputs.along(values, Direction(y, none, dp))
+
+    def _changed(self, at: Moment, y: Array, direction: Direction) -> Slopes:
+        """Differentiate the slopes at a point along a direction; algebraic unknowns follow."""
+        n, whole = len(self.states), self.whole(at.t, y, at.p, at.inputs)[1]
+        if self._equations.n_algebraic:
+            moved, dy = self._moved_behind(whole), direction.y.copy()
+            dy[n:] = 0.0
+            held = replace(direction, y=dy)
+            # From g(y, u, p) = 0: the unknowns make up for what else changes the residuals.
+            left = self.by_parameters(at, y, held)[n : len(dy)]
+            dy[n:] = -np.linalg.solve(moved[-len(left) :, -len(left) :], left)
+            direction = replace(direction, y=dy)
+        values = self._values(at.t, y, at.p, at.inputs, self._variation.symbols)
+        rates, change, rows = self._arranged(self._variation.along(values, direction))
+        if self._equations.n_algebraic:
+            moved = self._moved_behind(whole)
+            cut = len(moved) - self._equations.n_algebraic
+            change = eliminated_along(moved, self._moved_behind(change), cut)
+        return self._slopes(direction.y, rates, change, rows)
+
+    def _moved_behind(self, whole: Array) -> Array:
+        """Move rows and columns of algebraic unknowns, which follow other states, to the end."""
+        cut = len(self.states)
+        own = range(cut, cut + self._equations.n_algebraic)
+        # Outputs follow the states, so the algebraic rows and columns are moved behind them.
+        order = [*(i for i in range(len(whole)) if i not in own), *own]
+        columns = [*(j for j in range(whole.shape[1]) if j not in own), *own]
+        return whole[np.ix_(order, columns)]
+
+    def _without_algebraic(self, whole: Array) -> Array:
+        """Eliminate the algebraic unknowns by the implicit function theorem."""
+        equations = self._equations
+        if not equations.n_algebraic:
+            return whole
+        moved, n = self._moved_behind(whole), equations.n_algebraic
+        try:
+            inverse = np.linalg.inv(moved[-n:, -n:])
+        except np.linalg.LinAlgError:
+            names = ", ".join(f"'{state.name}'" for state in equations.states[-n:])
+            raise SingularSystemError(
+                f"the derivatives of the algebraic equations by {names} are singular at this state"
+            ) from None
+        return eliminated(moved, inverse.dot, len(moved) - n)
+
     @cached_property
     def _turns(self) -> dict[int, int]:
         """Places of the angular velocities that go with each quaternion."""
@@ -199,7 +249,14 @@ class Linearizer:
             for edge, symbols_of_edge in equations.constraints.quaternions
         }
 
-    def about(self, at: Moment, y: Array, *, reduced: bool) -> Linearization:
+    def about(
+        self,
+        at: Moment,
+        y: Array,
+        *,
+        reduced: bool,
+        directions: Mapping[str, Direction] | None = None,
+    ) -> Linearization:
         """Linearise about the motion through a point; see :meth:`cotree.Model.linearize`.
 
         Parameters
@@ -210,6 +267,8 @@ class Linearizer:
             The states there.
         reduced : bool
             Whether to linearise in independent deviations.
+        directions : mapping of str to Direction, optional
+            How the point changes with each parameter that derivatives are wanted by.
         """
         point = self.at(at.t, y, at.p, at.inputs)
         found = reduce(point, self.states)
@@ -224,7 +283,20 @@ class Linearizer:
             outputs=tuple(row.name for row in equations.outputs),
             basis=found.basis if reduced else np.eye(len(point.y)),
             is_steady=is_still(found, point) and self._stays(at, y, point, found),
+            slopes={
+                name: self._slopes_along(at, y, direction, point, found if reduced else None)
+                for name, direction in (directions or {}).items()
+            },
         )
+
+    def _slopes_along(
+        self, at: Moment, y: Array, direction: Direction, point: Slopes, found: Reduced | None
+    ) -> LinearSlopes:
+        """Differentiate the matrices along a direction, those of a reduced system where given."""
+        change = self._changed(at, y, direction)
+        if found is None:
+            return LinearSlopes(change.A, change.B, change.C, change.D)
+        return LinearSlopes(*reduce_along(point, change, found, self.states), change.D)
 
     def _stays(self, at: Moment, y: Array, point: Slopes, here: Reduced) -> bool:
         """Tell whether the linear equations remain the same along the motion and in time."""
@@ -276,43 +348,31 @@ class Linearizer:
             )
 
     def _values(
-        self, t: float, y: Sequence[float] | Array, p: Array, u: Array
+        self,
+        t: float,
+        y: Sequence[float] | Array,
+        p: Array,
+        u: Array,
+        symbols: Iterable[Node] | None = None,
     ) -> Mapping[Node, float]:
         states = zip(self._equations.states, y, strict=True)
         values = {state.symbol: float(value) for state, value in states}
         known: dict[str, Sequence[float] | Array] = {"t": [t], "p": p, "u": u}
-        for symbol in self._symbols:  # those that there are: a symbol made now would be shared
+        # Those that there are: a symbol made now would be shared.
+        for symbol in self._symbols if symbols is None else symbols:
             kind, position = symbol.data
             if kind in known:
                 values[symbol] = float(known[kind][position])
         return values
 
 
-def _without_algebraic(whole: Array, cut: int, equations: Equations) -> Array:
-    """Eliminate the algebraic unknowns, whose rows and columns are those from ``cut`` on."""
-    own = range(cut, cut + equations.n_algebraic)
-    # Outputs follow the states, so the algebraic rows and columns are moved behind them.
-    order = [*(i for i in range(len(whole)) if i not in own), *own]
-    columns = [*(j for j in range(whole.shape[1]) if j not in own), *own]
-    moved = whole[np.ix_(order, columns)]
-    n = len(own)
-    try:
-        inverse = np.linalg.inv(moved[-n:, -n:])
-    except np.linalg.LinAlgError:
-        names = ", ".join(f"'{state.name}'" for state in equations.states[cut:])
-        raise SingularSystemError(
-            f"the derivatives of the algebraic equations by {names} are singular at this state"
-        ) from None
-    return eliminated(moved, inverse.dot, len(moved) - n)
-
-
-def _solved(equations: Equations, columns: Sequence[Derivative]) -> tuple[list[Node], list[Node]]:
-    """Form the derivatives of the rates and of the outputs along each column, and the rates."""
-    solved = SolvedSystem.of(equations)
+def _columns(
+    equations: Equations, solved: SolvedSystem, columns: Sequence[Derivative]
+) -> list[Node]:
+    """Form the derivatives of the rates and of the outputs along each column."""
     zero, n, k = equations.dag.zero, len(equations.states), len(equations.outputs)
-    found = [
+    return [
         node
         for row in solved.along(columns)
         for node in (*spread(row.rates, n, zero), *spread(row.outputs, k, zero))
     ]
-    return found, solved.put(equations.rates)

@@ -137,6 +137,12 @@ class CompiledModel(PreparedKernels):
         """Give the longest step that passes over nothing, [s]; see :meth:`corners`."""
         return self._program.longest_step(p.tolist(), replaced)
 
+    @formed_once
+    def slopes(self) -> dict[str, tuple[int, int]]:
+        """Places of the sensitivities of states by their names, ``d(STATE)/d(PARAMETER)``."""
+        rows, columns = list(enumerate(self.states)), list(enumerate(self.sensitivities))
+        return {f"d({own})/d({by})": (i, j) for i, own in rows for j, by in columns}
+
     @property
     def constraints(self) -> tuple[str, ...]:
         """Names of residuals that vanish on a motion: constraints, rates, quaternion norms."""
@@ -169,6 +175,8 @@ class CompiledModel(PreparedKernels):
 
         Parameters as for :meth:`rhs`.
         """
+        if not self.constraints:  # nor is there a kernel of them
+            return np.zeros((0, *np.shape(y)[1:]))
         return self._at("constraints", t, y, p, None)
 
     def initial(self, p: Any = None) -> Array:

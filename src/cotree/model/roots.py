@@ -92,6 +92,22 @@ def find_root(
     return best
 
 
+def find_near(equation: Equation, guess: Array) -> Root:
+    """Look for a root near a guess, and near points aside from it, in few steps each.
+
+    Equations may be more, or fewer, than unknowns; other parameters as of :func:`find_root`.
+    """
+    with np.errstate(all="ignore"):
+        best = iterate(equation, guess, NEXT)
+        for start in _starts(guess):
+            if best.is_found:
+                break
+            root = _near(equation, start)
+            if root.is_found or root.size < best.size:
+                best = root
+    return best
+
+
 def _attempts(
     guess: Array, improve: Callable[[], Array | None]
 ) -> Iterator[tuple[Callable[[Equation, Array], Root], Array]]:

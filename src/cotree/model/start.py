@@ -41,13 +41,20 @@ def find_start(at: Moment, initial: Mapping[str, float]) -> Start:
     at : Moment
         The model at the start.
     initial : mapping of str to float
-        Initial values of states in place of the scene's.
+        Initial values of states in place of the scene's, and of their sensitivities.
     """
     model = at.model
+    initial, slopes = _apart(initial)
     held = held_followers(model, initial)
-    start = constrained_start(at, initial)
+    start = constrained_start(at, initial, slopes)
     y, s = start.y, start.s
     if start.is_chosen and model.sensitivities:
+        if slopes:
+            raise ParameterError(
+                f"'{next(iter(slopes))}' is given, but initial values do not satisfy the "
+                "constraints, and what moves them changes their sensitivities: give consistent "
+                "values of all states"
+            )
         # The sensitivities of a chosen start do not know how that choice depends on parameters.
         s = _by_differences(at, initial, start)
     y, s = solve_start(at, y, s, held)
@@ -90,13 +97,58 @@ def check_start(model: CompiledModel) -> None:
             )
 
 
-def constrained_start(at: Moment, initial: Mapping[str, float], *, is_probe: bool = False) -> Start:
+def is_slope(name: str) -> bool:
+    """Tell whether a name among initial values is that of a sensitivity."""
+    return name.startswith("d(")
+
+
+def _apart(initial: Mapping[str, float]) -> tuple[Mapping[str, float], dict[str, float]]:
+    """Separate initial values of states from those of sensitivities."""
+    slopes = {name: value for name, value in initial.items() if is_slope(name)}
+    if not slopes:
+        return initial, slopes
+    return {name: value for name, value in initial.items() if name not in slopes}, slopes
+
+
+def _put_slopes(model: CompiledModel, slopes: Mapping[str, float], s: Array) -> None:
+    """Put given sensitivities among those of the start.
+
+    Raises
+    ------
+    ParameterError
+        If the model has no such sensitivity, or it vanishes always.
+    """
+    for name, value in slopes.items():
+        if name not in model.slopes:
+            raise ParameterError(
+                f"the model has no sensitivity '{name}'{nearest(name, model.slopes)}"
+            )
+        place = model.slopes[name]
+        number = check_number(value, f"initial value of '{name}'")
+        if number != 0.0 and not model.sensitivity_pattern[place]:
+            raise ParameterError(
+                f"initial value of '{name}' is {number:.6g}, but no equation lets that state "
+                "depend on it, so that the sensitivity is left out of the code"
+            )
+        s[place] = number
+
+
+def constrained_start(
+    at: Moment,
+    initial: Mapping[str, float],
+    slopes: Mapping[str, float] | None = None,
+    *,
+    is_probe: bool = False,
+) -> Start:
     """Take the values that are given, and move what is not onto the constraints.
 
     Parameters
     ----------
     at, initial
-        As for :func:`find_start`.
+        As for :func:`find_start`, sensitivities apart.
+    slopes : mapping of str to float, optional
+        Initial values of sensitivities by name; of others a run's own value depends on no
+        parameter.
     is_probe : bool
         Whether only the states are wanted, next to a start that was found.
     """
@@ -110,6 +162,9 @@ def constrained_start(at: Moment, initial: Mapping[str, float], *, is_probe: boo
         y[i] = check_number(value, f"initial value of '{name}'")
         # A run's own value depends on no parameter, only on itself.
         s[i] = [float(other == name) for other in wanted]
+    # Runs of the states alone are given none.
+    if slopes and wanted:
+        _put_slopes(model, slopes, s)
     if not model.layout.has_conditions:
         return Start(y, s)
     anew = {names.index(name) for name in initial}

@@ -12,6 +12,7 @@ from cotree.dag.corners import find_corners
 from cotree.dag.stops import longest_step
 from cotree.dag.traverse import reachable, symbols_in
 from cotree.errors import SolveError
+from cotree.linear.plan import plan_elimination
 from cotree.program.cost_model import by_need
 from cotree.program.counts import OperationCount, count_operations
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
     from cotree.dag.stops import Stop
     from cotree.equations import DerivedParameter, EventRow, Guard, Quantity, RedundantRow
+    from cotree.linear.plan import Elimination
     from cotree.program.kernels import KernelSpec
 
 
@@ -282,6 +284,14 @@ class Program:
     def n_prepared(self) -> int:
         """Number of prepared values."""
         return len(self.kernels["prepare"].results)
+
+    @cached_property
+    def elimination(self) -> Elimination | None:
+        """The planned elimination of implicit methods; None where the pattern is singular."""
+        layout = self.layout
+        return plan_elimination(
+            len(layout.states), layout.column_starts, layout.row_indices, layout.n_algebraic
+        )
 
     @cached_property
     def operations(self) -> dict[str, OperationCount]:

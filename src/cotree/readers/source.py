@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, TypeVar
 
 from cotree.scene.description import SceneDescription
@@ -12,15 +13,42 @@ if TYPE_CHECKING:
 
 _Scene = TypeVar("_Scene", bound=SceneDescription)
 
+_START = 4096  # bytes in which the outermost element of an XML file is looked for
+_COMMENT, _OUTERMOST = re.compile(rb"(?s)<!--.*?-->"), re.compile(rb"<([A-Za-z_][\w:.-]*)")
+
 
 def is_urdf(source: str | Path) -> bool:
-    """Whether a file is a robot description, by its ending."""
-    return str(source).lower().endswith(".urdf")
+    """Whether a file is a robot description, by its ending, or as XML by its outermost element."""
+    return _has_ending(source, ".urdf") or _begins_with(source, "robot")
+
+
+def is_sbml(source: str | Path) -> bool:
+    """Whether a file is an SBML model, by its ending, or as XML by its outermost element."""
+    # Any other XML file is taken for one too, and refused as none in its reader's words.
+    return _has_ending(source, ".sbml", ".xml") and not _begins_with(source, "robot")
 
 
 def is_spice(source: str | Path) -> bool:
     """Whether a file is a netlist, by its ending."""
-    return str(source).lower().endswith((".cir", ".sp", ".net"))
+    return _has_ending(source, ".cir", ".sp", ".net")
+
+
+def _has_ending(source: str | Path, *endings: str) -> bool:
+    return str(source).lower().endswith(endings)
+
+
+def _begins_with(source: str | Path, tag: str) -> bool:
+    """Whether the outermost element of an XML file has a name; false where it cannot be read."""
+    if not _has_ending(source, ".xml"):
+        return False
+    try:
+        with open(source, "rb") as file:
+            start = file.read(_START)
+    except (OSError, ValueError):
+        return False  # said by the reader
+    # Comments, declarations and processing instructions may come before it.
+    found = _OUTERMOST.search(_COMMENT.sub(b"", start))
+    return found is not None and found[1] == tag.encode()
 
 
 def load_source(source: str | Path, scene_type: type[_Scene]) -> _Scene:
@@ -30,7 +58,8 @@ def load_source(source: str | Path, scene_type: type[_Scene]) -> _Scene:
     ----------
     source : str or Path
         Name of a shipped scene, or path of a file: ``.urdf`` is a robot description, ``.cir``,
-        ``.sp`` and ``.net`` are netlists, anything else TOML.
+        ``.sp`` and ``.net`` are netlists, ``.sbml`` an SBML model, ``.xml`` that or a robot,
+        anything else TOML.
     scene_type : type
         The class to make.
 
@@ -48,4 +77,8 @@ def load_source(source: str | Path, scene_type: type[_Scene]) -> _Scene:
         from cotree.readers.spice import read_spice_scene
 
         return read_spice_scene(source, scene_type)
+    if is_sbml(source):
+        from cotree.readers.sbml import read_sbml_scene
+
+        return read_sbml_scene(source, scene_type)
     return load_scene(source, scene_type)

@@ -47,7 +47,7 @@ class Element:
 
 
 class _Builder:
-    def __init__(self, where: str) -> None:
+    def __init__(self, where: str, deepest: int, most: int) -> None:
         # The text is in UTF-8 by now, whatever its first line says.
         self.parser = expat.ParserCreate("utf-8")
         self.parser.StartElementHandler = self.start
@@ -58,6 +58,7 @@ class _Builder:
         self.root: Element | None = None
         self.open: list[Element] = []
         self.n_elements = 0
+        self.deepest, self.most = deepest, most
 
     @property
     def at(self) -> SourceLine:
@@ -65,10 +66,10 @@ class _Builder:
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
         self.n_elements += 1
-        if self.n_elements > _MOST_ELEMENTS:
-            raise self.at.error(f"more than {_MOST_ELEMENTS} elements")
-        if len(self.open) >= _DEEPEST:
-            raise self.at.error(f"elements are nested more than {_DEEPEST} deep")
+        if self.n_elements > self.most:
+            raise self.at.error(f"more than {self.most} elements")
+        if len(self.open) >= self.deepest:
+            raise self.at.error(f"elements are nested more than {self.deepest} deep")
         if any(len(value) > _LONGEST_VALUE for value in attributes.values()):
             raise self.at.error(f"an attribute has more than {_LONGEST_VALUE} characters")
         element = Element(tag, attributes, self.at)
@@ -88,7 +89,9 @@ class _Builder:
         )
 
 
-def parse_xml(text: str, where: str) -> Element:
+def parse_xml(
+    text: str, where: str, *, deepest: int = _DEEPEST, most: int = _MOST_ELEMENTS
+) -> Element:
     """Parse an XML text.
 
     Parameters
@@ -97,6 +100,8 @@ def parse_xml(text: str, where: str) -> Element:
         The text.
     where : str
         What to call it in messages.
+    deepest, most : int
+        How deep elements may be nested, and how many there may be.
 
     Returns
     -------
@@ -109,7 +114,7 @@ def parse_xml(text: str, where: str) -> Element:
         If it is not well-formed, has a document type declaration, or is too large. The message
         begins with the file and the line.
     """
-    builder = _Builder(where)
+    builder = _Builder(where, deepest, most)
     try:
         builder.parser.Parse(text.encode("utf-8", "surrogatepass"), True)
     except expat.ExpatError as error:

@@ -205,7 +205,7 @@ class Job:
 
     @property
     def n_bytes(self) -> int:
-        """How much memory a job holds that waits to begin again."""
+        """Counts the bytes that a job holds while it waits to begin again."""
         return self._n_bytes + self.rows.values.nbytes + self.records.nbytes
 
     def _set_model(self, problem: Problem, native: Native) -> None:

@@ -1,4 +1,4 @@
-"""What runs of a model with the same settings share, prepared once and used by each.
+"""Preparation of runs: the parts that runs with the same settings share are made once.
 
 In: a model and settings. Out: a ``Preparation``, which makes the ``Problem`` of a run from values
 of parameters and initial values: what depends on these is found for each run, and nothing else is.
@@ -78,7 +78,7 @@ def prepared(model: CompiledModel, settings: Settings) -> Preparation:
 
 
 class Preparation:
-    """What runs of a model with the same settings share; threads may use it at the same time.
+    """The parts that runs of a model with the same settings share; threads may use them at once.
 
     Parameters
     ----------

@@ -9,6 +9,7 @@ import time
 from typing import TYPE_CHECKING, Self
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from types import TracebackType
 
     from rich.progress import Progress as Bar
@@ -34,6 +35,52 @@ class OwnBar:
     ) -> None:
         if self._bar is not None:
             self._bar.stop()
+
+
+class CountingBar(OwnBar):
+    """Show how many of several things are done; nothing where nobody looks, nor for short work.
+
+    Parameters
+    ----------
+    noun : str
+        Plural of the things.
+    n : int
+        Their number.
+    is_wanted : bool
+        Whether it may be shown at all.
+    """
+
+    def __init__(self, noun: str, n: int, is_wanted: bool) -> None:
+        self._noun, self._n = noun, n
+        self._is_watched = is_wanted and is_watched()
+        self._begun = time.perf_counter()
+        super().__init__()
+
+    def count(self, done: int, told: Callable[[float], str]) -> None:
+        """Take note of how many are done; ``told(elapsed)`` says more, for people."""
+        elapsed = time.perf_counter() - self._begun
+        if not self._is_watched or elapsed < PATIENCE:
+            return
+        if self._bar is None:
+            self._bar = self._begin()
+        said = f"{done} of {self._n}{told(elapsed)}"
+        self._bar.update(self._bar.task_ids[0], completed=done, told=said)
+
+    def _begin(self) -> Bar:
+        from rich.console import Console
+        from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+        from rich.progress import Progress as Bar
+
+        columns = (
+            TextColumn(self._noun),
+            BarColumn(),
+            TextColumn("{task.fields[told]}"),
+            TimeRemainingColumn(compact=True),
+        )
+        bar = Bar(*columns, console=Console(stderr=True), transient=True)
+        bar.add_task(self._noun, total=self._n, told="")
+        bar.start()
+        return bar
 
 
 class Progress(OwnBar):

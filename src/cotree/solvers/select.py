@@ -22,7 +22,7 @@ from cotree.solvers.methods import method_row, refusal
 from cotree.solvers.native import check_available, compiled_in, solve_in_c
 from cotree.solvers.problem import check_problem
 from cotree.solvers.stiffness_probe import fastest_decay, fastest_growth
-from cotree.solvers.stiffness_switching import Succession, stiff_method
+from cotree.solvers.stiffness_switching import Succession, cost_of_rodas5, stiff_method
 from cotree.solvers.sundials_library import has_sundials
 
 if TYPE_CHECKING:
@@ -157,9 +157,10 @@ def choose_method(problem: Problem) -> tuple[str, str]:
     Returns
     -------
     method : str
-        "dop853" or, where the problem is stiff, "rodas5"; where C cannot take it, "DOP853", and
-        "cvode", or "BDF" without scikit-sundae. These take stiff problems of many states, too,
-        and of loops, which "rodas5" does not bring through singular configurations.
+        "dop853" or, where the problem is stiff, "rodas5", or "cvode" where that takes less time by
+        the counts of its steps; where C cannot take it, "DOP853", and "cvode", or "BDF" without
+        scikit-sundae. These take stiff problems of many states, too, and of loops, which "rodas5"
+        does not bring through singular configurations.
     reason : str
         One sentence.
 
@@ -191,7 +192,7 @@ def _choose(problem: Problem) -> tuple[str, str]:
     # A mode that begins at the tolerance and grows e-fold this often stays below one: an implicit
     # method may damp it and the result is still as good as the tolerance.
     if span * growth <= math.log(1.0 / _smallest_tolerance(problem)):
-        return method, f"{method} was chosen: stiff, {length}."
+        return method, f"{method} was chosen: stiff, {length}{_saving(problem, method)}."
     grows = f"at the start a mode grows e-fold every {1.0 / growth:.3g} s"
     if explicit == "dop853" and rates.first_decay <= _MILD * growth:
         return explicit, (
@@ -202,6 +203,12 @@ def _choose(problem: Problem) -> tuple[str, str]:
         f"{method} was chosen: stiff, {length}. But {grows}: what is below the tolerance there "
         "may decide the result, so compare with that of a tighter one."
     )
+
+
+def _saving(problem: Problem, method: str) -> str:
+    """Say that rodas5 would take longer, where that is why another method was chosen."""
+    cost = cost_of_rodas5(problem) if method == "cvode" else 0.0
+    return f", and rodas5 would take about {cost:.2g} times as long" if cost > 1.0 else ""
 
 
 class Rates(NamedTuple):

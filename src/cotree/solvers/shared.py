@@ -1,4 +1,4 @@
-"""What runs of one model with the same settings leave to those that follow.
+"""Jobs and numbers that runs of one model with the same settings leave to those that follow.
 
 In: jobs that have ended, and what was found out about a problem. Out: jobs to begin again, and the
 same findings. Neither changes a result: a job begins as if it were new, and findings are kept by
@@ -33,7 +33,7 @@ _MOST_FINDINGS = 64
 
 
 class Shared:
-    """What runs of one model with the same settings share; threads may use it at the same time.
+    """Jobs and numbers that runs with the same settings share; threads may use it at the same time.
 
     Parameters
     ----------

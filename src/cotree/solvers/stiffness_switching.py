@@ -15,6 +15,7 @@ from cotree.codegen.tableaus import TABLEAUS
 from cotree.solvers.base import Drift, Statistics, Trajectory
 from cotree.solvers.evaluate import FAILED
 from cotree.solvers.methods import refusal
+from cotree.solvers.step_costs import share_of_rodas5
 from cotree.solvers.stiffness_probe import largest_decaying
 from cotree.solvers.sundials_library import has_sundials
 
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
 
 # Beyond it, factors that are kept for many steps win over eight stages that are cheap.
 _MOST_STATES = 150
+
+# A corner costs a multistep method some thirty short steps, of hundreds that a run takes.
+_MOST_CORNERS = 3
 
 # The test of the integrator looks at differences that rounding may spoil: what it finds is believed
 # where the Jacobian has a mode of at least this share of the bound of stability.
@@ -44,13 +48,30 @@ def stiff_method(problem: Problem) -> str:
     Returns
     -------
     str
-        "rodas5"; "cvode", or "BDF" without scikit-sundae, where C cannot take it, for many states,
-        and for loops, which "rodas5" does not bring through singular configurations.
+        "rodas5"; "cvode" where its steps cost so much less that a run does. For many states, loops,
+        which "rodas5" does not bring through singular configurations, and where C cannot take
+        that, "cvode", or "BDF" without scikit-sundae.
     """
     is_wide = problem.n_states > _MOST_STATES and not problem.n_algebraic
     if problem.singular is None and not is_wide and not refusal("rodas5", problem):
-        return "rodas5"
+        return "cvode" if cost_of_rodas5(problem) > 1.0 else "rodas5"
     return "cvode" if has_sundials() else "BDF"
+
+
+def cost_of_rodas5(problem: Problem) -> float:
+    """Estimate how many times as long "rodas5" takes as "cvode", where that can take its place.
+
+    A multistep method restarts at order one after each event and each corner, and where constraints
+    move what it remembers; algebraic unknowns it would solve for at each evaluation. There, and
+    without scikit-sundae, the number is zero.
+    """
+    has_restarts = problem.events is not None or len(problem.breakpoints) > _MOST_CORNERS
+    is_wide = problem.n_states > _MOST_STATES  # an elimination of it takes long to plan
+    if has_restarts or is_wide or problem.n_algebraic or problem.project is not None:
+        return 0.0
+    if not has_sundials() or refusal("cvode", problem):
+        return 0.0
+    return share_of_rodas5(problem) or 0.0
 
 
 @dataclass

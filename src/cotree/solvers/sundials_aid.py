@@ -18,15 +18,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
+from cotree.linear.band import narrow_band
 
 if TYPE_CHECKING:
     from cotree.solvers.engine import Engine
     from cotree.solvers.methods import Method
     from cotree.solvers.problem import Problem
-
-# Matrices up to this size are dense, whatever their pattern: an order for them costs more.
-_SMALL = 40
 
 # Multiplications of a factorisation beyond which a sparse one with an order of its own is better.
 _MOST_MULTIPLICATIONS = 3e7
@@ -65,34 +62,12 @@ class SundialsAid:
             # What is left after an elimination has no pattern.
             c.lower = c.upper = n - problem.n_algebraic - 1
         else:
-            c.lower, c.upper, order = _order(ffi, model)
+            # Where no rate depends on a state, there are no arrays.
+            n_nonzeros = model.n_nonzeros
+            starts = ffi.unpack(model.column_starts, n + 1) if n_nonzeros else [0] * (n + 1)
+            rows = ffi.unpack(model.row_indices, n_nonzeros) if n_nonzeros else []
+            c.lower, c.upper, order = narrow_band(n, starts, rows)
             if order is not None:
                 self._order = c.places = ffi.new("int[]", order.tolist())
         # A banded factorisation multiplies about n l (l + u) times.
         self.is_wide = bool(n * c.lower * (c.lower + c.upper) > _MOST_MULTIPLICATIONS)
-
-
-def _order(ffi: Any, model: Any) -> tuple[int, int, Any]:
-    """Give the bandwidths of the Jacobian, and the places of states that make them narrow.
-
-    Places are None where the matrix is small or not sparse.
-    """
-    n, size = model.n_states, model.n_nonzeros
-    if n > _SMALL:
-        from scipy.sparse import csc_matrix
-        from scipy.sparse.csgraph import reverse_cuthill_mckee
-
-        starts = np.array(ffi.unpack(model.column_starts, n + 1))
-        rows = np.array(ffi.unpack(model.row_indices, size), dtype=np.int64)
-        pattern = csc_matrix((np.ones(size), rows, starts), shape=(n, n)).tocsr()
-        # The order lists states by their new places; its inverse gives the new place of each state.
-        places = np.empty(n, dtype=np.intc)
-        places[reverse_cuthill_mckee(pattern, symmetric_mode=False)] = np.arange(n)
-        # How far each entry stands below the diagonal once states are reordered.
-        below = places[rows] - np.repeat(places, np.diff(starts))
-        lower, upper = int(max(below.max(initial=0), 0)), int(max((-below).max(initial=0), 0))
-        # Banded storage with row pivoting has so many diagonals: from n on a dense matrix is
-        # smaller.
-        if 2 * lower + upper + 1 < n:
-            return lower, upper, places
-    return n - 1, n - 1, None

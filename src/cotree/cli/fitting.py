@@ -1,0 +1,213 @@
+"""The command that estimates parameters of a scene from measurements."""
+
+from __future__ import annotations
+
+from pathlib import Path  # noqa: TC003 - typer reads the annotations
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cotree.cli.arguments import check_folder, check_picture, given, read_numbers, read_pairs
+from cotree.cli.messages import INTERRUPTED, complain
+from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
+    InitialOption,
+    Method,
+    SceneName,
+    Setting,
+)
+from cotree.cli.source import read_scene
+from cotree.errors import ParameterError, SolveError, brief
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+_RANGE = "--estimate k=10:100:log"
+
+
+def fit_scene(
+    scene: SceneName,
+    more: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[NAME[=RANGE]]...", help="More of what --estimate takes."),
+    ] = None,
+    data: Annotated[
+        list[Path],
+        typer.Option(
+            metavar="FILE",
+            help="Measurements in CSV, with a column t or time; one run each; may be repeated.",
+        ),
+    ] = [],  # noqa: B006 - typer copies it
+    estimate: Annotated[
+        list[str],
+        typer.Option(
+            "--estimate",
+            "-e",
+            metavar="NAME[=RANGE]",
+            help="What is estimated: a parameter, or a state by its initial value; k=10:100:log "
+            "has bounds and a scale, lin, log or log10; k alone lies within a hundredth and a "
+            "hundred times its value in the scene; may be repeated.",
+        ),
+    ] = [],  # noqa: B006
+    observe: Annotated[
+        list[str],
+        typer.Option(
+            metavar="COLUMN=EXPRESSION",
+            help="What a column measures, of states and outputs; columns with their names if "
+            "absent; may be repeated.",
+        ),
+    ] = [],  # noqa: B006
+    noise: Annotated[
+        list[str],
+        typer.Option(
+            metavar="[COLUMN=]VALUE",
+            help="Standard deviation of a column, or of all: a number in its unit, another column, "
+            "or an expression; estimated if absent; may be repeated.",
+        ),
+    ] = [],  # noqa: B006
+    unit: Annotated[
+        list[str],
+        typer.Option(
+            metavar="COLUMN=UNIT",
+            help="Unit of a column that has none in its name, as in 'v [mV]'; may be repeated.",
+        ),
+    ] = [],  # noqa: B006
+    time: Annotated[str | None, typer.Option(metavar="COLUMN", help="The column of times.")] = None,
+    start: Annotated[
+        list[str],
+        typer.Option(
+            metavar="NAME=NUMBER", help="Where estimation begins: the scene's value if absent."
+        ),
+    ] = [],  # noqa: B006
+    per_experiment: Annotated[
+        list[str],
+        typer.Option(metavar="NAME", help="It has an estimate for each file; may be repeated."),
+    ] = [],  # noqa: B006
+    setting: Setting = [],  # noqa: B006
+    initial: InitialOption = [],  # noqa: B006
+    inputs: Annotated[
+        list[str],
+        typer.Option(
+            "--input",
+            metavar="NAME=VALUE",
+            help="In place of an input: a number, or an expression, whose new names are in --set "
+            "or --estimate; a column with its name is it, too; may be repeated.",
+        ),
+    ] = [],  # noqa: B006
+    loss: Annotated[
+        str,
+        typer.Option(help="linear, or soft_l1, huber, cauchy, arctan: outliers count less."),
+    ] = "linear",
+    starts: Annotated[int, typer.Option(min=1, help="Number of starts of the optimiser.")] = 20,
+    seed: Annotated[int, typer.Option(metavar="N", help="Of the starts but the first.")] = 0,
+    method: Method = None,
+    rtol: Annotated[float | None, typer.Option(help="Relative tolerance of the runs.")] = None,
+    atol: Annotated[float | None, typer.Option(help="Absolute tolerance of the runs.")] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(help="Draw data, computed curves and residuals: .svg, .png or .pdf."),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Write the result to this, as JSON."),
+    ] = None,
+) -> None:
+    """Estimate parameters of a scene from measurements, and say how far they can be trusted."""
+    from cotree.estimation.experiment import Experiment
+    from cotree.estimation.fit import fit
+
+    # Whatever can be refused is refused before anything is compiled.
+    check_picture(plot)
+    check_folder(output)
+    if not data:
+        raise ParameterError("a fit needs measurements: give --data run1.csv")
+    ranges = _ranges([*estimate, *(more or [])])
+    described = read_scene(scene)
+    known = {
+        "inputs": {name: _signal(text) for name, text in read_pairs("--input", inputs).items()},
+        "initial": read_numbers("--initial", initial),
+        "parameters": read_numbers("--set", setting),
+        "observables": read_pairs("--observe", observe) or None,
+        "noise": _noise(noise),
+        "units": read_pairs("--unit", unit) or None,
+        "time": time,
+    }
+    experiments = [Experiment(path, **known) for path in data]
+    options: dict[str, Any] = given(rtol=rtol, atol=atol)
+    try:
+        result = fit(
+            described,
+            experiments,
+            ranges,
+            per_experiment=per_experiment,
+            start=read_numbers("--start", start),
+            loss=loss,
+            starts=starts,
+            seed=seed,
+            method=method,
+            **options,
+        )
+    except SolveError as error:
+        complain(str(error))
+        raise typer.Exit(1) from None
+    typer.echo(str(result))
+    if output is not None:
+        result.to_json(output)
+        typer.echo(f"wrote {output}")
+    if plot is not None:
+        from cotree.plot.files import save_figure
+
+        save_figure(result.plot(), plot)
+        typer.echo(f"wrote {plot}")
+    if any(row.message.startswith("interrupted") for row in result.starts):
+        raise typer.Exit(INTERRUPTED)
+    # Estimates are printed all the same; the exit code tells that they may be none.
+    if not result.starts[0].is_converged:
+        raise typer.Exit(1)
+
+
+def _ranges(texts: Sequence[str]) -> dict[str, Any]:
+    """Read ``name``, ``name=low:high`` or ``name=low:high:scale``."""
+    found: dict[str, Any] = {}
+    for text in texts:
+        name, equals, bounds = (part.strip() for part in text.partition("="))
+        if name in found:
+            raise ParameterError(f"--estimate names '{brief(name)}' twice: name it once")
+        found[name] = None
+        if not equals:
+            continue
+        low, *rest = bounds.split(":")
+        try:
+            high, *scale = rest
+            found[name] = (float(low), float(high), *scale)
+        except ValueError:
+            raise ParameterError(
+                f"--estimate {brief(text)} has no bounds of the form low:high or low:high:scale: "
+                f"write it as {_RANGE}"
+            ) from None
+        if len(scale) > 1:
+            raise ParameterError(f"--estimate {brief(text)} has four parts: write {_RANGE}")
+    if not found:
+        raise ParameterError(f"a fit needs something to estimate: give {_RANGE}")
+    return found
+
+
+def _noise(texts: Sequence[str]) -> Any:
+    """Read noise of all columns, or of each."""
+    alone = [text for text in texts if "=" not in text]
+    if not alone:
+        pairs = read_pairs("--noise", texts)
+        return {name: _signal(text) for name, text in pairs.items()} or None
+    if len(texts) > 1:
+        raise ParameterError(
+            f"--noise {brief(alone[0])} is that of all columns: give nothing else, or name the "
+            f"column, --noise v={brief(alone[0])}"
+        )
+    return _signal(alone[0])
+
+
+def _signal(text: str) -> float | str:
+    """Read a number, or leave an expression as it is."""
+    try:
+        return float(text)
+    except ValueError:
+        return text

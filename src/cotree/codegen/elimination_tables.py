@@ -1,0 +1,115 @@
+"""Tables of a long elimination, which loops of C walk through.
+
+In: a plan. Out: the numbers of the tables, with the factors row by row in the order of the pivots,
+each row in the order of its columns: what a pivot's row takes from another one then lies in a few
+runs of neighbours, which C takes several at a time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.codegen.printing import wrapped
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from cotree.linear.plan import Elimination
+
+
+@dataclass(frozen=True)
+class IntTable:
+    """A table of whole numbers as text."""
+
+    name: str
+    lines: list[str]
+    length: int
+
+
+def elimination_tables(plan: Elimination) -> list[IntTable]:
+    """List what C reads to factor and to solve.
+
+    Parameters
+    ----------
+    plan : Elimination
+        The plan; its products are taken in the same order.
+
+    Returns
+    -------
+    list of IntTable
+        ``factor_values``: the place of each factor among the nonzeros, or -1. ``factor_columns``:
+        the rank of its column. ``pivot_rows``: of each pivot its row, its column, how many factors
+        its row has before and after it, and whether the shift is added. ``updates``: of each pivot
+        the number of rows that it changes; for each of these the place of the multiplier, and how
+        many runs follow: where one goes to, where it comes from, and its length.
+    """
+    ranks = _ranks(plan)
+    starts = [0]
+    for row in ranks:
+        starts.append(starts[-1] + len(row))
+    place = {(k, j): starts[k] + at for k, row in enumerate(ranks) for at, j in enumerate(row)}
+    # The plan numbers factors in another order.
+    number = {(k, k): factor for k, factor in enumerate(plan.pivots)}
+    for k in range(len(plan.rows)):
+        number |= {(k, j): factor for j, factor in (*plan.lower[k], *plan.upper[k])}
+    steps = [plan.factors[number[k, j]] for k, row in enumerate(ranks) for j in row]
+    pivots = [
+        entry
+        for k, (row, column) in enumerate(zip(plan.rows, plan.columns, strict=True))
+        for entry in (
+            row,
+            column,
+            len(plan.lower[k]),
+            len(plan.upper[k]),
+            int(plan.factors[plan.pivots[k]].has_shift),
+        )
+    ]
+    return [
+        _table("factor_values", [step.value for step in steps]),
+        _table("factor_columns", [j for row in ranks for j in row]),
+        _table("pivot_rows", pivots),
+        _table("updates", list(_updates(plan, place))),
+    ]
+
+
+def _ranks(plan: Elimination) -> list[list[int]]:
+    """Give the columns of each row's factors, by the ranks of their pivots."""
+    return [
+        [*(m for m, _ in before), k, *(j for j, _ in after)]
+        for k, (before, after) in enumerate(zip(plan.lower, plan.upper, strict=True))
+    ]
+
+
+def _updates(plan: Elimination, place: dict[tuple[int, int], int]) -> Iterator[int]:
+    below: list[list[int]] = [[] for _ in plan.rows]
+    for k, before in enumerate(plan.lower):
+        for m, _ in before:
+            below[m].append(k)
+    for m, rows in enumerate(below):
+        yield len(rows)
+        columns = [j for j, _ in plan.upper[m]]
+        for k in rows:
+            runs = _runs([(place[k, j], place[m, j]) for j in columns])
+            yield place[k, m]
+            yield len(runs)
+            for run in runs:
+                yield from run
+
+
+def _runs(pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int, int]]:
+    """Put pairs of places that follow each other into runs: two places, and a length."""
+    runs: list[tuple[int, int, int]] = []
+    for to, source in pairs:
+        if runs:
+            first_to, first, length = runs[-1]
+            if (to, source) == (first_to + length, first + length):
+                runs[-1] = (first_to, first, length + 1)
+                continue
+        runs.append((to, source, 1))
+    return runs
+
+
+def _table(name: str, numbers: Sequence[int]) -> IntTable:
+    # C has no empty arrays.
+    return IntTable(name, wrapped(map(str, numbers or [0])), max(len(numbers), 1))

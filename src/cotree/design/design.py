@@ -1,0 +1,147 @@
+"""The outcome of a design: values, what holds there, and how the search went."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.errors import ParameterError, brief, nearest
+from cotree.markup import block, labelled, paragraph, table
+
+if TYPE_CHECKING:
+    from cotree.compiled import Model
+    from cotree.design.search import Trial
+    from cotree.results import Result
+
+
+@dataclass(frozen=True)
+class ConditionValue:
+    """A condition at the design.
+
+    Attributes
+    ----------
+    text : str
+        The condition as it was written.
+    run : int
+        The scenario, from zero on.
+    excess : float
+        Left side minus right side of ``<=`` and ``==``, right minus left of ``>=``.
+    holds : bool
+        Whether it is satisfied.
+    is_active : bool
+        Whether it holds with equality, so that it decides on the design.
+    is_equality : bool
+        Whether it has to.
+    """
+
+    text: str
+    run: int
+    excess: float
+    holds: bool
+    is_active: bool
+    is_equality: bool
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Design:
+    """The outcome of :func:`cotree.optimise`; a value by name is ``design["L"]``.
+
+    Attributes
+    ----------
+    parameters : dict of str to float
+        The best values of what was varied: parameters, and initial values of states.
+    objective : float
+        The objective there.
+    conditions : tuple of ConditionValue
+        The conditions there, scenario by scenario.
+    success : bool
+        Whether the search converged to a point where all conditions hold.
+    message : str
+        How it ended, in sentences.
+    optimality : float
+        What bounds and conditions leave of the gradient, as a share of the largest gradient met:
+        zero at an optimum (Karush, Kuhn, Tucker).
+    history : tuple of Trial
+        Every point that was tried, in order: ``parameters``, ``objective``, ``missed``, ``reason``.
+    starts : tuple of float
+        The objective that each start led to; nan where its first run failed.
+    results : tuple of Result
+        The runs of the design, one for each scenario.
+    model : cotree.Model
+        The model that ran, with outputs for what the goals ask for.
+    n_runs : int
+        Number of runs.
+    """
+
+    parameters: dict[str, float]
+    objective: float
+    conditions: tuple[ConditionValue, ...]
+    success: bool
+    message: str
+    optimality: float
+    history: tuple[Trial, ...]
+    starts: tuple[float, ...]
+    results: tuple[Result, ...]
+    model: Model
+    n_runs: int
+
+    @property
+    def result(self) -> Result:
+        """The run of the design; of several scenarios the first."""
+        return self.results[0]
+
+    def __getitem__(self, name: str) -> float:
+        """Return the value of a parameter, or an initial value, that was varied."""
+        if name not in self.parameters:
+            raise ParameterError(f"'{brief(name)}' was not varied{nearest(name, self.parameters)}")
+        return self.parameters[name]
+
+    @property
+    def settings(self) -> dict[str, dict[str, float]]:
+        """Settings of runs of any model of the scene: ``simulate((0, 1), **design.settings)``."""
+        own = self.model.parameters
+        return {
+            "parameters": {n: v for n, v in self.parameters.items() if n in own},
+            "initial": {n: v for n, v in self.parameters.items() if n not in own},
+        }
+
+    def summary(self) -> str:
+        """Describe the design in a few lines."""
+        lines = [self.message]
+        lines += [f"  {name} = {value:.10g}" for name, value in self.parameters.items()]
+        lines.append(f"Objective: {self.objective:.10g}.")
+        several = len(self.results) > 1
+        for row in self.conditions:
+            state = "missed" if not row.holds else "active" if row.is_active else "holds"
+            where = f" in run {row.run + 1}" if several else ""
+            lines.append(f"  {row.text}{where}: {state}, excess {row.excess:.3g}")
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return labelled(
+            "Design",
+            [
+                ("status", self.message),
+                *((name, f"{value:.8g}") for name, value in self.parameters.items()),
+                ("objective", f"{self.objective:.8g}"),
+            ],
+        )
+
+    def _repr_html_(self) -> str:
+        """Show values and conditions as tables in a notebook."""
+        conditions = [
+            (row.text, row.excess, "yes" if row.holds else "no", "yes" if row.is_active else "")
+            for row in self.conditions
+        ]
+        return block(
+            "Design",
+            paragraph(self.message),
+            table("", ["name", "value"], self.parameters.items(), n_rows=len(self.parameters)),
+            table(
+                "conditions",
+                ["condition", "excess", "holds", "active"],
+                conditions,
+                n_rows=len(conditions),
+            ),
+            paragraph(f"objective: {self.objective:.8g}"),
+        )

@@ -1,0 +1,227 @@
+"""Objective and conditions at values of what is varied, by runs of a model, with gradients."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from cotree.design.goals import Formula, check_times
+from cotree.design.peaks import CoarseError, peak
+from cotree.errors import Error, SolveError
+from cotree.quiet import without_warnings
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cotree.compiled import Model
+    from cotree.design.goals import Goals, Quantity
+    from cotree.model.arrays import Array
+    from cotree.results import Result
+
+#: Numbers of even times among which peaks are looked for, one after the other.
+_TIMES = (801, 12801)
+
+#: A trial that takes so many times the steps of runs before, and so many at least, is given up:
+#: next to points where a mechanism locks, steps shrink without end.
+_STEPS, _FEWEST_STEPS = 50, 2000
+
+#: Of a run that ends early these do not depend on its end.
+_EARLY = ("start", "at", "time")
+
+
+class Point(NamedTuple):
+    """The goals at one point, of scaled values.
+
+    Attributes
+    ----------
+    objective : float
+        To be least; the mean over runs.
+    gradient : ndarray, shape (n_over,)
+        Its derivatives by what is varied.
+    conditions : ndarray, shape (n_runs * n_conditions,)
+        Excesses of the conditions, run by run.
+    slopes : ndarray, shape (n_runs * n_conditions, n_over)
+        Their derivatives.
+    """
+
+    objective: float
+    gradient: Array
+    conditions: Array
+    slopes: Array
+
+
+@dataclass(frozen=True)
+class Run:
+    """One scenario: what its run is given besides what is varied.
+
+    Attributes
+    ----------
+    parameters, initial, inputs : mapping
+        As of :meth:`cotree.Model.simulate`.
+    t_span : (float, float)
+        Start and end, [s].
+    """
+
+    parameters: Mapping[str, float]
+    initial: Mapping[str, float]
+    inputs: Mapping[str, Any]
+    t_span: tuple[float, float]
+
+
+class Evaluation:
+    """Evaluates goals.
+
+    Parameters
+    ----------
+    model : cotree.Model
+        The variant that gives all quantities; see :mod:`cotree.design.variant`.
+    goals : Goals
+        The goals.
+    names : mapping of Quantity to str
+        The output or event of each quantity.
+    over : sequence of str
+        What is varied, in the order of the model's sensitivities.
+    runs : sequence of Run
+        The scenarios.
+    settings : mapping
+        Further settings of the runs.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        goals: Goals,
+        names: Mapping[Quantity, str],
+        over: Sequence[str],
+        runs: Sequence[Run],
+        settings: Mapping[str, Any],
+    ) -> None:
+        self.model, self.goals, self.runs, self.over = model, goals, runs, tuple(over)
+        self._names, self._settings = names, dict(settings)
+        self.n_runs = 0
+        self._most_steps = 0
+        n = len(goals.quantities)
+        self._formulas = [
+            Formula(expression, n, over)
+            for expression in (goals.objective, *(row.excess for row in goals.conditions))
+        ]
+        for run in runs:
+            check_times(goals.quantities, run.t_span)
+
+    def split(self, values: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
+        """Split what is varied into parameters and initial values."""
+        parameters = {n: v for n, v in values.items() if n in self.model.parameters}
+        return parameters, {n: v for n, v in values.items() if n not in parameters}
+
+    def simulate(self, run: Run, values: Mapping[str, float], t_eval: Any = None) -> Result:
+        """Run a scenario; raise SolveError where it fails."""
+        parameters, initial = self.split(values)
+        self.n_runs += 1
+        budget: dict[str, Any] = {"max_steps": self._most_steps} if self._most_steps else {}
+        with without_warnings():  # what a trial warns of is nothing that the user did
+            result = self.model.simulate(
+                run.t_span,
+                t_eval,
+                parameters={**run.parameters, **parameters},
+                initial={**run.initial, **initial},
+                inputs=run.inputs,
+                throw=True,
+                **budget,
+                **self._settings,
+            )
+        steps = max(_STEPS * result.statistics.n_steps, _FEWEST_STEPS)
+        self._most_steps = max(self._most_steps, steps)
+        return result
+
+    def at(self, values: Mapping[str, float]) -> Point:
+        """Evaluate all goals.
+
+        Raises
+        ------
+        Error
+            If a run fails there, or a goal has no finite value.
+        """
+        found = [self._of_run(run, values) for run in self.runs]
+        objectives = [rows[0] for rows in found]
+        conditions = [row for rows in found for row in rows[1:]]
+        n = len(self.over)
+        return Point(
+            float(np.mean([value for value, _ in objectives])),
+            np.mean([slope for _, slope in objectives], axis=0),
+            np.array([value for value, _ in conditions]),
+            np.array([slope for _, slope in conditions]).reshape(-1, n),
+        )
+
+    def _of_run(self, run: Run, values: Mapping[str, float]) -> list[tuple[float, Array]]:
+        """Evaluate all formulas with the quantities of one run."""
+        quantities, slopes = self._quantities(run, values)
+        n, found = len(self.goals.quantities), []
+        numbers = [*quantities, *(values[name] for name in self.over)]
+        texts = ["minimise", *(f"'{row.text}'" for row in self.goals.conditions)]
+        for text, formula in zip(texts, self._formulas, strict=True):
+            value, partial = formula.value(numbers)
+            # By quantities that follow what is varied, and by what is varied itself.
+            total = np.array(partial[n:]) + np.array(partial[:n]) @ slopes
+            if not (math.isfinite(value) and np.all(np.isfinite(total))):
+                raise SolveError(f"{text} has no finite value or derivative")
+            found.append((value, total))
+        return found
+
+    def _quantities(self, run: Run, values: Mapping[str, float]) -> tuple[list[float], Array]:
+        """Evaluate the quantities of one run, and their derivatives by what is varied."""
+        wanted = self.goals.quantities
+        if not wanted:
+            return [], np.zeros((0, len(self.over)))
+        has_peaks = any(row.kind in ("maximum", "minimum") for row in wanted)
+        for n_times in _TIMES if has_peaks else (2,):
+            times = [*np.linspace(*run.t_span, n_times), *(q.t for q in wanted if q.kind == "at")]
+            result = self.simulate(run, values, np.unique(times))
+            grid = np.linspace(*run.t_span, n_times)
+            try:
+                rows = [self._quantity(q, result, run, grid) for q in wanted]
+            except CoarseError:
+                if n_times == _TIMES[-1]:
+                    raise
+                continue
+            break
+        return [value for value, _ in rows], np.array([slope for _, slope in rows])
+
+    def _quantity(
+        self, quantity: Quantity, result: Result, run: Run, grid: Array
+    ) -> tuple[float, Array]:
+        name, kind = self._names[quantity], quantity.kind
+        if kind == "time":
+            event = result.events[name]
+            if not event.t.size:
+                raise SolveError(f"event '{name}' does not happen")
+            return float(event.t[0]), event.s[:, 0]
+        end = result.t[-1]
+        if end != run.t_span[1] and (kind not in _EARLY or quantity.t > end):
+            raise SolveError(
+                f"an event ends the run at t = {end:.6g}, and {kind}({quantity.text}) would move "
+                "with that time: use time(event), or let the event not stop"
+            )
+        i = result.outputs.index(name)
+        value, slopes = result.output_values[i], result.output_sensitivities[i]
+        if kind in ("maximum", "minimum"):
+            sign = 1.0 if kind == "maximum" else -1.0
+            own = np.isin(result.t, grid)
+            events = np.concatenate([np.zeros(0), *(row.t for row in result.events.values())])
+            top, slope = peak(result.t[own], sign * value[own], sign * slopes[:, own], events)
+            return sign * top, sign * slope
+        time = {"at": quantity.t, "start": run.t_span[0]}.get(kind, end)
+        # At an event there are two values, of which the last one is that after it.
+        at = int(np.flatnonzero(result.t == time)[-1])
+        share = 1.0 / (run.t_span[1] - run.t_span[0]) if kind == "mean" else 1.0
+        return share * float(value[at]), share * slopes[:, at]
+
+
+def trial(evaluation: Evaluation, values: Mapping[str, float]) -> Point | Error:
+    """Evaluate goals, or say why they have no value."""
+    try:
+        return evaluation.at(values)
+    except Error as error:
+        return error

@@ -1,0 +1,319 @@
+"""``cotree.optimise``: parameters of a scene by which runs come out best."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cotree.design.design import ConditionValue, Design
+from cotree.design.evaluation import Evaluation, Run
+from cotree.design.goals import Goals
+from cotree.design.scales import drawn_starts, read_scales
+from cotree.design.search import MET, OPTIMAL, Search, check_method
+from cotree.design.variant import scene_of, variant_of
+from cotree.errors import Error, ParameterError, SolveError, brief, listed, nearest
+from cotree.model.start import scene_start
+
+if TYPE_CHECKING:
+    from cotree.api import Model, Scene
+    from cotree.design.evaluation import Point
+    from cotree.design.scales import Scale
+    from cotree.scene.description import SceneDescription
+
+#: Fields of a scenario.
+_OF_RUN = ("parameters", "initial", "inputs", "t_span")
+
+
+def optimise(
+    system: Model | Scene,
+    minimise: str,
+    over: Mapping[str, tuple[float, float] | tuple[float, float, str]],
+    subject_to: Sequence[str] | str = (),
+    *,
+    t_span: tuple[float, float] | None = None,
+    parameters: Mapping[str, float] | None = None,
+    initial: Mapping[str, float] | None = None,
+    inputs: Mapping[str, Any] | None = None,
+    runs: Sequence[Mapping[str, Any]] | None = None,
+    guess: Mapping[str, float] | None = None,
+    starts: int = 1,
+    seed: int | None = 0,
+    method: str = "slsqp",
+    tolerance: float = 1e-12,
+    max_iterations: int = 200,
+    solver: str | None = None,
+    rtol: float | None = None,
+    atol: float | None = None,
+    max_step: float | None = None,
+) -> Design:
+    """Choose parameters such that an objective is least and conditions hold.
+
+    Goals are texts in the grammar of expressions. A name stands for a parameter that is varied, or
+    for the value of anything else at the end of the run. ``end(x)`` says the latter aloud,
+    ``start(x)`` and ``at(2.0, x)`` are values at other times, ``integral(x)`` and ``mean(x)`` are
+    over the run, ``maximum(x)`` and ``minimum(x)`` are extremes over time, and ``time(EVENT)`` is
+    when an event first happens. ``x`` is any expression of states, outputs, inputs, parameters and
+    ``t``. Gradients are exact: the scene is compiled once with what goals ask for, and its
+    sensitivities are integrated with the states.
+
+    Parameters
+    ----------
+    system : cotree.Model or cotree.Scene
+        The system. Of a model its tree and compiler options are taken.
+    minimise : str
+        The objective. What is to be large is minimised with a minus sign.
+    over : mapping of str to (lower, upper) or (lower, upper, "log")
+        Bounds of what is varied: parameters, and states whose initial value is meant.
+    subject_to : sequence of str
+        Conditions with ``<=``, ``>=`` or ``==``, such as ``"maximum(P) <= 40"``, ``"L + d <= 3"``.
+    t_span : (float, float), optional
+        Start and end of the runs, [s]; the scene's end where absent.
+    parameters, initial, inputs : mapping, optional
+        Values that all runs have; as of :meth:`cotree.Model.simulate`.
+    runs : sequence of mapping, optional
+        Several scenarios, each with ``parameters``, ``initial``, ``inputs`` and ``t_span`` of its
+        own. The objective is the mean over them, and conditions hold in each.
+    guess : mapping of str to float, optional
+        Where the search begins; the scene's values where absent, or the middle of the bounds where
+        these are outside.
+    starts : int
+        Number of searches: the first begins at the guess, others at points of a Latin hypercube.
+    seed : int
+        Of these points.
+    method : {"slsqp", "trust-constr"}
+        SciPy's method.
+    tolerance : float
+        Changes of the objective, as a share of its size, at which the search ends.
+    max_iterations : int
+        The most iterations of a search.
+    solver, rtol, atol, max_step
+        Method and tolerances of the runs; as of :meth:`cotree.Model.simulate`.
+
+    Returns
+    -------
+    Design
+        ``parameters``, ``objective``, ``conditions``, ``message``, ``history`` and the ``result``
+        of the best run.
+
+    Raises
+    ------
+    ModelError
+        If a name is unknown, a goal is not accepted, or bounds make no sense.
+    SolveError
+        If the run fails at every start.
+
+    Examples
+    --------
+    >>> import cotree
+    >>> scene = cotree.Scene("damper")
+    >>> scene.parameter("c", 3.0)
+    >>> joint = {"axis": [1, 0, 0], "stiffness": 60.0, "damping": "c", "initial": {"s": 1.0}}
+    >>> scene.edge("j", "prismatic", "ground", "A", **joint)
+    >>> scene.edge("body", "rigid_body", "ground", "A", mass=1.5)
+    >>> best = cotree.optimise(scene, "integral(j.s**2)", {"c": (1, 50)}, t_span=(0, 40))
+    >>> round(best["c"], 3)  # the closed form is sqrt(k m)
+    9.487
+    """
+    described, way = scene_of(system), check_method(method)
+    texts = (subject_to,) if isinstance(subject_to, str) else tuple(subject_to)
+    names = list(over) if isinstance(over, Mapping) else []
+    for name in names:
+        # States have a dot; which there are is known where the scene is compiled.
+        if "." not in str(name) and name not in described.parameters:
+            raise ParameterError(
+                f"over names '{brief(name)}', which is no parameter of the scene"
+                f"{nearest(name, described.parameters)}"
+            )
+    goals = Goals(minimise, texts, [n for n in names if n in described.parameters])
+    read_scales(dict(over) if isinstance(over, Mapping) else over, {}, guess or {})
+    model, found = variant_of(system, described, goals.quantities, names)
+    common = Run(
+        dict(parameters or {}), dict(initial or {}), dict(inputs or {}), _span(described, t_span)
+    )
+    settings = {"method": solver, "rtol": rtol, "atol": atol, "max_step": max_step}
+    evaluation = Evaluation(model, goals, found, names, _scenarios(common, runs, names), settings)
+    scales = read_scales(dict(over), _known(model, common), guess or {})
+    _check_reach(evaluation)
+    searches: list[Search] = []
+    ends, failures = [], []
+    for start in drawn_starts(scales, starts, seed):
+        search = Search(evaluation, scales)
+        try:
+            if not searches:
+                _check_objective(search, start, scales)
+            ends.append(search.run(start, way, tolerance, max_iterations))
+        except ParameterError:
+            raise
+        except Error as error:
+            failures.append(str(error))
+            continue
+        searches.append(search)
+    if not searches:
+        raise SolveError(
+            f"the run fails at the start: {failures[0]}; give another guess, narrower bounds, or "
+            "more starts"
+        )
+    order = sorted(range(len(searches)), key=lambda i: searches[i].rank)
+    return _design(evaluation, searches, order[0], ends[order[0]], len(failures))
+
+
+def _span(scene: SceneDescription, t_span: tuple[float, float] | None) -> tuple[float, float]:
+    if t_span is None:
+        return (0.0, float(scene.defaults.t_end))
+    try:
+        start, end = (float(t) for t in t_span)
+    except (TypeError, ValueError):
+        raise ParameterError(f"t_span is {brief(repr(t_span))}: give two times") from None
+    if not start < end:
+        raise ParameterError(f"t_span goes from {start:g} to {end:g}: the end must be later")
+    return (start, end)
+
+
+def _scenarios(
+    common: Run, runs: Sequence[Mapping[str, Any]] | None, names: Sequence[str]
+) -> list[Run]:
+    """Join what all runs have with what each has."""
+    found = []
+    for i, own in enumerate([{}] if runs is None else runs):
+        if not isinstance(own, Mapping) or not set(own) <= set(_OF_RUN):
+            raise ParameterError(f"run {i + 1} must be a mapping with {listed(_OF_RUN)}")
+        span = common.t_span if "t_span" not in own else tuple(float(t) for t in own["t_span"])
+        found.append(
+            Run(
+                {**common.parameters, **own.get("parameters", {})},
+                {**common.initial, **own.get("initial", {})},
+                {**common.inputs, **own.get("inputs", {})},
+                span,  # type: ignore[arg-type]
+            )
+        )
+    if not found:
+        raise ParameterError("runs is empty: give at least one scenario")
+    for run in found:
+        for name in names:
+            if name in run.parameters or name in run.initial:
+                raise ParameterError(f"'{name}' is varied and given to a run: it is either")
+    return found
+
+
+def _known(model: Model, common: Run) -> dict[str, float]:
+    """Give the values of parameters and the initial values of states in the scene."""
+    known = dict(zip(model.parameters, map(float, model.default_parameters), strict=True))
+    try:
+        start = scene_start(model).y
+    except Error:  # the scene's own values need not be a design
+        start = model.initial(model.default_parameters)
+    known |= dict(zip(model.states, map(float, start), strict=True))
+    return {**known, **common.parameters, **common.initial}
+
+
+def _check_reach(evaluation: Evaluation) -> None:
+    """Refuse names that no goal can depend on."""
+    model, goals = evaluation.model, evaluation.goals
+    written = goals.objective.names.union(*(row.excess.names for row in goals.conditions))
+    for name in model.unreached:
+        if name in evaluation.over and name not in written:
+            raise ParameterError(
+                f"nothing depends on '{name}': leave it out of over, or use it in the scene"
+            )
+
+
+def _check_objective(search: Search, start: Any, scales: Sequence[Scale]) -> None:
+    """Refuse an objective that what is varied does not change."""
+    found = search.point(start)
+    if isinstance(found, Error) or np.any(found.gradient):
+        return
+    # Of a start at an optimum the gradient vanishes, too: a second point decides.
+    aside = search.point(np.asarray(start) * 0.9 + 0.037)
+    if not isinstance(aside, Error) and not np.any(aside.gradient):
+        names = listed(f"'{scale.name}'" for scale in scales)
+        raise ParameterError(
+            f"the objective does not change with {names}: vary something that it depends on, or "
+            "minimise something else"
+        )
+
+
+def _design(
+    evaluation: Evaluation, searches: Sequence[Search], best: int, end: Any, n_failed: int
+) -> Design:
+    """Describe the best point of all searches."""
+    search = searches[best]
+    at = search.best
+    assert at is not None
+    point = search.known(at)
+    optimality = search.optimality(at)
+    values = search.values(at)
+    conditions = _conditions(evaluation, search, point)
+    holds = all(row.holds for row in conditions)
+    is_optimal = optimality <= OPTIMAL
+    results = tuple(evaluation.simulate(run, values) for run in evaluation.runs)
+    return Design(
+        parameters=values,
+        objective=point.objective,
+        conditions=conditions,
+        success=holds and is_optimal,
+        message=_message(search, values, conditions, end, is_optimal=is_optimal),
+        optimality=optimality,
+        history=tuple(row for one in searches for row in one.history),
+        starts=(*(one.rank[1] for one in searches), *([float("nan")] * n_failed)),
+        results=results,
+        model=evaluation.model,
+        n_runs=evaluation.n_runs,
+    )
+
+
+def _conditions(evaluation: Evaluation, search: Search, point: Point) -> tuple[ConditionValue, ...]:
+    rows = evaluation.goals.conditions
+    found = []
+    for i, excess in enumerate(point.conditions):
+        row, run = rows[i % len(rows)], i // len(rows)
+        missed = abs(excess) if search.equalities[i] else excess
+        found.append(
+            ConditionValue(
+                row.text, run, float(excess), missed <= MET, abs(excess) <= MET, row.is_equality
+            )
+        )
+    return tuple(found)
+
+
+def _message(
+    search: Search,
+    values: Mapping[str, float],
+    conditions: Sequence[ConditionValue],
+    end: Any,
+    *,
+    is_optimal: bool,
+) -> str:
+    """Say how the search ended."""
+    work = f"after {end.nit} iterations and {search.evaluation.n_runs} runs"
+    missed = [row for row in conditions if not row.holds]
+    if missed:
+        worst = max(missed, key=lambda row: abs(row.excess))
+        said = (
+            f"No point was found at which '{worst.text}' holds, {work}: it is missed by "
+            f"{abs(worst.excess):.4g} at best."
+        )
+    elif is_optimal:
+        said = f"Converged {work}."
+    else:
+        reason = str(end.message).strip().rstrip(".")
+        said = (
+            f"Stopped {work} before the objective was least ({reason}): try another guess, more "
+            "starts, tighter tolerances of the runs, or the other method."
+        )
+    at_bound = [
+        f"{scale.name} is at its {which} bound"
+        for scale in search.scales
+        for which, bound in (("lower", scale.low), ("upper", scale.high))
+        if abs(scale.scaled(values[scale.name]) - scale.scaled(bound)) <= MET
+    ]
+    active = [
+        f"'{row.text}' holds with equality"
+        for row in conditions
+        if row.is_active and not row.is_equality
+    ]
+    notes = [*at_bound, *dict.fromkeys(active)]
+    failed = sum(bool(row.reason) for row in search.history)
+    said += f" {listed(notes)}." if notes else ""
+    return said + (f" {failed} trials whose run failed were stepped back from." if failed else "")

@@ -1,0 +1,165 @@
+"""Varied quantities, on scales from zero to one between their bounds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cotree.errors import ParameterError, brief
+from cotree.scene.expressions import check_number
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cotree.model.arrays import Array
+
+
+@dataclass(frozen=True)
+class Scale:
+    """One number that is varied.
+
+    Attributes
+    ----------
+    name : str
+        A parameter, or a state whose initial value is meant.
+    low, high : float
+        Bounds; infinite for none.
+    is_log : bool
+        Whether equal steps multiply it.
+    start : float
+        Where the search begins.
+    """
+
+    name: str
+    low: float
+    high: float
+    is_log: bool
+    start: float
+
+    @property
+    def _span(self) -> tuple[float, float]:
+        """Origin and unit of the scale, of logarithms where it is logarithmic."""
+        low, high, start = (self._plain(x) for x in (self.low, self.high, self.start))
+        if math.isfinite(low) and math.isfinite(high):
+            return low, high - low
+        return start, abs(start) or 1.0
+
+    def _plain(self, value: float) -> float:
+        if not self.is_log:
+            return value
+        return math.log(value) if 0.0 < value < math.inf else math.copysign(math.inf, value - 1.0)
+
+    def scaled(self, value: float) -> float:
+        """Put a value on the scale."""
+        origin, unit = self._span
+        return (self._plain(value) - origin) / unit
+
+    def value(self, v: float) -> float:
+        """Give the value at a place of the scale, within the bounds."""
+        origin, unit = self._span
+        plain = origin + unit * v
+        found = math.exp(min(plain, 700.0)) if self.is_log else plain
+        return min(max(found, self.low), self.high)
+
+    def slope(self, value: float) -> float:
+        """Give the derivative of the value by its place on the scale."""
+        return self._span[1] * (value if self.is_log else 1.0)
+
+
+def read_scales(
+    over: Mapping[str, Any], known: Mapping[str, float], guess: Mapping[str, float]
+) -> list[Scale]:
+    """Read bounds, scales and starts.
+
+    Parameters
+    ----------
+    over : mapping of str to (lower, upper) or (lower, upper, "log")
+        Bounds by name.
+    known : mapping of str to float
+        The scene's values, where searches begin.
+    guess : mapping of str to float
+        Values in place of these.
+
+    Raises
+    ------
+    ParameterError
+        If bounds make no sense, or a start is outside of them.
+    """
+    if not isinstance(over, dict) or not over:
+        raise ParameterError(
+            'over must map names to bounds, as in over={"L": (0.5, 2), "k": (1, 1e3, "log")}'
+        )
+    for name in guess:
+        if name not in over:
+            raise ParameterError(f"guess names '{brief(name)}', which is not among over")
+    return [_read(name, bounds, known, guess) for name, bounds in over.items()]
+
+
+def _read(name: str, bounds: Any, known: Mapping[str, float], guess: Mapping[str, float]) -> Scale:
+    what = f"over of '{brief(name)}'"
+    if not isinstance(bounds, (tuple, list)) or len(bounds) not in (2, 3):
+        raise ParameterError(
+            f'{what} is {brief(repr(bounds))}: give (lower, upper) or (lower, upper, "log")'
+        )
+    kind = bounds[2] if len(bounds) == 3 else "linear"
+    if kind not in ("linear", "log"):
+        raise ParameterError(f"{what} has the scale {brief(repr(kind))}: 'linear' or 'log'")
+    low, high = (_bound(value, what) for value in bounds[:2])
+    if not low < high:
+        raise ParameterError(
+            f"{what} goes from {low:g} to {high:g}: the lower bound must be below the upper one"
+        )
+    is_log = kind == "log"
+    if is_log and low <= 0.0:
+        raise ParameterError(f"{what} is logarithmic from {low:g} on: give a positive lower bound")
+    if name in guess:
+        start = check_number(guess[name], f"the guess of '{name}'")
+        if not low <= start <= high:
+            raise ParameterError(
+                f"the guess of '{name}' is {start:g}, outside of its bounds {low:g} to {high:g}"
+            )
+    else:
+        start = known.get(name, math.nan)
+        if not low <= start <= high:  # the scene's value is another design: begin in the middle
+            start = _middle(low, high, is_log=is_log)
+    return Scale(name, low, high, is_log, start)
+
+
+def _bound(value: Any, what: str) -> float:
+    if isinstance(value, (int, float)) and not isinstance(value, bool) and math.isinf(value):
+        return float(value)
+    return check_number(value, what)
+
+
+def _middle(low: float, high: float, *, is_log: bool) -> float:
+    if not math.isfinite(low) or not math.isfinite(high):
+        return low if math.isfinite(low) else high if math.isfinite(high) else 0.0
+    return math.sqrt(low * high) if is_log else 0.5 * (low + high)
+
+
+def drawn_starts(scales: Sequence[Scale], starts: int, seed: int | None) -> list[Array]:
+    """Give the places where searches begin: the first is the guess, the others are drawn.
+
+    Raises
+    ------
+    ParameterError
+        If there are to be others, and something has no bounds.
+    """
+    first = np.array([scale.scaled(scale.start) for scale in scales])
+    if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
+        raise ParameterError(f"starts is {brief(repr(starts))}: give a whole number from 1 on")
+    if starts == 1:
+        return [first]
+    for scale in scales:
+        if not (math.isfinite(scale.low) and math.isfinite(scale.high)):
+            raise ParameterError(
+                f"starts are drawn between bounds, and '{scale.name}' has none: give both"
+            )
+    from scipy.stats import qmc
+
+    # A Latin hypercube spreads few points well in every direction.
+    rows = qmc.LatinHypercube(len(scales), seed=seed).random(starts - 1)
+    return [first, *rows]

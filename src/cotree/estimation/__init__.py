@@ -1,0 +1,1 @@
+"""Estimation: from measurements to parameters, their intervals and the next measurement."""

@@ -1,0 +1,238 @@
+"""Bands about predictions: how far the uncertainty of estimates reaches into what a model computes.
+
+In: estimates with their covariance. Out: any state or output over time with its standard error. By
+the delta method that follows from exact sensitivities, y' C y'; by draws from the normal
+distribution of the estimates it takes the bend of the model into account.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.errors import ParameterError, nearest
+from cotree.estimation.conditions import Measured, spread
+from cotree.estimation.problem import Problem
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cotree.estimation.conditions import Condition
+    from cotree.estimation.likelihood import Predictions
+    from cotree.estimation.uncertainty import Uncertainty
+
+Array = npt.NDArray[np.float64]
+
+# Points of a band whose times are not given.
+_POINTS = 201
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """A predicted quantity over time, and the interval that it lies in.
+
+    Attributes
+    ----------
+    name, unit, condition : str
+        The quantity, its unit, and the experiment.
+    t : ndarray, shape (n,)
+        Times, [s].
+    value : ndarray, shape (n,)
+        The quantity at the estimates.
+    error : ndarray, shape (n,)
+        Its standard errors; infinite where it depends on what is not determined.
+    lower, upper : ndarray, shape (n,)
+        Ends of the interval at each time.
+    level : float
+        Level of confidence, of each time on its own.
+    with_noise : bool
+        Whether it is to hold a further measurement, not only the true value.
+    """
+
+    name: str
+    unit: str
+    condition: str
+    t: Array
+    value: Array
+    error: Array
+    lower: Array
+    upper: Array
+    level: float
+    with_noise: bool
+
+    def __repr__(self) -> str:
+        return f"<Band of {self.name} at {len(self.t)} times, {100 * self.level:g} %>"
+
+    def to_dataframe(self) -> Any:
+        """Return a pandas DataFrame with the columns t, value, error, lower and upper."""
+        from cotree.estimation.report import frame
+
+        names = ("t", "value", "error", "lower", "upper")
+        rows = zip(*(getattr(self, name).tolist() for name in names), strict=True)
+        return frame([dict(zip(names, row, strict=True)) for row in rows])
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw value and interval over time."""
+        from cotree.plot.fits import Course, draw_courses
+
+        return draw_courses([course_of(self, Course)], ax=ax)
+
+
+def course_of(band: Band, make: Any, **points: Any) -> Any:
+    """Give a band in the form that pictures take."""
+    return make(
+        title=band.condition, name=band.name, unit=band.unit, t=band.t, value=band.value,
+        lower=band.lower, upper=band.upper, level=band.level, **points,
+    )  # fmt: skip
+
+
+def find_condition(problem: Problem, given: int | str) -> int:
+    """Find a condition by its number or its name.
+
+    Raises
+    ------
+    ParameterError
+        If there is none.
+    """
+    names = [condition.name for condition in problem.conditions]
+    if isinstance(given, str):
+        if given not in names:
+            raise ParameterError(f"there is no experiment '{given}'{nearest(given, names)}")
+        return names.index(given)
+    if not 0 <= given < len(names):
+        raise ParameterError(f"there are experiments 0 to {len(names) - 1}, but no {given}")
+    return int(given)
+
+
+def at_times(
+    problem: Problem,
+    condition: Condition,
+    output: str,
+    t: Array,
+    noise: str | float = 1.0,
+    transformation: str = "lin",
+) -> Problem:
+    """Make a problem that predicts one quantity at some times."""
+    n = len(t)
+    rows = Measured(
+        np.zeros(n, dtype=np.intp), t, [output] * n, np.ones(n), [noise] * n, transformation
+    )
+    return Problem(problem.estimated, [condition], rows, problem.accuracy)
+
+
+def measured_like(problem: Problem, number: int, output: str) -> int | None:
+    """Find a measured row of a quantity, of this condition if there is one; None if there is none.
+
+    Noise and transformation of further values are taken from it.
+    """
+    own = [i for i, name in enumerate(problem.measured.observable) if name == output]
+    here = [i for i in own if problem.measured.condition[i] == number]
+    return (here or own or [None])[0]  # type: ignore[list-item]
+
+
+def noise_like(problem: Problem, output: str, row: int | None) -> str | float:
+    """Give the noise of further values, that of a measured row.
+
+    Raises
+    ------
+    ParameterError
+        If the quantity was not measured.
+    """
+    if row is None:
+        raise ParameterError(
+            f"'{output}' was not measured, so that its noise is not known: give the standard "
+            "deviation of its noise"
+        )
+    return problem.measured.noise[row]
+
+
+def band_of(
+    problem: Problem,
+    theta: Array,
+    found: Uncertainty,
+    output: str,
+    t: Any = None,
+    *,
+    condition: int | str = 0,
+    level: float = 0.95,
+    noise: bool | float | str = False,
+    draws: int = 0,
+    seed: int = 0,
+) -> Band:
+    """Predict a quantity with its interval; see :meth:`FitResult.bands`."""
+    number = find_condition(problem, condition)
+    own = problem.conditions[number]
+    known = (*own.model.states, *own.model.outputs)
+    if output not in known:
+        raise ParameterError(f"the model has no state or output '{output}'{nearest(output, known)}")
+    if t is None:
+        times = problem.measured.t[problem.measured.condition == number]
+        end = float(times.max()) if times.size else own.t_start + 1.0
+        t = np.linspace(own.t_start, end, _POINTS)
+    t = np.atleast_1d(np.asarray(t, dtype=float))
+    row = measured_like(problem, number, output)
+    deviation: str | float = 1.0
+    if noise is not False:
+        deviation = noise_like(problem, output, row) if noise is True else noise
+    kind = (
+        "lin"
+        if row is None
+        else spread(problem.measured.transformation, len(problem.measured))[row]
+    )
+    at = at_times(problem, own, output, t, deviation, kind)
+    (there,) = at.predict([theta])
+    if there.message:
+        raise ParameterError(f"'{output}' cannot be predicted: {there.message}")
+    middle = at.likelihood.transformed(there.values)
+    # Rows of information are slopes over sigma, on the scale on which noise is added.
+    slopes = at.likelihood.fisher_rows(there)[: len(t)] * there.sigma[:, None]
+    errors = found.error_along(slopes)
+    total = np.hypot(errors, there.sigma) if noise is not False else errors
+    if draws:
+        drawn = _draw(at, theta, found, draws, seed, noise=noise is not False)
+        # Nothing is drawn along what is not determined.
+        drawn = np.where(np.isfinite(errors), drawn, [[np.nan]])
+        tail = 0.5 * (1.0 - level)
+        low, high = np.quantile(drawn, [tail, 1.0 - tail], axis=0)
+        low, high = (
+            np.where(np.isfinite(errors), *pair) for pair in ((low, -np.inf), (high, np.inf))
+        )
+    else:
+        reach = found.quantile(level) * total
+        low, high = middle - reach, middle + reach
+    lower, upper = (_back(kind, values) for values in (low, high))
+    unit = own.model.layout.units.get(output, "")
+    scale = np.abs(there.values) * (np.log(10.0) if kind == "log10" else 1.0)
+    in_units = errors if kind == "lin" else errors * scale
+    return Band(
+        output, unit, own.name, t, there.values, in_units, lower, upper, level, noise is not False
+    )
+
+
+def _back(transformation: str, values: Array) -> Array:
+    """Undo the transformation of values."""
+    if transformation == "lin":
+        return values
+    with np.errstate(over="ignore"):
+        return np.asarray(np.exp(values * (np.log(10.0) if transformation == "log10" else 1.0)))
+
+
+def _draw(
+    at: Problem, theta: Array, found: Uncertainty, n: int, seed: int, *, noise: bool
+) -> Array:
+    """Predict for draws from the distribution of the estimates, in one call of the engine."""
+    random = np.random.default_rng(seed)
+    thetas = theta + random.standard_normal((n, found.root.shape[1])) @ found.root.T
+    thetas = np.clip(thetas, at.scaled.lower, at.scaled.upper)
+    runs: Sequence[Predictions] = at.predict(thetas, slopes=False)
+    rows = [at.likelihood.transformed(run.values) for run in runs if not run.message]
+    if not rows:
+        raise ParameterError(f"none of {n} draws could be run: {runs[0].message}")
+    drawn = np.array(rows)
+    if noise:
+        sigma = np.array([run.sigma for run in runs if not run.message])
+        drawn = drawn + sigma * random.standard_normal(drawn.shape)
+    return drawn

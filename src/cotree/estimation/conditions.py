@@ -1,0 +1,190 @@
+"""Conditions of an estimation problem, and what was measured in them.
+
+A condition is a run of a compiled model, some of whose parameters and initial values are estimated.
+Whatever is compared with measurements is a state or an output of that model, and so is its standard
+deviation where it is no number: derivatives of all of them come from the compiled sensitivities.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.errors import ParameterError, nearest
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cotree.compiled import Model
+
+Array = npt.NDArray[np.float64]
+
+#: Transformations under which measured and computed values are compared.
+TRANSFORMATIONS = ("lin", "log", "log10")
+
+#: Distributions of the difference, with the standard deviation, or the scale, of ``noise``.
+DISTRIBUTIONS = ("normal", "laplace")
+
+
+@dataclass(frozen=True, eq=False)
+class Condition:
+    """A run whose outcome was measured.
+
+    Attributes
+    ----------
+    name : str
+        Its name, for people.
+    model : Model
+        Compiled with sensitivities to all of its parameters and initial values that are estimated.
+    parameters : mapping of str to str or float
+        What parameters of the model are: the name of an estimated parameter, or a number. Those
+        that are not named have the model's value.
+    initial : mapping of str to str or float
+        The same of initial values of states.
+    inputs : mapping of str to object
+        Inputs in place of the scene's: numbers and tables, as of ``simulate``.
+    t_start : float
+        Where the run begins, [s].
+    before : Condition or None
+        A run to the steady state, at which this one begins; of the same model, without measurements
+        and without ``before``. States named in ``initial`` begin at what that says.
+    """
+
+    name: str
+    model: Model
+    parameters: Mapping[str, str | float] = field(default_factory=dict)
+    initial: Mapping[str, str | float] = field(default_factory=dict)
+    inputs: Mapping[str, Any] = field(default_factory=dict)
+    t_start: float = 0.0
+    before: Condition | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """Measured values, one row each, in any order.
+
+    Attributes
+    ----------
+    condition : ndarray of int, shape (n,)
+        Number of the condition of each.
+    t : ndarray, shape (n,)
+        Times, [s], not before the start of the condition.
+    observable : sequence of str, n
+        The state or output that was measured.
+    value : ndarray, shape (n,)
+        Measured values, finite; on the scale of the observable, not transformed.
+    noise : sequence of str or float, n
+        Standard deviations of the transformed values (scales of Laplace distributions): a positive
+        number, a state or an output of the model, or else an estimated parameter, which the model
+        need not have.
+    transformation : sequence of str, n
+        Each one of ``TRANSFORMATIONS``; a single one counts for all.
+    distribution : sequence of str, n
+        Each one of ``DISTRIBUTIONS``; a single one counts for all.
+    """
+
+    condition: npt.NDArray[np.intp]
+    t: Array
+    observable: Sequence[str]
+    value: Array
+    noise: Sequence[str | float]
+    transformation: Sequence[str] | str = "lin"
+    distribution: Sequence[str] | str = "normal"
+
+    def __len__(self) -> int:
+        return len(self.value)
+
+
+def check_condition(condition: Condition, estimated: Sequence[str]) -> None:
+    """Refuse a condition that names what is not there.
+
+    Raises
+    ------
+    ParameterError
+        For an unknown parameter, state or estimated name, and for an estimated one to which the
+        model was compiled without a sensitivity.
+    """
+    model, what = condition.model, f"condition '{condition.name}'"
+    for kind, given, known in (
+        ("parameter", condition.parameters, model.parameters),
+        ("state", condition.initial, model.states),
+    ):
+        for name, value in given.items():
+            if name not in known:
+                raise ParameterError(
+                    f"{what} sets '{name}', but the model has no such {kind}{nearest(name, known)}"
+                )
+            if not isinstance(value, str):
+                continue
+            if value not in estimated:
+                raise ParameterError(
+                    f"{what} lets '{name}' be '{value}', which is not estimated"
+                    f"{nearest(value, estimated)}"
+                )
+            if name not in model.sensitivities:
+                raise ParameterError(
+                    f"{what} estimates '{name}', to which the model was compiled without a "
+                    "sensitivity"
+                )
+
+
+def check_measured(
+    measured: Measured, conditions: Sequence[Condition], estimated: Sequence[str]
+) -> None:
+    """Refuse measured rows that make no sense.
+
+    Raises
+    ------
+    ParameterError
+        For lengths that differ, values that are not finite, times before the start, names that
+        the model does not have, and wrong transformations, distributions and deviations.
+    """
+    n = len(measured)
+    columns = {
+        "condition": measured.condition,
+        "t": measured.t,
+        "observable": measured.observable,
+        "noise": measured.noise,
+        **{
+            name: values
+            for name in ("transformation", "distribution")
+            if not isinstance(values := getattr(measured, name), str)
+        },
+    }
+    for name, values in columns.items():
+        if len(values) != n:
+            raise ParameterError(f"{n} values were measured, but '{name}' has {len(values)} rows")
+    for name, allowed in (("transformation", TRANSFORMATIONS), ("distribution", DISTRIBUTIONS)):
+        for value in spread(getattr(measured, name), n):
+            if value not in allowed:
+                listed = ", ".join(map(repr, allowed))
+                raise ParameterError(f"the {name} of a measured value is '{value}': give {listed}")
+    logs = spread(measured.transformation, n)
+    for i in range(n):
+        condition, t = conditions[int(measured.condition[i])], float(measured.t[i])
+        where = f"value {i} of '{measured.observable[i]}' in condition '{condition.name}'"
+        if not np.isfinite(measured.value[i]):
+            raise ParameterError(f"{where} is {measured.value[i]}: leave the row out")
+        if logs[i] != "lin" and not measured.value[i] > 0.0:
+            raise ParameterError(f"{where} is {measured.value[i]:g}, which has no logarithm")
+        if not (np.isfinite(t) and t >= condition.t_start):
+            raise ParameterError(
+                f"{where} is at t = {t:g}, but the run begins at t = {condition.t_start:g}"
+            )
+        noise, known = measured.noise[i], (*condition.model.states, *condition.model.outputs)
+        is_own = isinstance(noise, str) and noise not in estimated
+        for name in [measured.observable[i], *([str(noise)] if is_own else [])]:
+            if name not in known:
+                raise ParameterError(
+                    f"{where} needs '{name}', which the model does not have{nearest(name, known)}"
+                )
+        if not isinstance(noise, str) and not (np.isfinite(noise) and noise > 0.0):
+            raise ParameterError(f"{where} has the standard deviation {noise}: give a positive one")
+
+
+def spread(given: Sequence[str] | str, n: int) -> Sequence[str]:
+    """Give one entry for each row."""
+    return [given] * n if isinstance(given, str) else given

@@ -1,0 +1,300 @@
+"""Combinations of parameters that data determine, and those that they do not, in words.
+
+In: derivatives of what was measured, at the estimates and at points beside them. Out: directions
+along which parameters can change together and nothing that was measured does, and sentences. Of
+positive and negative values alike, directions are first looked at in relative changes, where a
+product of powers that alone is determined shows as whole numbers, then in absolute ones, where sums
+do. Either counts only if it is the same at the other points: near an estimate every surface looks
+like a plane.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cotree.estimation.likelihood import Predictions
+    from cotree.estimation.problem import Problem
+
+Array = npt.NDArray[np.float64]
+
+# Errors of values and sensitivities over a run, in multiples of the tolerances of its steps: those
+# of long oscillations add up to some hundred times these.
+_GROWN = 1e3
+
+# Exponents and coefficients are told from sensitivities that have some five digits, and no larger
+# ones than these are worth a name.
+_DIGITS, _LARGEST = 1e-3, 6
+
+# Entries of a direction below this share of the largest one are none.
+_NOTHING = 1e-4
+
+# Points beside the estimates, and the relative changes that lead to them.
+_N_BESIDE, _LEAST_BESIDE, _MOST_BESIDE = 3, 0.1, 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Split:
+    """Determined and undetermined directions at a point.
+
+    Attributes
+    ----------
+    sizes : ndarray, shape (n,)
+        The change of each parameter on its scale that counts as one: that by its own value, in
+        the first order.
+    values : ndarray, shape (n,)
+        The change of the value itself for the same.
+    open : ndarray, shape (n, n_open)
+        Directions that are not determined, in these units, orthonormal.
+    is_relative : ndarray of bool, shape (n,)
+        Whether the unit is the parameter's value, which may not be zero.
+    """
+
+    sizes: Array
+    values: Array
+    open: Array
+    is_relative: npt.NDArray[np.bool_]
+
+    @property
+    def is_open(self) -> npt.NDArray[np.bool_]:
+        """Whether each parameter takes part in a direction that is not determined."""
+        return np.asarray(np.any(np.abs(self.open) > _NOTHING, axis=1))
+
+
+def split(problem: Problem, theta: Array, found: Predictions, rows: Array) -> Split:
+    """Find the directions that rows of information do not determine.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was estimated.
+    theta : ndarray, shape (n,)
+        The point.
+    found : Predictions
+        What was computed there; their accuracy decides which changes can be told from none.
+    rows : ndarray, shape (n_rows, n)
+        Rows whose squares are the information there, by parameters on their scales.
+    """
+    accuracy = problem.accuracy
+    slopes, values = problem.scaled.slopes(theta), problem.scaled.values(theta)
+    is_relative = np.abs(values) > accuracy.atol
+    width = problem.scaled.upper - problem.scaled.lower
+    other = np.where(np.isfinite(width), width, 1.0)
+    units = np.where(is_relative, values, other)
+    sizes = units / np.where(slopes > 0.0, slopes, 1.0)
+    # A relative change of one moves predictions by more than their errors, or does nothing.
+    deviations = np.abs(found.values) * accuracy.rtol + accuracy.atol
+    slope = np.where(problem.likelihood.is_log, np.abs(found.values), 1.0)
+    blur = _GROWN * float(np.linalg.norm(deviations / (found.sigma * slope)))
+    return Split(sizes, units, _null(rows * sizes, _GROWN * accuracy.rtol, blur), is_relative)
+
+
+def _null(rows: Array, relative: float, blur: float) -> Array:
+    """Find directions that change no row by more than errors do, orthonormal columns."""
+    n = rows.shape[1]
+    norms = np.linalg.norm(rows, axis=0)
+    is_dead = norms <= blur
+    found = [np.eye(n)[:, is_dead]]
+    live = np.flatnonzero(~is_dead)
+    if live.size:
+        _, s, vh = np.linalg.svd(rows[:, live] / norms[live], full_matrices=True)
+        s = np.concatenate([s, np.zeros(live.size - len(s))])
+        # Singular values move by no more than the norm of the errors of the rows (Weyl).
+        limit = float(np.linalg.norm(relative + blur / norms[live]))
+        along = np.zeros((n, int(np.sum(s <= limit))))
+        # Columns of length one make units of the parameters' own, which are undone here.
+        along[live] = (vh[s <= limit] / norms[live]).T
+        found.append(along)
+    basis = np.hstack(found)
+    return np.asarray(np.linalg.qr(basis)[0]) if basis.shape[1] else basis
+
+
+def points_beside(problem: Problem, theta: Array) -> Array:
+    """Choose points at which a direction must be the same to be one of the model's own."""
+    random = np.random.default_rng(0)
+    share = random.uniform(_LEAST_BESIDE, _MOST_BESIDE, (_N_BESIDE, len(theta)))
+    share *= random.choice([-1.0, 1.0], share.shape)
+    values = problem.scaled.values(theta)
+    beside = problem.scaled.scaled(np.where(values == 0.0, share, values * (1.0 + share)))
+    return np.clip(beside, problem.scaled.lower, problem.scaled.upper)
+
+
+def in_words(names: Sequence[str], here: Split, beside: Sequence[Split]) -> tuple[str, ...]:
+    """Say what is not determined, one sentence for each group of parameters that belong together.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the parameters.
+    here : Split
+        What is determined at the estimates.
+    beside : sequence of Split
+        The same at points beside them.
+    """
+    said, idle = [], []
+    for group in _groups(here.open):
+        own = here.open[group]
+        own = own[:, np.linalg.norm(own, axis=0) > _NOTHING]
+        basis = _spanned(own)
+        chosen = [names[i] for i in group]
+        if basis.shape[1] == len(group):
+            idle += chosen
+        else:
+            said.append(_sentence(chosen, group, basis, here, beside))
+    if idle:
+        verb = "does" if len(idle) == 1 else "do"
+        said.insert(0, f"{_listed(idle)} {verb} not matter: nothing that was measured depends on "
+                    f"{'it' if len(idle) == 1 else 'them'}.")  # fmt: skip
+    return tuple(said)
+
+
+def _sentence(
+    names: list[str],
+    group: list[int],
+    basis: Array,
+    here: Split,
+    beside: Sequence[Split],
+) -> str:
+    others = [item for item in beside if item.open.shape[1] >= here.open.shape[1]]
+    is_everywhere = bool(beside) and len(others) == len(beside)
+    combinations: list[str] = []
+    kind = ""
+    if is_everywhere and here.is_relative[group].all():
+        simple = _simple(_complement(basis))
+        if simple is not None and _holds(simple, group, [item.open for item in others]):
+            combinations = [_product(names, row) for row in simple]
+    if is_everywhere and not combinations:
+        simple = _simple(_complement(basis * here.values[group, None]))
+        absolute = [item.open * item.values[:, None] for item in others]
+        if simple is not None and _holds(simple, group, absolute):
+            combinations = [_sum(names, row) for row in simple]
+            positive = all(c >= 0 for row in simple for c in row)
+            kind = "the sum " if positive and len(simple) == 1 else ""
+    if combinations:
+        verb = "is" if len(combinations) == 1 else "are"
+        known = "one of them is" if basis.shape[1] == 1 else f"{basis.shape[1]} of them are"
+        return (
+            f"Only {kind}{_listed(combinations)} {verb} determined, not {_listed(names)} one by "
+            f"one: they can be estimated where {known} known."
+        )
+    where = "" if is_everywhere else ", at these estimates only"
+    return (
+        f"{_listed(names)} are not determined one by one{where}: nothing that was measured changes "
+        f"while they change together by {_direction(names, group, basis[:, 0], here)}."
+    )
+
+
+def _holds(simple: list[list[int]], group: list[int], opens: Sequence[Array]) -> bool:
+    """Whether combinations stay as they are along the open directions of other points."""
+    rows = np.array(simple, dtype=float)
+    rows /= np.linalg.norm(rows, axis=1, keepdims=True)
+    for item in opens:
+        own = item[group]
+        lengths = np.linalg.norm(own, axis=0)
+        own = own[:, lengths > _NOTHING] / lengths[lengths > _NOTHING]
+        if np.any(np.abs(rows @ own) > _DIGITS):
+            return False
+    return True
+
+
+def _groups(basis: Array) -> list[list[int]]:
+    """Put parameters together that share an open direction, by the reduced form of these."""
+    reduced = np.abs(_reduced(basis.T)) > _NOTHING
+    groups: list[set[int]] = []
+    for row in reduced:
+        own = set(np.flatnonzero(row).tolist())
+        groups = [g for g in groups if not g & own] + [own.union(*(g for g in groups if g & own))]
+    return sorted(sorted(g) for g in groups if g)
+
+
+def _spanned(columns: Array) -> Array:
+    """Give an orthonormal basis of what columns span."""
+    u, s, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(u[:, s > _NOTHING])
+
+
+def _complement(columns: Array) -> Array:
+    """Give rows that span what is orthogonal to columns."""
+    u, s, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=True)
+    return np.asarray(u[:, int(np.sum(s > _NOTHING)) :].T)
+
+
+def _reduced(rows: Array) -> Array:
+    """Bring rows to their reduced echelon form."""
+    a, top = rows.copy(), 0
+    for j in range(a.shape[1]):
+        if top == len(a):
+            break
+        pivot = top + int(np.argmax(np.abs(a[top:, j])))
+        if abs(a[pivot, j]) <= _NOTHING:
+            continue
+        a[[top, pivot]] = a[[pivot, top]]
+        a[top] /= a[top, j]
+        for i in range(len(a)):
+            if i != top:
+                a[i] -= a[i, j] * a[top]
+        top += 1
+    return a[:top]
+
+
+def _simple(rows: Array) -> list[list[int]] | None:
+    """Write rows as small whole numbers; None where they are none."""
+    found = []
+    for row in _reduced(rows):
+        parts = [Fraction(float(x)).limit_denominator(_LARGEST) for x in row]
+        near = all(abs(float(p) - x) <= _DIGITS for p, x in zip(parts, row, strict=True))
+        common = math.lcm(*(p.denominator for p in parts))
+        whole = [int(p * common) for p in parts]
+        if not near or max(map(abs, whole)) > _LARGEST:
+            return None
+        found.append(whole)
+    return found
+
+
+def _product(names: Sequence[str], exponents: Sequence[int]) -> str:
+    def power(name: str, exponent: int) -> str:
+        return name if exponent == 1 else f"{name}**{exponent}"
+
+    pairs = list(zip(names, exponents, strict=True))
+    over = "*".join(power(name, e) for name, e in pairs if e > 0)
+    below = [power(name, -e) for name, e in pairs if e < 0]
+    if not below:
+        return over
+    return f"{over}/{below[0]}" if len(below) == 1 else f"{over}/({'*'.join(below)})"
+
+
+def _sum(names: Sequence[str], coefficients: Sequence[int]) -> str:
+    text = ""
+    for name, c in zip(names, coefficients, strict=True):
+        if c:
+            term = name if abs(c) == 1 else f"{abs(c)}*{name}"
+            sign = " - " if c < 0 else " + "
+            text += f"{sign if text else ''}{term}"
+    return text
+
+
+def _direction(names: Sequence[str], group: list[int], along: Array, here: Split) -> str:
+    """Write the changes along a direction, in percent where a value is not zero."""
+    along = along / np.abs(along).max() * (1.0 if along[0] >= 0 else -1.0)
+    return _listed(
+        [
+            f"{x:+.3g} %" + f" ({name})" if relative else f"{0.01 * x * unit:+.3g} ({name})"
+            for name, x, relative, unit in zip(
+                names, along, here.is_relative[group], here.values[group], strict=True
+            )
+        ]
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    if len(names) < 2:
+        return "".join(names)
+    return f"{', '.join(names[:-1])} and {names[-1]}"

@@ -1,0 +1,166 @@
+"""Experiments: what was measured in a run, and under which circumstances."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cotree.errors import ParameterError, brief
+from cotree.estimation.conditions import TRANSFORMATIONS
+from cotree.estimation.tables import read_table, split_unit
+from cotree.scene.expressions import check_number
+
+if TYPE_CHECKING:
+    from cotree.estimation.tables import Table
+
+
+class Experiment:
+    """Measured values of a run, and under which circumstances it was.
+
+    Parameters
+    ----------
+    data : path of a CSV file, DataFrame, or mapping of str to array_like
+        A column of times, which increase, and measured columns, in any number; missing values are
+        nan, or empty in a file. A column may have its unit in its name, ``angle [deg]``; others
+        are in SI.
+    inputs : mapping of str to number, str or (times, values), optional
+        In place of the scene's inputs, as of :meth:`cotree.Model.simulate`. New names in
+        expressions are parameters, which are given here or estimated. A column that has the name of
+        an input is that input, linear between its times, unless it is given here.
+    initial, parameters : mapping of str to float or str, optional
+        Initial values of states, and parameters, of this run; a text names an estimated parameter.
+    observables : mapping of str to str, or sequence of str, optional
+        What the columns measure: expressions of states, outputs and whatever outputs may name.
+        Where absent, columns with the names of states and outputs are taken.
+    noise : number, str, or mapping of str to number or str, optional
+        The standard deviation of the measured values, of each column in a mapping: a number, in the
+        unit of the column; another column; or an expression, or an estimated parameter, in SI.
+        Where absent, it is estimated.
+    units : mapping of str to str, optional
+        Units of columns that do not say theirs.
+    transform : str or mapping of str to str, optional
+        ``log`` or ``log10``, of each column in a mapping: logarithms of measured and computed
+        values are compared, and the noise is theirs.
+    time : str, optional
+        The column of times; ``t`` or ``time`` where absent.
+    t_start : float
+        Where the run begins, [s]; nothing was measured before.
+    name : str, optional
+        Its name, for people; that of the file, or its number, where absent.
+
+    Raises
+    ------
+    ParameterError, UnitError, SceneError
+        If the data cannot be read: one sentence names file, row and column.
+
+    Examples
+    --------
+    >>> run = Experiment({"time": [0, 1, 2], "T [degC]": [80, 62, 50]}, noise=0.5,
+    ...                  observables={"T": "body.T"})
+    >>> run.table.t.tolist()
+    [0.0, 1.0, 2.0]
+    """
+
+    def __init__(
+        self,
+        data: Any,
+        *,
+        inputs: Mapping[str, Any] | None = None,
+        initial: Mapping[str, float | str] | None = None,
+        parameters: Mapping[str, float | str] | None = None,
+        observables: Mapping[str, str] | Sequence[str] | None = None,
+        noise: float | str | Mapping[str, float | str] | None = None,
+        units: Mapping[str, str] | None = None,
+        transform: str | Mapping[str, str] | None = None,
+        time: str | None = None,
+        t_start: float = 0.0,
+        name: str | None = None,
+    ) -> None:
+        is_file = isinstance(data, (str, os.PathLike))
+        self.name = name if name is not None or not is_file else Path(data).stem
+        where = "the data" if self.name is None else f"the data of experiment '{self.name}'"
+        self.table: Table = read_table(data, where, time)
+        self.where = self.table.where
+        for word, given in (("inputs", inputs), ("initial", initial), ("parameters", parameters)):
+            if given is not None and not isinstance(given, Mapping):
+                raise ParameterError(f"{word} of {self.where} must be a mapping of names to values")
+        self.inputs = dict(inputs or {})
+        self.initial = {k: self._value("initial", k, v) for k, v in (initial or {}).items()}
+        self.parameters = {
+            k: self._value("parameters", k, v) for k, v in (parameters or {}).items()
+        }
+        self.observables = self._observed(observables)
+        self._noise = self._by_column("noise", noise)
+        self._units = self._by_column("units", units)
+        self._transform = self._by_column("transform", transform)
+        for word in self._transform.values():
+            if word not in TRANSFORMATIONS:
+                listed = ", ".join(map(repr, TRANSFORMATIONS))
+                raise ParameterError(
+                    f"transform of {self.where} is {brief(repr(word))}: give {listed}"
+                )
+        self.t_start = check_number(t_start, f"t_start of {self.where}")
+        early = np.flatnonzero(self.table.t < self.t_start)
+        if early.size:
+            raise ParameterError(
+                f"{self.where}, {self.table.rows[early[0]]}: the time {self.table.t[early[0]]:g} s "
+                f"is before the start of the run at {self.t_start:g} s: give t_start"
+            )
+
+    def __repr__(self) -> str:
+        names = ", ".join(self.table.columns)
+        t = self.table.t
+        return f"<Experiment {self.name or ''}: {names} at {t.size} times to {t[-1]:g} s>"
+
+    def noise_of(self, column: str) -> float | str | None:
+        """Give the standard deviation of a column, as it was given; None for an unknown one."""
+        found = self._noise.get(column, self._noise.get(""))
+        if found is None or isinstance(found, str):
+            return found
+        return check_number(found, f"the noise of column '{column}' of {self.where}")
+
+    def unit_of(self, column: str) -> str | None:
+        """Give the unit of a column that was given apart from its name, or None."""
+        return self._units.get(column)
+
+    def transform_of(self, column: str) -> str:
+        """Give the transformation under which a column is compared."""
+        return str(self._transform.get(column, self._transform.get("", "lin")))
+
+    def _value(self, what: str, name: object, value: Any) -> float | str:
+        """Check a value of a state or parameter: a number, or the name of an estimated one."""
+        where = f"'{brief(str(name))}' in {what} of {self.where}"
+        return value if isinstance(value, str) else check_number(value, where)
+
+    def _observed(self, given: Any) -> dict[str, str] | None:
+        """Read what columns measure; they are named without their units."""
+        if given is None:
+            return None
+        if isinstance(given, str):
+            given = [given]
+        if not isinstance(given, Mapping):
+            given = {name: split_unit(str(name))[0] for name in given}
+        if not given:
+            raise ParameterError(f"observables of {self.where} names no column: leave it out")
+        for name, text in given.items():
+            if isinstance(text, bool) or not isinstance(text, str):
+                raise ParameterError(
+                    f"column '{brief(str(name))}' of {self.where} measures {text!r}: give an "
+                    "expression of states and outputs in quotes"
+                )
+        return {self.table.column(str(name)).name: text for name, text in given.items()}
+
+    def _by_column(self, what: str, given: Any) -> dict[str, Any]:
+        """Read a value for all columns, under an empty name, or one for each in a mapping."""
+        if given is None:
+            return {}
+        if not isinstance(given, Mapping):
+            return {"": given}
+        try:
+            return {self.table.column(str(name)).name: value for name, value in given.items()}
+        except ParameterError as error:
+            raise ParameterError(f"{what}: {error}") from None

@@ -1,0 +1,239 @@
+"""Parameters from measurements: least squares from several starts."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.errors import ParameterError, SolveError, brief
+from cotree.estimation.assembly import estimation_problem
+from cotree.estimation.multistart import Search, minimise_from_starts
+from cotree.estimation.result import FitResult
+from cotree.estimation.spread import spread_starts
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cotree.api import Scene
+    from cotree.compiled import Model
+    from cotree.estimation.experiment import Experiment
+    from cotree.estimation.problem import Problem
+
+Array = npt.NDArray[np.float64]
+
+_LOSSES = ("linear", "soft_l1", "huber", "cauchy", "arctan")
+_OPTIMISERS = ("trf", "dogbox", "lm")
+
+
+def fit(
+    model: Model | Scene,
+    experiments: Experiment | Sequence[Experiment],
+    parameters: Any,
+    *,
+    shared: Sequence[str] | None = None,
+    per_experiment: Sequence[str] = (),
+    noise: str | None = None,
+    start: Mapping[str, float] | None = None,
+    loss: str = "linear",
+    f_scale: float = 1.0,
+    starts: int = 20,
+    seed: int = 0,
+    method: str | None = None,
+    rtol: float = 1e-8,
+    atol: float = 1e-10,
+    optimiser: str = "trf",
+    max_evaluations: int | None = None,
+    progress: bool = True,
+) -> FitResult:
+    """Estimate parameters and initial values from measurements, by maximum likelihood.
+
+    Residuals and their exact Jacobian go to ``scipy.optimize.least_squares``. It searches from
+    several starts at once, whose runs the ensemble engine computes together; what a start finds
+    does not depend on the others.
+
+    Parameters
+    ----------
+    model : Model or Scene
+        What explains the measurements. It is compiled with the sensitivities, and with the
+        observables as outputs, that are missing.
+    experiments : Experiment or sequence of Experiment
+        What was measured.
+    parameters : mapping of str to tuple, or sequence of str
+        What is estimated: parameters of the scene, states (whose initial value is meant), new
+        parameters in expressions of experiments, and names that experiments give to values. Each
+        has ``(lower, upper)`` or ``(lower, upper, scale)``, in SI, with the scale ``"lin"``,
+        ``"log"`` or ``"log10"``; None is no bound. Without a range a positive parameter has a
+        hundredth to a hundred times where it begins, on a logarithmic scale.
+    shared, per_experiment : sequence of str, optional
+        Parameters with one estimate for all experiments, and with one for each, ``k[1]`` or
+        ``k[name]``; all are shared where neither is given, the others are not where ``shared`` is.
+    noise : str, optional
+        ``"given"`` insists that experiments say it, ``"estimated"`` estimates a standard deviation
+        ``noise[column]`` of each column in place of what they say. As they say where absent, and
+        estimated where they say nothing.
+    start : mapping of str to float, optional
+        Where the first start begins; at the scene's values where absent, if these are within the
+        bounds, else in the middle of them.
+    loss : str
+        ``"linear"``, or ``"soft_l1"``, ``"huber"``, ``"cauchy"``, ``"arctan"``, with which outliers
+        count less; see ``scipy.optimize.least_squares``. They need a noise that is given.
+    f_scale : float
+        The residual, in standard deviations, from which on a value counts as an outlier.
+    starts : int
+        Number of starts: the first one, and others spread between the bounds.
+    seed : int
+        Of the other starts: equal seeds give equal results.
+    method, rtol, atol
+        Of the runs; see :meth:`cotree.Model.simulate`.
+    optimiser : str
+        ``"trf"``, ``"dogbox"``, or ``"lm"``, which takes no bounds.
+    max_evaluations : int, optional
+        The most points of each start; a hundred times the number of parameters where absent.
+    progress : bool
+        Whether to show a progress bar, on terminals and after a second.
+
+    Returns
+    -------
+    FitResult
+        Estimates with standard errors, and everything else that the data say of them. After Ctrl-C
+        it has the best points until then.
+
+    Raises
+    ------
+    ModelError
+        If something is unknown, missing or contradicts something else: one sentence names it.
+    SolveError
+        If no run of any start succeeds.
+
+    Examples
+    --------
+    >>> import numpy as np, cotree
+    >>> scene = cotree.Scene("discharge")
+    >>> scene.parameter("R", 2.0)
+    >>> scene.edge("C", "capacitor", "a", "ground", capacitance=1.0, initial={"v": 4.0})
+    >>> scene.edge("R", "resistor", "a", "ground", resistance="R")
+    >>> t = np.linspace(0, 5, 11)
+    >>> run = cotree.Experiment({"t": t, "C.v": 5 * np.exp(-t / 3)}, noise=0.1)
+    >>> result = cotree.fit(scene, run, {"R": (0.1, 100, "log"), "C.v": (0, 10)})
+    >>> {name: round(value, 4) for name, value in result.parameters.items()}
+    {'R': 3.0, 'C.v': 5.0}
+    """
+    if loss not in _LOSSES:
+        raise ParameterError(f"loss is {brief(repr(loss))}: give {_either(_LOSSES)}")
+    if optimiser not in _OPTIMISERS:
+        raise ParameterError(f"optimiser is {brief(repr(optimiser))}: give {_either(_OPTIMISERS)}")
+    if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
+        raise ParameterError(f"starts is {brief(repr(starts))}: give a number of starts")
+    problem = estimation_problem(
+        model,
+        experiments,
+        parameters,
+        shared=shared,
+        per_experiment=per_experiment,
+        noise=noise,
+        start=start,
+        method=method,
+        rtol=rtol,
+        atol=atol,
+    )
+    _check_search(problem, loss, optimiser)
+    search = Search(optimiser, loss, f_scale, max_evaluations=max_evaluations)
+    return solve(problem, search, starts, seed, progress=progress)
+
+
+def solve(
+    problem: Problem, search: Search, n_starts: int, seed: int, *, progress: bool = True
+) -> FitResult:
+    """Search from several starts, of which one at least must succeed.
+
+    Parameters
+    ----------
+    problem : Problem
+        What is estimated.
+    search : Search
+        How the optimiser searches.
+    n_starts, seed : int
+        Number of starts, and seed of all but the first one.
+    progress : bool
+        Whether a bar may be shown.
+
+    Raises
+    ------
+    ParameterError
+        If no measured value depends on anything that is estimated.
+    SolveError
+        If no run succeeds.
+    """
+    points = sized(problem, spread_starts(problem, n_starts, seed))
+    records = minimise_from_starts(problem, points, search, progress=progress)
+    if not math.isfinite(records[0].objective):
+        n = f"none of {n_starts} starts" if n_starts > 1 else "the start does not"
+        told = f"{n} succeeds" if n_starts > 1 else f"{n} succeed"
+        raise SolveError(f"{told}: {records[0].message}")
+    _check_determined(problem, records[0].theta)
+    if any(row.message.startswith("interrupted") for row in records):
+        warnings.warn(
+            "the fit was interrupted: these are the best points until then",
+            RuntimeWarning,
+            stacklevel=3,
+        )
+    return FitResult(problem, records, search)
+
+
+def sized(problem: Problem, points: Array) -> Array:
+    """Let deviations without a start begin at the root mean square of what they explain."""
+    noise = np.array([v if isinstance(v, str) else "" for v in problem.measured.noise])
+    bare = [
+        (j, noise == row.name)
+        for j, row in enumerate(problem.estimated)
+        if row.start is None and (noise == row.name).any()
+    ]
+    if not bare:
+        return points
+    points = points.copy()
+    target = problem.likelihood.transformed(problem.likelihood.value)
+    for point, found in zip(points, problem.predict(points), strict=True):
+        apart = problem.likelihood.transformed(found.values) - target
+        for j, rows in bare:
+            size = float(np.sqrt(np.mean(apart[rows] ** 2)))
+            if math.isfinite(size) and size > 0.0:
+                values = problem.scaled.values(point)
+                values[j] = size
+                point[j] = problem.scaled.scaled(values)[j]
+    return np.clip(points, problem.scaled.lower, problem.scaled.upper)
+
+
+def _check_search(problem: Problem, loss: str, optimiser: str) -> None:
+    """Refuse what does not go together."""
+    unknown = [name for name in problem.measured.noise if isinstance(name, str)]
+    if loss != "linear" and unknown:
+        raise ParameterError(
+            f"loss='{loss}' needs noise that is given, by which outliers are told, but "
+            f"'{unknown[0]}' is estimated: give Experiment(noise=...)"
+        )
+    bounded = [
+        row.name for row in problem.estimated if row.lower > -math.inf or row.upper < math.inf
+    ]
+    if optimiser == "lm" and bounded:
+        raise ParameterError(
+            f"optimiser='lm' knows no bounds, but '{bounded[0]}' has some: take 'trf', or give "
+            "(None, None)"
+        )
+
+
+def _check_determined(problem: Problem, theta: Array) -> None:
+    """Refuse to estimate what has no influence at all."""
+    (found,) = problem.predict([theta])
+    if not np.any(found.slopes):
+        names = ", ".join(f"'{name}'" for name in problem.scaled.names)
+        raise ParameterError(
+            f"no measured value depends on {names}: measure something else, or estimate others"
+        )
+
+
+def _either(words: Sequence[str]) -> str:
+    return f"{', '.join(map(repr, words[:-1]))} or {words[-1]!r}"

@@ -1,0 +1,231 @@
+"""Least squares from several starts, whose runs go through one call of the ensemble engine.
+
+Each start has its own optimiser, SciPy's ``least_squares``, in a thread of its own. Whenever all of
+them wait for predictions, these are computed together. What a start finds depends on nothing but
+its own points.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.estimation.rendezvous import Rendezvous, Stopped
+from cotree.estimation.result import StartRecord
+from cotree.estimation.squares import SquareRows
+from cotree.solvers.progress import CountingBar
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from scipy.optimize import OptimizeResult
+
+    from cotree.estimation.likelihood import Predictions
+    from cotree.estimation.problem import Problem
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Search:
+    """Settings of an optimiser; see ``scipy.optimize.least_squares``.
+
+    Attributes
+    ----------
+    optimiser : str
+        ``trf`` or ``dogbox``, which keep to bounds, or ``lm``, which knows none.
+    loss : str
+        ``linear``, or one of those that let outliers count less; noise must be given for them.
+    f_scale : float
+        The residual, in standard deviations, from which on values count as outliers.
+    ftol, xtol, gtol : float
+        Where it ends: relative change of the objective, relative step, and gradient.
+    max_evaluations : int or None
+        The most predictions of one start.
+    """
+
+    optimiser: str = "trf"
+    loss: str = "linear"
+    f_scale: float = 1.0
+    ftol: float = 1e-12
+    xtol: float = 1e-10
+    gtol: float = 1e-8
+    max_evaluations: int | None = None
+
+
+def minimise_from_starts(
+    problem: Problem,
+    starts: Any,
+    search: Search | None = None,
+    *,
+    more_rows: Callable[[Array], tuple[Array, Array]] | None = None,
+    progress: bool = True,
+) -> tuple[StartRecord, ...]:
+    """Minimise the negative log-likelihood, or a loss, from several starts.
+
+    Parameters
+    ----------
+    problem : Problem
+        What is estimated; points stay within its bounds.
+    starts : array_like, shape (n_starts, n_estimated)
+        Where to begin, on the scales of the estimated parameters, within the bounds.
+    search : Search, optional
+        How the optimiser searches.
+    more_rows : callable, optional
+        Gives further rows and their Jacobian for ``theta``, shapes (n,) and (n, n_estimated); half
+        of the sum of their squares is added to the objective: priors, say.
+    progress : bool
+        Whether a bar may be shown, on terminals only.
+
+    Returns
+    -------
+    tuple of StartRecord
+        The least objective first, those that failed last. The objective is the negative
+        log-likelihood; of losses that are not linear, half of the sum of the losses. After Ctrl-C
+        the best points so far, which are not converged.
+    """
+    points = np.atleast_2d(np.asarray(starts, dtype=float))
+    how = search or Search()
+    meeting = Rendezvous(problem.predict)
+    all_of_them = [Start(problem, i, x, how, more_rows, meeting) for i, x in enumerate(points)]
+    with CountingBar("starts", len(all_of_them), progress) as bar:
+        meeting.meet(
+            [one.run for one in all_of_them],
+            lambda done, n: bar.count(done, lambda elapsed: f" ended, {n} evaluations"),
+        )
+    records = [one.record() for one in all_of_them]
+    # Sorting keeps the order of equal ones: the first start comes first.
+    return tuple(sorted(records, key=lambda row: (not math.isfinite(row.objective), row.objective)))
+
+
+class Start:
+    """One start: an optimiser, and the best of the points that it asked for."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        number: int,
+        began: Array,
+        search: Search,
+        more_rows: Callable[[Array], tuple[Array, Array]] | None,
+        meeting: Rendezvous,
+    ) -> None:
+        self._problem, self._number, self._search = problem, number, search
+        self._began, self._more, self._meeting = began, more_rows, meeting
+        self._rows = SquareRows(problem)
+        self._n_evaluations = 0
+        # Where rows were last formed, these and their Jacobian.
+        self._at: tuple[Array, Array, Array] | None = None
+        self._best, self._least = began, math.inf
+        self._ended: OptimizeResult | None = None
+        self._message = "interrupted before its first point"
+
+    def run(self) -> None:
+        """Search; called in a thread of its own."""
+        from scipy.optimize import least_squares
+
+        scaled, how = self._problem.scaled, self._search
+        lm = how.optimiser == "lm"
+        try:
+            first = self._values(self._inside(self._began))
+            if not np.all(np.isfinite(first)):
+                return
+            self._ended = least_squares(
+                self._values,
+                self._inside(self._began),
+                self._slopes,
+                bounds=(-np.inf, np.inf) if lm else (scaled.lower, scaled.upper),
+                method=how.optimiser,
+                x_scale="jac",
+                loss=how.loss,
+                f_scale=how.f_scale,
+                ftol=how.ftol,
+                xtol=how.xtol,
+                gtol=how.gtol,
+                max_nfev=how.max_evaluations,
+            )
+        except Stopped:
+            if self._n_evaluations:
+                self._message = f"interrupted after {_counted(self._n_evaluations)}"
+
+    def record(self) -> StartRecord:
+        """Tell where it led."""
+        is_converged = self._ended is not None and self._ended.status > 0
+        message = self._message if self._ended is None else self._why(self._ended)
+        return StartRecord(
+            self._began, self._best, self._least, self._n_evaluations, is_converged, message
+        )
+
+    def _inside(self, theta: Array) -> Array:
+        return np.clip(theta, self._problem.scaled.lower, self._problem.scaled.upper)
+
+    def _values(self, theta: Array) -> Array:
+        if self._at is not None and np.array_equal(self._at[0], theta):
+            return self._at[1]
+        found = self._meeting.ask(self._number, theta)
+        self._n_evaluations += 1
+        rows, slopes = self._rows.at(found)
+        if self._more is not None:
+            more, along = self._more(theta)
+            rows, slopes = np.concatenate([rows, more]), np.vstack([slopes, along])
+        # Values without slopes are of no use: the step that led there is taken back.
+        if found.message or not np.all(np.isfinite(slopes)):
+            rows = np.full_like(rows, np.nan)
+        if not np.all(np.isfinite(rows)) and self._least == math.inf:
+            self._message = found.message or "predictions there are not finite"
+        self._at = theta.copy(), rows, slopes
+        self._note(theta, found, rows)
+        return rows
+
+    def _slopes(self, theta: Array) -> Array:
+        if self._at is None or not np.array_equal(self._at[0], theta):
+            self._values(theta)
+        assert self._at is not None
+        return self._at[2]
+
+    def _note(self, theta: Array, found: Predictions, rows: Array) -> None:
+        """Keep the best point."""
+        if not np.all(np.isfinite(rows)):
+            return
+        if self._search.loss == "linear":
+            objective = -self._problem.likelihood.log_likelihood(found)
+            if self._more is not None:
+                objective += 0.5 * float(np.sum(self._more(theta)[0] ** 2))
+        else:
+            objective = _robust(rows, self._search)
+        if objective < self._least:
+            self._best, self._least = theta.copy(), objective
+
+    def _why(self, ended: OptimizeResult) -> str:
+        """Say why the optimiser ended."""
+        found = {
+            1: "converged: the gradient vanishes",
+            2: "converged: the objective changes no more",
+            3: "converged: the parameters change no more",
+            4: "converged: objective and parameters change no more",
+        }
+        short = f"not converged after {_counted(self._n_evaluations)}"
+        return found.get(int(ended.status), short)
+
+
+def _robust(rows: Array, search: Search) -> float:
+    """Give half of the sum of losses as SciPy defines it."""
+    from scipy.optimize import least_squares
+
+    # One evaluation at a point where nothing can be changed: SciPy has no public losses.
+    there = least_squares(
+        lambda x: rows,
+        [0.0],
+        lambda x: np.zeros((len(rows), 1)),
+        loss=search.loss,
+        f_scale=search.f_scale,
+    )
+    return float(there.cost)
+
+
+def _counted(n: int) -> str:
+    return f"{n} evaluation{'s' if n != 1 else ''}"

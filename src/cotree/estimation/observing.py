@@ -1,0 +1,286 @@
+"""Models of experiments: the scene of a model with what was measured among its outputs.
+
+In: a model or a scene, and experiments with expressions for what columns measure, for noise and for
+inputs. Out: for each experiment a compiled model with sensitivities to what is estimated, and the
+names of its outputs. Experiments with the same expressions share one model.
+"""
+
+from __future__ import annotations
+
+import keyword
+import re
+import warnings
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.api import Scene
+from cotree.compiled import Model
+from cotree.errors import ParameterError, brief, nearest
+from cotree.naming import RESERVED
+from cotree.scene.expressions import parse
+from cotree.scene.replaced import expressions_among, new_names, with_inputs
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cotree.estimation.experiment import Experiment
+    from cotree.scene.description import SceneDescription
+
+Array = npt.NDArray[np.float64]
+
+_LONGEST = 50  # of a name made from that of a column
+
+
+@dataclass
+class Observed:
+    """The columns of an experiment as names and expressions of its model.
+
+    Attributes
+    ----------
+    outputs : dict of str to str
+        The state or output that each column measures.
+    noise : dict of str to str
+        The output that is the standard deviation of a column, where an expression is.
+    deviations : dict of str to str
+        The estimated parameter that is the standard deviation of a column.
+    columns : dict of str to str
+        The column that is the standard deviation of a column.
+    inputs : dict of str to object
+        Its inputs that are no expressions.
+    expressions : dict of str to str
+        Its inputs that are.
+    new : set of str
+        Parameters in its expressions that the scene does not have.
+    """
+
+    outputs: dict[str, str] = field(default_factory=dict)
+    noise: dict[str, str] = field(default_factory=dict)
+    deviations: dict[str, str] = field(default_factory=dict)
+    columns: dict[str, str] = field(default_factory=dict)
+    inputs: dict[str, Any] = field(default_factory=dict)
+    expressions: dict[str, str] = field(default_factory=dict)
+    new: set[str] = field(default_factory=set)
+
+
+class Observer:
+    """Adds what was measured to a scene, and compiles it.
+
+    Parameters
+    ----------
+    model : Model or Scene
+        What explains the measurements.
+    """
+
+    def __init__(self, model: Model | Scene) -> None:
+        if not isinstance(model, (Model, Scene)):
+            raise ParameterError(
+                f"{brief(repr(model))} explains no measurements: give a model or a scene"
+            )
+        # A compiled model keeps its coordinates and options; a scene is compiled as it needs be.
+        self._given = model if isinstance(model, Model) else None
+        self._model = self._given
+        self.scene: SceneDescription = model._scene if isinstance(model, Model) else model
+        self._new: dict[str, str] = {}  # outputs that were added, by name
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the states."""
+        if self._model is None:
+            assert isinstance(self.scene, Scene)
+            # Compiled without sensitivities, which takes little and is found again in the cache.
+            self._model = self.scene.compile()
+        return tuple(self._model.states)
+
+    def observe(self, experiment: Experiment, wanted: Sequence[str]) -> Observed:
+        """Find what the columns of an experiment are.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            The experiment.
+        wanted : sequence of str
+            Names of the estimated parameters.
+
+        Raises
+        ------
+        ModelError
+            If an expression is not accepted, or nothing of the data is known.
+        """
+        found = Observed()
+        known = {*wanted, *experiment.parameters}
+        table = experiment.table
+        for name, column in table.columns.items():
+            is_left = name in self.scene.inputs and name not in experiment.inputs
+            is_measured = experiment.observables is not None and name in experiment.observables
+            if is_left and not is_measured and column.values.size > 1:
+                found.inputs[name] = column
+        given = {**experiment.inputs}
+        found.expressions = expressions_among(given)
+        found.inputs |= {k: v for k, v in given.items() if k not in found.expressions}
+        for name in given:
+            if name not in self.scene.inputs:
+                raise ParameterError(
+                    f"inputs of {experiment.where}: the scene has no input '{name}'"
+                    f"{nearest(name, self.scene.inputs)}"
+                )
+        found.new |= set(new_names(self.scene, found.expressions, known))
+        for measured, text in self._texts(experiment, found).items():
+            where = f"column '{measured}' of {experiment.where}"
+            found.outputs[measured] = self._output(measured, text, where, found, known)
+        for measured in found.outputs:
+            self._noise(measured, experiment, found, wanted, known)
+        return found
+
+    def _texts(self, experiment: Experiment, found: Observed) -> dict[str, str]:
+        """Give what each column measures."""
+        if experiment.observables is not None:
+            return experiment.observables
+        table, known = experiment.table, {*self.states, *self.scene.outputs}
+        names = [name for name in table.columns if name in known and name not in found.inputs]
+        deviations = {str(experiment.noise_of(name)) for name in names}
+        left = [n for n in table.columns if n not in {*names, *found.inputs, *deviations}]
+        if not names:
+            listed = ", ".join(f"'{brief(name)}'" for name in left[:8]) or "none but times"
+            close = nearest(left[0] if left else "", known)
+            raise ParameterError(
+                f"{experiment.where}: no column is a state or an output of the model{close}; its "
+                f'columns are {listed}: tell what they measure, observables={{"column": '
+                '"expression"}'
+            )
+        if left:
+            listed = ", ".join(f"'{brief(name)}'" for name in left[:8])
+            close = nearest(left[0], known) if len(left) == 1 else ""
+            warnings.warn(
+                f"{experiment.where}: no state, output or input of the model is called {listed}, "
+                f"which is left out{close}; observables tells which columns count",
+                RuntimeWarning,
+                stacklevel=6,
+            )
+        return {name: name for name in names}
+
+    def _noise(
+        self,
+        column: str,
+        experiment: Experiment,
+        found: Observed,
+        wanted: Sequence[str],
+        known: set[str],
+    ) -> None:
+        given = experiment.noise_of(column)
+        if not isinstance(given, str):
+            return
+        if given in experiment.table.columns:
+            found.columns[column] = given
+        elif given in wanted and given not in self.scene.parameters and "." not in given:
+            found.deviations[column] = given
+        else:
+            where = f"the noise of column '{column}' of {experiment.where}"
+            found.noise[column] = self._output(f"noise_of_{column}", given, where, found, known)
+
+    def _output(self, column: str, text: str, where: str, found: Observed, known: set[str]) -> str:
+        """Give the name of a state or output of an expression; it becomes one where it is none."""
+        expression = parse(text, where)
+        plain = expression.text.strip()
+        if plain in self.scene.outputs:
+            return plain
+        # Only a model that is there tells its states at no cost.
+        if self._model is not None and plain in self._model.states:
+            return plain
+        scene = self.scene
+        names = {*scene.parameters, *scene.inputs, *scene.outputs, *scene.modes, *RESERVED}
+        for name in sorted(expression.names):
+            if "." in name or name in names:
+                continue
+            if name not in known:
+                raise ParameterError(
+                    f"{where} uses the unknown name '{name}'{nearest(name, {*names, *known})}"
+                )
+            found.new.add(name)
+        base = re.sub(r"[^A-Za-z0-9_]", "_", column)[:_LONGEST]
+        base = base if base[:1].isalpha() and not keyword.iskeyword(base) else f"y_{base}"
+        name, n = base, 1
+        while self._new.get(name, plain) != plain or name in {*names, *known}:
+            n += 1
+            name = f"{base}_{n}"
+        self._new[name] = plain
+        return name
+
+    def compile(
+        self, rows: Sequence[Observed], wanted: Sequence[str], values: Mapping[str, float]
+    ) -> list[Model]:
+        """Compile the models of experiments.
+
+        Parameters
+        ----------
+        rows : sequence of Observed
+            The experiments.
+        wanted : sequence of str
+            Parameters and states to which sensitivities are needed, if the scene has them.
+        values : mapping of str to float
+            Values of new parameters.
+
+        Raises
+        ------
+        ModelError, FormulationError, BuildError
+            As of :meth:`cotree.Scene.compile`.
+        """
+        made: dict[Any, Model] = {}
+        found = []
+        for row in rows:
+            key = tuple(sorted(row.expressions.items()))
+            if key not in made:
+                alike = [r for r in rows if tuple(sorted(r.expressions.items())) == key]
+                made[key] = self._compiled(alike, wanted, values)
+            found.append(made[key])
+        return found
+
+    def _compiled(
+        self, rows: Sequence[Observed], wanted: Sequence[str], values: Mapping[str, float]
+    ) -> Model:
+        new = set().union(*(row.new for row in rows))
+        used = [name for row in rows for name in (*row.outputs.values(), *row.noise.values())]
+        outputs = {name: self._new[name] for name in used if name in self._new}
+        texts = rows[0].expressions
+        names = [n for n in wanted if n in self.scene.parameters or "." in n or n in new]
+        given = self._given
+        is_plain = not (new or outputs or texts)
+        if given is not None and is_plain and set(names) <= set(given.sensitivities):
+            return given
+        gains = [name for name in sorted(new) if name in set(new_names(self.scene, texts, new))]
+        scene = self.scene.copied()
+        if texts:
+            scene = with_inputs(scene, texts, {name: values[name] for name in gains}, "input")
+        for name in sorted(new - set(gains)):
+            scene.parameter(name, values[name])
+        for name, text in outputs.items():
+            scene.output(name, text)
+        with warnings.catch_warnings():
+            # A fit looks itself at whether anything depends on a parameter.
+            warnings.filterwarnings("ignore", message="no state or output depends on")
+            return self._made(scene, names)
+
+    def _made(self, scene: Any, names: Sequence[str]) -> Model:
+        if self._given is None:
+            assert isinstance(scene, Scene)
+            return scene.compile(names)
+        recipe = self._given._recipe.of(scene, self._given.first_graph)
+        return replace(recipe, sensitivities=tuple(names)).made()
+
+
+def signal(column: str, where: str, t: Array, values: Array) -> tuple[Array, Array]:
+    """Give a column of the data as an input: a table of its values that are there.
+
+    Raises
+    ------
+    ParameterError
+        If fewer than two are.
+    """
+    there = np.isfinite(values)
+    if there.sum() < 2:
+        raise ParameterError(
+            f"column '{column}' of {where} is an input, which needs at least two values"
+        )
+    return t[there], values[there]

@@ -1,0 +1,321 @@
+"""PEtab problems, version 1: read, compiled, and asked for likelihoods, gradients and fits.
+
+In: the YAML file of a problem. Out: a ``PetabProblem``, which is an estimation problem as any other
+one, with the names, scales and tables of PEtab.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.errors import ParameterError, SolveError
+from cotree.estimation.columns import Accuracy
+from cotree.estimation.multistart import minimise_from_starts
+from cotree.estimation.petab_files import read_tables
+from cotree.estimation.petab_mapping import mapped
+from cotree.estimation.petab_priors import Priors, sample_starts
+from cotree.estimation.petab_simulation import measurement_frame
+from cotree.estimation.problem import Problem
+from cotree.estimation.result import FitResult
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from cotree.api import Scene
+    from cotree.compiled import Model
+    from cotree.estimation.likelihood import Predictions
+    from cotree.estimation.multistart import Search
+    from cotree.estimation.petab_mapping import Mapped
+    from cotree.estimation.petab_tables import Tables
+    from cotree.estimation.result import StartRecord
+
+Array = npt.NDArray[np.float64]
+
+
+def read_petab(
+    path: str | Path, *, method: str = "auto", rtol: float = 1e-8, atol: float = 1e-10
+) -> PetabProblem:
+    """Read an estimation problem in PEtab's format, version 1, and compile its model.
+
+    The model is an SBML file, as :func:`cotree.read_sbml` reads it. Conditions, preequilibrations,
+    overrides of observables and noise, transformations, distributions and priors are read;
+    docs/petab.md says what is not.
+
+    Parameters
+    ----------
+    path : str or Path
+        The YAML file of the problem; it names the other files, which are looked for beside it.
+    method, rtol, atol : str, float and float
+        Method and tolerances of all runs, as of :meth:`cotree.Model.simulate`.
+
+    Returns
+    -------
+    PetabProblem
+        The problem.
+
+    Raises
+    ------
+    SceneError
+        If a file is missing, cannot be read, or a row makes no sense; the message begins with file
+        and line.
+    ModelError, FormulationError, BuildError
+        If the model cannot be formed or compiled.
+    Error
+        If the extra ``petab`` is not installed.
+
+    Examples
+    --------
+    >>> problem = cotree.read_petab("problem.yaml")  # doctest: +SKIP
+    >>> problem.log_likelihood()  # doctest: +SKIP
+    -138.22199
+    """
+    tables = read_tables(path)
+    return PetabProblem(tables, mapped(tables), Accuracy(method, rtol, atol))
+
+
+class PetabProblem(Problem):
+    """An estimation problem of PEtab.
+
+    Parameters of the methods are values by name, or an array in the order of ``names``, not on
+    their scales; what is missing has its nominal value. Gradients are by the estimated parameters
+    on their scales. :attr:`objective` and the methods of ``Problem`` take all of them on their
+    scales.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The estimated parameters.
+    nominal : dict of str to float
+        Nominal values of the estimated parameters that have one.
+    scene : cotree.Scene
+        The model with the outputs that were measured.
+    model : cotree.Model
+        The compiled model.
+    priors : Priors
+        Objective priors of the estimated parameters.
+    """
+
+    def __init__(self, tables: Tables, found: Mapped, accuracy: Accuracy) -> None:
+        super().__init__(found.estimated, found.conditions, found.measured, accuracy)
+        self._tables, self._mapped = tables, found
+        self.nominal = found.nominal
+        self._rows = [tables.parameters[row.name] for row in found.estimated]
+        self.priors = Priors(found.estimated, [row.objective_prior for row in self._rows])
+
+    def __repr__(self) -> str:
+        return (
+            f"<PetabProblem '{self._tables.file}': {len(self.estimated)} estimated parameters, "
+            f"{len(self.conditions)} conditions, {len(self.measured)} measured values>"
+        )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The estimated parameters."""
+        return self.scaled.names
+
+    @property
+    def scene(self) -> Scene:
+        """The model with the outputs that were measured."""
+        return self._mapped.scene
+
+    @property
+    def model(self) -> Model:
+        """The compiled model."""
+        return self.conditions[0].model
+
+    def using(
+        self, *, method: str | None = None, rtol: float | None = None, atol: float | None = None
+    ) -> PetabProblem:
+        """Give the same problem with another method, or with other tolerances.
+
+        Parameters
+        ----------
+        method, rtol, atol : str, float and float, optional
+            As of :func:`cotree.read_petab`; those of this problem where absent.
+        """
+        own = self.accuracy
+        accuracy = Accuracy(
+            method or own.method,
+            own.rtol if rtol is None else rtol,
+            own.atol if atol is None else atol,
+        )
+        return PetabProblem(self._tables, self._mapped, accuracy)
+
+    def theta(self, parameters: Any = None) -> Array:
+        """Give values of the estimated parameters on their scales, shape (n_estimated,).
+
+        Parameters
+        ----------
+        parameters : mapping of str to float, or array_like of shape (n_estimated,), optional
+            Their values, not on their scales; nominal ones where they are missing.
+
+        Raises
+        ------
+        ParameterError
+            If a name is unknown, a value is missing, or one has no logarithm.
+        """
+        if parameters is None or hasattr(parameters, "keys"):
+            parameters = {**self.nominal, **dict(parameters or {})}
+        return super().theta(parameters)
+
+    def log_likelihood(self, parameters: Any = None) -> float:
+        """Compute the logarithm of the likelihood of all measured values, without priors.
+
+        Parameters
+        ----------
+        parameters : mapping of str to float, or array_like of shape (n_estimated,), optional
+            Values of estimated parameters, not on their scales; nominal ones where missing.
+
+        Raises
+        ------
+        ParameterError
+            If a name or value is not accepted.
+        SolveError
+            If a run fails; the message names the condition.
+        """
+        return self.likelihood.log_likelihood(self._found(parameters, slopes=False))
+
+    def chi2(self, parameters: Any = None) -> float:
+        """Compute the sum of the squared residuals, each divided by its noise.
+
+        Parameters and errors are those of :meth:`log_likelihood`.
+        """
+        return self.likelihood.chi2(self._found(parameters, slopes=False))
+
+    def gradient(self, parameters: Any = None) -> Array:
+        """Compute the derivatives of the log-likelihood by the parameters on their scales.
+
+        Parameters and errors are those of :meth:`log_likelihood`.
+
+        Returns
+        -------
+        ndarray, shape (n_estimated,)
+            In the order of ``names``: by log10 of a parameter whose scale is log10.
+        """
+        return self.likelihood.gradient(self._found(parameters, slopes=True))
+
+    def log_prior(self, parameters: Any = None) -> float:
+        """Compute the sum of the logarithms of the objective priors' densities.
+
+        A prior on the parameter's scale counts there, any other one on its value; bounds do not cut
+        densities off. Parameters and errors are those of :meth:`log_likelihood`.
+        """
+        return self.priors.log_density(self.theta(parameters))
+
+    def simulate(self, parameters: Any = None) -> Any:
+        """Compute what was measured, as PEtab's simulation table.
+
+        Parameters and errors are those of :meth:`log_likelihood`.
+
+        Returns
+        -------
+        pandas.DataFrame
+            The measurement table with a column ``simulation`` in place of ``measurement``.
+        """
+        values = self._found(parameters, slopes=False).values
+        return measurement_frame(self._tables.measurement_files, values)
+
+    def objective(self, theta: Any) -> tuple[float, Array]:
+        """Compute what a fit minimises, for any optimiser.
+
+        Parameters
+        ----------
+        theta : array_like, shape (n_estimated,)
+            Values on their scales; :meth:`theta` gives those of the nominal ones.
+
+        Returns
+        -------
+        value : float
+            Minus the log-likelihood and the logarithms of the objective priors; infinite where a
+            run fails.
+        gradient : ndarray, shape (n_estimated,)
+            Its derivatives.
+        """
+        theta = np.asarray(theta, dtype=float)
+        [found] = self.predict(theta[None, :])
+        if found.message:
+            return math.inf, np.full(len(theta), np.nan)
+        value = -self.likelihood.log_likelihood(found) - self.priors.log_density(theta)
+        return value, -self.likelihood.gradient(found) - self.priors.gradient(theta)
+
+    def starts(self, n: int, seed: int | None = None) -> Array:
+        """Draw starts of a fit from the initialization priors.
+
+        Parameters
+        ----------
+        n : int
+            How many.
+        seed : int, optional
+            Equal seeds give equal starts.
+
+        Returns
+        -------
+        ndarray, shape (n, n_estimated)
+            On their scales, within the bounds; uniform there where there is no prior.
+        """
+        rows = [row.initialization_prior for row in self._rows]
+        return sample_starts(self.estimated, rows, n, seed)
+
+    def fit(
+        self,
+        starts: int = 20,
+        seed: int | None = None,
+        *,
+        from_nominal: bool = True,
+        search: Search | None = None,
+        progress: bool = True,
+    ) -> FitResult:
+        """Maximise the likelihood and the objective priors, from several starts.
+
+        Parameters
+        ----------
+        starts : int
+            How many starts, at least one.
+        seed : int, optional
+            Equal seeds draw equal starts; see :meth:`starts`.
+        from_nominal : bool
+            Whether the nominal values are the first start, where all parameters have one.
+        search : Search, optional
+            Tolerances and budgets of the optimiser.
+        progress : bool
+            Whether a bar may be shown, on terminals only.
+
+        Returns
+        -------
+        FitResult
+            The starts, the least objective first: minus the log-likelihood and the logarithms of
+            the priors, which take part in intervals and profiles of the result, too.
+
+        Raises
+        ------
+        ParameterError
+            If there are no starts, or they cannot be drawn.
+        """
+        if not starts >= 1:
+            raise ParameterError(f"a fit from {starts} starts: give at least one")
+        points = self.starts(starts, seed)
+        if from_nominal and len(self.nominal) == len(self.names):
+            points[0] = np.clip(self.theta(), self.scaled.lower, self.scaled.upper)
+        more = self.priors.rows if self.priors else None
+        records = minimise_from_starts(self, points, search, more_rows=more, progress=progress)
+        found = tuple(self._with_priors(record) for record in records)
+        return FitResult(self, found, search, more_rows=more)
+
+    def _with_priors(self, record: StartRecord) -> StartRecord:
+        """Put the logarithms of the priors in place of squares that differ by a constant."""
+        if not (self.priors and math.isfinite(record.objective)):
+            return record
+        rows, _ = self.priors.rows(record.theta)
+        shift = -self.priors.log_density(record.theta) - 0.5 * float(np.sum(rows**2))
+        return replace(record, objective=record.objective + shift)
+
+    def _found(self, parameters: Any, *, slopes: bool) -> Predictions:
+        [found] = self.predict(self.theta(parameters)[None, :], slopes=slopes)
+        if found.message:
+            raise SolveError(found.message)
+        return found

@@ -1,0 +1,106 @@
+"""The YAML file of a PEtab problem, version 1: which tables and which model it names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from cotree.errors import Error, SceneError, brief
+from cotree.estimation.petab_tables import Tables, fill_tables
+from cotree.files import read_text
+from cotree.readers.source_line import LARGEST_FILE
+
+_MISSING = "reading PEtab problems needs PyYAML: pip install 'cotree[petab]' brings it"
+
+
+def read_tables(path: str | Path) -> Tables:
+    """Read the tables that a YAML file names.
+
+    Parameters
+    ----------
+    path : str or Path
+        The YAML file; those that it names are looked for beside it.
+
+    Raises
+    ------
+    SceneError
+        If a file is missing or cannot be read, it is of another version, or a row makes no sense.
+    Error
+        If the extra ``petab`` is not installed.
+    """
+    data, folder = _parsed(path), Path(path).parent
+    version = str(_version(data)).strip()
+    if version.split(".")[0] != "1":
+        raise SceneError(
+            f"{path}: format_version is {brief(version)}, but cotree reads version 1 of PEtab"
+        )
+    problems = data.get("problems")
+    if not isinstance(problems, list) or len(problems) != 1 or not isinstance(problems[0], dict):
+        raise SceneError(f"{path}: 'problems' must list one problem: give a file for each")
+    problem = problems[0]
+    files = {
+        kind: [_existing(path, folder, name) for name in _listed(path, problem, f"{kind}_files")]
+        for kind in ("observable", "condition", "measurement")
+    }
+    files["parameter"] = [
+        _existing(path, folder, name) for name in _listed(path, data, "parameter_file")
+    ]
+    if problem.get("mapping_files"):
+        raise SceneError(f"{path}: mapping_files are not read: use names of the model in tables")
+    model = _existing(path, folder, _model(path, problem))
+    tables = Tables(str(path), model, tuple(files["measurement"]))
+    fill_tables(tables, files)
+    return tables
+
+
+def _parsed(path: str | Path) -> dict[str, Any]:
+    try:
+        import yaml
+    except ImportError:
+        raise Error(_MISSING) from None
+    text = read_text(path, LARGEST_FILE)
+    try:
+        data = yaml.safe_load(text)
+    except (yaml.YAMLError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"{path}:{mark.line + 1}" if mark else str(path)
+        raise SceneError(f"{where}: not valid YAML: {getattr(error, 'problem', '')}") from None
+    if not isinstance(data, dict) or "format_version" not in data:
+        raise SceneError(f"{path}: not a PEtab problem: it has no 'format_version'")
+    return data
+
+
+def _version(data: dict[str, Any]) -> object:
+    given = data["format_version"]
+    return given.get("version") if isinstance(given, dict) else given
+
+
+def _listed(path: str | Path, data: dict[str, Any], key: str) -> list[str]:
+    given = data.get(key)
+    names = [given] if isinstance(given, str) else given
+    if not isinstance(names, list) or not names or not all(isinstance(n, str) for n in names):
+        raise SceneError(f"{path}: '{key}' must name at least one file")
+    return names
+
+
+def _model(path: str | Path, problem: dict[str, Any]) -> str:
+    """Find the model: of version 1 an SBML file, or in its later form a table of models."""
+    models = problem.get("model_files")
+    if isinstance(models, dict) and not problem.get("sbml_files"):
+        for model in models.values():
+            language = model.get("language") if isinstance(model, dict) else None
+            if language != "sbml":
+                raise SceneError(f"{path}: the model is in '{language}', but cotree reads SBML")
+        names = [str(model.get("location")) for model in models.values()]
+    else:
+        names = _listed(path, problem, "sbml_files")
+    if len(names) != 1:
+        raise SceneError(f"{path}: {len(names)} models: cotree reads problems of one SBML file")
+    return names[0]
+
+
+def _existing(path: str | Path, folder: Path, name: str) -> Path:
+    found = folder / name
+    if not found.is_file():
+        raise SceneError(f"{path}: the file '{brief(name)}' that it names is not at {found}")
+    return found

@@ -1,0 +1,162 @@
+"""Observables and noise of a PEtab problem as outputs of a scene.
+
+Each distinct formula, with the overrides of measured rows in place of its placeholders, becomes one
+output. Formulas without names become numbers.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+from cotree.errors import ExpressionError, nearest
+from cotree.estimation.petab_formulas import Formula, number_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from cotree.estimation.petab_tables import MeasurementRow, ObservableRow, Tables
+
+PLACEHOLDER = re.compile(r"(observable|noise)Parameter([0-9]+)_(\w+)\Z")
+
+
+class Outputs:
+    """The outputs that measured rows need.
+
+    Parameters
+    ----------
+    tables : Tables
+        The tables.
+    meaning : callable
+        Gives the expression of a name of the model or of the parameter table, or None.
+    name : callable
+        Gives an unused name of the scene as close to a wish as is free.
+
+    Attributes
+    ----------
+    expressions : dict of str to str
+        Expressions of the outputs by name.
+    """
+
+    def __init__(
+        self,
+        tables: Tables,
+        meaning: Callable[[str], str | None],
+        name: Callable[[str], str],
+    ) -> None:
+        self._tables, self._meaning, self._name = tables, meaning, name
+        self._formulas: dict[tuple[str, str], Formula] = {}
+        self._found: dict[tuple[object, ...], tuple[str, str | float]] = {}
+        self._by_expression: dict[str, str] = {}
+        self.expressions: dict[str, str] = {}
+
+    def of_row(self, row: MeasurementRow) -> tuple[str, str | float]:
+        """Give the observable and the noise of a measured row: outputs, or the number of the noise.
+
+        Raises
+        ------
+        SceneError
+            If a formula is wrong, or overrides do not fit to it.
+        """
+        key = (row.observable, row.observable_parameters, row.noise_parameters)
+        if key not in self._found:
+            observable = self._tables.observables[row.observable]
+            overrides = self._overrides(row, observable)
+            self._found[key] = self._pair(row, observable, overrides)
+        return self._found[key]
+
+    def _pair(
+        self, row: MeasurementRow, observable: ObservableRow, overrides: Mapping[str, str]
+    ) -> tuple[str, str | float]:
+        """Form the two outputs of an observable with overrides."""
+        formula = self._formula(observable, "observableFormula")
+        wanted = self._expression(row, observable, formula, overrides)
+        name = self._output(observable.name, wanted)
+        formula = self._formula(observable, "noiseFormula")
+        # Noise may depend on the observable, or on another one, by its identifier.
+        known = dict(overrides)
+        for other in formula.names:
+            if other in self._tables.observables and other not in known:
+                its = self._tables.observables[other]
+                inner = self._formula(its, "observableFormula")
+                known[other] = f"({self._expression(row, its, inner, overrides)})"
+        noise = self._expression(row, observable, formula, known)
+        try:
+            number = number_of(noise, "noiseFormula")
+        except ExpressionError as error:
+            raise observable.row.error(str(error)) from None
+        if number is None:
+            return name, self._output(f"noise_{observable.name}", noise)
+        if not number > 0.0:
+            raise row.row.error(f"the noise of '{observable.name}' is {number:g}: not positive")
+        return name, number
+
+    def _output(self, wish: str, expression: str) -> str:
+        """Give the output of an expression, one for all that share it."""
+        if expression not in self._by_expression:
+            name = self._name(wish)
+            self._by_expression[expression] = name
+            self.expressions[name] = expression
+        return self._by_expression[expression]
+
+    def _formula(self, observable: ObservableRow, column: str) -> Formula:
+        key = (observable.name, column)
+        if key not in self._formulas:
+            text = observable.formula if column == "observableFormula" else observable.noise
+            try:
+                self._formulas[key] = Formula(text)
+            except ExpressionError as error:
+                raise observable.row.error(f"{column}: {error}") from None
+        return self._formulas[key]
+
+    def _expression(
+        self,
+        row: MeasurementRow,
+        observable: ObservableRow,
+        formula: Formula,
+        overrides: Mapping[str, str],
+    ) -> str:
+        def meaning(name: str) -> str:
+            found = overrides.get(name) or self._meaning(name)
+            if found is not None:
+                return found
+            if (match := PLACEHOLDER.match(name)) is not None:
+                raise row.row.error(
+                    f"'{observable.name}' needs a value for '{name}': "
+                    f"'{match[1]}Parameters' has too few"
+                )
+            known = sorted(self._tables.parameters)
+            raise observable.row.error(
+                f"'{name}' in the formula of '{observable.name}' is neither of the model nor a "
+                f"parameter{nearest(name, known)}"
+            )
+
+        try:
+            return formula.expression(meaning)
+        except ExpressionError as error:
+            raise observable.row.error(str(error)) from None
+
+    def _overrides(self, row: MeasurementRow, observable: ObservableRow) -> dict[str, str]:
+        """Give what placeholders stand for, by their names."""
+        found = {}
+        for kind, given, column in (
+            ("observable", row.observable_parameters, "observableFormula"),
+            ("noise", row.noise_parameters, "noiseFormula"),
+        ):
+            names = self._formula(observable, column).names
+            for number, value in enumerate(given, start=1):
+                placeholder = f"{kind}Parameter{number}_{observable.name}"
+                if placeholder not in names:
+                    raise row.row.error(
+                        f"'{kind}Parameters' has {len(given)} entries, but {column} of "
+                        f"'{observable.name}' has no '{placeholder}'"
+                    )
+                if isinstance(value, str):
+                    meaning = self._meaning(value)
+                    if meaning is None:
+                        hint = nearest(value, self._tables.parameters)
+                        raise row.row.error(f"'{value}' in '{kind}Parameters' is unknown{hint}")
+                    found[placeholder] = meaning
+                else:
+                    found[placeholder] = f"({value!r})" if value < 0.0 else repr(value)
+        return found

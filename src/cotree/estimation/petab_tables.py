@@ -1,0 +1,356 @@
+"""The files of a PEtab problem, version 1: rows of its tables, checked one by one.
+
+In: the YAML file. Out: ``Tables``, in which every row knows its file and line. Formulas stay texts.
+
+Source: PEtab data format specification, version 1.0.0, petab.readthedocs.io.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, TypeVar
+
+from cotree.errors import SceneError, brief, nearest
+from cotree.files import read_text
+from cotree.readers.source_line import LARGEST_FILE, SourceLine
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+_IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
+
+_Named = TypeVar("_Named", "ParameterRow", "ObservableRow", "ConditionRow")
+
+#: A cell of the condition table: a number, the name of something else, or None for "as it is".
+Cell = float | str | None
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of a table.
+
+    Attributes
+    ----------
+    line : SourceLine
+        File and line, for messages.
+    cells : mapping of str to str
+        Texts by column.
+    """
+
+    line: SourceLine
+    cells: Mapping[str, str]
+
+    def error(self, message: str) -> SceneError:
+        """Make the error that something is wrong in this row."""
+        return self.line.error(message)
+
+    def text(self, column: str, default: str = "") -> str:
+        """Give a cell, or the default where it is empty or the table has no such column."""
+        value = (self.cells.get(column) or "").strip()
+        return default if value in ("", "NaN", "nan", "NA") else value
+
+    def number(self, column: str, default: float | None = None) -> float:
+        """Give a number; refuse an empty cell where there is no default."""
+        text = self.text(column)
+        if not text:
+            if default is None:
+                raise self.error(f"'{column}' is empty: give a number")
+            return default
+        value = as_number(text)
+        if value is None:
+            raise self.error(f"'{column}' is '{brief(text)}', which is no number")
+        return value
+
+    def choice(self, column: str, known: Sequence[str]) -> str:
+        """Give one of some words, the first where the cell is empty."""
+        text = self.text(column, known[0])
+        if text not in known:
+            raise self.error(f"'{column}' is '{brief(text)}'{nearest(text, known)}")
+        return text
+
+    def identifier(self, column: str) -> str:
+        """Give a name."""
+        text = self.text(column)
+        if not _IDENTIFIER.match(text):
+            raise self.error(
+                f"'{column}' is '{brief(text)}': give letters, digits and underscores, no digit "
+                "first"
+            )
+        return text
+
+    def listed(self, column: str) -> tuple[str | float, ...]:
+        """Give what is separated by semicolons: numbers, or names."""
+        text = self.text(column)
+        parts = [part.strip() for part in text.split(";")] if text else []
+        found: list[str | float] = []
+        for part in parts:
+            value = as_number(part)
+            if value is None and not _IDENTIFIER.match(part):
+                raise self.error(f"'{brief(part)}' in '{column}' is neither a number nor a name")
+            found.append(part if value is None else value)
+        return tuple(found)
+
+
+@dataclass(frozen=True)
+class PriorRow:
+    """A prior: its type and its two parameters."""
+
+    kind: str
+    first: float
+    second: float
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """A row of the parameter table; bounds and nominal value are not on the scale."""
+
+    name: str
+    row: Row
+    scale: str
+    lower: float
+    upper: float
+    nominal: float | None
+    is_estimated: bool
+    objective_prior: PriorRow | None
+    initialization_prior: PriorRow | None
+
+
+@dataclass(frozen=True)
+class ObservableRow:
+    """A row of the table of observables."""
+
+    name: str
+    row: Row
+    formula: str
+    noise: str
+    transformation: str
+    distribution: str
+
+
+@dataclass(frozen=True)
+class MeasurementRow:
+    """A measured value; ``before`` is the preequilibration, empty for none."""
+
+    row: Row
+    observable: str
+    condition: str
+    before: str
+    t: float
+    value: float
+    observable_parameters: tuple[str | float, ...]
+    noise_parameters: tuple[str | float, ...]
+
+
+@dataclass(frozen=True)
+class ConditionRow:
+    """A row of the condition table: what it sets, by name."""
+
+    name: str
+    row: Row
+    cells: Mapping[str, Cell]
+
+
+@dataclass(frozen=True)
+class Tables:
+    """All tables of a problem.
+
+    Attributes
+    ----------
+    file : str
+        The YAML file.
+    model : Path
+        The SBML file.
+    measurement_files : tuple of Path
+        Files of measurements, in order.
+    parameters, observables, conditions, measurements
+        Rows, the first three by name.
+    """
+
+    file: str
+    model: Path
+    measurement_files: tuple[Path, ...]
+    parameters: dict[str, ParameterRow] = field(default_factory=dict)
+    observables: dict[str, ObservableRow] = field(default_factory=dict)
+    conditions: dict[str, ConditionRow] = field(default_factory=dict)
+    measurements: list[MeasurementRow] = field(default_factory=list)
+
+
+_SCALES = ("lin", "log", "log10")
+_PRIORS = (
+    *("parameterScaleUniform", "parameterScaleNormal", "parameterScaleLaplace"),
+    *("uniform", "normal", "laplace", "logNormal", "logLaplace"),
+)
+
+
+def as_number(text: str) -> float | None:
+    """Give the number of a text, or None; ``nan`` is none."""
+    # Python would take underscores between digits, too.
+    try:
+        value = math.nan if "_" in text else float(text)
+    except ValueError:
+        return None
+    return None if math.isnan(value) else value
+
+
+def fill_tables(tables: Tables, files: Mapping[str, Iterable[Path]]) -> None:
+    """Read all tables.
+
+    Parameters
+    ----------
+    tables : Tables
+        Takes the rows.
+    files : mapping of str to paths
+        Files by kind: parameter, observable, condition, measurement.
+
+    Raises
+    ------
+    SceneError
+        If a file cannot be read or a row makes no sense; the message begins with file and line.
+    """
+    for row in _rows(files["parameter"], "parameterId", "parameterScale", "nominalValue"):
+        _put(tables.parameters, _parameter(row), "parameter")
+    for row in _rows(files["observable"], "observableId", "observableFormula", "noiseFormula"):
+        _put(tables.observables, _observable(row), "observable")
+    for row in _rows(files["condition"], "conditionId"):
+        _put(tables.conditions, _condition(row), "condition")
+    wanted = ("observableId", "simulationConditionId", "measurement", "time")
+    for row in _rows(files["measurement"], *wanted):
+        tables.measurements.append(_measurement(row, tables))
+    if not tables.measurements:
+        raise SceneError(f"{tables.file}: nothing was measured: the measurement table has no rows")
+
+
+def _put(known: dict[str, _Named], found: _Named, what: str) -> None:
+    """Keep a row under its name, which no other may have."""
+    if found.name in known:
+        line = known[found.name].row.line
+        raise found.row.error(f"{what} '{found.name}' stands twice, first in {line}")
+    known[found.name] = found
+
+
+def _rows(paths: Iterable[Path], *wanted: str) -> Iterable[Row]:
+    """Give the rows of tables, with their columns checked."""
+    for path in paths:
+        reader = csv.DictReader(io.StringIO(read_text(path, LARGEST_FILE)), delimiter="\t")
+        columns = reader.fieldnames or []
+        for name in wanted:
+            if name not in columns:
+                hint = nearest(name, columns) if columns else ""
+                raise SceneError(f"{path}:1: no column '{name}'{hint}")
+        for cells in reader:
+            row = Row(SourceLine(str(path), reader.line_num), cells)
+            # Cells beyond the header stand under None, as csv has it.
+            if None in cells:
+                raise row.error(f"more cells than the {len(columns)} columns of the first line")
+            if any(row.text(name) for name in columns):
+                yield row
+
+
+def _parameter(row: Row) -> ParameterRow:
+    name, scale = row.identifier("parameterId"), row.choice("parameterScale", _SCALES)
+    estimate = row.text("estimate")
+    if estimate not in ("0", "1", "0.0", "1.0"):
+        raise row.error(f"'estimate' is '{brief(estimate)}': give 0 or 1")
+    is_estimated = estimate.startswith("1")
+    lower, upper = -math.inf, math.inf
+    if is_estimated:
+        lower, upper = row.number("lowerBound"), row.number("upperBound")
+        if not lower < upper:
+            raise row.error(f"the bounds {lower:g} and {upper:g} of '{name}' are not in order")
+        if scale != "lin" and lower < 0.0:
+            raise row.error(f"'{name}' is on scale {scale}: its lower bound must not be negative")
+    nominal = row.number("nominalValue", math.nan)
+    if not is_estimated and math.isnan(nominal):
+        raise row.error(f"'{name}' is not estimated: give its nominalValue")
+    return ParameterRow(
+        name,
+        row,
+        scale,
+        lower,
+        upper,
+        None if math.isnan(nominal) else nominal,
+        is_estimated,
+        _prior(row, "objectivePrior") if is_estimated else None,
+        _prior(row, "initializationPrior") if is_estimated else None,
+    )
+
+
+def _prior(row: Row, column: str) -> PriorRow | None:
+    kind, given = row.text(f"{column}Type"), row.listed(f"{column}Parameters")
+    if not kind and not given:
+        return None
+    kind = row.choice(f"{column}Type", _PRIORS)
+    numbers = [value for value in given if not isinstance(value, str)]
+    if kind == "parameterScaleUniform" and not given:
+        return None  # between the bounds, as without a prior
+    if len(numbers) != 2 or len(given) != 2:
+        raise row.error(f"'{column}Parameters' of a {kind} prior are two numbers, as in 0;1")
+    first, second = numbers
+    if kind.lower().endswith("uniform") and not first < second:
+        raise row.error(f"the ends {first:g} and {second:g} of a {kind} prior are not in order")
+    if not kind.lower().endswith("uniform") and not second > 0.0:
+        raise row.error(f"the width {second:g} of a {kind} prior is not positive")
+    return PriorRow(kind, first, second)
+
+
+def _observable(row: Row) -> ObservableRow:
+    formula, noise = row.text("observableFormula"), row.text("noiseFormula")
+    name = row.identifier("observableId")
+    for column, text in (("observableFormula", formula), ("noiseFormula", noise)):
+        if not text:
+            raise row.error(f"'{column}' of observable '{name}' is empty")
+    return ObservableRow(
+        name,
+        row,
+        formula,
+        noise,
+        row.choice("observableTransformation", _SCALES),
+        row.choice("noiseDistribution", ("normal", "laplace")),
+    )
+
+
+def _condition(row: Row) -> ConditionRow:
+    cells: dict[str, Cell] = {}
+    for column in row.cells:
+        if column in ("conditionId", "conditionName"):
+            continue
+        text = row.text(column)
+        number = as_number(text) if text else None
+        cells[column] = row.identifier(column) if text and number is None else number
+    return ConditionRow(row.identifier("conditionId"), row, cells)
+
+
+def _measurement(row: Row, tables: Tables) -> MeasurementRow:
+    observable, before = row.text("observableId"), row.text("preequilibrationConditionId")
+    condition = row.text("simulationConditionId")
+    for column, name, known in (
+        ("observableId", observable, tables.observables),
+        ("simulationConditionId", condition, tables.conditions),
+    ):
+        if name not in known:
+            raise row.error(f"unknown {column} '{brief(name)}'{nearest(name, known)}")
+    if before and before not in tables.conditions:
+        hint = nearest(before, tables.conditions)
+        raise row.error(f"unknown preequilibrationConditionId '{brief(before)}'{hint}")
+    value, t = row.number("measurement"), row.number("time")
+    if not math.isfinite(value):
+        raise row.error(f"the measurement is {value}: leave the row out")
+    if tables.observables[observable].transformation != "lin" and not value > 0.0:
+        raise row.error(f"the measurement {value:g} of '{observable}' has no logarithm")
+    if not t >= 0.0:
+        raise row.error(f"the time is {t:g}: PEtab counts from 0")
+    return MeasurementRow(
+        row,
+        observable,
+        condition,
+        before,
+        t,
+        value,
+        row.listed("observableParameters"),
+        row.listed("noiseParameters"),
+    )

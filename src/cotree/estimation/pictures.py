@@ -1,0 +1,113 @@
+"""Pictures of a fit: its numbers in the form that :mod:`cotree.plot.fits` draws."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cotree.estimation.bands import course_of
+from cotree.plot.fits import Course, Curve, Residuals, draw_overview, draw_profiles, draw_waterfall
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.figure import Figure
+
+    from cotree.estimation.result import FitResult
+
+# Panels over time in an overview, and in a picture of their own; more are too small to read.
+_MOST_IN_OVERVIEW, _MOST = 6, 24
+
+
+def courses(result: FitResult, *, noise: bool = False, most: int = _MOST) -> list[Course]:
+    """Give all that was measured over time, with bands; not more than some."""
+    measured, found = result.problem.measured, result.predictions
+    parts = []
+    for condition, name, rows in _measured_parts(result)[:most]:
+        t = measured.t[rows]
+        first = result.problem.conditions[condition].t_start
+        times = np.unique(np.concatenate([np.linspace(first, max(t.max(), first), 301), t]))
+        band = result.bands(name, times, experiment=condition, noise=noise)
+        is_plain = not result.problem.likelihood.is_log[rows].any()
+        parts.append(
+            course_of(
+                band,
+                Course,
+                t_measured=t,
+                measured=np.asarray(measured.value, dtype=float)[rows],
+                sigma=found.sigma[rows] if is_plain else None,
+            )
+        )
+    return parts
+
+
+def residuals(result: FitResult) -> list[Residuals]:
+    """Give the residuals of each quantity in each experiment."""
+    likelihood, found = result.problem.likelihood, result.predictions
+    values = result.residuals
+    computed = likelihood.transformed(found.values)
+    target = likelihood.transformed(likelihood.value)
+    many = len(result.problem.conditions) > 1
+    return [
+        Residuals(
+            name + (f" · {result.problem.conditions[condition].name}" if many else ""),
+            result.problem.measured.t[rows],
+            values[rows],
+            target[rows],
+            computed[rows],
+        )
+        for condition, name, rows in _measured_parts(result)
+    ]
+
+
+def waterfall(result: FitResult) -> Figure:
+    """Draw the starts."""
+    return draw_waterfall(*_starts(result))
+
+
+def profiles(result: FitResult, names: Sequence[str] | None, level: float) -> Figure:
+    """Form profiles and draw them."""
+    found, errors = result.profiles(names, level=level), result.standard_errors
+    scales = {row.name: row.scale for row in result.problem.estimated}
+    return draw_profiles(
+        [
+            Curve(
+                row.name,
+                result.units[row.name],
+                row.values,
+                row.rise,
+                row.estimate,
+                errors[row.name],
+                row.limit,
+                row.interval,
+                scales[row.name] != "lin",
+            )
+            for row in found.values()
+        ]
+    )
+
+
+def overview(result: FitResult) -> Figure:
+    """Draw courses, residuals, and starts or correlations."""
+    return draw_overview(
+        courses(result, most=_MOST_IN_OVERVIEW),
+        residuals(result),
+        _starts(result),
+        result.names,
+        result.correlation,
+    )
+
+
+def _starts(result: FitResult) -> tuple[np.ndarray, list[bool]]:
+    objectives = np.array([row.objective for row in result.starts])
+    return objectives, [row.is_converged for row in result.starts]
+
+
+def _measured_parts(result: FitResult) -> list[tuple[int, str, np.ndarray]]:
+    """Give the rows of each quantity in each experiment."""
+    measured = result.problem.measured
+    parts: dict[tuple[int, str], list[int]] = {}
+    for i, name in enumerate(measured.observable):
+        parts.setdefault((int(measured.condition[i]), name), []).append(i)
+    return [(c, name, np.array(rows)) for (c, name), rows in parts.items()]

@@ -1,0 +1,250 @@
+"""An estimation problem: conditions, what was measured in them, and what is estimated.
+
+In: conditions, measured rows and estimated parameters. Out: predictions, and by them residuals,
+log-likelihood, gradient and Fisher information, as functions of the estimated parameters on their
+scales. Runs go through the ensemble engine; those of several values of the parameters in one call.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.errors import ParameterError
+from cotree.estimation.columns import Accuracy
+from cotree.estimation.conditions import check_condition, check_measured
+from cotree.estimation.estimated import Scaled
+from cotree.estimation.groups import Group
+from cotree.estimation.likelihood import Likelihood, Predictions
+from cotree.model.arrays import as_array
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable, Sequence
+
+    from cotree.estimation.conditions import Condition, Measured
+    from cotree.estimation.estimated import Estimated
+
+Array = npt.NDArray[np.float64]
+
+
+class Problem:
+    """Measured values, and the runs that are to explain them.
+
+    Parameters
+    ----------
+    estimated : sequence of Estimated
+        What is estimated; the order is that of ``theta``.
+    conditions : sequence of Condition
+        The runs.
+    measured : Measured
+        What was measured in them.
+    accuracy : Accuracy, optional
+        Method and tolerances of the runs.
+
+    Attributes
+    ----------
+    estimated, conditions, measured, accuracy
+        As given.
+    scaled : Scaled
+        The estimated parameters on their scales.
+    likelihood : Likelihood
+        Measures of agreement, by predictions.
+
+    Raises
+    ------
+    ParameterError
+        If a name is unknown, or a row makes no sense.
+    """
+
+    def __init__(
+        self,
+        estimated: Sequence[Estimated],
+        conditions: Sequence[Condition],
+        measured: Measured,
+        accuracy: Accuracy | None = None,
+    ) -> None:
+        self.estimated, self.conditions = tuple(estimated), tuple(conditions)
+        self.measured, self.accuracy = measured, accuracy or Accuracy()
+        self.scaled = Scaled(self.estimated)
+        if len(set(self.scaled.names)) < len(self.scaled.names):
+            raise ParameterError(f"estimated parameters have one name: {self.scaled.names}")
+        if not len(measured):
+            raise ParameterError("nothing was measured: give at least one value")
+        for condition in self.conditions:
+            check_condition(condition, self.scaled.names)
+            if condition.before is not None:
+                check_condition(condition.before, self.scaled.names)
+        check_measured(measured, self.conditions, self.scaled.names)
+        self.likelihood = Likelihood(measured)
+        self._last: tuple[bytes, Predictions] | None = None
+        self._groups = self._grouped()
+
+    def predict(self, thetas: Any, *, slopes: bool = True) -> list[Predictions]:
+        """Compute what was measured, for several values of the estimated parameters in one call.
+
+        Parameters
+        ----------
+        thetas : array_like, shape (n_thetas, n_estimated)
+            Values on their scales. What comes out for one does not depend on the others.
+        slopes : bool
+            Whether derivatives are wanted; runs of the states alone take less time, and their
+            values differ within the tolerances.
+
+        Returns
+        -------
+        list of Predictions
+            One for each; those of runs that fail are nan and have a message.
+        """
+        thetas = np.asarray(thetas, dtype=float)
+        n, n_rows, n_est = len(thetas), len(self.measured), len(self.estimated)
+        values, factors = self.scaled.values(thetas), self.scaled.slopes(thetas)
+        width = n_est if slopes else 0
+        observed, sigma = np.empty((2, n, n_rows))
+        observed_slopes, sigma_slopes = np.empty((2, n, n_rows, width))
+        messages = [""] * n
+        for group in self._groups:
+            computed, deviations = group.run(values, slopes=slopes)
+            observed[:, group.rows], sigma[:, group.rows] = computed.values, deviations.values
+            observed_slopes[:, group.rows] = computed.slopes
+            sigma_slopes[:, group.rows] = deviations.slopes
+            messages = [a or b for a, b in zip(messages, computed.messages, strict=True)]
+        if slopes:
+            observed_slopes *= factors[:, None, :]
+            sigma_slopes *= factors[:, None, :]
+        return [
+            Predictions(observed[i], observed_slopes[i], sigma[i], sigma_slopes[i], messages[i])
+            for i in range(n)
+        ]
+
+    def theta(self, parameters: Any = None) -> Array:
+        """Give values of the estimated parameters on their scales, shape (n_estimated,).
+
+        Parameters
+        ----------
+        parameters : mapping of str to float, or array_like of shape (n_estimated,), optional
+            Their values, not on their scales; those that are missing are where estimation begins,
+            which is the middle of finite bounds where nothing says it.
+
+        Raises
+        ------
+        ParameterError
+            If a name is unknown, a value is missing, or one has no logarithm.
+        """
+        names = self.scaled.names
+        middle = self.scaled.values(0.5 * (self.scaled.lower + self.scaled.upper))
+        given = {
+            row.name: float(value) if row.start is None and np.isfinite(value) else row.start
+            for row, value in zip(self.estimated, middle, strict=True)
+        }
+        if parameters is not None and not hasattr(parameters, "keys"):
+            own = as_array(parameters, (len(names),), "the estimated parameters")
+            parameters = dict(zip(names, own.tolist(), strict=True))
+        for name, value in dict(parameters or {}).items():
+            if name not in given:
+                raise ParameterError(f"'{name}' is not estimated: {', '.join(names)} are")
+            given[name] = value
+        missing = [name for name, value in given.items() if value is None]
+        if missing:
+            raise ParameterError(f"'{missing[0]}' has no value to begin with: give one")
+        theta = self.scaled.scaled(np.array(list(given.values()), dtype=float))
+        for name, value in zip(names, theta, strict=True):
+            if not np.isfinite(value):
+                raise ParameterError(f"'{name}' is {given[name]}: it needs a finite logarithm")
+        return theta
+
+    @property
+    def bounds(self) -> list[tuple[float, float]]:
+        """Bounds of the estimated parameters on their scales, as SciPy's ``minimize`` takes them.
+
+        Infinite ones are none.
+        """
+        return list(zip(self.scaled.lower.tolist(), self.scaled.upper.tolist(), strict=True))
+
+    def values(self, theta: Any) -> dict[str, float]:
+        """Give the estimated parameters by name, in their units.
+
+        Parameters
+        ----------
+        theta : array_like, shape (n_estimated,)
+            Their values on their scales.
+        """
+        given = as_array(theta, (len(self.estimated),), "theta")
+        return dict(zip(self.scaled.names, self.scaled.values(given).tolist(), strict=True))
+
+    def objective(self, theta: Any) -> tuple[float, Array]:
+        """Give the negative log-likelihood and its gradient, for any optimiser.
+
+        Parameters
+        ----------
+        theta : array_like, shape (n_estimated,)
+            Values of the estimated parameters on their scales.
+
+        Returns
+        -------
+        float, ndarray of shape (n_estimated,)
+            Infinite, and nan, where a run fails.
+        """
+        found = self.predicted(theta)
+        return -self.likelihood.log_likelihood(found), -self.likelihood.gradient(found)
+
+    def residuals(self, theta: Any) -> Array:
+        """Give differences in standard deviations, shape (n_rows,); nan where a run fails.
+
+        Parameters
+        ----------
+        theta : array_like, shape (n_estimated,)
+            Values of the estimated parameters on their scales.
+        """
+        return self.likelihood.residuals(self.predicted(theta))
+
+    def jacobian(self, theta: Any) -> Array:
+        """Give the exact derivatives of the residuals, shape (n_rows, n_estimated).
+
+        Parameters
+        ----------
+        theta : array_like, shape (n_estimated,)
+            Values of the estimated parameters on their scales.
+        """
+        return self.likelihood.residual_slopes(self.predicted(theta))
+
+    def predicted(self, theta: Any) -> Predictions:
+        """Give predictions with derivatives at one point; the last ones are kept.
+
+        Parameters
+        ----------
+        theta : array_like, shape (n_estimated,)
+            Values of the estimated parameters on their scales.
+        """
+        point = np.array(as_array(theta, (len(self.estimated),), "theta"), dtype=float)
+        # Optimisers ask for values and for derivatives one after the other.
+        key = point.tobytes()
+        if self._last is None or self._last[0] != key:
+            self._last = key, self.predict([point])[0]
+        return self._last[1]
+
+    def _grouped(self) -> list[Group]:
+        """Put conditions together that run in one block; those without measurements do not run."""
+        found: dict[Hashable, list[int]] = {}
+        for number, condition in enumerate(self.conditions):
+            own = self.measured.t[self.measured.condition == number]
+            if not own.size:
+                continue
+            key = (
+                id(condition.model),
+                # Tables are not hashed: conditions of one mapping of inputs run together.
+                id(condition.inputs) if condition.inputs else 0,
+                condition.t_start,
+                float(own.max()),
+                frozenset(condition.initial),
+                condition.before is not None,
+            )
+            found.setdefault(key, []).append(number)
+        names = self.scaled.names
+        return [
+            Group(
+                [self.conditions[i] for i in numbers], numbers, self.measured, names, self.accuracy
+            )
+            for numbers in found.values()
+        ]

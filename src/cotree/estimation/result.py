@@ -1,0 +1,399 @@
+"""Results of a fit: estimates, and how far they can be trusted."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cotree.errors import ParameterError, nearest
+from cotree.estimation.shown import ShownFit
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    import numpy.typing as npt
+
+    from cotree.estimation.bands import Band
+    from cotree.estimation.candidates import NextMeasurements
+    from cotree.estimation.likelihood import Predictions
+    from cotree.estimation.multistart import Search
+    from cotree.estimation.problem import Problem
+    from cotree.estimation.profiles import Profile
+    from cotree.estimation.uncertainty import Uncertainty
+
+    Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class StartRecord:
+    """One start of an optimiser, and where it led.
+
+    Attributes
+    ----------
+    began, theta : ndarray, shape (n_estimated,)
+        Values of the estimated parameters on their scales, first and last.
+    objective : float
+        What was minimised, at the end; infinite where no run succeeded.
+    n_evaluations : int
+        How often predictions were computed.
+    is_converged : bool
+        Whether the optimiser met its tolerances.
+    message : str
+        Why it ended, as a sentence.
+    """
+
+    began: Array
+    theta: Array
+    objective: float
+    n_evaluations: int
+    is_converged: bool
+    message: str
+
+
+class FitResult(ShownFit):
+    """Estimates of parameters, and how far they can be trusted.
+
+    ``print(result)`` shows estimates with standard errors and intervals, and the findings: what
+    stands between the estimates and their use. Standard errors follow from the Fisher information
+    by exact sensitivities; profiles do not need the model to be nearly linear.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was fitted.
+    starts : sequence of StartRecord
+        The starts, the least objective first.
+    search : Search, optional
+        How the optimiser searched; its loss matters to standard errors.
+    more_rows : callable, optional
+        Gives rows of priors and their Jacobian for ``theta``; see
+        :func:`~cotree.estimation.multistart.minimise_from_starts`.
+
+    Attributes
+    ----------
+    problem, starts, search, more_rows
+        As given.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        starts: Sequence[StartRecord],
+        search: Search | None = None,
+        *,
+        more_rows: Callable[[Array], tuple[Array, Array]] | None = None,
+    ) -> None:
+        self.problem, self.starts = problem, tuple(starts)
+        self.search, self.more_rows = search, more_rows
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the estimated parameters; arrays have their order."""
+        return self.problem.scaled.names
+
+    @property
+    def theta(self) -> Array:
+        """Estimates on their scales, shape (n_estimated,)."""
+        return self.starts[0].theta
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Estimates by name, in their units."""
+        values = self.problem.scaled.values(self.theta)
+        return dict(zip(self.names, values.tolist(), strict=True))
+
+    @cached_property
+    def predictions(self) -> Predictions:
+        """Predictions at the estimates.
+
+        Raises
+        ------
+        ParameterError
+            If no start succeeded.
+        """
+        if not math.isfinite(self.starts[0].objective):
+            raise ParameterError(f"no start of the fit succeeded: {self.starts[0].message}")
+        (found,) = self.problem.predict([self.theta])
+        if found.message:
+            raise ParameterError(f"the run at the estimates failed: {found.message}")
+        return found
+
+    @cached_property
+    def uncertainty(self) -> Uncertainty:
+        """Covariance and Fisher information, on the scales of the parameters."""
+        from cotree.estimation.uncertainty import robust_factor, uncertainty_of
+
+        factor = 1.0
+        if self.search is not None and self.search.loss != "linear":
+            factor = robust_factor(
+                self.residuals, self.search.loss, self.search.f_scale, len(self.names)
+            )
+        return uncertainty_of(self.problem, self.theta, self.predictions, self._prior, factor)
+
+    @property
+    def standard_errors(self) -> dict[str, float]:
+        """Standard errors by name, in units; infinite where a parameter is not determined."""
+        slopes = self.problem.scaled.slopes(self.theta)
+        # Of a value of zero on a logarithmic scale, the slope is zero.
+        errors = np.where(slopes > 0.0, slopes, 1.0) * self.uncertainty.errors
+        return dict(zip(self.names, errors.tolist(), strict=True))
+
+    def intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
+        """Give intervals of confidence by name, in units.
+
+        They are formed on the scale of each parameter, so that those of parameters on logarithmic
+        scales stay positive. They do not know the bounds.
+
+        Parameters
+        ----------
+        level : float
+            Level of confidence of each interval on its own.
+        """
+        reach = self.uncertainty.quantile(level) * self.uncertainty.errors
+        with np.errstate(over="ignore"):
+            low, high = (self.problem.scaled.values(self.theta + s * reach) for s in (-1.0, 1.0))
+        return dict(zip(self.names, zip(low.tolist(), high.tolist(), strict=True), strict=True))
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the estimates on their scales, shape (n_estimated, n_estimated)."""
+        return self.uncertainty.covariance
+
+    @property
+    def correlation(self) -> Array:
+        """Correlation of the estimates, shape (n_estimated, n_estimated); nan for none."""
+        return self.uncertainty.correlation
+
+    @property
+    def fisher(self) -> Array:
+        """Fisher information on the scales of the parameters, shape (n_estimated, n_estimated)."""
+        return self.uncertainty.fisher
+
+    @property
+    def eigenvalues(self) -> Array:
+        """Eigenvalues of the Fisher information in relative changes, ascending, (n_estimated,).
+
+        One over the square root of each is the relative standard error of a combination of
+        parameters; those of combinations that are not determined are zero up to rounding.
+        """
+        return np.asarray(np.linalg.eigvalsh(self._relative_fisher()))
+
+    @property
+    def eigenvectors(self) -> Array:
+        """Relative changes of the parameters in the columns, (n_estimated, n_estimated)."""
+        return np.asarray(np.linalg.eigh(self._relative_fisher())[1])
+
+    @property
+    def residuals(self) -> Array:
+        """Residuals of the measured values in standard deviations, computed minus measured."""
+        return self.problem.likelihood.residuals(self.predictions)
+
+    @property
+    def chi2(self) -> float:
+        """Sum of the squared residuals."""
+        return self.problem.likelihood.chi2(self.predictions)
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Measured values less the combinations of parameters that they determine."""
+        n_open = int(self.uncertainty.split.open.shape[1])
+        return len(self.problem.measured) - len(self.names) + n_open
+
+    @property
+    def reduced_chi2(self) -> float:
+        """Chi-squared over its degrees of freedom; nan where there are none."""
+        freedom = self.degrees_of_freedom
+        return self.chi2 / freedom if freedom > 0 else math.nan
+
+    @property
+    def log_likelihood(self) -> float:
+        """Logarithm of the likelihood at the estimates."""
+        return self.problem.likelihood.log_likelihood(self.predictions)
+
+    @property
+    def aic(self) -> float:
+        """Akaike's information criterion."""
+        return 2.0 * (len(self.names) - self.log_likelihood)
+
+    @property
+    def bic(self) -> float:
+        """Bayesian information criterion."""
+        return len(self.names) * math.log(len(self.problem.measured)) - 2.0 * self.log_likelihood
+
+    @cached_property
+    def at_bounds(self) -> dict[str, str]:
+        """Parameters at a bound, with "lower" or "upper"."""
+        from cotree.estimation.findings import at_bounds
+
+        sides = zip(self.names, at_bounds(self.problem, self.theta), strict=True)
+        return {name: side for name, side in sides if side}
+
+    @cached_property
+    def undetermined(self) -> tuple[str, ...]:
+        """Combinations of parameters that the data do not determine, a sentence for each group."""
+        from cotree.estimation.findings import of_directions
+
+        return of_directions(self.problem, self.theta, self.uncertainty, self._prior)
+
+    @cached_property
+    def findings(self) -> tuple[str, ...]:
+        """Doubts about the estimates, a sentence each; empty if there are none."""
+        from cotree.estimation.findings import of_agreement, of_bounds, of_optimiser, of_widths
+
+        first = of_optimiser(self.starts)
+        if not math.isfinite(self.starts[0].objective):
+            return first
+        return (
+            *first,
+            *of_bounds(self.problem, self.theta),
+            *self.undetermined,
+            *of_widths(self.problem, self.theta, self.uncertainty),
+            *of_agreement(self.problem, self.predictions, self.degrees_of_freedom),
+        )
+
+    def profile(self, name: str, *, level: float = 0.95) -> Profile:
+        """Form the profile likelihood of a parameter, and its interval by the likelihood ratio.
+
+        Parameters
+        ----------
+        name : str
+            An estimated parameter.
+        level : float
+            Level of confidence.
+
+        Raises
+        ------
+        ParameterError
+            If the parameter is not estimated, or the loss is no likelihood.
+        """
+        return self.profiles([name], level=level)[name]
+
+    def profiles(
+        self, names: Sequence[str] | None = None, *, level: float = 0.95
+    ) -> dict[str, Profile]:
+        """Form profile likelihoods of some parameters, or of all, side by side.
+
+        Parameters
+        ----------
+        names : sequence of str, optional
+            Estimated parameters; all where absent.
+        level : float
+            Level of confidence.
+        """
+        from cotree.estimation.profiles import profiles_of
+
+        if self.search is not None and self.search.loss != "linear":
+            raise ParameterError(
+                f"the loss '{self.search.loss}' is no likelihood, so that there are no profiles of "
+                "it: fit with loss='linear'"
+            )
+        chosen = self.names if names is None else tuple(names)
+        for name in chosen:
+            if name not in self.names:
+                raise ParameterError(f"'{name}' is not estimated{nearest(name, self.names)}")
+        objective = -self.log_likelihood
+        if self.more_rows is not None:
+            objective += 0.5 * float(np.sum(self.more_rows(self.theta)[0] ** 2))
+        found = profiles_of(
+            self.problem,
+            self.theta,
+            objective,
+            [self.names.index(name) for name in chosen],
+            self.uncertainty,
+            level=level,
+            more_rows=self.more_rows,
+        )
+        return {row.name: row for row in found}
+
+    def bands(
+        self,
+        output: str,
+        t: Any = None,
+        *,
+        experiment: int | str = 0,
+        level: float = 0.95,
+        noise: bool | float | str = False,
+        draws: int = 0,
+        seed: int = 0,
+    ) -> Band:
+        """Predict any state or output with its interval.
+
+        Parameters
+        ----------
+        output : str
+            A state or output of the model, measured or not.
+        t : array_like, optional
+            Times, [s]; from the start to the last measured value where absent.
+        experiment : int or str
+            The experiment, by its number or name.
+        level : float
+            Level of confidence at each time on its own.
+        noise : bool, float or str
+            Whether the interval is to hold a further measurement: True takes the noise of the
+            measured values of this output; or its standard deviation.
+        draws : int
+            Runs at so many draws from the normal distribution of the estimates, in place of the
+            delta method, which takes the model to be linear near them.
+        seed : int
+            Of the draws.
+
+        Raises
+        ------
+        ParameterError
+            For an unknown name, or if the run fails.
+        """
+        from cotree.estimation.bands import band_of
+
+        return band_of(
+            self.problem, self.theta, self.uncertainty, output, t,
+            condition=experiment, level=level, noise=noise, draws=draws, seed=seed,
+        )  # fmt: skip
+
+    def next_measurements(
+        self, candidates: Any, n: int = 5, *, criterion: str = "D", repeat: bool = True
+    ) -> NextMeasurements:
+        """Choose the measurements that shrink the intervals most.
+
+        Parameters
+        ----------
+        candidates : mapping, or sequence of Candidates
+            Outputs with times, with (times, noise), or with the fields of
+            :class:`~cotree.estimation.candidates.Candidates` as a mapping, which can change the
+            experiment. Without noise, that of the measured values of the output counts.
+        n : int
+            How many to choose.
+        criterion : str
+            "D" for the determinant of the covariance, "A" for the sum of relative variances, "E"
+            for the largest one of all directions, or the name of a parameter for its own.
+        repeat : bool
+            Whether a candidate may be measured more than once.
+
+        Returns
+        -------
+        NextMeasurements
+            In the order in which they help, with the standard errors after each.
+
+        Raises
+        ------
+        ParameterError
+            For an unknown name or criterion, a missing noise, or too few candidates.
+        """
+        from cotree.estimation.candidates import choose
+
+        return choose(
+            self.problem, self.theta, self.uncertainty, candidates, n,
+            criterion=criterion, repeat=repeat,
+        )  # fmt: skip
+
+    @cached_property
+    def _prior(self) -> Array | None:
+        """Rows of information of priors."""
+        return None if self.more_rows is None else self.more_rows(self.theta)[1]
+
+    def _relative_fisher(self) -> Array:
+        sizes = np.abs(self.uncertainty.split.sizes)
+        return np.asarray(np.outer(sizes, sizes) * self.fisher)

@@ -1,0 +1,63 @@
+"""Starts of an optimiser, spread between the bounds of the estimated parameters."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.ensemble.sampling import unit_points
+
+if TYPE_CHECKING:
+    from cotree.estimation.estimated import Estimated
+    from cotree.estimation.problem import Problem
+
+Array = npt.NDArray[np.float64]
+
+_LN10 = math.log(10.0)
+
+
+def spread_starts(problem: Problem, n: int, seed: int = 0) -> Array:
+    """Choose starts: the problem's own one first, the others spread evenly between the bounds.
+
+    Parameters
+    ----------
+    problem : Problem
+        What is estimated. A parameter without a start of its own begins in the middle of its
+        bounds. Where a bound is infinite, the starts reach a decade beyond its own start on a
+        logarithmic scale, else to zero and to twice its own start, or to -1 and 1 where that is
+        zero.
+    n : int
+        How many.
+    seed : int
+        Of the Latin hypercube: equal seeds give equal starts.
+
+    Returns
+    -------
+    ndarray, shape (n, n_estimated)
+        On the scales of the estimated parameters.
+    """
+    ends = np.array([_ends(row) for row in problem.estimated]).T
+    lower, upper = problem.scaled.lower, problem.scaled.upper
+    # What the bounds leave open is taken from about the start.
+    low = np.where(np.isfinite(lower), lower, np.minimum(ends[0], upper))
+    high = np.where(np.isfinite(upper), upper, np.maximum(ends[1], lower))
+    own = np.array([np.nan if row.start is None else row.start for row in problem.estimated])
+    first = problem.scaled.scaled(own)
+    first = np.where(np.isfinite(first), first, 0.5 * (low + high))
+    if n < 2:
+        return first[None, :]
+    rest = low + unit_points("latin", n - 1, len(first), seed) * (high - low)
+    return np.vstack([first, rest])
+
+
+def _ends(row: Estimated) -> tuple[float, float]:
+    """Give an interval about the start of a parameter, on its scale."""
+    if row.scale != "lin":
+        decade = 1.0 if row.scale == "log10" else _LN10
+        middle = math.log10(row.start) * decade if row.start else 0.0
+        return middle - decade, middle + decade
+    start = row.start or 0.0
+    return start - (abs(start) or 1.0), start + (abs(start) or 1.0)

@@ -1,0 +1,202 @@
+"""Points of a model that are looked at or looked for: linearisations and equilibria."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cotree.errors import ParameterError, nearest
+from cotree.model.arrays import as_array
+from cotree.model.model import CompiledModel
+from cotree.model.moment import Moment
+from cotree.model.start import find_start
+from cotree.model.unknowns import solve_states
+from cotree.model.variation import Direction
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cotree.model.arrays import Array
+    from cotree.model.linearization import Linearization
+    from cotree.model.linearize import Linearizer
+    from cotree.model.trim_point import TrimPoint
+
+
+class PointMethods(CompiledModel):
+    """States, rates and outputs of a model at one point."""
+
+    @property
+    def _linearizer(self) -> Linearizer:
+        raise NotImplementedError
+
+    def linearize(
+        self,
+        t: float = 0.0,
+        y: Any = None,
+        p: Any = None,
+        u: Any = None,
+        *,
+        reduced: bool = False,
+        sensitivities: Sequence[str] | str = (),
+        total: bool = False,
+    ) -> Linearization:
+        """Linearise about the motion through a state: z' = A z + B u, y = C z + D u.
+
+        Parameters
+        ----------
+        t : float
+            Time, [s].
+        y : array_like, shape (n_states,), optional
+            States, of which algebraic unknowns are guesses; the initial ones where absent.
+        p, u : array_like, shapes (n_parameters,) and (n_inputs,), optional
+            Parameters, which may be a mapping of names to values, and inputs; the scene's where
+            absent.
+        reduced : bool
+            Whether to linearise in independent deviations, as many as there are degrees of freedom
+            of position and of speed; a scene with constraints or quaternions needs them for its
+            eigenvalues. Otherwise all states are taken, which constraints make dependent.
+        sensitivities : sequence of str
+            Parameters, inputs or states to differentiate A, B, C and D by; see
+            :meth:`~cotree.model.linearization.Linearization.sensitivity`. The model need not be
+            compiled with these.
+        total : bool
+            Whether initial states follow the parameters, as sensitivities of the start say, which
+            the model must then be compiled with; else states are held. Algebraic unknowns and the
+            scene's own inputs follow in either case. ``model.trim().linearize`` differentiates
+            along equilibria.
+
+        Returns
+        -------
+        Linearization
+            ``A``, ``B``, ``C``, ``D`` with names, ``basis`` and ``is_steady``. Deviations of the
+            states that satisfy the constraints to first order go on doing so along the motion: with
+            the constraints' gradient G and their basis N, G A N + G' N = 0, where G' is the rate
+            of G along the motion. The reduced A includes this through ``basis``.
+
+        Raises
+        ------
+        ParameterError
+            If an array has the wrong shape, or a name is unknown.
+        SingularSystemError
+            If the mass matrix is singular there.
+        """
+        p = self.parameter_array(p)
+        # Deviations are evaluated as nodes, without the kernels whose guards look at parameters.
+        self.check_parameters(p)
+        u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
+        at = Moment(self, float(t), p, u)
+        names = (sensitivities,) if isinstance(sensitivities, str) else tuple(sensitivities)
+        moves = self._starts_along(at, names) if total and y is None else {}
+        if total and y is not None:
+            raise ParameterError(
+                "total=True differentiates along the model's own starts, and y was given: leave it "
+                "out, or use model.trim(...).linearize(...), which follows equilibria"
+            )
+        y = find_start(at, {}).y if y is None else as_array(y, (len(self.states),), "the states")
+        directions = {name: self._direction(at, name, moves.get(name)) for name in names}
+        # Derivatives along the motion hold at solutions of the algebraic equations only.
+        return self._linearizer.about(
+            at, solve_states(at, y), reduced=reduced, directions=directions
+        )
+
+    def trim(
+        self,
+        solve: Sequence[str] | str = (),
+        *,
+        fixed: Mapping[str, float] | None = None,
+        rates: Mapping[str, float | None] | None = None,
+        outputs: Mapping[str, float] | None = None,
+        guess: Mapping[str, float] | None = None,
+        t: float = 0.0,
+        p: Any = None,
+        u: Any = None,
+    ) -> TrimPoint:
+        """Find an equilibrium or a steady motion by Newton's method with the exact Jacobian.
+
+        All states are unknown, except those in ``fixed``. All rates are to vanish, except those in
+        ``rates``; constraints and algebraic equations are to hold.
+
+        Parameters
+        ----------
+        solve : sequence of str
+            Inputs and parameters that are unknown besides, one for each state or output that is
+            fixed.
+        fixed : mapping of str to float, optional
+            Values of states, inputs and parameters that are held. The rate of a coordinate whose
+            speed is held is that speed.
+        rates : mapping of str to float or None, optional
+            Rates of states that are to differ from zero; None leaves a rate free.
+        outputs : mapping of str to float, optional
+            Values that outputs are to have.
+        guess : mapping of str to float, optional
+            Values of unknowns that the search begins with; otherwise those of the start and of the
+            scene. Of several equilibria one near to the guess is found.
+        t : float
+            Time, [s].
+        p, u : array_like, shapes (n_parameters,) and (n_inputs,), optional
+            Parameters, which may be a mapping of names to values, and inputs; the scene's where
+            absent.
+
+        Returns
+        -------
+        TrimPoint
+            ``y``, ``p``, ``u`` and values by name, ``is_unique`` with the unknowns that nothing
+            determines, ``linearize()`` and ``settings`` for :meth:`cotree.Model.simulate`.
+
+        Raises
+        ------
+        ParameterError
+            If a name is unknown, or what is given contradicts itself.
+        SolveError
+            If no such point is found; the message names what stays away from its value.
+
+        Examples
+        --------
+        >>> import cotree
+        >>> scene = cotree.Scene("pendulum", gravity=[0, -9.81, 0])
+        >>> scene.input("M", 0.0, unit="N m")
+        >>> scene.edge("j", "revolute", "ground", "A", axis=[0, 0, 1], torque="M")
+        >>> scene.edge("rod", "arm", "A", "B", vector=[0, -2.0, 0])
+        >>> scene.edge("bob", "rigid_body", "ground", "B", mass=1.0)
+        >>> held = scene.compile().trim(["M"], fixed={"j.theta": 0.5})
+        >>> round(held["M"], 6)
+        9.406329
+        """
+        from cotree.model.trim import Wishes, find_trim
+
+        names = (solve,) if isinstance(solve, str) else tuple(solve)
+        p = self.parameter_array(p)
+        u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
+        wishes = Wishes(names, fixed or {}, rates or {}, outputs or {}, guess or {})
+        return find_trim(self, self._linearizer, Moment(self, float(t), p, u), wishes)
+
+    def _starts_along(self, at: Moment, names: Sequence[str]) -> dict[str, Array]:
+        """Give the sensitivities of the start by name."""
+        for name in names:
+            if name not in self.sensitivities:
+                raise ParameterError(
+                    f"total=True needs the start's sensitivity to '{name}': compile the model with "
+                    f"sensitivities that name it{nearest(name, self.sensitivities)}"
+                )
+        s = find_start(at, {}).s
+        return {name: s[:, self.sensitivities.index(name)] for name in names}
+
+    def _direction(self, at: Moment, name: str, dy: Array | None) -> Direction:
+        """Give the direction of a parameter, an input or a state."""
+        y, u, p = (np.zeros(len(row)) for row in (self.states, self.inputs, self.parameters))
+        if name in self.parameters:
+            p[self.parameters.index(name)] = 1.0
+            if at.u is None:  # the scene's own inputs may depend on it
+                u = self._linearizer.inputs_by_parameters(at, p)
+        elif name in self.inputs:
+            u[self.inputs.index(name)] = 1.0
+        elif name in self.states:
+            y[self.states.index(name)] = 1.0
+        else:
+            known = [*self.parameters, *self.inputs, *self.states]
+            raise ParameterError(
+                f"'{name}' is no tunable parameter, input or state of the model"
+                f"{nearest(name, known)}"
+            )
+        return Direction(y if dy is None else dy, u, p)

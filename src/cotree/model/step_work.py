@@ -1,0 +1,61 @@
+"""Counts of what the steps of implicit methods do with a model.
+
+In: a program after its passes. Out: operations of its kernels, products of eliminations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.codegen.newton import is_unrolled
+from cotree.linear.band import narrow_band
+
+if TYPE_CHECKING:
+    from cotree.program import Program
+
+
+@dataclass(frozen=True)
+class StepWork:
+    """Counts of what a step consists of.
+
+    Attributes
+    ----------
+    rates, augmented, jacobian : int
+        Operations of an evaluation of the rates, of those with sensitivities, and of the Jacobian.
+    n_factors, n_products : int
+        Factors of the planned elimination, and products that it takes to make them.
+    is_unrolled : bool
+        Whether its C consists of straight lines.
+    n_banded, n_banded_products : int
+        The same of an elimination with row exchanges, in a band where that is narrower.
+    """
+
+    rates: int
+    augmented: int
+    jacobian: int
+    n_factors: int
+    n_products: int
+    is_unrolled: bool
+    n_banded: int
+    n_banded_products: int
+
+
+def count_step_work(program: Program) -> StepWork | None:
+    """Count; None where the pattern of the Jacobian makes the matrices of steps singular."""
+    layout, plan = program.layout, program.elimination
+    if plan is None:
+        return None
+    n, counts = len(layout.states), program.operations
+    lower, upper, places = narrow_band(n, layout.column_starts, layout.row_indices)
+    is_banded = places is not None
+    return StepWork(
+        counts["rhs"].total,
+        counts["augmented_rhs"].total,
+        counts["jacobian"].total,
+        len(plan.factors),
+        sum(len(entry.products) for entry in plan.factors),
+        is_unrolled(plan),
+        n * (2 * lower + upper + 1 if is_banded else n),
+        n * lower * (lower + upper) if is_banded else n**3 // 3,
+    )

@@ -1,0 +1,347 @@
+"""Fits: data and what was computed, residuals, starts, profiles and correlations.
+
+In: arrays and names. Out: a matplotlib `Figure`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from cotree.plot.known import figure_for_people
+from cotree.plot.result import curve_colors, draw_grid
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from cotree.plot.layout import Array
+
+# Panels side by side, and how many courses an overview shows.
+_COLUMNS = 3
+_DATA, _CURVE, _LIMIT = "0.35", "C0", "C3"
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """A quantity over time, its band, and what was measured of it.
+
+    Attributes
+    ----------
+    title, name, unit : str
+        Experiment, quantity and unit.
+    t, value, lower, upper : ndarray, shape (n,)
+        Times, [s], what was computed, and the band.
+    level : float
+        Level of confidence of the band.
+    t_measured, measured, sigma : ndarray, shape (n_measured,), or None
+        What was measured, and its standard deviations.
+    """
+
+    title: str
+    name: str
+    unit: str
+    t: Array
+    value: Array
+    lower: Array
+    upper: Array
+    level: float
+    t_measured: Array | None = None
+    measured: Array | None = None
+    sigma: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Residuals of one quantity in one experiment, in standard deviations.
+
+    Attributes
+    ----------
+    name : str
+        Quantity and experiment.
+    t, values, measured, computed : ndarray, shape (n,)
+        Times, [s], residuals, measured and computed values on the scale on which they are compared.
+    """
+
+    name: str
+    t: Array
+    values: Array
+    measured: Array
+    computed: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A profile likelihood.
+
+    Attributes
+    ----------
+    name, unit : str
+        The parameter.
+    values, rise : ndarray, shape (n,)
+        Its values, and twice the rise of the objective.
+    estimate, error, limit : float
+        Estimate, standard error (infinite for none), and the rise at the ends of the interval.
+    interval : tuple of float
+        Its ends.
+    is_log : bool
+        Whether the parameter is estimated on a logarithmic scale.
+    """
+
+    name: str
+    unit: str
+    values: Array
+    rise: Array
+    estimate: float
+    error: float
+    limit: float
+    interval: tuple[float, float]
+    is_log: bool
+
+
+def draw_courses(courses: Sequence[Course], *, ax: Axes | None = None) -> Figure:
+    """Draw quantities over time with their bands and what was measured."""
+    if ax is not None:
+        draw_course(ax, courses[0])
+        return cast("Figure", ax.figure)
+    figure, panels = _panels(len(courses))
+    for where, course in zip(panels, courses, strict=True):
+        draw_course(where, course)
+    return figure
+
+
+def draw_course(ax: Axes, course: Course) -> None:
+    """Draw one quantity over time."""
+    is_known = np.isfinite(course.lower) & np.isfinite(course.upper)
+    if course.measured is not None and course.t_measured is not None:
+        if course.sigma is not None and len(course.measured) <= 60:
+            bars: Any = {"fmt": "o", "ms": 3, "color": _DATA, "elinewidth": 0.8, "zorder": 1}
+            ax.errorbar(course.t_measured, course.measured, course.sigma, label="measured", **bars)
+        else:
+            ax.plot(course.t_measured, course.measured, ".", ms=3, color=_DATA, label="measured")
+    label = f"{100 * course.level:g} % band"
+    # A curve of one member of the legend for each.
+    if is_known.any():
+        ax.fill_between(
+            course.t, course.lower, course.upper, where=is_known.tolist(), color=_CURVE,
+            alpha=0.25, lw=0.0, label=label, zorder=2,
+        )  # fmt: skip
+    ax.plot(course.t, course.value, color=_CURVE, lw=1.6, label="computed", zorder=3)
+    # A wide band is not to hide the data.
+    shown = [course.value] + ([] if course.measured is None else [course.measured])
+    low, high = (f([float(f(np.asarray(x))) for x in shown]) for f in (min, max))
+    room = 0.6 * ((high - low) or abs(high) or 1.0)
+    ax.set_ylim(max(ax.get_ylim()[0], low - room), min(ax.get_ylim()[1], high + room))
+    _label(ax, "time [s]", f"{course.name} {_bracketed(course.unit)}".strip(), course.title)
+    ax.legend(fontsize=8, frameon=False)
+
+
+def draw_residuals(parts: Sequence[Residuals]) -> Figure:
+    """Draw residuals over time, observed against computed values, and the normal probability."""
+    figure = figure_for_people(12.0, 3.8)
+    over, against, normal = figure.subplots(1, 3)
+    draw_residuals_over_time(over, parts)
+    draw_observed(against, parts)
+    draw_normal(normal, parts)
+    return figure
+
+
+def draw_residuals_over_time(ax: Axes, parts: Sequence[Residuals]) -> None:
+    """Draw residuals over time, in standard deviations."""
+    ax.axhspan(-1.96, 1.96, color="0.93", lw=0.0, zorder=0)
+    ax.axhline(0.0, color="0.5", lw=0.8)
+    for part, color in zip(parts, curve_colors(len(parts)), strict=True):
+        ax.plot(part.t, part.values, "o", ms=3, color=color, label=part.name)
+    _label(ax, "time [s]", "residual / standard deviation", "residuals")
+    _legend(ax, len(parts))
+
+
+def draw_observed(ax: Axes, parts: Sequence[Residuals]) -> None:
+    """Draw observed against computed values, each quantity between its own ends."""
+    is_one = len({part.name.split(" · ")[0] for part in parts}) == 1
+    for part, color in zip(parts, curve_colors(len(parts)), strict=True):
+        low, high = (0.0, 1.0) if is_one else (part.measured.min(), part.measured.max())
+        width = (high - low) or 1.0
+        x, y = (part.computed - low) / width, (part.measured - low) / width
+        ax.plot(x, y, "o", ms=3, color=color, label=part.name)
+    ends = [max(ax.get_xlim()[0], ax.get_ylim()[0]), min(ax.get_xlim()[1], ax.get_ylim()[1])]
+    ax.plot(ends, ends, color="0.5", lw=0.8, zorder=0)
+    scaled = "" if is_one else ", each over its range"
+    _label(ax, f"computed{scaled}", f"measured{scaled}", "measured against computed")
+
+
+def draw_normal(ax: Axes, parts: Sequence[Residuals]) -> None:
+    """Draw ordered residuals against those that are expected of a normal distribution."""
+    from scipy import special
+
+    values = np.sort(np.concatenate([part.values for part in parts]))
+    n = len(values)
+    # Means of order statistics of a normal distribution, nearly (Blom 1958).
+    expected = special.ndtri((np.arange(1, n + 1) - 0.375) / (n + 0.25))
+    ax.plot(expected, values, "o", ms=3, color=_CURVE)
+    ax.plot(expected[[0, -1]], expected[[0, -1]], color="0.5", lw=0.8, zorder=0)
+    _label(ax, "expected of a normal distribution", "ordered residuals", "normal probability")
+
+
+def draw_waterfall(objectives: Array, converged: Sequence[bool], ax: Axes | None = None) -> Figure:
+    """Draw the objectives of all starts above the least one, in their order."""
+    from matplotlib.ticker import MaxNLocator
+
+    if ax is None:
+        figure = figure_for_people(5.2, 3.8)
+        ax = figure.subplots()
+    is_finite = np.isfinite(objectives)
+    above = objectives[is_finite] - objectives[0]
+    rank, done = np.arange(1, len(above) + 1), np.array(converged)[is_finite]
+    style: dict[str, Any] = {"ls": "none", "ms": 5}
+    if done.any():
+        ax.plot(rank[done], above[done], marker="o", color=_CURVE, label="converged", **style)
+    if not done.all():
+        ax.plot(rank[~done], above[~done], marker="o", mfc="none", color=_LIMIT,
+                label="not converged", **style)  # fmt: skip
+    # Differences of a hundredth tell nothing apart; below them the scale is linear.
+    ax.set_yscale("symlog", linthresh=1e-2)
+    ax.set_ylim(-2e-3, max(1.0, 2.0 * float(above.max(initial=0.0))))
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    n_failed = int(np.sum(~is_finite))
+    title = "starts" + (f", {n_failed} failed" if n_failed else "")
+    _label(ax, "start, best first", "objective above the least one", title)
+    ax.legend(fontsize=8, frameon=False)
+    return cast("Figure", ax.figure)
+
+
+def draw_profiles(curves: Sequence[Curve]) -> Figure:
+    """Draw profile likelihoods, with the parabola that standard errors stand for."""
+    figure, panels = _panels(len(curves))
+    for k, (ax, curve) in enumerate(zip(panels, curves, strict=True)):
+        _draw_profile(ax, curve)
+        if math.isfinite(curve.error) and curve.error > 0.0:
+            _draw_parabola(ax, curve)
+        ax.axhline(curve.limit, color=_LIMIT, lw=1.0, ls="--", label="limit")
+        low, high = float(curve.values.min()), float(curve.values.max())
+        for end in curve.interval:
+            if low <= end <= high:
+                ax.axvline(end, color=_LIMIT, lw=0.8, ls=":")
+        ax.axvline(curve.estimate, color="0.5", lw=0.8)
+        ax.set_ylim(-0.05 * curve.limit, 1.6 * curve.limit)
+        if curve.is_log and low > 0.0 and high > 5.0 * low:
+            ax.set_xscale("log")
+        label = f"{curve.name} {_bracketed(curve.unit)}".strip()
+        _label(ax, label, "rise of twice the objective", "")
+        if k == 0:
+            ax.legend(fontsize=8, frameon=False)
+    return figure
+
+
+def draw_correlation(names: Sequence[str], correlation: Array, ax: Axes | None = None) -> Figure:
+    """Draw correlations as a map of colours with their numbers."""
+    n = len(names)
+    if ax is None:
+        size = min(max(3.6, 0.62 * n + 1.6), 12.0)
+        figure = figure_for_people(size + 0.8, size)
+        ax = figure.subplots()
+    image = ax.imshow(correlation, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
+    image.cmap.set_bad("0.85")
+    ax.figure.colorbar(image, ax=ax, shrink=0.8)
+    ax.set_xticks(range(n), names, rotation=90 if n > 4 else 0)
+    ax.set_yticks(range(n), names)
+    ax.tick_params(length=0)
+    ax.set_title("correlation", fontsize=10)
+    if n <= 12:
+        for i in range(n):
+            for j in range(n):
+                c = float(correlation[i, j])
+                color = "white" if abs(c) > 0.6 else "black"
+                text = f"{c:.2f}" if math.isfinite(c) else "–"
+                ax.text(j, i, text, ha="center", va="center", fontsize=8, color=color)
+    return cast("Figure", ax.figure)
+
+
+def draw_overview(
+    courses: Sequence[Course],
+    parts: Sequence[Residuals],
+    starts: tuple[Array, Sequence[bool]],
+    names: Sequence[str],
+    correlation: Array,
+) -> Figure:
+    """Draw all that tells whether a fit is good: courses first, then residuals and starts."""
+    # Courses fill their rows, whose panels may be wider than those of the last one.
+    columns = 2 if len(courses) in (2, 4) else min(len(courses), _COLUMNS)
+    n_rows = -(-len(courses) // columns)
+    figure = figure_for_people(4.3 * _COLUMNS, 3.2 * (n_rows + 1) + 0.4)
+    grid = figure.add_gridspec(n_rows + 1, 6)
+    width = 6 // columns
+    for k, course in enumerate(courses):
+        down, right = divmod(k, columns)
+        draw_course(figure.add_subplot(grid[down, right * width : (right + 1) * width]), course)
+    last = [figure.add_subplot(grid[n_rows, 2 * j : 2 * j + 2]) for j in range(_COLUMNS)]
+    draw_residuals_over_time(last[0], parts)
+    draw_normal(last[1], parts)
+    if len(starts[0]) > 1:
+        draw_waterfall(*starts, ax=last[2])
+    else:
+        draw_correlation(names, correlation, last[2])
+    return figure
+
+
+def _draw_profile(ax: Axes, curve: Curve) -> None:
+    """Draw the points of a profile, and a line through the roots of the rise, which are smooth."""
+    from scipy.interpolate import PchipInterpolator
+
+    values, first = np.unique(curve.values, return_index=True)
+    root = np.sqrt(np.maximum(curve.rise[first], 0.0)) * np.sign(values - curve.estimate)
+    ax.plot(values, curve.rise[first], "o", ms=3.5, color=_CURVE)
+    if len(values) > 1:
+        fine = np.linspace(values[0], values[-1], 201)
+        line = PchipInterpolator(values, root)(fine) ** 2
+        ax.plot(fine, line, color=_CURVE, lw=1.6, label="profile")
+
+
+def _draw_parabola(ax: Axes, curve: Curve) -> None:
+    """Draw what the rise would be if the model were linear on the scale of the parameter."""
+    reach = np.linspace(-1.3, 1.3, 101) * math.sqrt(curve.limit)
+    if curve.is_log:
+        x = curve.estimate * np.exp(reach * curve.error / curve.estimate)
+    else:
+        x = curve.estimate + reach * curve.error
+    inside = (x >= curve.values.min()) & (x <= curve.values.max())
+    ax.plot(x[inside], reach[inside] ** 2, color="0.6", lw=1.2, ls="--", label="standard error")
+
+
+def _panels(n: int) -> tuple[Figure, list[Axes]]:
+    """Make a figure with so many panels."""
+    # Four stand in a square.
+    columns = 2 if n == 4 else min(n, _COLUMNS)
+    rows = -(-n // columns)
+    figure = figure_for_people(1.0 + 4.0 * columns, 0.4 + 3.2 * rows)
+    panels = figure.subplots(rows, columns, squeeze=False).flat
+    for ax in list(panels)[n:]:
+        ax.set_visible(False)
+    return figure, list(figure.axes[:n])
+
+
+def _label(ax: Axes, x: str, y: str, title: str) -> None:
+    ax.set_xlabel(x)
+    ax.set_ylabel(y)
+    if title:
+        ax.set_title(title, fontsize=10)
+    draw_grid(ax)
+
+
+def _legend(ax: Axes, n: int) -> None:
+    """Explain colours, of few and of not too many."""
+    if 1 < n <= 8:
+        # Below, where it hides no residual.
+        ax.legend(
+            fontsize=7, frameon=False, markerscale=1.3, loc="upper center",
+            bbox_to_anchor=(0.5, -0.2), ncols=2,
+        )  # fmt: skip
+
+
+def _bracketed(unit: str) -> str:
+    return f"[{unit}]" if unit else ""

@@ -1,0 +1,387 @@
+"""Models in SBML files: read by libsbml, checked, and told in plain data.
+
+Formulas stay libsbml's trees. See docs/sbml.md for what is known.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from cotree.errors import Error, brief
+from cotree.readers.source_line import SourceLine
+from cotree.readers.xml_tree import parse_xml
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_DEEPEST, _MOST_ELEMENTS = 1000, 3_000_000
+
+_DECLARATION, _UTF_8 = re.compile(r"\A\s*<\?xml[^>]*\?>"), '<?xml version="1.0" encoding="UTF-8"?>'
+
+_REMEDY = {
+    "delay": "let the event set a parameter, and another one happen later",
+    "priority": "list the events in the order in which they are to happen",
+}
+
+
+@dataclass(frozen=True)
+class Formula:
+    """A formula of a model.
+
+    Attributes
+    ----------
+    node : libsbml.ASTNode
+        Its tree.
+    at : SourceLine
+        Where it stands.
+    what : str
+        What it belongs to, for messages: ``kinetic law of reaction 'R1'``.
+    """
+
+    node: Any = field(repr=False)
+    at: SourceLine
+    what: str
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A compartment, a species, a parameter or a stoichiometry.
+
+    Attributes
+    ----------
+    kind, id, title : str
+        Its kind, identifier and name for people.
+    at : SourceLine
+        Where it stands.
+    value : float or None
+        The number given as its value at the start.
+    is_constant : bool
+        Whether nothing may change it.
+    compartment : str
+        Of a species: where it is.
+    is_amount : bool
+        Of a species: whether its identifier means an amount, not a concentration.
+    gives_amount : bool
+        Of a species: whether ``value`` is an amount.
+    is_boundary : bool
+        Of a species: whether reactions leave it as it is.
+    conversion : str
+        Of a species: the parameter by which reactions' extents become amounts of it.
+    """
+
+    kind: str
+    id: str
+    title: str
+    at: SourceLine
+    value: float | None = None
+    is_constant: bool = False
+    compartment: str = ""
+    is_amount: bool = False
+    gives_amount: bool = False
+    is_boundary: bool = False
+    conversion: str = ""
+
+    @property
+    def whose(self) -> str:
+        """Name it in messages."""
+        return f"{self.kind} '{brief(self.id)}'"
+
+
+@dataclass(frozen=True)
+class Part:
+    """The part that a species takes in a reaction.
+
+    Attributes
+    ----------
+    species : str
+        Which it is.
+    sign : int
+        -1 for a reactant, 1 for a product.
+    stoichiometry : float or str or Formula
+        How many of them: a number, the identifier of a quantity, or a formula.
+    at : SourceLine
+        Where it stands.
+    """
+
+    species: str
+    sign: int
+    stoichiometry: float | str | Formula
+    at: SourceLine
+
+
+@dataclass(frozen=True)
+class Reaction:
+    """A reaction: its rate, local parameters, and parts."""
+
+    id: str
+    law: Formula
+    local: dict[str, Quantity]
+    parts: tuple[Part, ...]
+
+
+@dataclass(frozen=True)
+class SbmlEvent:
+    """An event: when it happens, the values that it sets, and whether it may at the start."""
+
+    id: str
+    trigger: Formula
+    sets: dict[str, Formula]
+    is_initially_true: bool
+
+
+@dataclass
+class SbmlContent:
+    """The content of a model, by identifier.
+
+    Attributes
+    ----------
+    id : str
+        The model's identifier.
+    quantities : dict of str to Quantity
+        Compartments, species, parameters and stoichiometries with an identifier.
+    functions : dict of str to node
+        Trees of the function definitions.
+    initials, assignments, rates : dict of str to Formula
+        Initial assignments, assignment rules and rate rules by what they determine.
+    reactions, events : list
+        The reactions and events.
+    notes : list of str
+        What is not read.
+    """
+
+    id: str
+    quantities: dict[str, Quantity] = field(default_factory=dict)
+    functions: dict[str, Any] = field(default_factory=dict)
+    initials: dict[str, Formula] = field(default_factory=dict)
+    assignments: dict[str, Formula] = field(default_factory=dict)
+    rates: dict[str, Formula] = field(default_factory=dict)
+    reactions: list[Reaction] = field(default_factory=list)
+    events: list[SbmlEvent] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    _document: Any = None  # libsbml's trees live as long as their document
+
+
+def read_document(text: str, where: str) -> SbmlContent:
+    """Read the model of an SBML text.
+
+    Parameters
+    ----------
+    text : str
+        The file's text.
+    where : str
+        Names it in messages.
+
+    Raises
+    ------
+    Error
+        If python-libsbml is not installed.
+    SceneError
+        If the text is no XML or no SBML, or the model holds what is not known.
+    """
+    # The text's own check comes first: it refuses document types, whose entities libsbml follows.
+    root = parse_xml(text, where, deepest=_DEEPEST, most=_MOST_ELEMENTS)
+    if root.tag.rpartition(":")[2] != "sbml":
+        raise root.at.error(f"not SBML: its outermost element is <{brief(root.tag)}>, not <sbml>")
+    # Packages of Level 3 say so where they change the meaning of a model.
+    for attribute, value in root.attributes.items():
+        package, _, word = attribute.rpartition(":")
+        if package and word == "required" and value in ("true", "1"):
+            raise root.at.error(
+                f"the package '{brief(package)}' changes what the model means, and is not read: "
+                "convert the file to core SBML"
+            )
+    try:
+        import libsbml
+    except ImportError:
+        raise Error("reading SBML needs python-libsbml: run `pip install cotree[sbml]`") from None
+    # The text has been decoded by now, whatever its first line says of that.
+    document = libsbml.readSBMLFromString(_DECLARATION.sub(_UTF_8, text, count=1))
+    return _Reader(document, where, libsbml).read()
+
+
+class _Reader:
+    def __init__(self, document: Any, file: str, libsbml: Any) -> None:
+        self.document, self.file, self.libsbml = document, file, libsbml
+
+    def at(self, element: Any) -> SourceLine:
+        return SourceLine(self.file, max(1, element.getLine()))
+
+    def read(self) -> SbmlContent:
+        self._check()
+        model = self.document.getModel()
+        if model is None:
+            raise self.at(self.document).error("the file holds no <model>")
+        self.model = model
+        self.content = SbmlContent(model.getId(), _document=self.document)
+        for definition in model.getListOfFunctionDefinitions():
+            if not definition.isSetMath() or definition.getBody() is None:
+                raise self.at(definition).error(
+                    f"function '{brief(definition.getId())}' has no formula"
+                )
+            self.content.functions[definition.getId()] = definition.getMath()
+        self._quantities()
+        self._rules()
+        for reaction in model.getListOfReactions():
+            self._reaction(reaction)
+        for i, event in enumerate(model.getListOfEvents(), 1):
+            self._event(event, i)
+        if model.getNumConstraints():
+            self.content.notes.append("not read: constraints")
+        return self.content
+
+    def _check(self) -> None:
+        document = self.document
+        for i in range(document.getNumErrors()):
+            error = document.getError(i)
+            if error.getSeverity() >= self.libsbml.LIBSBML_SEV_ERROR:
+                words = " ".join(error.getMessage().split())
+                raise SourceLine(self.file, max(1, error.getLine())).error(
+                    f"not valid SBML: {brief(words, 300)}"
+                )
+        if document.getLevel() == 1 and not document.setLevelAndVersion(2, 4, False):
+            raise self.at(document).error("SBML Level 1 that cannot be converted to Level 2")
+
+    def _quantities(self) -> None:
+        model, add = self.model, self._add
+        for c in model.getListOfCompartments():
+            value = c.getSize() if c.isSetSize() else None
+            if value is None and c.isSetVolume():
+                value = c.getVolume()  # Level 2 gives one where the file says nothing
+            add(Quantity("compartment", c.getId(), c.getName(), self.at(c), value, c.getConstant()))
+        for s in model.getListOfSpecies():
+            add(self._species(s))
+        for p in model.getListOfParameters():
+            value = p.getValue() if p.isSetValue() else None
+            add(Quantity("parameter", p.getId(), p.getName(), self.at(p), value, p.getConstant()))
+
+    def _species(self, s: Any) -> Quantity:
+        gives_amount = s.isSetInitialAmount()
+        value = s.getInitialAmount() if gives_amount else None
+        if value is None and s.isSetInitialConcentration():
+            value = s.getInitialConcentration()
+        place = self.model.getCompartment(s.getCompartment())
+        if place is None:
+            raise self.at(s).error(
+                f"species '{brief(s.getId())}' is in '{brief(s.getCompartment())}', which is no "
+                "compartment"
+            )
+        # A place of no extent has no concentrations.
+        is_point = place.isSetSpatialDimensions() and place.getSpatialDimensions() == 0
+        is_amount = s.getHasOnlySubstanceUnits() or is_point
+        conversion = s.getConversionFactor() or self.model.getConversionFactor()
+        return Quantity(
+            "species",
+            s.getId(),
+            s.getName(),
+            self.at(s),
+            value,
+            s.getConstant(),
+            s.getCompartment(),
+            is_amount,
+            gives_amount,
+            s.getBoundaryCondition(),
+            conversion,
+        )
+
+    def _add(self, quantity: Quantity) -> None:
+        if quantity.id in self.content.quantities:
+            raise quantity.at.error(f"{quantity.whose} is declared twice")
+        self.content.quantities[quantity.id] = quantity
+
+    def _formula(self, element: Any, what: str) -> Formula:
+        node = element.getMath() if element is not None and element.isSetMath() else None
+        if node is None:
+            at = self.at(element) if element is not None else self.at(self.model)
+            raise at.error(f"the {what} has no formula")
+        return Formula(node, self.at(element), what)
+
+    def _rules(self) -> None:
+        for a in self.model.getListOfInitialAssignments():
+            symbol = a.getSymbol()
+            formula = self._formula(a, f"initial assignment of '{brief(symbol)}'")
+            _put(self.content.initials, symbol, formula)
+        for rule in self.model.getListOfRules():
+            if rule.isAlgebraic():
+                raise self.at(rule).error(
+                    "an algebraic rule does not say which quantity it determines, and is not read: "
+                    "solve it for one, as an assignment rule"
+                )
+            variable, is_rate = rule.getVariable(), rule.isRate()
+            word = "rate rule" if is_rate else "assignment rule"
+            formula = self._formula(rule, f"{word} of '{brief(variable)}'")
+            _put(self.content.rates if is_rate else self.content.assignments, variable, formula)
+
+    def _reaction(self, r: Any) -> None:
+        whose = f"reaction '{brief(r.getId())}'"
+        if r.isSetFast() and r.getFast():
+            raise self.at(r).error(
+                f"{whose} is fast, which would make an algebraic equation of it, and is not read: "
+                "give it a large rate"
+            )
+        law = r.getKineticLaw()
+        if law is None or not law.isSetMath():
+            raise self.at(r).error(f"{whose} has no kinetic law: give it one")
+        formula = Formula(law.getMath(), self.at(law), f"kinetic law of {whose}")
+        local: dict[str, Quantity] = {}
+        for p in [*law.getListOfParameters(), *law.getListOfLocalParameters()]:
+            value = p.getValue() if p.isSetValue() else None
+            kind = f"local parameter of {whose}:"
+            local[p.getId()] = Quantity(kind, p.getId(), p.getName(), self.at(p), value, True)
+        parts = tuple(self._parts(r, whose))
+        self.content.reactions.append(Reaction(r.getId(), formula, local, parts))
+
+    def _parts(self, r: Any, whose: str) -> Iterator[Part]:
+        for sign, listed in ((-1, r.getListOfReactants()), (1, r.getListOfProducts())):
+            for s in listed:
+                species = s.getSpecies()
+                known = self.content.quantities.get(species)
+                if known is None or known.kind != "species":
+                    raise self.at(s).error(f"{whose} names '{brief(species)}', which is no species")
+                number = s.getStoichiometry() if s.isSetStoichiometry() else None
+                # Level 2 takes one where the file says nothing, and may have a formula instead.
+                if number is None and self.document.getLevel() < 3:
+                    number = 1.0
+                made: float | str | Formula
+                if s.isSetStoichiometryMath():
+                    what = f"stoichiometry of '{brief(species)}' in {whose}"
+                    made = self._formula(s.getStoichiometryMath(), what)
+                elif s.isSetId() and self.document.getLevel() >= 3:
+                    id = made = s.getId()
+                    kind = f"stoichiometry in {whose}:"
+                    fixed = s.isSetConstant() and s.getConstant()
+                    self._add(Quantity(kind, id, "", self.at(s), number, fixed))
+                elif number is None:
+                    raise self.at(s).error(
+                        f"the stoichiometry of '{brief(species)}' in {whose} is not given"
+                    )
+                else:
+                    made = number
+                yield Part(species, sign, made, self.at(s))
+
+    def _event(self, e: Any, number: int) -> None:
+        id = e.getId() or f"event_{number}"
+        whose = f"event '{brief(id)}'"
+        trigger = self._formula(e.getTrigger(), f"trigger of {whose}")
+        for word, element in (("delay", e.getDelay()), ("priority", e.getPriority())):
+            # Of one event alone a priority says nothing.
+            is_idle = word == "priority" and self.model.getNumEvents() == 1
+            if element is not None and element.isSetMath() and not is_idle:
+                node = element.getMath()
+                if not (node.isNumber() and node.getValue() == 0.0):
+                    raise self.at(element).error(
+                        f"{whose} has a {word}, which is not read: {_REMEDY[word]}"
+                    )
+        begins = e.getTrigger().getInitialValue() if self.document.getLevel() >= 3 else True
+        sets: dict[str, Formula] = {}
+        for a in e.getListOfEventAssignments():
+            variable = a.getVariable()
+            _put(sets, variable, self._formula(a, f"value of '{brief(variable)}' in {whose}"))
+        self.content.events.append(SbmlEvent(id, trigger, sets, begins))
+
+
+def _put(table: dict[str, Formula], symbol: str, formula: Formula) -> None:
+    if symbol in table:
+        raise formula.at.error(f"there are two formulas for the {formula.what}")
+    table[symbol] = formula

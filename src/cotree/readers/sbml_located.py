@@ -1,0 +1,34 @@
+"""Messages on SBML models: file and line first, then the element."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from cotree.errors import ExpressionError, ModelError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from cotree.readers.sbml_document import Formula
+    from cotree.readers.source_line import SourceLine
+
+
+@contextmanager
+def explained(formula: Formula) -> Iterator[None]:
+    """Begin messages on a formula with its name."""
+    try:
+        yield
+    except ExpressionError as error:
+        raise formula.at.error(f"the {formula.what} {error}") from None
+
+
+@contextmanager
+def located(at: SourceLine) -> Iterator[None]:
+    """Begin messages of the scene with file and line."""
+    try:
+        yield
+    except ModelError as error:
+        if str(error).startswith(f"{at.file}:"):
+            raise
+        raise at.error(str(error)) from None

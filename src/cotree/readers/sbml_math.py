@@ -1,0 +1,388 @@
+"""MathML of SBML, as libsbml's syntax trees, to expressions of scenes.
+
+Nothing is evaluated. Functions of the model are written out at each call; a piecewise function
+becomes ``where``. See docs/sbml.md for what is known.
+"""
+
+from __future__ import annotations
+
+import ast
+from dataclasses import dataclass, field, replace
+from functools import cache
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+from cotree.errors import ExpressionError, brief, nearest
+from cotree.readers.sbml_trees import Term, TermMaker, combine, compare, contrary, name, number
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+#: The symbol of time, in lists of names.
+TIME = "time of the run"
+
+_DEEPEST = 200  # levels, functions of the model counted where they are called
+# Nodes of a formula, and of all; functions may call others twice, which call others twice...
+_MOST, _MOST_OF_ALL = 20_000, 2_000_000
+_AVOGADRO = 6.02214179e23  # 1/mol, the value that SBML Level 3 prescribes
+
+#: Functions that scenes have, by the name of libsbml's node.
+_SAME = {
+    "ABS": "abs",
+    "ARCCOS": "acos",
+    "ARCSIN": "asin",
+    "ARCTAN": "atan",
+    "COS": "cos",
+    "COSH": "cosh",
+    "EXP": "exp",
+    "FLOOR": "floor",
+    "LN": "log",
+    "SIN": "sin",
+    "SINH": "sinh",
+    "TAN": "tan",
+    "TANH": "tanh",
+}
+#: Reciprocals of functions, and functions of reciprocals.
+_RECIPROCAL = {
+    "COT": "tan",
+    "COTH": "tanh",
+    "CSC": "sin",
+    "CSCH": "sinh",
+    "SEC": "cos",
+    "SECH": "cosh",
+}
+_OF_RECIPROCAL = {
+    "ARCCSC": "ARCSIN",
+    "ARCSEC": "ARCCOS",
+    "ARCCOTH": "ARCTANH",
+    "ARCSECH": "ARCCOSH",
+    "ARCCSCH": "ARCSINH",
+    "ARCCOT": "ARCTAN",
+}
+
+#: Comparisons, by the name of libsbml's node.
+RELATIONS: dict[str, type[ast.cmpop]] = {
+    "LT": ast.Lt,
+    "LEQ": ast.LtE,
+    "GT": ast.Gt,
+    "GEQ": ast.GtE,
+}
+
+#: Operations that are refused, with the word for them.
+_REFUSED = {
+    "FUNCTION_DELAY": "delay: equations with delays are not integrated here",
+    "FUNCTION_RATE_OF": "rateOf: name the quantity's rate by its own formula",
+    "FUNCTION_FACTORIAL": "factorial, which has no derivative here: write the number",
+    "FUNCTION_REM": "rem: write a - b*floor(a/b) for positive values",
+    "FUNCTION_QUOTIENT": "quotient: write floor(a/b) for positive values",
+    "LOGICAL_IMPLIES": "implies: write or(not(a), b)",
+}
+
+
+@cache
+def _kinds() -> dict[int, str]:
+    """Name the types of libsbml's nodes, without the prefix."""
+    import libsbml
+
+    names = (n for n in dir(libsbml) if n.startswith("AST_"))
+    # Some numbers have two names; those of the core come first in the alphabet but for these.
+    return {getattr(libsbml, n): n.removeprefix("AST_") for n in sorted(names, reverse=True)}
+
+
+def kind_of(node: Any) -> str:
+    """Give the type of a node of libsbml: ``PLUS``, ``FUNCTION_SIN``."""
+    return _kinds().get(node.getType(), "UNKNOWN")
+
+
+def children(node: Any) -> list[Any]:
+    """List the nodes below one."""
+    return [node.getChild(i) for i in range(node.getNumChildren())]
+
+
+@dataclass
+class FormulaReader:
+    """Reads formulas of a model.
+
+    Attributes
+    ----------
+    functions : mapping of str to node
+        The model's functions by id: the trees of their lambdas.
+    symbol : callable
+        Gives the term of an identifier.
+    time : Term
+        The time: ``t``, or zero at the start.
+    make : TermMaker
+        Makes terms.
+    """
+
+    functions: Mapping[str, Any]
+    symbol: Callable[[str], Term]
+    time: Term
+    make: TermMaker
+    _bound: Mapping[str, Term] = field(default_factory=dict)
+    _depth: int = 0
+    _calls: tuple[str, ...] = ()
+    _count: list[int] = field(default_factory=lambda: [0])  # nodes of a formula, shared by copies
+    _total: list[int] = field(default_factory=lambda: [0])
+
+    def read(self, node: Any, bound: Mapping[str, Term] | None = None) -> Term:
+        """Read a formula that gives a number.
+
+        Parameters
+        ----------
+        node : libsbml.ASTNode
+            Its tree.
+        bound : mapping of str to Term, optional
+            Names with a meaning of their own in it: local parameters.
+
+        Raises
+        ------
+        ExpressionError
+            If it holds what scenes have not; the message goes on after the formula's name.
+        """
+        return self._inner(bound or {})._value(node)
+
+    def condition(self, node: Any) -> Term:
+        """Read a formula that is true or false.
+
+        Raises
+        ------
+        ExpressionError
+            As :meth:`read`.
+        """
+        return self._inner({})._condition(node)
+
+    def _inner(self, bound: Mapping[str, Term], *calls: str) -> FormulaReader:
+        if not calls:
+            self._count[0] = 0
+        return replace(self, _bound=bound, _calls=(*self._calls, *calls))
+
+    def _descend(self, node: Any) -> str:
+        self._depth += 1
+        self._count[0] += 1
+        self._total[0] += 1
+        if self._depth > _DEEPEST:
+            raise ExpressionError(f"is nested deeper than {_DEEPEST} levels")
+        if self._count[0] > _MOST:
+            raise ExpressionError(f"is longer than {_MOST} operations, functions written out")
+        if self._total[0] > _MOST_OF_ALL:
+            raise ExpressionError(f"makes all formulas longer than {_MOST_OF_ALL} operations")
+        if node is None:
+            raise ExpressionError("holds an operation without what it works on")
+        return kind_of(node)
+
+    def _value(self, node: Any) -> Term:
+        kind = self._descend(node)
+        try:
+            return self._leaf(kind, node) or self._operation(kind, node)
+        finally:
+            self._depth -= 1
+
+    def _leaf(self, kind: str, node: Any) -> Term | None:
+        match kind:
+            case "INTEGER" | "REAL" | "REAL_E" | "RATIONAL":
+                return number(node.getValue())
+            case "CONSTANT_PI":
+                return name("pi")
+            case "CONSTANT_E":
+                return self.make.call("exp", number(1.0))
+            case "NAME_AVOGADRO":
+                return number(_AVOGADRO)
+            case "NAME_TIME":
+                return self.time
+            case "NAME":
+                identifier = node.getName()
+                return self._bound.get(identifier) or self.symbol(identifier)
+        return None
+
+    def _operation(self, kind: str, node: Any) -> Term:
+        parts, make = children(node), self.make
+        if kind in _REFUSED:
+            raise ExpressionError(f"holds {_REFUSED[kind]}")
+        if kind == "FUNCTION_PIECEWISE":
+            return self._piecewise(parts)
+        if kind == "FUNCTION":
+            return self._call(node.getName(), [self._value(part) for part in parts])
+        if kind.startswith(("RELATIONAL_", "LOGICAL_")) or kind in (
+            "CONSTANT_TRUE",
+            "CONSTANT_FALSE",
+        ):
+            # What is true or false counts as one or zero where a number is wanted.
+            return make.where(self._condition_of(kind, node), number(1.0), number(0.0))
+        if kind in ("PLUS", "TIMES"):
+            parts = _chain(node, kind)
+        terms = [self._value(part) for part in parts]
+        function = kind.removeprefix("FUNCTION_")
+        match function, terms:
+            case "PLUS" | "TIMES", []:
+                return number(0.0 if kind == "PLUS" else 1.0)
+            case "PLUS" | "TIMES", _:
+                sign = "+" if kind == "PLUS" else "*"
+                return make.balanced(lambda a, b: make.operate(a, sign, b), terms)
+            case "MINUS", [one]:
+                return make.negated(one)
+            case "MINUS", [left, right]:
+                return make.operate(left, "-", right)
+            case "DIVIDE", [left, right]:
+                return make.operate(left, "/", right)
+            case "POWER", [left, right]:
+                return make.operate(left, "**", right)
+            case "ROOT", [one] | [Term(tree=ast.Constant(value=2)), one]:
+                return make.call("sqrt", one)
+            case "ROOT", [degree, one]:
+                return make.operate(one, "**", make.operate(number(1.0), "/", degree))
+            case "LOG", [one]:
+                return self._logarithm(number(10.0), one)
+            case "LOG", [base, one]:
+                return self._logarithm(base, one)
+            case "MAX" | "MIN", [_, *_]:
+                return make.balanced(lambda a, b: make.call(function.lower(), a, b), terms)
+            case _, [one]:
+                return self._of_one(function, one)
+        raise ExpressionError(f"holds '{_told(kind, node)}', which is not known here")
+
+    def _logarithm(self, base: Term, one: Term) -> Term:
+        make = self.make
+        return make.operate(make.call("log", one), "/", make.call("log", base))
+
+    def _of_one(self, function: str, one: Term) -> Term:
+        make = self.make
+        if function in _SAME:
+            return make.call(_SAME[function], one)
+        if function in _RECIPROCAL:
+            return make.operate(number(1.0), "/", make.call(_RECIPROCAL[function], one))
+        if function in _OF_RECIPROCAL:
+            return self._of_one(_OF_RECIPROCAL[function], make.operate(number(1.0), "/", one))
+        if function == "CEILING":
+            return make.negated(make.call("floor", make.negated(one)))
+        unit, square = number(1.0), make.operate(one, "*", one)
+        if function in ("ARCSINH", "ARCCOSH"):
+            sign = "+" if function == "ARCSINH" else "-"
+            root = make.call("sqrt", make.operate(square, sign, unit))
+            return make.call("log", make.operate(one, "+", root))
+        if function == "ARCTANH":
+            ratio = make.operate(make.operate(unit, "+", one), "/", make.operate(unit, "-", one))
+            return make.operate(make.call("log", ratio), "/", number(2.0))
+        raise ExpressionError(f"holds '{function.lower()}', which is not known here")
+
+    def _piecewise(self, parts: list[Any]) -> Term:
+        # Values and conditions take turns; what applies where none holds comes last.
+        if len(parts) % 2 == 0:
+            raise ExpressionError(
+                "holds piecewise without otherwise, which has no value where no condition holds: "
+                "add otherwise"
+            )
+        found = self._value(parts[-1])
+        for value, condition in reversed(list(zip(parts[:-1:2], parts[1::2], strict=True))):
+            found = self.make.where(self._condition(condition), self._value(value), found)
+        return found
+
+    def _call(self, function: str, arguments: list[Term]) -> Term:
+        if function not in self.functions:
+            hint = nearest(function, self.functions)
+            raise ExpressionError(f"calls '{brief(function)}', which is no function{hint}")
+        if function in self._calls:
+            raise ExpressionError(f"calls '{function}', which calls itself")
+        *names, body = children(self.functions[function])
+        if len(names) != len(arguments):
+            raise ExpressionError(
+                f"calls '{function}' with {len(arguments)} arguments in place of {len(names)}"
+            )
+        bound = dict(zip((n.getName() for n in names), arguments, strict=True))
+        return self._inner(bound, function)._value(body)
+
+    def _condition(self, node: Any) -> Term:
+        kind = self._descend(node)
+        try:
+            return self._condition_of(kind, node)
+        finally:
+            self._depth -= 1
+
+    def _condition_of(self, kind: str, node: Any) -> Term:
+        parts = children(node)
+        if kind in ("CONSTANT_TRUE", "CONSTANT_FALSE"):
+            value = number(1.0 if kind == "CONSTANT_TRUE" else 0.0)
+            return compare(value, ast.Gt, number(0.0))
+        if kind == "FUNCTION" and node.getName() in self.functions:
+            bound_body = children(self.functions[node.getName()])
+            return self._called_condition(node.getName(), bound_body, parts)
+        relation = kind.removeprefix("RELATIONAL_")
+        if kind != relation and len(parts) >= 2:
+            terms = [self._value(part) for part in parts]
+            return combine(ast.And, [_relate(relation, a, b) for a, b in pairwise(terms)])
+        match kind, [self._condition(part) for part in parts] if "LOGICAL" in kind else []:
+            case "LOGICAL_AND", [_, *_] as conditions:
+                return combine(ast.And, conditions)
+            case "LOGICAL_OR", [_, *_] as conditions:
+                return combine(ast.Or, conditions)
+            case "LOGICAL_NOT", [one]:
+                return contrary(one)
+            case "LOGICAL_XOR", [a, b]:
+                sides = [combine(ast.And, [a, contrary(b)]), combine(ast.And, [contrary(a), b])]
+                return combine(ast.Or, sides)
+        raise ExpressionError(
+            f"has '{_told(kind, node)}' where a condition is needed: compare two values"
+        )
+
+    def _called_condition(self, function: str, lambda_parts: list[Any], given: list[Any]) -> Term:
+        *names, body = lambda_parts
+        if function in self._calls or len(names) != len(given):
+            raise ExpressionError(f"calls '{function}' with itself or a wrong number of arguments")
+        terms = [self._value(part) for part in given]
+        bound = dict(zip((n.getName() for n in names), terms, strict=True))
+        return self._inner(bound, function)._condition(body)
+
+
+def _chain(node: Any, kind: str) -> list[Any]:
+    """List the parts of a sum or a product, those of sums in the sum among them."""
+    # Tools write a sum of hundreds of terms as a nest of sums of two.
+    found, waiting = [], [node]
+    while waiting:
+        own = waiting.pop()
+        if own is not None and kind_of(own) == kind and own.getNumChildren():
+            waiting += reversed(children(own))
+        else:
+            found.append(own)
+    return found if found != [node] else []
+
+
+def _relate(relation: str, a: Term, b: Term) -> Term:
+    if relation == "EQ":
+        return combine(ast.And, [compare(a, ast.LtE, b), compare(a, ast.GtE, b)])
+    if relation == "NEQ":
+        return combine(ast.Or, [compare(a, ast.Lt, b), compare(a, ast.Gt, b)])
+    return compare(a, RELATIONS[relation], b)
+
+
+def _told(kind: str, node: Any) -> str:
+    return brief(node.getName() or kind.removeprefix("FUNCTION_").lower())
+
+
+def names_of(node: Any, functions: Mapping[str, Any]) -> frozenset[str]:
+    """List the identifiers of a formula, and :data:`TIME` where it depends on time.
+
+    Parameters
+    ----------
+    node : libsbml.ASTNode
+        Its tree.
+    functions : mapping of str to node
+        The model's functions, which may name the time.
+    """
+    found: set[str] = set()
+    waiting, seen = [node], set()
+    while waiting:
+        own = waiting.pop()
+        if own is None:
+            continue
+        kind = kind_of(own)
+        if kind == "NAME":
+            found.add(own.getName())
+        elif kind == "NAME_TIME":
+            found.add(TIME)
+        elif kind == "FUNCTION" and own.getName() in functions and own.getName() not in seen:
+            seen.add(own.getName())
+            # A function sees no identifiers but its arguments, which the call names.
+            body = children(functions[own.getName()])[-1]
+            found |= {TIME} & names_of(body, {k: v for k, v in functions.items() if k not in seen})
+        waiting += children(own)
+    return frozenset(found)

@@ -1,0 +1,156 @@
+"""Designs against closed forms, and wrong input in one sentence."""
+
+from __future__ import annotations
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+
+import cotree
+
+pytestmark = pytest.mark.compiler
+
+M, K = 1.5, 60.0
+
+
+@pytest.fixture(scope="module")
+def scene():
+    scene = cotree.Scene("damper")
+    scene.parameter("c", 3.0, unit="N s/m")
+    scene.parameter("k", K, unit="N/m")
+    scene.parameter("idle", 1.0)
+    joint = {"axis": [1, 0, 0], "stiffness": "k", "damping": "c", "initial": {"s": 1.0}}
+    scene.edge("j", "prismatic", "ground", "A", **joint)
+    scene.edge("body", "rigid_body", "ground", "A", mass=M)
+    return scene
+
+
+@pytest.mark.parametrize("method", ["slsqp", "trust-constr"])
+def test_the_least_integral_of_a_square_is_at_half_the_critical_damping(scene, method):
+    over = {"c": (1, 50, "log")}
+    found = cotree.optimise(scene, "integral(j.s**2)", over, t_span=(0, 40), method=method)
+    # The objective is flat to the square of this share of the damping.
+    assert found["c"] == pytest.approx(math.sqrt(K * M), rel=2e-5)
+    assert found.success
+    assert found.message.startswith("Converged")
+    assert found.result.success
+    assert "Objective" in found.summary()
+
+
+def test_a_condition_on_an_extreme_over_time_holds_with_equality(scene):
+    over = {"c": (0.5, 15)}
+    found = cotree.optimise(scene, "c", over, "minimum(j.s) >= -0.1", t_span=(0, 4))
+    # A mass that is released goes beyond zero by exp(-pi zeta / sqrt(1 - zeta^2)).
+    ratio = math.log(10) / math.hypot(math.pi, math.log(10))
+    assert found["c"] == pytest.approx(2 * ratio * math.sqrt(K * M), rel=1e-5)
+    assert "'minimum(j.s) >= -0.1' holds with equality" in found.message
+
+
+def test_several_parameters_share_a_budget(scene):
+    goals = ["c + k <= 60", "0 <= integral(j.s**2) <= 3"]
+    over = {"c": (1, 50), "k": (10, 100)}
+    found = cotree.optimise(scene.compile(), "integral(j.s**2)", over, goals, t_span=(0, 40))
+    # (zeta + 1/(4 zeta))/w = (c/k + m/c)/2 along c = 60 - k, by a scan of the closed form.
+    c = np.linspace(5, 12, 700001)
+    best = c[np.argmin(c / (60 - c) + M / c)]
+    # The scan is flat, too: to the root of rounding.
+    assert found["c"] == pytest.approx(best, rel=2e-5)
+    assert [row.is_active for row in found.conditions] == [True, False, False]
+
+
+def test_initial_values_and_values_at_given_times(scene):
+    over = {"j.s_dot": (-30, 30), "j.s": (-2, 2)}
+    goals = ["start(j.s) == 0.5", "at(0.1, j.s) == 0.7"]
+    found = cotree.optimise(scene, "(c - 3)**2 + mean(j.s)**2", over, goals, t_span=(0, 0.1))
+    assert found["j.s"] == pytest.approx(0.5, abs=1e-9)
+    # x = e^(-a t) (x0 cos w t + (v0 + a x0)/w sin w t).
+    a = 3.0 / (2 * M)
+    w = math.sqrt(K / M - a * a)
+    v = w * (0.7 * math.exp(0.1 * a) - 0.5 * math.cos(0.1 * w)) / math.sin(0.1 * w) - 0.5 * a
+    assert found["j.s_dot"] == pytest.approx(v, rel=1e-6)
+
+
+def test_scenarios_are_averaged_and_conditions_hold_in_each(scene):
+    runs = [{"initial": {"j.s": x}} for x in (1.0, 2.0)]
+    found = cotree.optimise(
+        scene, "c", {"c": (0.5, 15)}, "minimum(j.s) >= -0.1", t_span=(0, 4), runs=runs
+    )
+    ratio = math.log(20) / math.hypot(math.pi, math.log(20))
+    assert found["c"] == pytest.approx(2 * ratio * math.sqrt(K * M), rel=1e-5)
+    assert len(found.results) == 2
+    assert [row.is_active for row in found.conditions] == [False, True]
+
+
+def test_times_of_events_are_differentiated():
+    scene = cotree.Scene("ball", gravity=[0, -10.0, 0])
+    scene.parameter("h", 1.0)
+    scene.edge("j", "prismatic", "ground", "A", axis=[0, 1, 0], initial={"s": "h"})
+    scene.edge("b", "rigid_body", "ground", "A", mass=1.0)
+    scene.event("floor", "j.s", direction=-1, stop=True)
+    found = cotree.optimise(scene, "(time(floor) - 0.6)**2", {"h": (0.5, 5)}, t_span=(0, 2))
+    assert found["h"] == pytest.approx(1.8, rel=1e-5)
+    with pytest.raises(cotree.SolveError, match="an event ends the run"):
+        cotree.optimise(scene, "end(j.s_dot)", {"h": (0.5, 5)}, t_span=(0, 2))
+
+
+def test_trials_whose_run_fails_are_stepped_back_from(scene):
+    # The logarithm has no value beyond c = 5, where the first steps lead.
+    goal = "-c - 0.1*log(5 - c) + 0*end(j.s)"
+    found = cotree.optimise(scene, goal, {"c": (1, 100)}, t_span=(0, 1))
+    assert found["c"] == pytest.approx(4.9, rel=1e-5)
+    assert any(row.reason for row in found.history)
+    assert "stepped back from" in found.message
+
+
+def test_more_starts_find_the_deeper_valley(scene):
+    goal = "cos(c) + 0.1*c"
+    one = cotree.optimise(scene, goal, {"c": (0, 20)}, guess={"c": 16.0})
+    several = cotree.optimise(scene, goal, {"c": (0, 20)}, guess={"c": 16.0}, starts=6, seed=1)
+    assert several.objective < one.objective - 0.5
+    assert several["c"] == pytest.approx(math.pi - math.asin(0.1), rel=1e-4)
+    assert len(several.starts) == 6
+
+
+def test_conditions_that_cannot_hold_are_named(scene):
+    found = cotree.optimise(scene, "integral(j.s**2)", {"c": (1, 2)}, ["c >= 3"], t_span=(0, 1))
+    assert not found.success
+    assert "No point was found at which 'c >= 3' holds" in found.message
+    assert "missed by 1 at best" in found.message
+
+
+@pytest.mark.parametrize(
+    ("minimise", "over", "more", "sentence"),
+    [
+        ("j.s", {"q": (1, 2)}, {}, "over names 'q', which is no parameter"),
+        ("j.s", {"c": (2, 1)}, {}, "the lower bound must be below the upper one"),
+        ("j.s", {"c": (1, 1, 1, 1)}, {}, r"give \(lower, upper\)"),
+        ("j.s", {"c": (-1, 2, "log")}, {}, "give a positive lower bound"),
+        ("j.s", {"idle": (1, 2)}, {}, "nothing depends on 'idle'"),
+        ("k", {"c": (1, 2)}, {}, "the objective does not change with 'c'"),
+        ("end(j.q)", {"c": (1, 2)}, {}, "'j.q' in a goal: edge 'j' has no variable 'q'"),
+        ("sign(j.s)", {"c": (1, 2)}, {}, "use it inside integral"),
+        ("end(floor(j.s))", {"c": (1, 2)}, {}, r"floor jumps, so that end\(...\) of it"),
+        ("endd(j.s)", {"c": (1, 2)}, {}, "did you mean 'end'"),
+        ("j.s <= 1", {"c": (1, 2)}, {}, "it belongs into subject_to"),
+        ("c", {"c": (1, 2)}, {"subject_to": ["c"]}, "compares nothing"),
+        ("at(9, j.s)", {"c": (1, 2)}, {}, "is outside the run"),
+        ("at(k, j.s)", {"c": (1, 2)}, {}, "must be a number"),
+        ("mean(end(j.s))", {"c": (1, 2)}, {}, "take them apart"),
+        ("time(bump)", {"c": (1, 2)}, {}, "the scene has no event 'bump'"),
+        ("c.__class__", {"c": (1, 2)}, {}, "in a goal"),
+        ("__import__('os')", {"c": (1, 2)}, {}, "calls '__import__', which is unknown"),
+        ("c", {"c": (1, 2)}, {"guess": {"c": 3.0}}, "outside of its bounds"),
+        ("c", {"c": (1, 2)}, {"method": "newton"}, "give 'slsqp' or 'trust-constr'"),
+        ("c", {"c": (1, 2)}, {"runs": []}, "runs is empty"),
+        ("c", {"c": (1, math.inf)}, {"starts": 3}, "starts are drawn between bounds"),
+    ],
+)
+def test_wrong_input_gets_one_sentence(scene, minimise, over, more, sentence):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(cotree.Error, match=sentence) as told:
+            cotree.optimise(scene, minimise, over, t_span=(0, 1), **more)
+    assert "\n" not in str(told.value)
+    assert "goal0" not in str(told.value)

@@ -1,0 +1,247 @@
+"""PEtab problems against closed forms: a species that decays, c = c0 exp(-k t)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from petab_texts import CONDITIONS, MEASUREMENTS, MODEL, OBSERVABLES, PARAMETERS, write_problem
+from scipy import stats
+
+import cotree
+
+pytest.importorskip("yaml")
+pytest.importorskip("libsbml")
+
+# Runs are held to 1e-10; sums of squares over noises of a tenth of the values lose a digit or two.
+CLOSE = 1e-7
+
+MEASURED = np.array([1.7, 1.2, 0.7, 7.1, 2.6])
+NOMINAL = {"k": 0.5, "gain": 3.0, "sigma": 0.2}
+
+
+def predicted(k, gain):
+    return [
+        gain * math.exp(-k),
+        gain * math.exp(-2 * k),
+        gain * math.exp(-4 * k),
+        4 * gain * math.exp(-k),
+        4 * 2.5 * math.exp(-3 * k),
+    ]
+
+
+def exact(k, gain, sigma):
+    values = stats.norm.logpdf(MEASURED, predicted(k, gain), [sigma] * 3 + [0.5] * 2)
+    return float(np.sum(values))
+
+
+@pytest.fixture(scope="module")
+def problem(tmp_path_factory):
+    file = write_problem(tmp_path_factory.mktemp("decay"))
+    return cotree.read_petab(file, rtol=1e-10, atol=1e-12)
+
+
+def test_the_likelihood_is_that_of_the_closed_form(problem):
+    assert problem.log_likelihood() == pytest.approx(exact(**NOMINAL), rel=CLOSE)
+    other = {"k": 0.7, "gain": 2.0, "sigma": 0.4}
+    assert problem.log_likelihood(other) == pytest.approx(exact(**other), rel=CLOSE)
+    assert problem.log_likelihood([0.7, 2.0, 0.4]) == problem.log_likelihood(other)
+    assert problem.log_likelihood({"k": 0.7}) == pytest.approx(
+        exact(**{**NOMINAL, "k": 0.7}), rel=CLOSE
+    )
+
+
+def test_chi2_is_the_sum_of_squared_residuals(problem):
+    r = (MEASURED - predicted(0.5, 3.0)) / [0.2, 0.2, 0.2, 0.5, 0.5]
+    assert problem.chi2() == pytest.approx(float(r @ r), rel=CLOSE)
+
+
+def test_the_gradient_is_by_parameters_on_their_scales(problem):
+    """Central differences of the closed form: steps of 1e-5 leave errors of about 1e-9."""
+
+    def on_scales(theta):
+        return exact(10.0 ** theta[0], theta[1], math.exp(theta[2]))
+
+    theta, h = problem.theta(), 1e-5
+    steps = h * np.eye(3)
+    expected = [(on_scales(theta + d) - on_scales(theta - d)) / (2 * h) for d in steps]
+    np.testing.assert_allclose(problem.gradient(), expected, rtol=1e-6, atol=1e-6)
+    value, gradient = problem.objective(theta)
+    assert value == pytest.approx(-problem.log_likelihood(), rel=CLOSE)
+    np.testing.assert_allclose(gradient, -problem.gradient(), rtol=1e-12)
+
+
+def test_the_simulation_table_is_that_of_measurements(problem):
+    table = problem.simulate()
+    np.testing.assert_allclose(table["simulation"], predicted(0.5, 3.0), rtol=CLOSE)
+    assert list(table["observableId"]) == ["seen"] * 5
+    assert "measurement" not in table
+
+
+def test_a_fit_finds_the_maximum(problem):
+    """At the maximum the gradient vanishes, and its value is no less than at the nominal point."""
+    result = problem.fit(starts=3, seed=1, progress=False)
+    assert -result.starts[0].objective >= problem.log_likelihood()
+    np.testing.assert_allclose(problem.gradient(result.parameters), 0.0, atol=1e-3)
+
+
+def test_methods_can_be_changed(problem):
+    other = problem.using(method="rodas5")
+    assert other.log_likelihood() == pytest.approx(problem.log_likelihood(), rel=CLOSE)
+    assert other.model is problem.model
+
+
+def test_priors_are_part_of_the_objective(tmp_path):
+    parameters = PARAMETERS.replace(
+        "estimate", "estimate objectivePriorType objectivePriorParameters"
+    )
+    parameters = parameters.replace("0.5 1", "0.5 1 parameterScaleNormal 0.1;0.3")
+    parameters = parameters.replace(" 3 1", " 3 1 laplace 2;0.5").replace("0.2 1", "0.2 1 _ _")
+    problem = cotree.read_petab(write_problem(tmp_path, parameters=parameters))
+    expected = stats.norm.logpdf(math.log10(0.5), 0.1, 0.3) + stats.laplace.logpdf(3.0, 2.0, 0.5)
+    assert problem.log_prior() == pytest.approx(expected)
+    value, _ = problem.objective(problem.theta())
+    assert value == pytest.approx(-problem.log_likelihood() - expected)
+    found = problem.fit(starts=1, progress=False)
+    assert found.starts[0].objective < value
+    best, gradient = problem.objective(found.theta)
+    assert best == pytest.approx(found.starts[0].objective)
+    # The prior of the gain has a corner at 2, where its slope jumps by 4.
+    np.testing.assert_allclose(gradient[[0, 2]], 0.0, atol=1e-3)
+
+
+def test_intervals_know_normal_priors(tmp_path):
+    """Information adds up: that of the data, and one over the variance of the prior."""
+    parameters = PARAMETERS.replace(
+        "estimate", "estimate objectivePriorType objectivePriorParameters"
+    )
+    parameters = parameters.replace("0.5 1", "0.5 1 parameterScaleNormal 0.1;0.01")
+    problem = cotree.read_petab(write_problem(tmp_path, parameters=parameters))
+    found = problem.fit(starts=1, progress=False)
+    data = problem.likelihood.fisher(problem.predict([found.theta])[0])
+    assert found.fisher == pytest.approx(data + np.diag([1e4, 0.0, 0.0]), rel=1e-9, abs=1e-9)
+
+
+def test_noise_may_depend_on_the_observable_and_be_laplacian(tmp_path):
+    observables = (
+        "observableId observableFormula noiseFormula observableTransformation noiseDistribution\n"
+        "seen observableParameter1_seen*A noiseParameter1_seen+0.1*seen log laplace\n"
+    )
+    problem = cotree.read_petab(write_problem(tmp_path, observables=observables))
+    y = np.array(predicted(0.5, 3.0))
+    scale = np.array([0.2, 0.2, 0.2, 0.5, 0.5]) + 0.1 * y
+    densities = stats.laplace.logpdf(np.log(MEASURED), np.log(y), scale) - np.log(MEASURED)
+    expected = np.sum(densities)
+    assert problem.log_likelihood() == pytest.approx(float(expected), rel=1e-6)
+
+
+def test_a_time_of_inf_is_the_steady_state(tmp_path):
+    """With a way back A rests where k A = back B, and A + B is the 1 or 4 of the start."""
+    model = MODEL.replace('id="back" value="0"', 'id="back" value="0.25"')
+    measurements = MEASUREMENTS.replace("few 2", "few inf")
+    problem = cotree.read_petab(write_problem(tmp_path, model=model, measurements=measurements))
+    assert problem.simulate()["simulation"][1] == pytest.approx(3.0 * 0.25 / 0.75, rel=1e-6)
+
+
+def wrong(**changed):
+    return lambda folder: write_problem(folder, **changed)
+
+
+@pytest.mark.parametrize(
+    ("write", "message"),
+    [
+        (wrong(yaml="a: [1"), r"problem.yaml:\d: not valid YAML"),
+        (wrong(yaml="a: 1"), "no 'format_version'"),
+        (wrong(yaml="format_version: 2.0.0"), "reads version 1"),
+        (wrong(yaml="format_version: 1\nproblems: []"), "must list one problem"),
+        (
+            wrong(parameters=PARAMETERS.replace("0.5 1", "half 1")),
+            "parameters.tsv:2: 'nominalValue' is",
+        ),
+        (
+            wrong(parameters=PARAMETERS.replace("0.01 100", "100 0.01")),
+            "parameters.tsv:2: the bounds",
+        ),
+        (
+            wrong(parameters=PARAMETERS.replace("lin", "ln")),
+            "parameters.tsv:3: 'parameterScale' is 'ln'",
+        ),
+        (
+            wrong(parameters=PARAMETERS + "k lin 0 1 1 1\n"),
+            "parameters.tsv:5: parameter 'k' stands twice",
+        ),
+        (wrong(parameters=PARAMETERS.replace("upperBound ", "")), "parameters.tsv:2: more cells"),
+        (
+            wrong(parameters=PARAMETERS.replace("parameterScale", "scale")),
+            "parameters.tsv:1: no column",
+        ),
+        (wrong(parameters=PARAMETERS.replace(" 1\n", " 0\n")), "no parameter is estimated"),
+        (wrong(conditions=CONDITIONS.replace(" A", " C")), "conditions.tsv:2: the column 'C'"),
+        (
+            wrong(conditions=CONDITIONS.replace("few 1", "few a0")),
+            "conditions.tsv:2: 'A' of condition",
+        ),
+        (
+            wrong(observables=OBSERVABLES.replace("*A", "*C")),
+            "observables.tsv:2: 'C' in the formula",
+        ),
+        (
+            wrong(observables=OBSERVABLES.replace("*A", "**")),
+            "observables.tsv:2: observableFormula",
+        ),
+        (
+            wrong(observables=OBSERVABLES.replace("*A", "*f(A)")),
+            "observables.tsv:2: 'f.A.' is no function",
+        ),
+        (
+            wrong(measurements=MEASUREMENTS.replace("many 3", "more 3")),
+            "measurements.tsv:6: unknown simul",
+        ),
+        (
+            wrong(measurements=MEASUREMENTS.replace("1.7", "x")),
+            "measurements.tsv:2: 'measurement' is 'x'",
+        ),
+        (
+            wrong(measurements=MEASUREMENTS.replace("few 2", "few -2")),
+            "measurements.tsv:3: the time is -2",
+        ),
+        (
+            wrong(measurements=MEASUREMENTS.replace("7.1 gain", "7.1 grain")),
+            "tsv:5: 'grain' in 'obs",
+        ),
+        (
+            wrong(measurements=MEASUREMENTS.replace("7.1 gain", "7.1 gain;1")),
+            "tsv:5: 'observablePara",
+        ),
+        (
+            wrong(measurements=MEASUREMENTS.replace("7.1 gain", "7.1 _")),
+            "tsv:5: 'seen' needs a value for",
+        ),
+        (
+            wrong(measurements=MEASUREMENTS.replace("2.5 0.5", "2.5 0")),
+            "tsv:6: the noise of 'seen' is 0",
+        ),
+        (wrong(measurements=MEASUREMENTS.splitlines()[0]), "nothing was measured"),
+    ],
+)
+def test_wrong_input_gets_one_sentence_with_file_and_line(tmp_path, write, message):
+    with pytest.raises(cotree.SceneError, match=message) as caught:
+        cotree.read_petab(write(tmp_path))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    file = write_problem(tmp_path)
+    (tmp_path / "conditions.tsv").unlink()
+    with pytest.raises(cotree.SceneError, match=r"the file 'conditions.tsv' that it names"):
+        cotree.read_petab(file)
+    with pytest.raises(cotree.SceneError, match="is not a file"):
+        cotree.read_petab(tmp_path / "none.yaml")
+
+
+def test_unknown_parameters_of_a_call_are_refused(problem):
+    with pytest.raises(cotree.ParameterError, match="'speed' is not estimated"):
+        problem.log_likelihood({"speed": 1.0})
+    with pytest.raises(cotree.ParameterError, match="finite logarithm"):
+        problem.gradient({"k": 0.0})

@@ -1,0 +1,123 @@
+"""PEtab's test suite and problems of its benchmark collection: published values, none of ours."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from published import shared_folder
+
+import cotree
+
+yaml = pytest.importorskip("yaml")
+pandas = pytest.importorskip("pandas")
+pytest.importorskip("libsbml")
+
+SHARED = shared_folder("petab")
+
+# A few cases are enough for each day: overrides and scales, preequilibration with what is kept, and
+# an estimated initial value.
+QUICK = ("0007", "0014", "0017", "0019")
+CASES = [
+    pytest.param(case, marks=() if case in QUICK else pytest.mark.slow)
+    for case in (f"{number:04d}" for number in range(1, 21))
+]
+
+# Log-likelihoods as AMICI's tests hold them, to 1e-3; of Crauste_CellSystems2017 the value that two
+# other tools give at tighter tolerances.
+LIKELIHOODS = {
+    "Bachmann_MSB2011": 418.40573341425295,
+    "Boehm_JProteomeRes2014": -138.22199693517703,
+    "Borghans_BiophysChem1997": 83.3237191357272,
+    "Brannmark_JBC2010": -141.889113770537,
+    "Bruno_JExpBot2016": 46.688176988431806,
+    "Crauste_CellSystems2017": -190.9639776,
+    "Elowitz_Nature2000": 63.20279991419332,
+    "Fujita_SciSignal2010": 53.08377736998929,
+    "Schwen_PONE2014": -943.9992988598723,
+}
+
+# Steps of differences on the parameters' scales. Solutions of Crauste's model grow without bound a
+# ten-millionth beside its optimum, and spikes of Borghans' shift by much more than their width.
+STEPS = {"Crauste_CellSystems2017": 1e-9, "Borghans_BiophysChem1997": 1e-6}
+
+
+def benchmark(name, **settings):
+    return cotree.read_petab(SHARED / "benchmark" / name / f"{name}.yaml", **settings)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_cases_of_the_suite(case):
+    folder = SHARED / "test_suite" / case
+    solution = yaml.safe_load((folder / f"_{case}_solution.yaml").read_text())
+    problem = cotree.read_petab(folder / f"_{case}.yaml")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = problem.simulate()
+    expected = pandas.read_csv(folder / "_simulations.tsv", sep="\t")
+    np.testing.assert_allclose(
+        found["simulation"], expected["simulation"], rtol=0, atol=solution["tol_simulations"]
+    )
+    assert problem.chi2() == pytest.approx(solution["chi2"], abs=solution["tol_chi2"])
+    assert problem.log_likelihood() == pytest.approx(solution["llh"], abs=solution["tol_llh"])
+    theta, h = problem.theta(), 1e-4
+    points = np.concatenate([theta + h * np.eye(len(theta)), theta - h * np.eye(len(theta))])
+    values = [problem.likelihood.log_likelihood(row) for row in problem.predict(points)]
+    slopes = -np.diff(np.reshape(values, (2, -1)), axis=0)[0] / (2 * h)
+    np.testing.assert_allclose(problem.gradient(), slopes, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+@pytest.mark.filterwarnings("ignore::FutureWarning")
+def test_the_library_of_petab_finds_the_same_likelihood():
+    """Its own sum over our simulation table, for noise and overrides of a problem of 286 rows."""
+    petab = pytest.importorskip("petab.v1")
+    folder = SHARED / "benchmark" / "Schwen_PONE2014"
+    tables = {
+        "measurement": petab.get_measurement_df,
+        "observables": petab.get_observable_df,
+        "parameters": petab.get_parameter_df,
+    }
+    files = {
+        "measurement": "measurementData",
+        "observables": "observables",
+        "parameters": "parameters",
+    }
+    measured, observables, parameters = (
+        read(folder / f"{files[kind]}_Schwen_PONE2014.tsv") for kind, read in tables.items()
+    )
+    problem = benchmark("Schwen_PONE2014")
+    simulated = problem.simulate()
+    expected = petab.calculate_llh(measured, simulated, observables, parameters)
+    assert problem.log_likelihood() == pytest.approx(float(expected), rel=1e-12)
+
+
+def test_one_published_likelihood():
+    problem = benchmark("Crauste_CellSystems2017", method="rodas5")
+    assert problem.log_likelihood() == pytest.approx(-190.9639776, rel=1e-8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LIKELIHOODS)
+def test_likelihoods_and_gradients_of_published_problems(name):
+    """By two methods of different kind, at tolerances where they agree to eight digits."""
+    problem = benchmark(name, method="rodas5", rtol=1e-12, atol=1e-15)
+    found = problem.log_likelihood()
+    limit = 1e-8 if name == "Crauste_CellSystems2017" else 1e-3
+    assert found == pytest.approx(LIKELIHOODS[name], rel=limit)
+    other = problem.using(method="cvode", rtol=1e-13, atol=1e-18)
+    assert other.log_likelihood() == pytest.approx(found, rel=1e-8)
+
+    # Four points, whose errors fall with the fourth power of the step.
+    if name == "Crauste_CellSystems2017":
+        problem = problem.using(method="dop853", rtol=1e-13)
+    theta, h = problem.theta(), STEPS.get(name, 1e-5)
+    points = np.concatenate([theta + i * h * np.eye(len(theta)) for i in (-2, -1, 1, 2)])
+    rows = problem.predict(points, slopes=False)
+    values = np.reshape([problem.likelihood.log_likelihood(row) for row in rows], (4, -1))
+    slopes = np.array([1.0, -8.0, 8.0, -1.0]) @ values / (12 * h)
+    # Some parameters at their bounds have slopes below the rounding of the sum over the step.
+    size = np.abs(slopes).max()
+    np.testing.assert_allclose(problem.gradient(), slopes, rtol=1e-4, atol=1e-4 * size)

@@ -1,0 +1,123 @@
+"""Equilibria and steady motions against closed forms."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from readme_linkage import four_bar
+
+import cotree
+
+pytestmark = pytest.mark.compiler
+
+G, M, L = 9.81, 1.5, 2.0
+
+
+@pytest.fixture(scope="module")
+def pendulum():
+    scene = cotree.Scene("pendulum", gravity=[0, -G, 0])
+    scene.parameter("L", L)
+    scene.parameter("d", 0.3)
+    scene.input("M", 0.0)
+    start = {"theta": 1.0}
+    hinge = {"axis": [0, 0, 1], "torque": "M", "damping": "d", "initial": start}
+    scene.edge("j", "revolute", "ground", "A", **hinge)
+    scene.edge("rod", "arm", "A", "B", vector=[0, "-L", 0])
+    scene.edge("bob", "rigid_body", "ground", "B", mass=M)
+    scene.output("h", "-L*cos(j.theta)")
+    return scene.compile()
+
+
+@pytest.mark.parametrize(("guess", "expected"), [(1.0, 0.0), (3.0, math.pi), (math.pi / 2, 0.0)])
+def test_a_pendulum_hangs_or_stands(pendulum, guess, expected):
+    point = pendulum.trim(guess={"j.theta": guess})
+    assert point["j.theta"] == pytest.approx(expected, abs=1e-12)
+    assert point.is_unique
+
+
+def test_inputs_and_parameters_are_solved_for(pendulum):
+    held = pendulum.trim(["M"], fixed={"j.theta": 0.5})
+    assert held["M"] == pytest.approx(M * G * L * math.sin(0.5), rel=1e-13)
+    assert held.sensitivity("M", "L") == pytest.approx(M * G * math.sin(0.5), rel=1e-13)
+    assert held.sensitivity("M", "j.theta") == pytest.approx(M * G * L * math.cos(0.5), rel=1e-13)
+    long = pendulum.trim(["L"], fixed={"j.theta": 0.5, "M": 5.0}, guess={"L": 1.0})
+    assert long["L"] == pytest.approx(5.0 / (M * G * math.sin(0.5)), rel=1e-12)
+
+
+def test_outputs_can_be_asked_for(pendulum):
+    point = pendulum.trim(["M"], outputs={"h": -1.0})
+    assert point["j.theta"] == pytest.approx(math.pi / 3, rel=1e-12)
+    assert point["M"] == pytest.approx(M * G * L * math.sqrt(0.75), rel=1e-12)
+
+
+def test_a_run_from_an_equilibrium_stays_there(pendulum):
+    point = pendulum.trim(fixed={"M": 5.0})
+    run = pendulum.simulate((0, 2), **point.settings)
+    # Rounding of the start alone may grow, and the hanging pendulum is stable.
+    np.testing.assert_allclose(run["j.theta"], point["j.theta"], atol=1e-12)
+
+
+def test_a_steady_motion_has_rates_and_names_what_is_free(pendulum):
+    scene = cotree.Scene("sled")
+    scene.input("F", 0.0)
+    scene.edge("j", "prismatic", "ground", "A", axis=[1, 0, 0], force="F", damping=3.0)
+    scene.edge("b", "rigid_body", "ground", "A", mass=1.0)
+    model = scene.compile()
+    for wishes in ({"rates": {"j.s": 2.0}}, {"fixed": {"j.s_dot": 2.0}}):
+        point = model.trim(["F"], **wishes)
+        assert point["F"] == pytest.approx(6.0, rel=1e-14)
+        assert point["j.s_dot"] == pytest.approx(2.0, rel=1e-14)
+        assert point.undetermined == (("j.s",),)
+        assert "'j.s' may have any value" in point.summary()
+    fixed = model.trim(["F"], fixed={"j.s": 0.0}, rates={"j.s": 2.0})
+    assert fixed.is_unique
+
+
+def test_a_loop_comes_to_rest_where_its_energy_is_least():
+    scene = four_bar()
+    model = scene.compile()
+    point = model.trim()
+    assert point.residual < 1e-10
+    assert np.max(np.abs(model.constraint_values(0.0, point.y))) < 1e-12
+    run = model.simulate((0, 0.2), initial=point.settings["initial"])
+    # Of a standing equilibrium rounding grows, within 0.2 s by less than a factor of a thousand.
+    np.testing.assert_allclose(run.y[:, -1], point.y, atol=1e-10)
+
+
+def test_an_operating_point_of_a_network_is_the_one_of_its_law():
+    scene = cotree.Scene("diode")
+    scene.parameter("R", 1e3)
+    scene.input("V", 5.0)
+    scene.edge("v", "voltage_source", "a", "ground", voltage="V")
+    scene.edge("r", "resistor", "a", "b", resistance="R")
+    scene.edge("d", "diode", "b", "ground", saturation_current=1e-14)
+    scene.edge("c", "capacitor", "b", "ground", capacitance=1e-6)
+    scene.output("i", "r.i")
+    model = scene.compile()
+    point = model.trim(["R"], outputs={"i": 1e-3})
+    assert point["R"] == pytest.approx((5.0 - point["c.v"]) / 1e-3, rel=1e-9)
+    step = 0.1
+    above, below = (model.trim(p={"R": 1e3 + side})["c.v"] for side in (step, -step))
+    # Central differences of 1e-4 of the value are off by 1e-8 of the slope.
+    slope = model.trim().sensitivity("c.v", "R")
+    assert slope == pytest.approx((above - below) / (2 * step), rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("wishes", "sentence"),
+    [
+        ({"solve": ["Q"]}, "solve names 'Q', which is no state, input or tunable parameter"),
+        ({"rates": {"M": 1.0}}, "rates names 'M', which is no state"),
+        ({"outputs": {"x": 1.0}}, "outputs names 'x', which is no output"),
+        ({"fixed": {"j.theta": math.nan}}, "'j.theta' is nan"),
+        ({"solve": ["M"], "fixed": {"M": 1.0}}, "it is either, not both"),
+        ({"fixed": {"j.theta": 0.5}}, "the rate of 'j.theta_dot' stays"),
+        ({"fixed": {"M": 40.0}}, "no equilibrium or steady motion was found"),
+    ],
+)
+def test_what_cannot_be_is_said_in_a_sentence(pendulum, wishes, sentence):
+    with pytest.raises(cotree.Error, match=sentence) as told:
+        pendulum.trim(**wishes)
+    assert "\n" not in str(told.value)
