@@ -121,7 +121,7 @@ def nearest(name: object, known: Iterable[str]) -> str:
     # A file of another tool may name thousands of things.
     if len(choices) > _MOST_LISTED:
         return ""
-    return f"; known: {', '.join(choices) if choices else 'none'}"
+    return f"; known: {', '.join(map(brief, choices)) if choices else 'none'}"
 
 
 def _closest(name: str, choices: Sequence[str]) -> str:

@@ -72,6 +72,6 @@ def test_the_guess_imports_little():
 def test_engine_and_sweep_are_there_when_the_thread_has_ended(monkeypatch):
     asked = []
     monkeypatch.setattr(engine, "load_engine", asked.append)
-    engine._prepare("dop853")
+    engine._prepare(["dop853"], ())
     assert asked == ["dop853"]
     assert load_sweep() is not None

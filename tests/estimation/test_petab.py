@@ -6,7 +6,15 @@ import math
 
 import numpy as np
 import pytest
-from petab_texts import CONDITIONS, MEASUREMENTS, MODEL, OBSERVABLES, PARAMETERS, write_problem
+from petab_texts import (
+    CONDITIONS,
+    MEASUREMENTS,
+    MODEL,
+    OBSERVABLES,
+    PARAMETERS,
+    YAML,
+    write_problem,
+)
 from scipy import stats
 
 import cotree
@@ -223,6 +231,7 @@ def wrong(**changed):
             "tsv:6: the noise of 'seen' is 0",
         ),
         (wrong(measurements=MEASUREMENTS.splitlines()[0]), "nothing was measured"),
+        (wrong(yaml=YAML.replace("model.xml", "m" * 5000)), "names the file 'mmm.*does not"),
     ],
 )
 def test_wrong_input_gets_one_sentence_with_file_and_line(tmp_path, write, message):
@@ -231,10 +240,27 @@ def test_wrong_input_gets_one_sentence_with_file_and_line(tmp_path, write, messa
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ((b"\tnominalValue", b"\tlowerBound\tnominalValue"), "1: there are two columns 'lower"),
+        # The csv module of Python accepts no NUL in some versions, and no lone CR in others.
+        ((b"0.5", b"0.5\r\r\rx"), "parameters.tsv:"),
+        ((b"\t0.5", b'\t"0.5'), "parameters.tsv:"),
+    ],
+)
+def test_tables_that_are_none_are_refused(tmp_path, change, message):
+    file, table = write_problem(tmp_path), tmp_path / "parameters.tsv"
+    table.write_bytes(table.read_bytes().replace(*change, 1))
+    with pytest.raises(cotree.SceneError, match=message) as caught:
+        cotree.read_petab(file)
+    assert "\n" not in str(caught.value)
+
+
 def test_a_missing_file_is_named(tmp_path):
     file = write_problem(tmp_path)
     (tmp_path / "conditions.tsv").unlink()
-    with pytest.raises(cotree.SceneError, match=r"the file 'conditions.tsv' that it names"):
+    with pytest.raises(cotree.SceneError, match=r"names the file 'conditions.tsv', which"):
         cotree.read_petab(file)
     with pytest.raises(cotree.SceneError, match="is not a file"):
         cotree.read_petab(tmp_path / "none.yaml")

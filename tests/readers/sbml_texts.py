@@ -79,16 +79,24 @@ def _reaction(id: str, reactants: list[str], products: list[str], formula: str) 
 
 
 def event_text(
-    trigger: str, sets: dict[str, str], *, id: str = "e", initial: str = "true", more: str = ""
+    trigger: str,
+    sets: dict[str, str],
+    *,
+    id: str = "e",
+    initial: str = "true",
+    persistent: str = "true",
+    at_trigger: str = "true",
+    more: str = "",
 ) -> str:
     """Write an event; ``more`` stands after its trigger."""
     rows = "".join(
         f'<eventAssignment variable="{id}">{math_text(f)}</eventAssignment>'
         for id, f in sets.items()
     )
+    attributes = f'initialValue="{initial}" persistent="{persistent}"'
     return (
-        f'<event id="{id}" useValuesFromTriggerTime="true">'
-        f'<trigger initialValue="{initial}" persistent="true">{math_text(trigger)}</trigger>'
+        f'<event id="{id}" useValuesFromTriggerTime="{at_trigger}">'
+        f"<trigger {attributes}>{math_text(trigger)}</trigger>"
         f"{more}<listOfEventAssignments>{rows}</listOfEventAssignments></event>"
     )
 

@@ -71,16 +71,101 @@ def test_a_trigger_at_the_start_follows_its_initial_value():
             scene_of(event_text(trigger, {"n": "4"}, initial=initial))
 
 
-@pytest.mark.parametrize("word", ["delay", "priority"])
-def test_delays_and_priorities_of_zero_are_none(word):
+def test_a_delay_of_zero_is_none():
     def scene(value):
-        more = f"<{word}>{math_text(value)}</{word}>"
+        more = f"<delay>{math_text(value)}</delay>"
         other = event_text("A < 2", {"n": "n + 1"}, id="f")
         return scene_of(event_text("A < 1", {"n": "n + 4"}, more=more) + other)
 
     assert run(scene("0"), 4.0)["n"][-1] == 5.0
-    with pytest.raises(cotree.SceneError, match=rf"event 'e' has a {word}, which is not read: "):
+    with pytest.raises(cotree.SceneError, match=r"event 'e' has a delay, which is not read: "):
         scene("1")
+
+
+def pair(trigger, first, second, priorities=(0, 0), other=None, **given):
+    """Write two events, the second with a trigger of its own where one is given."""
+    texts = [
+        event_text(t, sets, id=id, more=f"<priority>{math_text(str(p))}</priority>", **given)
+        for id, t, sets, p in (
+            ("e", trigger, first, priorities[0]),
+            ("f", other or trigger, second, priorities[1]),
+        )
+    ]
+    return "".join(texts)
+
+
+def test_events_with_one_trigger_use_the_values_before_both():
+    # A = 3 exp(-k t) reaches 1; without the rule the second would see n = 7.
+    scene = scene_of(pair("A < 1", {"n": "A + 6"}, {"k": "n + 0.25"}))
+    result = run(scene, 3.0)
+    assert (result["n"][-1], result["k"][-1]) == pytest.approx((7.0, 0.25))
+    assert any("'e' includes 'f'" in note for note in scene.origin.notes)
+
+
+def test_events_that_use_the_values_left_by_others_act_in_turn():
+    scene = scene_of(pair("time > 1", {"n": "6"}, {"k": "n + 0.25"}, at_trigger="false"))
+    assert run(scene, 1.5)["k"][-1] == pytest.approx(6.25)
+    # The second acts first, and leaves k = 0.25.
+    scene = scene_of(pair("time > 1", {"n": "4*k"}, {"k": "n + 0.25"}, (1, 2), at_trigger="false"))
+    assert run(scene, 1.5)["n"][-1] == pytest.approx(1.0)
+
+
+def test_of_events_that_set_one_quantity_the_lowest_priority_has_the_last_say():
+    for priorities, value in (((1, 2), 4.0), ((2, 1), 5.0), ((-1, -2), 5.0)):
+        scene = scene_of(pair("time > 1", {"n": "4"}, {"n": "5"}, priorities))
+        assert run(scene, 1.5)["n"][-1] == value
+
+
+def test_an_event_that_happens_although_its_trigger_no_longer_holds():
+    scene = scene_of(pair("A < 1", {"A": "3"}, {"n": "A"}))
+    assert run(scene, 2.5)["n"][-1] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("events", "message"),
+    [
+        (pair("A < 1", {"n": "1"}, {"n": "2"}), "events 'e' and 'f' both set 'n' at the same time"),
+        (pair("A < 1", {"A": "3"}, {"n": "1"}, persistent="false"), "event 'f' is not persistent"),
+        (
+            pair("A < 1", {"A": "3"}, {"n": "A"}, at_trigger="false"),
+            "event 'f' has the same trigger as others",
+        ),
+        (
+            pair("time > 1", {"n": "1"}, {"k": "n"}, other="time > k + 0.5"),
+            None,
+        ),
+        (pair("A < 1", {"n": "1"}, {"k": "n"}, ("k", 1)), "a priority that is a formula"),
+    ],
+)
+def test_events_at_the_same_time_whose_outcome_is_open_are_refused(events, message):
+    if message is None:  # times that may coincide, but are no constants of the model
+        scene_of(events)
+        return
+    with pytest.raises(cotree.SceneError, match=rf"m\.xml:\d+: .*{message}"):
+        scene_of(events)
+
+
+def test_events_at_equal_constant_times_with_different_triggers_are_refused():
+    parts = parts_text([A], {"k": 0.5, "n": 0.0}, constant=False)
+    parts = parts.replace(
+        "</listOfParameters>", '<parameter id="T" value="2" constant="true"/></listOfParameters>'
+    )
+    events = pair("time > T", {"n": "1"}, {"k": "n"}, other="time > 2")
+    with pytest.raises(cotree.SceneError, match="'e' and 'f' happen at the same time"):
+        read_sbml_text(model_text(parts, reactions=DECAY, events=events), "m.xml", cotree.Scene)
+
+
+def test_an_event_sets_a_stoichiometry():
+    text = model_text(
+        parts_text([A], {"k": 0.5}), reactions=DECAY, events=event_text("time > 1", {"s": "2"})
+    )
+    text = text.replace(
+        'species="A" stoichiometry="1" constant="true"',
+        'id="s" species="A" stoichiometry="1" constant="false"',
+    )
+    result = run(read_sbml_text(text, "m.xml", cotree.Scene).scene, 2.0)
+    # A decays with k up to 1 s, and with 2 k from there.
+    assert result["A"][-1] == pytest.approx(3.0 * math.exp(-0.5 - 1.0), rel=1e-9)
 
 
 def test_piecewise_formulas_of_time_and_of_the_state():

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from cotree.ensemble.block_in_c import load_batch
 from cotree.errors import ParameterError, SolveError
 from cotree.estimation.columns import Accuracy
 from cotree.estimation.multistart import minimise_from_starts
@@ -22,6 +23,7 @@ from cotree.estimation.petab_priors import Priors, sample_starts
 from cotree.estimation.petab_simulation import measurement_frame
 from cotree.estimation.problem import Problem
 from cotree.estimation.result import FitResult
+from cotree.solvers.engine import build_ahead
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -75,6 +77,10 @@ def read_petab(
     -138.22199
     """
     tables = read_tables(path)
+    # The compiler builds the engines while Python reads and forms the model; most models are
+    # stiff, and runs to a steady state are done by rodas5.
+    engines = ("dop853", "rodas5") if method == "auto" else (method,)
+    build_ahead(*engines, then=[load_batch])
     return PetabProblem(tables, mapped(tables), Accuracy(method, rtol, atol))
 
 

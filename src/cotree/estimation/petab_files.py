@@ -101,6 +101,12 @@ def _model(path: str | Path, problem: dict[str, Any]) -> str:
 
 def _existing(path: str | Path, folder: Path, name: str) -> Path:
     found = folder / name
-    if not found.is_file():
-        raise SceneError(f"{path}: the file '{brief(name)}' that it names is not at {found}")
+    try:
+        is_file = found.is_file()
+    except OSError:  # the name is too long for the file system
+        is_file = False
+    if not is_file:
+        raise SceneError(
+            f"{path}: it names the file '{brief(name)}', which does not exist in '{folder}'"
+        )
     return found

@@ -236,19 +236,33 @@ def _put(known: dict[str, _Named], found: _Named, what: str) -> None:
 def _rows(paths: Iterable[Path], *wanted: str) -> Iterable[Row]:
     """Give the rows of tables, with their columns checked."""
     for path in paths:
-        reader = csv.DictReader(io.StringIO(read_text(path, LARGEST_FILE)), delimiter="\t")
-        columns = reader.fieldnames or []
-        for name in wanted:
-            if name not in columns:
-                hint = nearest(name, columns) if columns else ""
-                raise SceneError(f"{path}:1: no column '{name}'{hint}")
-        for cells in reader:
-            row = Row(SourceLine(str(path), reader.line_num), cells)
-            # Cells beyond the header stand under None, as csv has it.
-            if None in cells:
-                raise row.error(f"more cells than the {len(columns)} columns of the first line")
-            if any(row.text(name) for name in columns):
-                yield row
+        # With `newline=""` csv sees line ends as they are in the file.
+        text = io.StringIO(read_text(path, LARGEST_FILE), newline="")
+        reader = csv.DictReader(text, delimiter="\t")
+        try:
+            yield from _checked_rows(path, reader, wanted)
+        except csv.Error as error:
+            line = SourceLine(str(path), max(1, reader.line_num))
+            raise line.error(f"not a table of tab-separated values: {error}") from None
+
+
+def _checked_rows(path: Path, reader: csv.DictReader[str], wanted: Sequence[str]) -> Iterable[Row]:
+    """Give the rows of one table that are not empty."""
+    columns = reader.fieldnames or []
+    for name in wanted:
+        if name not in columns:
+            hint = nearest(name, columns) if columns else ""
+            raise SceneError(f"{path}:1: no column '{name}'{hint}")
+    for name in columns:
+        if columns.count(name) > 1:
+            raise SceneError(f"{path}:1: there are two columns '{brief(name)}': keep one of them")
+    for cells in reader:
+        row = Row(SourceLine(str(path), reader.line_num), cells)
+        # The csv module puts cells beyond the header under the key None.
+        if None in cells:
+            raise row.error(f"more cells than the {len(columns)} columns of the first line")
+        if any(row.text(name) for name in columns):
+            yield row
 
 
 def _parameter(row: Row) -> ParameterRow:

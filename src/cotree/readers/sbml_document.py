@@ -5,11 +5,19 @@ Formulas stay libsbml's trees. See docs/sbml.md for what is known.
 
 from __future__ import annotations
 
+import math
 import re
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from cotree.errors import Error, brief
+from cotree.readers.sbml_content import (
+    Formula,
+    Part,
+    Quantity,
+    Reaction,
+    SbmlContent,
+    SbmlEvent,
+)
 from cotree.readers.source_line import SourceLine
 from cotree.readers.xml_tree import parse_xml
 
@@ -19,148 +27,6 @@ if TYPE_CHECKING:
 _DEEPEST, _MOST_ELEMENTS = 1000, 3_000_000
 
 _DECLARATION, _UTF_8 = re.compile(r"\A\s*<\?xml[^>]*\?>"), '<?xml version="1.0" encoding="UTF-8"?>'
-
-_REMEDY = {
-    "delay": "let the event set a parameter, and another one happen later",
-    "priority": "list the events in the order in which they are to happen",
-}
-
-
-@dataclass(frozen=True)
-class Formula:
-    """A formula of a model.
-
-    Attributes
-    ----------
-    node : libsbml.ASTNode
-        Its tree.
-    at : SourceLine
-        Where it stands.
-    what : str
-        What it belongs to, for messages: ``kinetic law of reaction 'R1'``.
-    """
-
-    node: Any = field(repr=False)
-    at: SourceLine
-    what: str
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """A compartment, a species, a parameter or a stoichiometry.
-
-    Attributes
-    ----------
-    kind, id, title : str
-        Its kind, identifier and name for people.
-    at : SourceLine
-        Where it stands.
-    value : float or None
-        The number given as its value at the start.
-    is_constant : bool
-        Whether nothing may change it.
-    compartment : str
-        Of a species: where it is.
-    is_amount : bool
-        Of a species: whether its identifier means an amount, not a concentration.
-    gives_amount : bool
-        Of a species: whether ``value`` is an amount.
-    is_boundary : bool
-        Of a species: whether reactions leave it as it is.
-    conversion : str
-        Of a species: the parameter by which reactions' extents become amounts of it.
-    """
-
-    kind: str
-    id: str
-    title: str
-    at: SourceLine
-    value: float | None = None
-    is_constant: bool = False
-    compartment: str = ""
-    is_amount: bool = False
-    gives_amount: bool = False
-    is_boundary: bool = False
-    conversion: str = ""
-
-    @property
-    def whose(self) -> str:
-        """Name it in messages."""
-        return f"{self.kind} '{brief(self.id)}'"
-
-
-@dataclass(frozen=True)
-class Part:
-    """The part that a species takes in a reaction.
-
-    Attributes
-    ----------
-    species : str
-        Which it is.
-    sign : int
-        -1 for a reactant, 1 for a product.
-    stoichiometry : float or str or Formula
-        How many of them: a number, the identifier of a quantity, or a formula.
-    at : SourceLine
-        Where it stands.
-    """
-
-    species: str
-    sign: int
-    stoichiometry: float | str | Formula
-    at: SourceLine
-
-
-@dataclass(frozen=True)
-class Reaction:
-    """A reaction: its rate, local parameters, and parts."""
-
-    id: str
-    law: Formula
-    local: dict[str, Quantity]
-    parts: tuple[Part, ...]
-
-
-@dataclass(frozen=True)
-class SbmlEvent:
-    """An event: when it happens, the values that it sets, and whether it may at the start."""
-
-    id: str
-    trigger: Formula
-    sets: dict[str, Formula]
-    is_initially_true: bool
-
-
-@dataclass
-class SbmlContent:
-    """The content of a model, by identifier.
-
-    Attributes
-    ----------
-    id : str
-        The model's identifier.
-    quantities : dict of str to Quantity
-        Compartments, species, parameters and stoichiometries with an identifier.
-    functions : dict of str to node
-        Trees of the function definitions.
-    initials, assignments, rates : dict of str to Formula
-        Initial assignments, assignment rules and rate rules by what they determine.
-    reactions, events : list
-        The reactions and events.
-    notes : list of str
-        What is not read.
-    """
-
-    id: str
-    quantities: dict[str, Quantity] = field(default_factory=dict)
-    functions: dict[str, Any] = field(default_factory=dict)
-    initials: dict[str, Formula] = field(default_factory=dict)
-    assignments: dict[str, Formula] = field(default_factory=dict)
-    rates: dict[str, Formula] = field(default_factory=dict)
-    reactions: list[Reaction] = field(default_factory=list)
-    events: list[SbmlEvent] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    _document: Any = None  # libsbml's trees live as long as their document
 
 
 def read_document(text: str, where: str) -> SbmlContent:
@@ -364,21 +230,54 @@ class _Reader:
         id = e.getId() or f"event_{number}"
         whose = f"event '{brief(id)}'"
         trigger = self._formula(e.getTrigger(), f"trigger of {whose}")
-        for word, element in (("delay", e.getDelay()), ("priority", e.getPriority())):
-            # Of one event alone a priority says nothing.
-            is_idle = word == "priority" and self.model.getNumEvents() == 1
-            if element is not None and element.isSetMath() and not is_idle:
-                node = element.getMath()
-                if not (node.isNumber() and node.getValue() == 0.0):
-                    raise self.at(element).error(
-                        f"{whose} has a {word}, which is not read: {_REMEDY[word]}"
-                    )
-        begins = e.getTrigger().getInitialValue() if self.document.getLevel() >= 3 else True
+        self._check_delay(e, whose)
+        is_level_3 = self.document.getLevel() >= 3
+        begins = e.getTrigger().getInitialValue() if is_level_3 else True
+        persists = e.getTrigger().getPersistent() if is_level_3 else True
         sets: dict[str, Formula] = {}
         for a in e.getListOfEventAssignments():
             variable = a.getVariable()
             _put(sets, variable, self._formula(a, f"value of '{brief(variable)}' in {whose}"))
-        self.content.events.append(SbmlEvent(id, trigger, sets, begins))
+        self.content.events.append(
+            SbmlEvent(
+                id,
+                trigger,
+                sets,
+                begins,
+                self._priority(e, whose),
+                persists,
+                e.getUseValuesFromTriggerTime(),
+            )
+        )
+
+    def _check_delay(self, e: Any, whose: str) -> None:
+        delay = e.getDelay()
+        if delay is not None and delay.isSetMath() and _number_of(delay) != 0.0:
+            raise self.at(delay).error(
+                f"{whose} has a delay, which is not read: let the event set a parameter to the "
+                "time, and a second event happen when the delay has passed"
+            )
+
+    def _priority(self, e: Any, whose: str) -> float:
+        priority = e.getPriority()
+        # The priority of a single event has no effect.
+        if priority is None or not priority.isSetMath() or self.model.getNumEvents() == 1:
+            return 0.0
+        value = _number_of(priority)
+        if value is None:
+            raise self.at(priority).error(
+                f"{whose} has a priority that is a formula, which is not read: give a number"
+            )
+        return value
+
+
+def _number_of(element: Any) -> float | None:
+    """Give the number that is the formula of an element, which may have a sign; None for others."""
+    node, sign = element.getMath(), 1.0
+    if node.isUMinus():
+        node, sign = node.getChild(0), -1.0
+    is_number = node is not None and node.isNumber() and math.isfinite(node.getValue())
+    return sign * node.getValue() if is_number else None
 
 
 def _put(table: dict[str, Formula], symbol: str, formula: Formula) -> None:

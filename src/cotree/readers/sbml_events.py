@@ -11,7 +11,7 @@ from cotree.readers.sbml_trees import number
 from cotree.scene.parameters import make_parameter, parameter_values
 
 if TYPE_CHECKING:
-    from cotree.readers.sbml_document import SbmlEvent
+    from cotree.readers.sbml_content import SbmlEvent
     from cotree.scene.description import SceneDescription
 
 
@@ -55,17 +55,16 @@ def crossing_of(reader: FormulaReader, node: Any) -> Crossing:
     return Crossing(made.text, 1, holds_at_zero=False)
 
 
+def start_value(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> float:
+    """Evaluate what a trigger's crossing is at the start."""
+    return _at_start(scene, event, begin)[0]
+
+
 def check_start(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> None:
     """Refuse an event at the start that a run would not have, or have though it must not."""
-    rows = dict(scene.parameters)
-    with located(event.trigger.at):
-        # No parameter of a scene has a name of several words.
-        row = make_parameter(event.trigger.what, begin.text, "", "", True)
-        rows[row.name] = row
-        value = parameter_values(rows)[row.name]
+    value, is_known = _at_start(scene, event, begin)
     # A run has an event at its start where the value is zero and about to rise, as that of a
     # comparison with the time is; whether another one rises is not known here.
-    is_known = isinstance(row.value, float) or not row.value.names
     is_late = value > 0.0 or (value == 0.0 and begin.holds_at_zero and not is_known)
     is_early = value == 0.0 and begin.holds_at_zero
     if is_early if event.is_initially_true else is_late:
@@ -74,3 +73,14 @@ def check_start(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> N
             f"{str(event.is_initially_true).lower()} decides whether the event happens: "
             "write what it sets into the initial values"
         )
+
+
+def _at_start(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> tuple[float, bool]:
+    """Evaluate a crossing at the start, and tell whether it depends on no parameter."""
+    rows = dict(scene.parameters)
+    with located(event.trigger.at):
+        # No parameter of a scene has a name of several words.
+        row = make_parameter(event.trigger.what, begin.text, "", "", True)
+        rows[row.name] = row
+        value = parameter_values(rows)[row.name]
+    return value, isinstance(row.value, float) or not row.value.names

@@ -10,7 +10,7 @@ from cotree.errors import ExpressionError, ModelError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from cotree.readers.sbml_document import Formula
+    from cotree.readers.sbml_content import Formula
     from cotree.readers.source_line import SourceLine
 
 

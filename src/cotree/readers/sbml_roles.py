@@ -7,13 +7,13 @@ from enum import Enum
 from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING
 
-from cotree.readers.sbml_document import Formula
+from cotree.readers.sbml_content import Formula
 from cotree.readers.sbml_math import names_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from cotree.readers.sbml_document import Quantity, Reaction, SbmlContent
+    from cotree.readers.sbml_content import Quantity, Reaction, SbmlContent
 
 
 class Role(Enum):
@@ -120,6 +120,7 @@ def _named(content: SbmlContent, uses: Iterable[frozenset[str]]) -> frozenset[st
             p.stoichiometry for p in reaction.parts if isinstance(p.stoichiometry, Formula)
         ]
     found = {*content.initials, *content.rates, *content.assignments}
+    found.update(*(event.sets for event in content.events))
     found.update(*uses, *(names_of(formula.node, functions) for formula in formulas))
     return frozenset(found)
 

@@ -20,7 +20,7 @@ from cotree.solvers.methods import METHODS
 from cotree.solvers.sundials_library import library_path, open_sundials
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from cotree.build import LoadedLibrary
 
@@ -47,29 +47,36 @@ class Engine:
     sundials: Any = None
 
 
-def build_ahead(method: str) -> None:
-    """Begin to build or to load the engine of a method, while others form and compile the model.
+def build_ahead(*methods: str, then: Sequence[Callable[[], object]] = ()) -> None:
+    """Begin to build or to load the engines of methods, while others form and compile the model.
 
     Parameters
     ----------
-    method : str
-        The method of a run to come; nothing is done for one that needs no engine or is unknown.
+    *methods : str
+        Methods of runs to come, in the order in which they are needed; nothing is done for those
+        that need no engine or are unknown.
+    then : sequence of callable, optional
+        Functions that load what runs need besides; they are called after the engines are loaded.
     """
     # A choice of the method begins with steps of this one.
-    row = METHODS.get("dop853" if method == "auto" else method)
-    if row is not None and row.stepper:
+    rows = [METHODS.get("dop853" if method == "auto" else method) for method in methods]
+    steppers = [row.stepper for row in rows if row is not None and row.stepper]
+    if steppers:
         # Here and not in the thread: two that print and import take turns at the interpreter, and
         # the compiler, which works beside it, would begin late.
-        _text_of(row.stepper)
-        threading.Thread(target=_prepare, args=(row.stepper,), name="cotree-engine").start()
+        _text_of(steppers[0])
+        threading.Thread(target=_prepare, args=(steppers, then), name="cotree-engine").start()
 
 
-def _prepare(stepper: str) -> None:
+def _prepare(steppers: Sequence[str], then: Sequence[Callable[[], object]]) -> None:
     from cotree.solvers.sweep import load_sweep
 
     with contextlib.suppress(Error):  # who needs the engine meets the error, too
-        load_engine(stepper)
-        load_sweep()
+        # One after the other: they share files, which the second takes from the cache.
+        for stepper in steppers:
+            load_engine(stepper)
+        for load in then or (load_sweep,):
+            load()
 
 
 def load_engine(stepper: str) -> Engine | str:

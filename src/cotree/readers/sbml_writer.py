@@ -1,0 +1,400 @@
+"""From the content of an SBML model to a scene; see docs/sbml.md for what becomes of each part."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+from cotree.errors import ExpressionError, SceneError, brief, nearest
+from cotree.readers.names import Namer
+from cotree.readers.sbml_content import Formula
+from cotree.readers.sbml_events import check_start, crossing_of, start_value
+from cotree.readers.sbml_located import explained, located
+from cotree.readers.sbml_math import FormulaReader
+from cotree.readers.sbml_model import SbmlModel, SbmlSymbol
+from cotree.readers.sbml_roles import Role, roles_of
+from cotree.readers.sbml_simultaneous import (
+    Dependencies,
+    Triggered,
+    check_coincidences,
+    groups_of,
+)
+from cotree.readers.sbml_trees import Term, TermMaker, name, number
+from cotree.scene.description import SceneDescription
+from cotree.scene.origin import Origin
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from cotree.readers.sbml_content import Quantity, Reaction, SbmlContent, SbmlEvent
+    from cotree.readers.source_line import SourceLine
+
+_Scene = TypeVar("_Scene", bound=SceneDescription)
+
+
+class SceneWriter(Generic[_Scene]):
+    """Adds the parts of a model to a scene.
+
+    Parameters
+    ----------
+    scene_type : type
+        The class of the scene.
+    content : SbmlContent
+        The model.
+    file : str
+        The name of its file, for messages.
+    values : mapping of str to float
+        Values of quantities, by identifier, where the file gives none.
+    """
+
+    def __init__(
+        self,
+        scene_type: type[_Scene],
+        content: SbmlContent,
+        file: str,
+        values: Mapping[str, float],
+    ) -> None:
+        self.content, self.file, self.values = content, file, values
+        # A scene's name begins with a letter; a model's may begin with a low line, or be missing.
+        stem = Namer().own(content.id or Path(file).stem).lstrip("_") or "model"
+        self.scene = scene_type(stem if stem[0].isalpha() else f"model_{stem}")
+        self.namer = Namer()
+        self.roles = roles_of(content)
+        # What the model names keeps its name; what the reader adds has to evade it.
+        rows = content.quantities.items()
+        self.names = {id: self.namer.give(row.kind.split()[0], id) for id, row in rows}
+        for reaction in content.reactions:
+            self.names[reaction.id] = self.namer.give("reaction", reaction.id)
+        self.local: dict[tuple[str, str], str] = {}
+        self.initial: dict[str, str] = {}
+        self.waiting: list[str] = []
+        self.notes = list(content.notes)
+        functions = content.functions
+        self.running = FormulaReader(
+            functions, self._running_symbol, name("t"), TermMaker(self._cut_running)
+        )
+        self.starting = FormulaReader(
+            functions, self._starting_symbol, number(0.0), TermMaker(self._cut_starting)
+        )
+
+    def write(self) -> SbmlModel[_Scene]:
+        """Declare everything, and tell what became of the quantities of the model.
+
+        Raises
+        ------
+        SceneError
+            If the model holds what a scene does not have; the message begins with file and line.
+        """
+        for id, quantity in self.content.quantities.items():
+            with located(quantity.at):
+                self._quantity(id, quantity)
+        for id in self.roles.order:
+            self._assigned(id)
+        for reaction in self.content.reactions:
+            self._reaction(reaction)
+        for id in self.content.rates:
+            self._rate(id)
+        checks = self._events()
+        # Values at the start are declared as they are asked for, each of which may ask for others.
+        while self.waiting:
+            self._start_of(self.waiting.pop())
+        for check in checks:
+            check()
+        if not any(edge.component.name == "species" for edge in self.scene.edges.values()):
+            raise SceneError(
+                f"{self.file}: nothing in the model changes with time: it has no species that "
+                "reactions change, and no rate rules"
+            )
+        self.scene.origin = Origin(self.file, tuple(self._all_notes()), dict(self.namer.changed))
+        return SbmlModel(self.scene, self._symbols(), dict(self.local))
+
+    def _all_notes(self) -> Iterator[str]:
+        yield from self.notes
+        for (kind, old), new in self.namer.changed.items():
+            yield f"renamed: {kind} '{brief(old)}' is '{new}'"
+
+    # Symbols of formulas.
+
+    def _known(self, id: str) -> None:
+        if id not in self.names:
+            raise ExpressionError(
+                f"names '{brief(id)}', which is no compartment, species, parameter or reaction"
+                f"{nearest(id, self.names)}"
+            )
+
+    def _running_symbol(self, id: str) -> Term:
+        self._known(id)
+        return name(self.names[id])
+
+    def _starting_symbol(self, id: str) -> Term:
+        self._known(id)
+        return name(self._initial_name(id))
+
+    def _initial_name(self, id: str) -> str:
+        """Give the parameter that holds a value at the start, and have it declared."""
+        if self.roles.of.get(id) is Role.FIXED:
+            return self.names[id]
+        if id not in self.initial:
+            self.initial[id] = self.namer.own(f"{self.names[id]}_0")
+            self.waiting.append(id)
+        return self.initial[id]
+
+    def _cut_running(self, text: str) -> str:
+        own = self.namer.own("part")
+        self.scene.output(own, text)
+        return own
+
+    def _cut_starting(self, text: str) -> str:
+        own = self.namer.own("part_0")
+        self.scene.parameter(own, text)
+        return own
+
+    def _text(
+        self, formula: Formula, reader: FormulaReader, bound: Mapping[str, Term] | None = None
+    ) -> str:
+        with explained(formula):
+            return reader.read(formula.node, bound).text
+
+    # Quantities.
+
+    def _quantity(self, id: str, quantity: Quantity) -> None:
+        """Declare a constant, or the state of what changes."""
+        own = self.names[id]
+        match self.roles.of[id]:
+            case Role.FIXED:
+                self.initial[id] = own
+                self._start_of(id)
+            case Role.DILUTED:
+                # An amount that nothing changes, in a compartment whose size does.
+                place = quantity.compartment
+                begin = f"{self._initial_name(id)}*{self._initial_name(place)}"
+                self.scene.output(own, f"{begin}/{self.names[place]}")
+            case Role.CONCENTRATION:
+                self._state(id, self.names[quantity.compartment], own_value=True)
+            case Role.AMOUNT:
+                self._state(id, 1.0, own_value=quantity.is_amount)
+            case Role.RATE:
+                self._state(id, 1.0, own_value=True)
+            case Role.MODE:
+                self.scene.mode(own, self._initial_name(id), doc=quantity.title[:1000])
+
+    def _state(self, id: str, volume: str | float, *, own_value: bool) -> None:
+        """Declare a state, and the output that has the value that formulas mean."""
+        own, begin = self.names[id], self._initial_name(id)
+        value = f"{own}.c"
+        if not own_value:
+            place = self.content.quantities[id].compartment
+            begin, value = (
+                f"{begin}*{self._initial_name(place)}",
+                f"{value}/{self.names[place]}",
+            )
+        self.scene.edge(own, "species", own, "ground", volume=volume, initial={"c": begin})
+        self.scene.output(own, value)
+
+    def _start_of(self, id: str) -> None:
+        """Declare the parameter that holds a value at the start."""
+        own, content = self.initial[id], self.content
+        quantity = content.quantities.get(id)
+        formula = content.assignments.get(id) or content.initials.get(id)
+        if quantity is None:
+            reaction = self.roles.reactions[id]
+            text = self._text(reaction.law, self.starting, self._bound(reaction))
+            with located(reaction.law.at):
+                self.scene.parameter(own, text)
+            return
+        at = formula.at if formula else quantity.at
+        value: float | str
+        if formula is not None:
+            value = self._text(formula, self.starting)
+        else:
+            value = self._number(quantity)
+            if quantity.kind == "species" and quantity.gives_amount != quantity.is_amount:
+                value = self._converted(own, quantity, value)
+        with located(at):
+            # An expression that is a number is one.
+            value = _plain(value)
+            self.scene.parameter(own, value, doc=quantity.title[:1000])
+
+    def _converted(self, own: str, quantity: Quantity, value: float) -> str:
+        """Declare an amount that is given as a concentration, or the other way round."""
+        place = self._initial_name(quantity.compartment)
+        word, sign = ("amount", "/") if quantity.gives_amount else ("concentration", "*")
+        given = self.namer.own(f"{own}_{word}")
+        with located(quantity.at):
+            self.scene.parameter(given, value)
+        return f"{given}{sign}{place}"
+
+    def _number(self, quantity: Quantity) -> float:
+        if quantity.value is not None:
+            return quantity.value
+        if quantity.id in self.values:
+            return self.values[quantity.id]
+        if quantity.kind == "compartment":
+            self.notes.append(f"{quantity.whose} has no size: it is taken as 1")
+            return 1.0
+        raise quantity.at.error(
+            f"{quantity.whose} has no value: give it one, an initial assignment or a rule"
+        )
+
+    def _assigned(self, id: str) -> None:
+        """Declare the output of what a rule determines at all times."""
+        formula = self.content.assignments[id]
+        text = self._text(formula, self.running)
+        with located(formula.at):
+            self.scene.output(self.names[id], text)
+
+    def _rate(self, id: str) -> None:
+        """Declare the flow that a rate rule means."""
+        formula, own = self.content.rates[id], self.names[id]
+        text = self._text(formula, self.running)
+        edge = self.namer.own(f"{own}_rate")
+        with located(formula.at):
+            self.scene.edge(edge, "molar_flow_source", "ground", own, flow=_plain(text))
+
+    # Reactions.
+
+    def _bound(self, reaction: Reaction) -> dict[str, Term]:
+        """Declare the local parameters of a reaction, and give their terms."""
+        for id, quantity in reaction.local.items():
+            if (reaction.id, id) not in self.local:
+                own = self.namer.give("local parameter", f"{reaction.id}_{id}")
+                self.local[reaction.id, id] = own
+                with located(quantity.at):
+                    self.scene.parameter(own, self._number(quantity), doc=quantity.title[:1000])
+        return {id: name(self.local[reaction.id, id]) for id in reaction.local}
+
+    def _reaction(self, reaction: Reaction) -> None:
+        own = self.names[reaction.id]
+        text = self._text(reaction.law, self.running, self._bound(reaction))
+        with located(reaction.law.at):
+            self.scene.output(own, text)
+        numbers: dict[str, float] = {}
+        for part in reaction.parts:
+            if self.roles.of[part.species] not in (Role.CONCENTRATION, Role.AMOUNT):
+                continue
+            count = self._stoichiometry(part.stoichiometry)
+            if isinstance(count, float):
+                # A species that is taken and made changes by the difference.
+                numbers[part.species] = numbers.get(part.species, 0.0) + part.sign * count
+            else:
+                self._flow(own, part.species, f"{_factor(count)}*{own}", part.sign, part.at)
+        for species, count in numbers.items():
+            if not math.isfinite(count):
+                raise reaction.law.at.error(
+                    f"the stoichiometry of '{brief(species)}' in reaction '{brief(reaction.id)}' "
+                    "is not finite"
+                )
+            flow = own if abs(count) == 1.0 else f"{number(abs(count)).text}*{own}"
+            if count:
+                self._flow(own, species, flow, 1 if count > 0.0 else -1, reaction.law.at)
+
+    def _stoichiometry(self, given: float | str | Formula) -> float | str:
+        if isinstance(given, Formula):
+            text = self._text(given, self.running)
+            plain = _plain(text)
+            return plain if isinstance(plain, float) else text
+        if isinstance(given, float):
+            return given
+        if given in self.roles.unnamed:
+            value = self.content.quantities[given].value
+            if value is not None:
+                return value
+        return self.names[given]
+
+    def _flow(self, reaction: str, species: str, flow: str, sign: int, at: SourceLine) -> None:
+        own, conversion = self.names[species], self.content.quantities[species].conversion
+        nodes = ("ground", own) if sign > 0 else (own, "ground")
+        with located(at):
+            if conversion:
+                self._known(conversion)
+                flow = f"{self.names[conversion]}*{flow}"
+            edge = self.namer.own(f"{reaction}_{own}")
+            self.scene.edge(edge, "molar_flow_source", *nodes, flow=flow)
+
+    # Events.
+
+    def _events(self) -> list[Callable[[], None]]:
+        """Declare the events, and give checks to be made when all parameters are declared."""
+        dependencies = Dependencies(self.content)
+        groups = groups_of([self._triggered(e) for e in self.content.events], dependencies)
+        for group in groups:
+            self._event(group)
+        return [
+            *(partial(check_start, self.scene, r.event, r.at_start) for g in groups for r in g),
+            lambda: check_coincidences(
+                groups,
+                dependencies,
+                lambda id: self.roles.of.get(id) is Role.FIXED,
+                lambda row: start_value(self.scene, row.event, row.at_start),
+            ),
+        ]
+
+    def _triggered(self, event: SbmlEvent) -> Triggered:
+        trigger = event.trigger
+        with located(trigger.at), explained(trigger):
+            return Triggered(
+                event,
+                crossing_of(self.running, trigger.node),
+                crossing_of(self.starting, trigger.node),
+            )
+
+    def _event(self, group: Sequence[Triggered]) -> None:
+        """Declare events with the same trigger as one event, the last of which has the last say."""
+        first = group[0]
+        values, given = {}, dict[str, str]()
+        for event in (row.event for row in group):
+            texts = {id: self._text(f, self.running) for id, f in event.sets.items()}
+            given |= texts
+            for id, text in texts.items():
+                target, place = self._target(id, event.sets[id])
+                # A concentration that is set with its compartment is that in the new size.
+                size = given.get(place, self.names.get(place, ""))
+                values[target] = f"({text})*({size})" if place else text
+        own = self.namer.give("event", first.event.id)
+        if len(group) > 1:
+            others = ", ".join(f"'{brief(row.event.id)}'" for row in group[1:])
+            self.notes.append(f"event '{own}' includes {others}, with the same trigger")
+        with located(first.event.trigger.at):
+            crossing = first.crossing
+            self.scene.event(own, crossing.text, direction=crossing.direction, set=values)
+
+    def _target(self, id: str, formula: Formula) -> tuple[str, str]:
+        """Give the state that an event sets, and the compartment whose size makes it an amount."""
+        quantity, role = self.content.quantities[id], self.roles.of[id]
+        if role is Role.MODE:
+            return self.names[id], ""
+        if not role.is_state or quantity.is_constant:
+            raise formula.at.error(
+                f"the {formula.what} is for what is constant, or what a rule determines"
+            )
+        is_diluted = role is Role.AMOUNT and not quantity.is_amount
+        return f"{self.names[id]}.c", quantity.compartment if is_diluted else ""
+
+    def _symbols(self) -> dict[str, SbmlSymbol]:
+        found = {r.id: SbmlSymbol("reaction", self.names[r.id]) for r in self.content.reactions}
+        for id, quantity in self.content.quantities.items():
+            own, role, factor = self.names[id], self.roles.of[id], ""
+            if role is Role.UNNAMED:
+                continue
+            state = {Role.MODE: own}.get(role, f"{own}.c" if role.is_state else "")
+            if role is Role.AMOUNT and not quantity.is_amount:
+                factor = self.names[quantity.compartment]
+            begin = "" if role is Role.ASSIGNED else self.initial[id]
+            if id in self.content.assignments:
+                begin = ""
+            found[id] = SbmlSymbol(quantity.kind.split()[0], own, state, factor, begin)
+        return found
+
+
+def _factor(text: str) -> str:
+    return text if text.isidentifier() else f"({text})"
+
+
+def _plain(value: float | str) -> float | str:
+    """Give the number that a text is, or the text."""
+    try:
+        return float(value)
+    except ValueError:
+        return value
