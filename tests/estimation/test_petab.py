@@ -177,7 +177,7 @@ def wrong(**changed):
         ),
         (
             wrong(parameters=PARAMETERS + "k lin 0 1 1 1\n"),
-            "parameters.tsv:5: parameter 'k' stands twice",
+            "parameters.tsv:5: parameter 'k' is defined twice",
         ),
         (wrong(parameters=PARAMETERS.replace("upperBound ", "")), "parameters.tsv:2: more cells"),
         (

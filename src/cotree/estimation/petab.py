@@ -1,7 +1,7 @@
-"""PEtab problems, version 1: read, compiled, and asked for likelihoods, gradients and fits.
+"""PEtab problems, version 1: read and compile them, compute likelihoods and gradients, and fit.
 
-In: the YAML file of a problem. Out: a ``PetabProblem``, which is an estimation problem as any other
-one, with the names, scales and tables of PEtab.
+In: the YAML file of a problem. Out: a ``PetabProblem``, an estimation problem that keeps the names,
+scales and tables of PEtab.
 """
 
 from __future__ import annotations
@@ -87,10 +87,10 @@ def read_petab(
 class PetabProblem(Problem):
     """An estimation problem of PEtab.
 
-    Parameters of the methods are values by name, or an array in the order of ``names``, not on
-    their scales; what is missing has its nominal value. Gradients are by the estimated parameters
-    on their scales. :attr:`objective` and the methods of ``Problem`` take all of them on their
-    scales.
+    The methods take parameters as a mapping of unscaled values by name, or as an array of unscaled
+    values in the order of ``names``; a parameter that is missing keeps its nominal value. Gradients
+    are with respect to the estimated parameters on their scales. :attr:`objective` and the methods
+    inherited from ``Problem`` take an array of all estimated parameters on their scales.
 
     Attributes
     ----------

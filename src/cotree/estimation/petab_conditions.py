@@ -1,7 +1,7 @@
 """Conditions of a PEtab problem: what parameters and initial values of the model are in each.
 
-The condition table goes before the parameter table, and that before the model. After a
-preequilibration states go on from where they are, but for those that the condition sets.
+The condition table takes precedence over the parameter table, and both over the model. After a
+preequilibration each state keeps its value unless the condition sets it.
 """
 
 from __future__ import annotations
@@ -162,7 +162,7 @@ class ConditionReader:
         return name if row.is_estimated else row.nominal
 
     def _setting(self, condition: ConditionRow, identifier: str) -> Setting | None:
-        # NaN in the condition table, too, means what the model says.
+        # An empty cell or NaN keeps the value of the model.
         if identifier not in condition.cells:
             return self.value(identifier)
         cell: Cell = condition.cells[identifier]

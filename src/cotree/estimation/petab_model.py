@@ -115,7 +115,7 @@ class PetabModel:
                 if not self._is_number(symbol.name):
                     if identifier not in used:
                         continue
-                    # Its initial assignment has no say any more.
+                    # The tables replace its initial assignment.
                     self.scene.set(symbol.name, 1.0)
                     freed.add(identifier)
                 parameters[identifier] = symbol.name
@@ -136,7 +136,7 @@ def _names_in(text: str) -> tuple[str, ...]:
     try:
         return tuple(n for n in Formula(text).names if not PLACEHOLDER.match(n))
     except ModelError:
-        return ()  # said where it is used, with its row
+        return ()  # the error is raised where the formula is used, with its row
 
 
 def _values(tables: Tables) -> dict[str, float]:

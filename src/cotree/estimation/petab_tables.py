@@ -229,7 +229,7 @@ def _put(known: dict[str, _Named], found: _Named, what: str) -> None:
     """Keep a row under its name, which no other may have."""
     if found.name in known:
         line = known[found.name].row.line
-        raise found.row.error(f"{what} '{found.name}' stands twice, first in {line}")
+        raise found.row.error(f"{what} '{brief(found.name)}' is defined twice, first in {line}")
     known[found.name] = found
 
 
@@ -275,12 +275,16 @@ def _parameter(row: Row) -> ParameterRow:
     if is_estimated:
         lower, upper = row.number("lowerBound"), row.number("upperBound")
         if not lower < upper:
-            raise row.error(f"the bounds {lower:g} and {upper:g} of '{name}' are not in order")
+            raise row.error(
+                f"the bounds {lower:g} and {upper:g} of '{brief(name)}' are not in order"
+            )
         if scale != "lin" and lower < 0.0:
-            raise row.error(f"'{name}' is on scale {scale}: its lower bound must not be negative")
+            raise row.error(
+                f"'{brief(name)}' is on scale {scale}: its lower bound must not be negative"
+            )
     nominal = row.number("nominalValue", math.nan)
     if not is_estimated and math.isnan(nominal):
-        raise row.error(f"'{name}' is not estimated: give its nominalValue")
+        raise row.error(f"'{brief(name)}' is not estimated: give its nominalValue")
     return ParameterRow(
         name,
         row,
@@ -317,7 +321,7 @@ def _observable(row: Row) -> ObservableRow:
     name = row.identifier("observableId")
     for column, text in (("observableFormula", formula), ("noiseFormula", noise)):
         if not text:
-            raise row.error(f"'{column}' of observable '{name}' is empty")
+            raise row.error(f"'{column}' of observable '{brief(name)}' is empty")
     return ObservableRow(
         name,
         row,
@@ -355,7 +359,7 @@ def _measurement(row: Row, tables: Tables) -> MeasurementRow:
     if not math.isfinite(value):
         raise row.error(f"the measurement is {value}: leave the row out")
     if tables.observables[observable].transformation != "lin" and not value > 0.0:
-        raise row.error(f"the measurement {value:g} of '{observable}' has no logarithm")
+        raise row.error(f"the measurement {value:g} of '{brief(observable)}' has no logarithm")
     if not t >= 0.0:
         raise row.error(f"the time is {t:g}: PEtab counts from 0")
     return MeasurementRow(

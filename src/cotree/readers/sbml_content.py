@@ -76,7 +76,7 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Part:
-    """The part that a species takes in a reaction.
+    """A reactant or product of a reaction.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class Part:
     sign : int
         -1 for a reactant, 1 for a product.
     stoichiometry : float or str or Formula
-        How many of them: a number, the identifier of a quantity, or a formula.
+        Its stoichiometry: a number, the identifier of a quantity, or a formula.
     at : SourceLine
         Where it stands.
     """

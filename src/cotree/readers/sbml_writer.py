@@ -62,7 +62,7 @@ class SceneWriter(Generic[_Scene]):
         self.scene = scene_type(stem if stem[0].isalpha() else f"model_{stem}")
         self.namer = Namer()
         self.roles = roles_of(content)
-        # What the model names keeps its name; what the reader adds has to evade it.
+        # Identifiers of the model keep their names; those that the reader adds must differ.
         rows = content.quantities.items()
         self.names = {id: self.namer.give(row.kind.split()[0], id) for id, row in rows}
         for reaction in content.reactions:
@@ -97,7 +97,7 @@ class SceneWriter(Generic[_Scene]):
         for id in self.content.rates:
             self._rate(id)
         checks = self._events()
-        # Values at the start are declared as they are asked for, each of which may ask for others.
+        # Initial values are declared on demand; each of them may need others.
         while self.waiting:
             self._start_of(self.waiting.pop())
         for check in checks:
@@ -213,7 +213,7 @@ class SceneWriter(Generic[_Scene]):
             if quantity.kind == "species" and quantity.gives_amount != quantity.is_amount:
                 value = self._converted(own, quantity, value)
         with located(at):
-            # An expression that is a number is one.
+            # A text that is only a number is declared as a number.
             value = _plain(value)
             self.scene.parameter(own, value, doc=quantity.title[:1000])
 
@@ -276,7 +276,7 @@ class SceneWriter(Generic[_Scene]):
                 continue
             count = self._stoichiometry(part.stoichiometry)
             if isinstance(count, float):
-                # A species that is taken and made changes by the difference.
+                # A species that is both reactant and product changes by the difference.
                 numbers[part.species] = numbers.get(part.species, 0.0) + part.sign * count
             else:
                 self._flow(own, part.species, f"{_factor(count)}*{own}", part.sign, part.at)

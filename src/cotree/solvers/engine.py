@@ -62,8 +62,8 @@ def build_ahead(*methods: str, then: Sequence[Callable[[], object]] = ()) -> Non
     rows = [METHODS.get("dop853" if method == "auto" else method) for method in methods]
     steppers = [row.stepper for row in rows if row is not None and row.stepper]
     if steppers:
-        # Here and not in the thread: two that print and import take turns at the interpreter, and
-        # the compiler, which works beside it, would begin late.
+        # The text is rendered here and not in the thread: two threads that run Python share the
+        # interpreter, and the compiler would start later.
         _text_of(steppers[0])
         threading.Thread(target=_prepare, args=(steppers, then), name="cotree-engine").start()
 
@@ -71,8 +71,8 @@ def build_ahead(*methods: str, then: Sequence[Callable[[], object]] = ()) -> Non
 def _prepare(steppers: Sequence[str], then: Sequence[Callable[[], object]]) -> None:
     from cotree.solvers.sweep import load_sweep
 
-    with contextlib.suppress(Error):  # who needs the engine meets the error, too
-        # One after the other: they share files, which the second takes from the cache.
+    with contextlib.suppress(Error):  # a run that needs the engine raises the same error
+        # In sequence, because engines share object files, which the second takes from the cache.
         for stepper in steppers:
             load_engine(stepper)
         for load in then or (load_sweep,):
