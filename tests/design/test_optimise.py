@@ -145,6 +145,8 @@ def test_conditions_that_cannot_hold_are_named(scene):
         ("c", {"c": (1, 2)}, {"method": "newton"}, "give 'slsqp' or 'trust-constr'"),
         ("c", {"c": (1, 2)}, {"runs": []}, "runs is empty"),
         ("c", {"c": (1, math.inf)}, {"starts": 3}, "starts are drawn between bounds"),
+        ("c", {"c": (1, 2)}, {"starts": 3, "seed": -1}, "seed is -1: give a whole number"),
+        ("integral(j.q**2)", {"c": (1, 2)}, {}, r"'j.q \*\* 2' in a goal uses 'j.q', which is no"),
     ],
 )
 def test_wrong_input_gets_one_sentence(scene, minimise, over, more, sentence):

@@ -75,6 +75,7 @@ def test_wrong_files_are_refused_by_a_sentence_with_their_name(tmp_path, text, m
         ({"t": [0, 1], "v": [[1], [2]]}, "column 'v' of the data has shape (2, 1)"),
         ({"t": [0, 1], "v": [1, "x"]}, "the data, row 1, column 'v': 'x' is not a number"),
         ({"t": [0], 3: [1]}, "the data has the column 3: names are texts"),
+        ({"t": [0], "v": [1j]}, "the data, column 'v' holds complex numbers"),
         ({"t": np.array(["2020-01-01"], "M8[s]"), "v": [1]}, "the data, column 't' holds dates"),
     ],
 )

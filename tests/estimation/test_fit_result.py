@@ -98,6 +98,26 @@ def test_intervals_of_estimated_noise_are_those_of_linear_regression(line):
     assert np.ptp(result.intervals()["b"]) == pytest.approx(2 * reach, rel=1e-5)
     assert min(result.intervals()["s"]) > 0.0
     assert "Student's t with 7 degrees" in str(result)
+    # Ends of profiles are found to 0.005 of the rise, of which they take about an eighth in errors.
+    assert result.profile("b").interval == pytest.approx(
+        result.intervals()["b"], abs=2e-3 * own.stderr
+    )
+
+
+def test_bands_of_estimated_noise_are_prediction_intervals_of_linear_regression(line):
+    sigma = Estimated("s", 1e-4, 10.0, "log", 0.05)
+    result = fitted(line_problem(line, noise="sigma", more=[sigma]))
+    t = np.array([0.0, 1.0, 4.0])
+    X, Xt = np.column_stack([np.ones(9), T]), np.column_stack([np.ones(3), t])
+    rest = Y - X @ np.linalg.lstsq(X, Y)[0]
+    s = math.sqrt(rest @ rest / 7)
+    lever = np.einsum("ij,jk,ik->i", Xt, np.linalg.inv(X.T @ X), Xt)
+    reach = stats.t(7).ppf(0.975) * s * np.sqrt(1 + lever)
+    band = result.bands("j.s", t, noise=True)
+    assert band.upper - band.value == pytest.approx(reach, rel=1e-5)
+    drawn = result.bands("j.s", t, noise=True, draws=20000, seed=1)
+    # Quantiles of 20000 draws of t with 7 degrees have standard errors of about 0.02 deviations.
+    assert drawn.upper - drawn.value == pytest.approx(reach, rel=0.05)
 
 
 def test_profiles_of_a_linear_model_are_parabolas(line):

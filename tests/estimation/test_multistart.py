@@ -99,6 +99,16 @@ def test_starts_are_reproducible_and_begin_with_the_own_one(circuit):
     assert sorted(sevenths) == list(range(7))
 
 
+def test_many_starts_search_in_blocks(circuit, monkeypatch):
+    problem = problem_of(circuit, 0.05)
+    points = spread_starts(problem, 7)
+    together = minimise_from_starts(problem, points)
+    monkeypatch.setattr("cotree.estimation.multistart._SIDE_BY_SIDE", 3)
+    apart = minimise_from_starts(problem, points)
+    assert [row.began.tolist() for row in apart] == [row.began.tolist() for row in together]
+    assert [row.objective for row in apart] == [row.objective for row in together]
+
+
 def test_a_start_that_fails_says_why_and_the_others_go_on(circuit):
     problem = problem_of(circuit, 0.05)
     predict = problem.predict

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.errors import ParameterError, brief
+from cotree.scene.counts import check_whole
 from cotree.scene.expressions import check_number
 
 if TYPE_CHECKING:
@@ -149,8 +150,8 @@ def drawn_starts(scales: Sequence[Scale], starts: int, seed: int | None) -> list
         If there are to be others, and something has no bounds.
     """
     first = np.array([scale.scaled(scale.start) for scale in scales])
-    if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
-        raise ParameterError(f"starts is {brief(repr(starts))}: give a whole number from 1 on")
+    starts = check_whole(starts, "starts", 1)
+    seed = None if seed is None else check_whole(seed, "seed")
     if starts == 1:
         return [first]
     for scale in scales:

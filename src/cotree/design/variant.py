@@ -13,6 +13,7 @@ from cotree.api import Model, Scene
 from cotree.design.goals import SUMMED
 from cotree.errors import Error, ParameterError, nearest
 from cotree.quiet import without_warnings
+from cotree.scene.expressions import parse
 from cotree.scene.simulation import OPERATING_POINT
 
 if TYPE_CHECKING:
@@ -83,6 +84,10 @@ def variant_of(
         told = str(error)
         for (_, text), name in outputs.items():
             told = told.replace(f"output '{name}'", f"'{text}' in a goal")
+        for is_summed, text in outputs:
+            # The source of an integral is a field of an edge, whose errors do not quote it.
+            if is_summed and any(f"'{name}'" in told for name in parse(text, text).names):
+                told = told.replace("a field uses", f"'{text}' in a goal uses")
         raise type(error)(told) from None
 
 

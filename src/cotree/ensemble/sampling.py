@@ -12,6 +12,7 @@ import numpy as np
 from cotree.ensemble.distributions import read_distribution
 from cotree.errors import Error, ParameterError, brief, nearest
 from cotree.model.model import CompiledModel
+from cotree.scene.counts import check_whole
 from cotree.scene.description import SceneDescription
 
 if TYPE_CHECKING:
@@ -177,9 +178,7 @@ def _checked_seed(seed: object) -> int:
     """Accept a seed, or draw one that can be told."""
     if seed is None:
         return int(np.random.SeedSequence().generate_state(1)[0])
-    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise ParameterError(f"the seed is {brief(repr(seed))}: give a whole number from 0 on")
-    return int(seed)
+    return check_whole(seed, "the seed")
 
 
 def unit_points(method: str, n: int, n_columns: int, seed: int) -> FloatArray:

@@ -218,7 +218,9 @@ class _Assembly:
                 if isinstance(value, str):
                     target[key] = self._estimate(value, name, own, units.get(key, ""))
         inputs = {key: self._input(row, key, value) for key, value in observed.inputs.items()}
-        return Condition(name, model, parameters, initial, self._shared(inputs), row.t_start)
+        return Condition(
+            name, model, parameters, initial, self._shared(inputs), row.t_start, observed.outputs
+        )
 
     def _input(self, row: Experiment, name: str, value: Any) -> Any:
         column = row.table.columns.get(name)

@@ -7,6 +7,7 @@ distribution of the estimates it takes the bend of the model into account.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ import numpy.typing as npt
 from cotree.errors import ParameterError, nearest
 from cotree.estimation.conditions import Measured, spread
 from cotree.estimation.problem import Problem
+from cotree.scene.counts import check_whole
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -165,24 +167,22 @@ def band_of(
     """Predict a quantity with its interval; see :meth:`FitResult.bands`."""
     number = find_condition(problem, condition)
     own = problem.conditions[number]
-    known = (*own.model.states, *own.model.outputs)
-    if output not in known:
-        raise ParameterError(f"the model has no state or output '{output}'{nearest(output, known)}")
+    quantity = own.quantity(output)
     if t is None:
         times = problem.measured.t[problem.measured.condition == number]
         end = float(times.max()) if times.size else own.t_start + 1.0
         t = np.linspace(own.t_start, end, _POINTS)
     t = np.atleast_1d(np.asarray(t, dtype=float))
-    row = measured_like(problem, number, output)
+    row = measured_like(problem, number, quantity)
     deviation: str | float = 1.0
     if noise is not False:
-        deviation = noise_like(problem, output, row) if noise is True else noise
+        deviation = noise_like(problem, quantity, row) if noise is True else noise
     kind = (
         "lin"
         if row is None
         else spread(problem.measured.transformation, len(problem.measured))[row]
     )
-    at = at_times(problem, own, output, t, deviation, kind)
+    at = at_times(problem, own, quantity, t, deviation, kind)
     (there,) = at.predict([theta])
     if there.message:
         raise ParameterError(f"'{output}' cannot be predicted: {there.message}")
@@ -190,9 +190,12 @@ def band_of(
     # Rows of information are slopes over sigma, on the scale on which noise is added.
     slopes = at.likelihood.fisher_rows(there)[: len(t)] * there.sigma[:, None]
     errors = found.error_along(slopes)
-    total = np.hypot(errors, there.sigma) if noise is not False else errors
+    # Noise that is estimated by maximum likelihood is too small, as the errors would be.
+    factor = math.sqrt(found.spread) if noise is True and math.isfinite(found.freedom) else 1.0
+    deviations = factor * there.sigma
+    total = np.hypot(errors, deviations) if noise is not False else errors
     if draws:
-        drawn = _draw(at, theta, found, draws, seed, noise=noise is not False)
+        drawn = _draw(at, theta, found, draws, seed, deviations if noise is not False else None)
         # Nothing is drawn along what is not determined.
         drawn = np.where(np.isfinite(errors), drawn, [[np.nan]])
         tail = 0.5 * (1.0 - level)
@@ -204,7 +207,7 @@ def band_of(
         reach = found.quantile(level) * total
         low, high = middle - reach, middle + reach
     lower, upper = (_back(kind, values) for values in (low, high))
-    unit = own.model.layout.units.get(output, "")
+    unit = own.model.layout.units.get(quantity, "")
     scale = np.abs(there.values) * (np.log(10.0) if kind == "log10" else 1.0)
     in_units = errors if kind == "lin" else errors * scale
     return Band(
@@ -221,18 +224,22 @@ def _back(transformation: str, values: Array) -> Array:
 
 
 def _draw(
-    at: Problem, theta: Array, found: Uncertainty, n: int, seed: int, *, noise: bool
+    at: Problem, theta: Array, found: Uncertainty, n: int, seed: int, deviations: Array | None
 ) -> Array:
     """Predict for draws from the distribution of the estimates, in one call of the engine."""
-    random = np.random.default_rng(seed)
-    thetas = theta + random.standard_normal((n, found.root.shape[1])) @ found.root.T
+    random = np.random.default_rng(check_whole(seed, "seed"))
+    n = check_whole(n, "draws", 1)
+    # Student's t is a normal distribution over the root of a chi-squared one.
+    wide = np.ones((n, 1))
+    if math.isfinite(found.freedom):
+        wide = np.sqrt(found.freedom / random.chisquare(found.freedom, (n, 1)))
+    thetas = theta + wide * random.standard_normal((n, found.root.shape[1])) @ found.root.T
     thetas = np.clip(thetas, at.scaled.lower, at.scaled.upper)
     runs: Sequence[Predictions] = at.predict(thetas, slopes=False)
-    rows = [at.likelihood.transformed(run.values) for run in runs if not run.message]
-    if not rows:
+    is_run = np.array([not run.message for run in runs])
+    if not is_run.any():
         raise ParameterError(f"none of {n} draws could be run: {runs[0].message}")
-    drawn = np.array(rows)
-    if noise:
-        sigma = np.array([run.sigma for run in runs if not run.message])
-        drawn = drawn + sigma * random.standard_normal(drawn.shape)
-    return drawn
+    drawn = np.array([at.likelihood.transformed(run.values) for run in runs])[is_run]
+    if deviations is not None:
+        drawn = drawn + deviations * wide[is_run] * random.standard_normal(drawn.shape)
+    return np.asarray(drawn)

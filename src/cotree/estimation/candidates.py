@@ -271,13 +271,14 @@ def _rows(
             initial={**base.initial, **item.initial},
             inputs={**base.inputs, **item.inputs} if item.inputs else base.inputs,
         )
-        like = measured_like(problem, number, item.output)
-        noise = noise_like(problem, item.output, like) if item.noise is None else item.noise
+        quantity = own.quantity(item.output)
+        like = measured_like(problem, number, quantity)
+        noise = noise_like(problem, quantity, like) if item.noise is None else item.noise
         kind = "lin"
         if like is not None:
             kind = spread(problem.measured.transformation, len(problem.measured))[like]
         t = np.atleast_1d(np.asarray(item.t, dtype=float))
-        at = at_times(problem, own, item.output, t, noise, kind)
+        at = at_times(problem, own, quantity, t, noise, kind)
         (there,) = at.predict([theta])
         if there.message:
             raise ParameterError(f"'{item.output}' cannot be predicted: {there.message}")

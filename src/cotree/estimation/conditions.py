@@ -48,6 +48,8 @@ class Condition:
         Inputs in place of the scene's: numbers and tables, as of ``simulate``.
     t_start : float
         Where the run begins, [s].
+    columns : mapping of str to str
+        The state or output that each column of its data measures.
     before : Condition or None
         A run to the steady state, at which this one begins; of the same model, without measurements
         and without ``before``. States named in ``initial`` begin at what that says.
@@ -59,7 +61,29 @@ class Condition:
     initial: Mapping[str, str | float] = field(default_factory=dict)
     inputs: Mapping[str, Any] = field(default_factory=dict)
     t_start: float = 0.0
+    columns: Mapping[str, str] = field(default_factory=dict)
     before: Condition | None = None
+
+    def quantity(self, name: str) -> str:
+        """Find a state or output by its own name, or by that of a column that measures it.
+
+        Raises
+        ------
+        ParameterError
+            If there is none.
+        """
+        known = (*self.model.states, *self.model.outputs)
+        if name in known:
+            return name
+        if name in self.columns:
+            return self.columns[name]
+        raise ParameterError(
+            f"the model has no state or output '{name}'{nearest(name, (*known, *self.columns))}"
+        )
+
+    def column(self, quantity: str) -> str:
+        """Give the name of the column that measures a state or output, or else its own name."""
+        return next((name for name, own in self.columns.items() if own == quantity), quantity)
 
 
 @dataclass(frozen=True, eq=False)

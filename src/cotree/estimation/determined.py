@@ -93,12 +93,17 @@ def split(problem: Problem, theta: Array, found: Predictions, rows: Array) -> Sp
     # A relative change of one moves predictions by more than their errors, or does nothing.
     deviations = np.abs(found.values) * accuracy.rtol + accuracy.atol
     slope = np.where(problem.likelihood.is_log, np.abs(found.values), 1.0)
-    blur = _GROWN * float(np.linalg.norm(deviations / (found.sigma * slope)))
+    # Deviations that are estimated themselves depend on no run, and so are exact.
+    is_run = np.any(found.slopes != 0.0, axis=0)
+    blur = np.where(is_run, _GROWN * np.linalg.norm(deviations / (found.sigma * slope)), 0.0)
     return Split(sizes, units, _null(rows * sizes, _GROWN * accuracy.rtol, blur), is_relative)
 
 
-def _null(rows: Array, relative: float, blur: float) -> Array:
-    """Find directions that change no row by more than errors do, orthonormal columns."""
+def _null(rows: Array, relative: float, blur: Array) -> Array:
+    """Find directions that change no row by more than errors do, orthonormal columns.
+
+    Errors of a column have the norm ``blur``, and ``relative`` of its own.
+    """
     n = rows.shape[1]
     norms = np.linalg.norm(rows, axis=0)
     is_dead = norms <= blur
@@ -108,7 +113,7 @@ def _null(rows: Array, relative: float, blur: float) -> Array:
         _, s, vh = np.linalg.svd(rows[:, live] / norms[live], full_matrices=True)
         s = np.concatenate([s, np.zeros(live.size - len(s))])
         # Singular values move by no more than the norm of the errors of the rows (Weyl).
-        limit = float(np.linalg.norm(relative + blur / norms[live]))
+        limit = float(np.linalg.norm(relative + blur[live] / norms[live]))
         along = np.zeros((n, int(np.sum(s <= limit))))
         # Columns of length one make units of the parameters' own, which are undone here.
         along[live] = (vh[s <= limit] / norms[live]).T

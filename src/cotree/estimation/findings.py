@@ -72,12 +72,19 @@ def of_optimiser(starts: Sequence[StartRecord]) -> tuple[str, ...]:
 def of_bounds(problem: Problem, theta: Array) -> tuple[str, ...]:
     """Say which estimates are at a bound."""
     said = []
+    noise = {name for name in problem.measured.noise if isinstance(name, str)}
     for row, side in zip(problem.estimated, at_bounds(problem, theta), strict=True):
-        if side:
+        if side == "lower" and row.name in noise:
+            said.append(
+                f"'{row.name}' is at its lower bound {row.lower:g}: the model reproduces the data "
+                "almost exactly, so that their noise cannot be estimated and intervals mean "
+                "nothing; give the noise."
+            )
+        elif side:
             value = row.lower if side == "lower" else row.upper
             said.append(
-                f"'{row.name}' is at its {side} bound {value:g}: its standard error does not know "
-                f"the bound, and profile('{row.name}') tells how far the data let it go."
+                f"'{row.name}' is at its {side} bound {value:g}: its standard error ignores the "
+                f"bound; profile('{row.name}') gives the interval that the data allow."
             )
     return tuple(said)
 
@@ -130,10 +137,16 @@ def of_widths(problem: Problem, theta: Array, found: Uncertainty) -> tuple[str, 
     return tuple(said)
 
 
-def of_agreement(problem: Problem, found: Predictions, freedom: int) -> tuple[str, ...]:
-    """Say whether residuals are as large as the noise says, where it is given."""
+def of_agreement(
+    problem: Problem, found: Predictions, freedom: int, loss: str = "linear"
+) -> tuple[str, ...]:
+    """Say whether residuals are as large as the noise says, where it is given.
+
+    Other losses are chosen for outliers, whose residuals are large, and standard errors allow for
+    them.
+    """
     is_given = not any(isinstance(v, str) for v in problem.measured.noise)
-    if not is_given or not problem.likelihood.is_normal.all() or freedom < 1:
+    if loss != "linear" or not is_given or not problem.likelihood.is_normal.all() or freedom < 1:
         return ()
     from scipy import stats
 

@@ -14,6 +14,8 @@ from cotree.estimation.assembly import estimation_problem
 from cotree.estimation.multistart import Search, minimise_from_starts
 from cotree.estimation.result import FitResult
 from cotree.estimation.spread import spread_starts
+from cotree.scene.counts import check_whole
+from cotree.scene.expressions import check_number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -126,8 +128,12 @@ def fit(
         raise ParameterError(f"loss is {brief(repr(loss))}: give {_either(_LOSSES)}")
     if optimiser not in _OPTIMISERS:
         raise ParameterError(f"optimiser is {brief(repr(optimiser))}: give {_either(_OPTIMISERS)}")
-    if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
-        raise ParameterError(f"starts is {brief(repr(starts))}: give a number of starts")
+    starts, seed = check_whole(starts, "starts", 1), check_whole(seed, "seed")
+    if max_evaluations is not None:
+        max_evaluations = check_whole(max_evaluations, "max_evaluations", 1)
+    f_scale = check_number(f_scale, "f_scale")
+    if not f_scale > 0.0:
+        raise ParameterError(f"f_scale is {f_scale:g}: give a positive number")
     problem = estimation_problem(
         model,
         experiments,
@@ -171,8 +177,7 @@ def solve(
     points = sized(problem, spread_starts(problem, n_starts, seed))
     records = minimise_from_starts(problem, points, search, progress=progress)
     if not math.isfinite(records[0].objective):
-        n = f"none of {n_starts} starts" if n_starts > 1 else "the start does not"
-        told = f"{n} succeeds" if n_starts > 1 else f"{n} succeed"
+        told = f"all {n_starts} starts failed" if n_starts > 1 else "the fit failed at its start"
         raise SolveError(f"{told}: {records[0].message}")
     _check_determined(problem, records[0].theta)
     if any(row.message.startswith("interrupted") for row in records):
@@ -222,6 +227,15 @@ def _check_search(problem: Problem, loss: str, optimiser: str) -> None:
         raise ParameterError(
             f"optimiser='lm' knows no bounds, but '{bounded[0]}' has some: take 'trf', or give "
             "(None, None)"
+        )
+
+    if optimiser == "lm" and loss != "linear":
+        raise ParameterError(f"optimiser='lm' knows no loss '{loss}': take 'trf'")
+    n_rows = len(problem.measured) + len(unknown)
+    if optimiser == "lm" and n_rows < len(problem.estimated):
+        raise ParameterError(
+            f"optimiser='lm' needs at least as many measured values as parameters, of which there "
+            f"are {len(problem.estimated)}: take 'trf'"
         )
 
 

@@ -30,6 +30,14 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 
+# Starts that search at the same time, each in a thread; results do not depend on it.
+_SIDE_BY_SIDE = 256
+
+
+# Residuals where a run fails, for MINPACK; their squares are finite.
+_HIGH = 1e100
+
+
 @dataclass(frozen=True)
 class Search:
     """Settings of an optimiser; see ``scipy.optimize.least_squares``.
@@ -90,14 +98,24 @@ def minimise_from_starts(
     """
     points = np.atleast_2d(np.asarray(starts, dtype=float))
     how = search or Search()
-    meeting = Rendezvous(problem.predict)
-    all_of_them = [Start(problem, i, x, how, more_rows, meeting) for i, x in enumerate(points)]
-    with CountingBar("starts", len(all_of_them), progress) as bar:
-        meeting.meet(
-            [one.run for one in all_of_them],
-            lambda done, n: bar.count(done, lambda elapsed: f" ended, {n} evaluations"),
-        )
-    records = [one.record() for one in all_of_them]
+    records: list[StartRecord] = []
+    n_evaluations, is_stopped = 0, False
+    with CountingBar("starts", len(points), progress) as bar:
+        for first in range(0, len(points), _SIDE_BY_SIDE):
+            meeting = Rendezvous(problem.predict)
+            block = [
+                Start(problem, i, x, how, more_rows, meeting)
+                for i, x in enumerate(points[first : first + _SIDE_BY_SIDE])
+            ]
+
+            def count(done: int, n: int, first: int = first, before: int = n_evaluations) -> None:
+                told = f" ended, {before + n} evaluations"
+                bar.count(first + done, lambda elapsed: told)
+
+            if not is_stopped:
+                is_stopped = meeting.meet([one.run for one in block], count)
+            records += [one.record() for one in block]
+            n_evaluations = sum(row.n_evaluations for row in records)
     # Sorting keeps the order of equal ones: the first start comes first.
     return tuple(sorted(records, key=lambda row: (not math.isfinite(row.objective), row.objective)))
 
@@ -135,7 +153,7 @@ class Start:
             if not np.all(np.isfinite(first)):
                 return
             self._ended = least_squares(
-                self._values,
+                self._high_values if lm else self._values,
                 self._inside(self._began),
                 self._slopes,
                 bounds=(-np.inf, np.inf) if lm else (scaled.lower, scaled.upper),
@@ -176,10 +194,15 @@ class Start:
         if found.message or not np.all(np.isfinite(slopes)):
             rows = np.full_like(rows, np.nan)
         if not np.all(np.isfinite(rows)) and self._least == math.inf:
-            self._message = found.message or "predictions there are not finite"
+            self._message = found.message or "predictions are not finite"
         self._at = theta.copy(), rows, slopes
         self._note(theta, found, rows)
         return rows
+
+    def _high_values(self, theta: Array) -> Array:
+        """Give high values where a run fails: MINPACK takes nan for convergence, others do not."""
+        rows = self._values(theta)
+        return rows if np.all(np.isfinite(rows)) else np.full_like(rows, _HIGH)
 
     def _slopes(self, theta: Array) -> Array:
         if self._at is None or not np.array_equal(self._at[0], theta):
@@ -208,7 +231,7 @@ class Start:
             3: "converged: the parameters change no more",
             4: "converged: objective and parameters change no more",
         }
-        short = f"not converged after {_counted(self._n_evaluations)}"
+        short = f"it stopped after {_counted(self._n_evaluations)}, the most it may take"
         return found.get(int(ended.status), short)
 
 

@@ -77,7 +77,7 @@ class Observer:
     def __init__(self, model: Model | Scene) -> None:
         if not isinstance(model, (Model, Scene)):
             raise ParameterError(
-                f"{brief(repr(model))} explains no measurements: give a model or a scene"
+                f"a fit needs a compiled model or a scene, not {brief(repr(model))}"
             )
         # A compiled model keeps its coordinates and options; a scene is compiled as it needs be.
         self._given = model if isinstance(model, Model) else None
@@ -235,7 +235,14 @@ class Observer:
                 alike = [r for r in rows if tuple(sorted(r.expressions.items())) == key]
                 made[key] = self._compiled(alike, wanted, values)
             found.append(made[key])
+            self._use_states(row, made[key])
         return found
+
+    def _use_states(self, row: Observed, model: Model) -> None:
+        """Let columns that measure a state plainly name it, and no output that equals it."""
+        for column, name in row.outputs.items():
+            text = self._new.get(name, name)
+            row.outputs[column] = text if text in model.states else name
 
     def _compiled(
         self, rows: Sequence[Observed], wanted: Sequence[str], values: Mapping[str, float]

@@ -26,9 +26,10 @@ def courses(result: FitResult, *, noise: bool = False, most: int = _MOST) -> lis
     parts = []
     for condition, name, rows in _measured_parts(result)[:most]:
         t = measured.t[rows]
-        first = result.problem.conditions[condition].t_start
-        times = np.unique(np.concatenate([np.linspace(first, max(t.max(), first), 301), t]))
-        band = result.bands(name, times, experiment=condition, noise=noise)
+        own = result.problem.conditions[condition]
+        end = max(t.max(), own.t_start)
+        times = np.unique(np.concatenate([np.linspace(own.t_start, end, 301), t]))
+        band = result.bands(own.column(name), times, experiment=condition, noise=noise)
         is_plain = not result.problem.likelihood.is_log[rows].any()
         parts.append(
             course_of(

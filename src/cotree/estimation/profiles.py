@@ -1,9 +1,10 @@
 """Profile likelihoods: how far a parameter may go while the others make up for it.
 
 In: a problem at its estimates. Out: the least objective as a function of one parameter at a time,
-and the interval in which it exceeds the least one by no more than a quantile of chi-squared with
-one degree of freedom allows (Venzon and Moolgavkar 1988): an interval of the likelihood ratio,
-which is the same on every scale, follows curved valleys, and stays open where the data say nothing.
+and the interval in which it exceeds the least one by no more than a limit
+(:meth:`~cotree.estimation.uncertainty.Uncertainty.rise`; Venzon and Moolgavkar 1988). This interval
+of the likelihood ratio is the same on every scale, follows curved valleys, and stays open where the
+data do not determine the parameter.
 
 Both directions of all parameters walk side by side: whenever all of them wait for predictions,
 these are computed in one call.
@@ -21,7 +22,6 @@ import numpy.typing as npt
 from cotree.estimation.fixed import FixedProblem
 from cotree.estimation.multistart import Search, Start
 from cotree.estimation.rendezvous import Rendezvous, Stopped
-from cotree.estimation.uncertainty import check_level
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -69,7 +69,7 @@ class Profile:
     level : float
         Level of confidence.
     limit : float
-        The rise at the ends of the interval: a quantile of chi-squared.
+        The rise at the ends of the interval.
     interval : tuple of float
         Ends of the interval; infinite or a bound where it does not close.
     is_closed : tuple of bool
@@ -117,15 +117,13 @@ def profiles_of(
     chosen : sequence of int
         Numbers of the parameters.
     found : Uncertainty
-        Uncertainty of the estimates, which gives the first steps.
+        Uncertainty of the estimates, which gives the first steps and the limit.
     level : float
         Level of confidence.
     more_rows : callable, optional
         Rows of priors; see :func:`~cotree.estimation.multistart.minimise_from_starts`.
     """
-    from scipy import stats
-
-    limit = float(stats.chi2.ppf(check_level(level), 1))
+    limit = found.rise(level)
     meeting = Rendezvous(problem.predict)
     at = (theta, objective, limit, found, more_rows, meeting)
     walks = [

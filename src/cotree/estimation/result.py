@@ -245,6 +245,7 @@ class FitResult(ShownFit):
         from cotree.estimation.findings import of_agreement, of_bounds, of_optimiser, of_widths
 
         first = of_optimiser(self.starts)
+        loss = "linear" if self.search is None else self.search.loss
         if not math.isfinite(self.starts[0].objective):
             return first
         return (
@@ -252,7 +253,7 @@ class FitResult(ShownFit):
             *of_bounds(self.problem, self.theta),
             *self.undetermined,
             *of_widths(self.problem, self.theta, self.uncertainty),
-            *of_agreement(self.problem, self.predictions, self.degrees_of_freedom),
+            *of_agreement(self.problem, self.predictions, self.degrees_of_freedom, loss),
         )
 
     def profile(self, name: str, *, level: float = 0.95) -> Profile:
@@ -336,8 +337,8 @@ class FitResult(ShownFit):
             Whether the interval is to hold a further measurement: True takes the noise of the
             measured values of this output; or its standard deviation.
         draws : int
-            Runs at so many draws from the normal distribution of the estimates, in place of the
-            delta method, which takes the model to be linear near them.
+            Number of runs at draws from the distribution of the estimates, normal or Student's t,
+            in place of the delta method, which linearises the model at the estimates.
         seed : int
             Of the draws.
 

@@ -255,6 +255,8 @@ def _numbers(values: Any, rows: Sequence[str], where: str, name: str) -> Array:
         found = array.astype(float)
     elif array.dtype.kind in "mM":
         raise ParameterError(f"{where}column '{name}' holds dates: give seconds as numbers")
+    elif array.dtype.kind == "c":
+        raise ParameterError(f"{where}column '{name}' holds complex numbers: give real ones")
     else:
         found = np.array(
             [

@@ -71,6 +71,18 @@ class Uncertainty:
         law = stats.norm if math.isinf(self.freedom) else stats.t(self.freedom)
         return float(law.ppf(inside))
 
+    def rise(self, level: float) -> float:
+        """Give the rise of twice the objective at the ends of a profile's interval.
+
+        With given noise that is the quantile of chi-squared with one degree of freedom. Where n
+        values tell their noise, n log(1 + t^2 / freedom) with Student's quantile t, by which
+        profiles of linear models have the same intervals as linear regression.
+        """
+        squared = self.quantile(level) ** 2
+        if math.isinf(self.freedom):
+            return squared
+        return self.freedom * self.spread * math.log1p(squared / self.freedom)
+
     def error_along(self, slopes: Array) -> Array:
         """Give standard errors of quantities by their derivatives, shape (n_quantities, n).
 

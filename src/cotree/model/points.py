@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.errors import ParameterError, nearest
+from cotree.errors import ParameterError, brief, nearest
 from cotree.model.arrays import as_array
 from cotree.model.model import CompiledModel
 from cotree.model.moment import Moment
@@ -165,6 +166,8 @@ class PointMethods(CompiledModel):
         """
         from cotree.model.trim import Wishes, find_trim
 
+        if not isinstance(solve, Iterable):
+            raise ParameterError(f"solve is {brief(repr(solve))}: give names of what is unknown")
         names = (solve,) if isinstance(solve, str) else tuple(solve)
         p = self.parameter_array(p)
         u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
