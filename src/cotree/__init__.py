@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         TopologyError,
     )
     from cotree.estimation.assembly import estimation_problem
+    from cotree.estimation.candidates import Candidates
     from cotree.estimation.experiment import Experiment
     from cotree.estimation.fit import fit
     from cotree.estimation.petab import PetabProblem, read_petab
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BuildError",
+    "Candidates",
     "CodegenError",
     "Error",
     "Experiment",
@@ -78,6 +80,7 @@ __all__ = [
 # Modules of the names that are not errors. They are imported at the first use of a name (PEP 562):
 # a program that imports cotree pays for no more than it uses.
 _HOMES = {
+    "Candidates": "estimation.candidates",
     "Experiment": "estimation.experiment",
     "Model": "api",
     "PetabProblem": "estimation.petab",

@@ -247,6 +247,8 @@ RUN = {"t": T, "C.v": decay(T, 3.0, 4.0)}
         ({"starts": 0}, "starts is 0: give a whole number of at least 1"),
         ({"seed": -1}, "seed is -1: give a whole number of at least 0"),
         ({"seed": "a"}, "seed is 'a': give a whole number"),
+        ({"start": 3}, "start is 3: give a mapping of names to values"),
+        ({"shared": 3}, "shared is 3: give a list of names"),
         ({"max_evaluations": 0}, "max_evaluations is 0: give a whole number of at least 1"),
         ({"loss": "huber", "f_scale": 0}, "f_scale is 0: give a positive number"),
         ({"loss": "huber", "f_scale": math.nan}, "f_scale is nan"),

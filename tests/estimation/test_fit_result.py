@@ -148,6 +148,34 @@ def test_a_band_of_a_line_is_that_of_linear_regression(line):
     assert drawn.upper == pytest.approx(band.upper, abs=0.15 * error.max())
 
 
+@pytest.mark.parametrize(
+    ("ask", "message"),
+    [
+        (lambda r: r.bands("j.q"), "the model has no state or output 'j.q'"),
+        (lambda r: r.bands("j.s", [-1.0]), "the time -1 s is before the start of the run"),
+        (lambda r: r.bands("j.s", "a"), "the times are 'a': give finite numbers"),
+        (lambda r: r.bands("j.s", level="a"), "level is 'a': give a number"),
+        (lambda r: r.bands("j.s", draws=-1), "draws is -1"),
+        (lambda r: r.bands("j.s", experiment=None), "experiment is None"),
+        (lambda r: r.intervals(1.5), "level is 1.5: give a level of confidence between 0 and 1"),
+        (lambda r: r.profile("c"), "'c' is not estimated"),
+        (lambda r: r.next_measurements({"j.s": T}, "a"), "n is 'a': give a whole number"),
+        (lambda r: r.next_measurements({"j.s": T}, 30, repeat=False), "30 measurements cannot be"),
+        (lambda r: r.next_measurements({"j.s": {"times": T}}, 1), "candidates of 'j.s' have the"),
+        (lambda r: r.next_measurements({"j.s": {}}, 1), "candidates of 'j.s' have no times 't'"),
+        (
+            lambda r: r.next_measurements({"j.s": {"t": T, "inputs": {"u": "2*t"}}}, 1),
+            "input 'u' of candidates is an expression",
+        ),
+        (lambda r: r.problem.predict([0.0, 1.0]), "thetas must be an array of shape"),
+    ],
+)
+def test_what_cannot_be_asked_of_a_result_is_refused_in_a_sentence(line, ask, message):
+    with pytest.raises(cotree.ParameterError) as caught:
+        ask(at_start(line_problem(line)))
+    assert str(caught.value).startswith(message)
+
+
 def test_the_next_measurements_of_a_line_are_its_ends(line):
     """Of two parameters of a line, D-optimal designs measure both ends equally often."""
     result = at_start(line_problem(line, [0.9, 1.1], [1.0, 1.0], noise=100.0))

@@ -108,7 +108,9 @@ def test_an_operating_point_of_a_network_is_the_one_of_its_law():
 @pytest.mark.parametrize(
     ("wishes", "sentence"),
     [
-        ({"solve": 3}, "solve is 3: give names"),
+        ({"solve": 3}, "solve is 3: give a list of names"),
+        ({"fixed": 3}, "fixed is 3: give a mapping"),
+        ({"t": "a"}, "t is 'a': give a number"),
         ({"solve": ["Q"]}, "solve names 'Q', which is no state, input or tunable parameter"),
         ({"rates": {"M": 1.0}}, "rates names 'M', which is no state"),
         ({"outputs": {"x": 1.0}}, "outputs names 'x', which is no output"),

@@ -59,8 +59,9 @@ for values, style, label in (
     run = scene.compile().simulate((0, 6.3), t, parameters=values)
     ax.plot(run["x"], run["y"], label=label, **style)
 ax.plot(*np.transpose(list(points.values())), "o", color="tab:red", label="given points")
-for time, place in points.items():
-    ax.annotate(f"{time} s", place, textcoords="offset points", xytext=(6, 6))
+for (time, place), side in zip(points.items(), ("left", "right", "right"), strict=True):
+    apart = (6 if side == "left" else -6, 6)
+    ax.annotate(f"{time} s", place, xytext=apart, textcoords="offset points", ha=side)
 ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
 ax.legend()
 plt.show()

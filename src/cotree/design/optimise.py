@@ -15,12 +15,13 @@ from cotree.design.search import MET, OPTIMAL, Search, check_method
 from cotree.design.variant import scene_of, variant_of
 from cotree.errors import Error, ParameterError, SolveError, brief, listed, nearest
 from cotree.model.start import scene_start
+from cotree.scene.expressions import check_number
+from cotree.scene.given import check_mapping, check_names, check_whole
 
 if TYPE_CHECKING:
     from cotree.api import Model, Scene
     from cotree.design.evaluation import Point
     from cotree.design.scales import Scale
-    from cotree.scene.description import SceneDescription
 
 #: Fields of a scenario.
 _OF_RUN = ("parameters", "initial", "inputs", "t_span")
@@ -117,7 +118,11 @@ def optimise(
     9.487
     """
     described, way = scene_of(system), check_method(method)
-    texts = (subject_to,) if isinstance(subject_to, str) else tuple(subject_to)
+    texts = check_names(subject_to, "subject_to", "conditions in quotes")
+    tolerance, max_iterations = (
+        _positive(tolerance),
+        check_whole(max_iterations, "max_iterations", 1),
+    )
     names = list(over) if isinstance(over, Mapping) else []
     for name in names:
         # States have a dot; which there are is known where the scene is compiled.
@@ -127,14 +132,17 @@ def optimise(
                 f"{nearest(name, described.parameters)}"
             )
     goals = Goals(minimise, texts, [n for n in names if n in described.parameters])
-    read_scales(dict(over) if isinstance(over, Mapping) else over, {}, guess or {})
+    guess = check_mapping(guess, "guess")
+    read_scales(dict(over) if isinstance(over, Mapping) else over, {}, guess)
     model, found = variant_of(system, described, goals.quantities, names)
+    given = {"parameters": parameters, "initial": initial, "inputs": inputs}
     common = Run(
-        dict(parameters or {}), dict(initial or {}), dict(inputs or {}), _span(described, t_span)
+        **{word: check_mapping(values, word) for word, values in given.items()},
+        t_span=_span((0.0, described.defaults.t_end) if t_span is None else t_span),
     )
     settings = {"method": solver, "rtol": rtol, "atol": atol, "max_step": max_step}
     evaluation = Evaluation(model, goals, found, names, _scenarios(common, runs, names), settings)
-    scales = read_scales(dict(over), _known(model, common), guess or {})
+    scales = read_scales(dict(over), _known(model, common), guess)
     _check_reach(evaluation)
     searches: list[Search] = []
     ends, failures = [], []
@@ -159,13 +167,18 @@ def optimise(
     return _design(evaluation, searches, order[0], ends[order[0]], len(failures))
 
 
-def _span(scene: SceneDescription, t_span: tuple[float, float] | None) -> tuple[float, float]:
-    if t_span is None:
-        return (0.0, float(scene.defaults.t_end))
-    try:
-        start, end = (float(t) for t in t_span)
-    except (TypeError, ValueError):
-        raise ParameterError(f"t_span is {brief(repr(t_span))}: give two times") from None
+def _positive(tolerance: object) -> float:
+    found = check_number(tolerance, "tolerance")
+    if not found > 0.0:
+        raise ParameterError(f"tolerance is {found:g}: give a positive number")
+    return found
+
+
+def _span(given: object) -> tuple[float, float]:
+    """Read the times between which runs take place, [s]."""
+    if not isinstance(given, (Sequence, np.ndarray)) or len(given) != 2:
+        raise ParameterError(f"t_span is {brief(repr(given))}: give two times")
+    start, end = (check_number(t, "a time of t_span") for t in given)
     if not start < end:
         raise ParameterError(f"t_span goes from {start:g} to {end:g}: the end must be later")
     return (start, end)
@@ -176,16 +189,21 @@ def _scenarios(
 ) -> list[Run]:
     """Join what all runs have with what each has."""
     found = []
+    if runs is not None and not isinstance(runs, Sequence):
+        raise ParameterError(f"runs is {brief(repr(runs))}: give a list of mappings")
     for i, own in enumerate([{}] if runs is None else runs):
         if not isinstance(own, Mapping) or not set(own) <= set(_OF_RUN):
             raise ParameterError(f"run {i + 1} must be a mapping with {listed(_OF_RUN)}")
-        span = common.t_span if "t_span" not in own else tuple(float(t) for t in own["t_span"])
+        more = {
+            word: check_mapping(own.get(word), f"{word} of run {i + 1}")
+            for word in ("parameters", "initial", "inputs")
+        }
         found.append(
             Run(
-                {**common.parameters, **own.get("parameters", {})},
-                {**common.initial, **own.get("initial", {})},
-                {**common.inputs, **own.get("inputs", {})},
-                span,  # type: ignore[arg-type]
+                {**common.parameters, **more["parameters"]},
+                {**common.initial, **more["initial"]},
+                {**common.inputs, **more["inputs"]},
+                _span(own["t_span"]) if "t_span" in own else common.t_span,
             )
         )
     if not found:

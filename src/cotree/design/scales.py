@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.errors import ParameterError, brief
-from cotree.scene.counts import check_whole
 from cotree.scene.expressions import check_number
+from cotree.scene.given import check_whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -12,8 +12,8 @@ import numpy as np
 from cotree.ensemble.distributions import read_distribution
 from cotree.errors import Error, ParameterError, brief, nearest
 from cotree.model.model import CompiledModel
-from cotree.scene.counts import check_whole
 from cotree.scene.description import SceneDescription
+from cotree.scene.given import check_whole
 
 if TYPE_CHECKING:
     from cotree.solvers.base import FloatArray

@@ -17,6 +17,7 @@ from cotree.estimation.problem import Problem
 from cotree.estimation.ranges import estimated, read_ranges
 from cotree.estimation.tables import in_si
 from cotree.scene.expressions import check_number
+from cotree.scene.given import check_mapping, check_names
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -276,14 +277,13 @@ def _apart(
     ranges: Mapping[str, Any], shared: Sequence[str] | None, per_experiment: Sequence[str]
 ) -> set[str]:
     """Find the parameters that have an estimate for each experiment."""
-    apart = [per_experiment] if isinstance(per_experiment, str) else list(per_experiment)
-    alike = [shared] if isinstance(shared, str) else shared
+    apart = check_names(per_experiment, "per_experiment")
+    alike = None if shared is None else check_names(shared, "shared")
     for word, names in (("per_experiment", apart), ("shared", alike or ())):
         for name in names:
             if name not in ranges:
                 raise ParameterError(
-                    f"{word} names '{brief(str(name))}', which is not estimated"
-                    f"{nearest(name, ranges)}"
+                    f"{word} names '{brief(name)}', which is not estimated{nearest(name, ranges)}"
                 )
     for name in alike or ():
         if name in apart:
@@ -295,10 +295,10 @@ def _apart(
 def _starts(start: Any, ranges: Mapping[str, Any]) -> dict[str, float]:
     """Read where estimation begins."""
     found = {}
-    for name, value in dict(start or {}).items():
-        if str(name).partition("[")[0] not in ranges:
+    for name, value in check_mapping(start, "start").items():
+        if name.partition("[")[0] not in ranges:
             raise ParameterError(
-                f"start names '{brief(str(name))}', which is not estimated{nearest(name, ranges)}"
+                f"start names '{brief(name)}', which is not estimated{nearest(name, ranges)}"
             )
         found[name] = check_number(value, f"start of '{name}'")
     return found

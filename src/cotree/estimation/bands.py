@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from cotree.errors import ParameterError, nearest
+from cotree.errors import ParameterError, brief, nearest
 from cotree.estimation.conditions import Measured, spread
 from cotree.estimation.problem import Problem
-from cotree.scene.counts import check_whole
+from cotree.scene.given import check_whole
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -80,14 +80,19 @@ class Band:
         """Draw value and interval over time."""
         from cotree.plot.fits import Course, draw_courses
 
-        return draw_courses([course_of(self, Course)], ax=ax)
+        return draw_courses([course_of(self, Course, title=title_of(self.condition))], ax=ax)
 
 
-def course_of(band: Band, make: Any, **points: Any) -> Any:
-    """Give a band in the form that pictures take."""
+def title_of(name: str) -> str:
+    """Give the title of an experiment, of which some have a number for a name."""
+    return f"experiment {name}" if name.isdigit() else name
+
+
+def course_of(band: Band, make: Any, **more: Any) -> Any:
+    """Give a band in the form that pictures take, with measured points among ``more``."""
     return make(
-        title=band.condition, name=band.name, unit=band.unit, t=band.t, value=band.value,
-        lower=band.lower, upper=band.upper, level=band.level, **points,
+        name=band.name, unit=band.unit, t=band.t, value=band.value,
+        lower=band.lower, upper=band.upper, level=band.level, **more,
     )  # fmt: skip
 
 
@@ -104,9 +109,31 @@ def find_condition(problem: Problem, given: int | str) -> int:
         if given not in names:
             raise ParameterError(f"there is no experiment '{given}'{nearest(given, names)}")
         return names.index(given)
-    if not 0 <= given < len(names):
-        raise ParameterError(f"there are experiments 0 to {len(names) - 1}, but no {given}")
-    return int(given)
+    number = check_whole(given, "experiment")
+    if number >= len(names):
+        raise ParameterError(f"there are experiments 0 to {len(names) - 1}, but no {number}")
+    return number
+
+
+def read_times(t: Any, condition: Condition) -> Array:
+    """Read times at which a quantity is predicted, [s], shape (n,).
+
+    Raises
+    ------
+    ParameterError
+        If there are none, or one is no number or before the start of the run.
+    """
+    try:
+        times = np.atleast_1d(np.asarray(t, dtype=float))
+    except (TypeError, ValueError):
+        times = np.zeros(0)
+    if times.ndim != 1 or not times.size or not np.all(np.isfinite(times)):
+        raise ParameterError(f"the times are {brief(repr(t))}: give finite numbers")
+    if times.min() < condition.t_start:
+        raise ParameterError(
+            f"the time {times.min():g} s is before the start of the run at {condition.t_start:g} s"
+        )
+    return times
 
 
 def at_times(
@@ -172,7 +199,7 @@ def band_of(
         times = problem.measured.t[problem.measured.condition == number]
         end = float(times.max()) if times.size else own.t_start + 1.0
         t = np.linspace(own.t_start, end, _POINTS)
-    t = np.atleast_1d(np.asarray(t, dtype=float))
+    t = read_times(t, own)
     row = measured_like(problem, number, quantity)
     deviation: str | float = 1.0
     if noise is not False:

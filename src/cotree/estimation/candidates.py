@@ -13,15 +13,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from cotree.errors import ParameterError, nearest
-from cotree.estimation.bands import at_times, find_condition, measured_like, noise_like
+from cotree.estimation import bands
 from cotree.estimation.conditions import spread
+from cotree.scene.given import check_mapping, check_whole
+from cotree.scene.replaced import expressions_among
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -165,6 +167,11 @@ def read_candidates(given: Any) -> list[Candidates]:
         found = []
         for output, own in given.items():
             if isinstance(own, Mapping):
+                wrong = {str(name) for name in own} - {row.name for row in fields(Candidates)[1:]}
+                if wrong or "t" not in own:
+                    told = f"have the field '{min(wrong)}'" if wrong else "have no times 't'"
+                    raise ParameterError(f"candidates of '{output}' {told}: give fields of "
+                                         "cotree.Candidates")  # fmt: skip
                 found.append(Candidates(str(output), **own))
             elif isinstance(own, tuple) and len(own) == 2 and np.ndim(own[0]) == 1:
                 found.append(Candidates(str(output), own[0], own[1]))
@@ -201,11 +208,11 @@ def choose(
             f"the criterion '{criterion}' is none of {listed}, and no estimated parameter"
             f"{nearest(criterion, (*CRITERIA, *names))}"
         )
+    n = check_whole(n, "n", 1)
     rows, labels = _rows(problem, theta, read_candidates(given), found)
-    if n < 1 or (not repeat and n > len(labels)):
+    if not repeat and n > len(labels):
         raise ParameterError(
-            f"{n} measurements cannot be chosen from {len(labels)} candidates that may be made "
-            f"{'again' if repeat else 'once'}"
+            f"{n} measurements cannot be chosen from {len(labels)} candidates with repeat=False"
         )
     # Sizes are signed; squares do not know it.
     present = np.outer(found.split.sizes, found.split.sizes) * found.fisher
@@ -262,8 +269,13 @@ def _rows(
     rows: list[Array] = []
     labels: list[tuple[str, str, float, float]] = []
     for item in given:
-        number = find_condition(problem, item.experiment)
+        number = bands.find_condition(problem, item.experiment)
         base = problem.conditions[number]
+        for name in expressions_among(check_mapping(item.inputs, "inputs of candidates")):
+            raise ParameterError(
+                f"input '{name}' of candidates is an expression, which needs a model of its own: "
+                "give a number or (times, values)"
+            )
         own = replace(
             base,
             name=item.label or base.name,
@@ -272,13 +284,13 @@ def _rows(
             inputs={**base.inputs, **item.inputs} if item.inputs else base.inputs,
         )
         quantity = own.quantity(item.output)
-        like = measured_like(problem, number, quantity)
-        noise = noise_like(problem, quantity, like) if item.noise is None else item.noise
+        like = bands.measured_like(problem, number, quantity)
+        noise = bands.noise_like(problem, quantity, like) if item.noise is None else item.noise
         kind = "lin"
         if like is not None:
             kind = spread(problem.measured.transformation, len(problem.measured))[like]
-        t = np.atleast_1d(np.asarray(item.t, dtype=float))
-        at = at_times(problem, own, quantity, t, noise, kind)
+        t = bands.read_times(item.t, own)
+        at = bands.at_times(problem, own, quantity, t, noise, kind)
         (there,) = at.predict([theta])
         if there.message:
             raise ParameterError(f"'{item.output}' cannot be predicted: {there.message}")

@@ -65,20 +65,21 @@ class Condition:
     before: Condition | None = None
 
     def quantity(self, name: str) -> str:
-        """Find a state or output by its own name, or by that of a column that measures it.
+        """Find a state or output by the name of a column that measures it, or by its own.
 
         Raises
         ------
         ParameterError
             If there is none.
         """
-        known = (*self.model.states, *self.model.outputs)
-        if name in known:
-            return name
+        # An output may have been made for a column that measures a state plainly.
         if name in self.columns:
             return self.columns[name]
+        known = {*self.model.states, *self.model.outputs}
+        if name in known:
+            return name
         raise ParameterError(
-            f"the model has no state or output '{name}'{nearest(name, (*known, *self.columns))}"
+            f"the model has no state or output '{name}'{nearest(name, {*known, *self.columns})}"
         )
 
     def column(self, quantity: str) -> str:

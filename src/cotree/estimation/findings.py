@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from cotree.estimation.likelihood import Predictions
+    from cotree.estimation.multistart import Search
     from cotree.estimation.problem import Problem
     from cotree.estimation.result import StartRecord
     from cotree.estimation.uncertainty import Uncertainty
@@ -138,7 +139,7 @@ def of_widths(problem: Problem, theta: Array, found: Uncertainty) -> tuple[str, 
 
 
 def of_agreement(
-    problem: Problem, found: Predictions, freedom: int, loss: str = "linear"
+    problem: Problem, found: Predictions, freedom: int, search: Search | None = None
 ) -> tuple[str, ...]:
     """Say whether residuals are as large as the noise says, where it is given.
 
@@ -146,7 +147,8 @@ def of_agreement(
     them.
     """
     is_given = not any(isinstance(v, str) for v in problem.measured.noise)
-    if loss != "linear" or not is_given or not problem.likelihood.is_normal.all() or freedom < 1:
+    is_robust = search is not None and search.loss != "linear"
+    if is_robust or not is_given or not problem.likelihood.is_normal.all() or freedom < 1:
         return ()
     from scipy import stats
 

@@ -14,8 +14,8 @@ from cotree.estimation.assembly import estimation_problem
 from cotree.estimation.multistart import Search, minimise_from_starts
 from cotree.estimation.result import FitResult
 from cotree.estimation.spread import spread_starts
-from cotree.scene.counts import check_whole
 from cotree.scene.expressions import check_number
+from cotree.scene.given import check_whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

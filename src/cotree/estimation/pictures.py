@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cotree.estimation.bands import course_of
+from cotree.estimation.bands import course_of, title_of
 from cotree.plot.fits import Course, Curve, Residuals, draw_overview, draw_profiles, draw_waterfall
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ def courses(result: FitResult, *, noise: bool = False, most: int = _MOST) -> lis
             course_of(
                 band,
                 Course,
+                title=title_of(own.name),
                 t_measured=t,
                 measured=np.asarray(measured.value, dtype=float)[rows],
                 sigma=found.sigma[rows] if is_plain else None,
@@ -52,13 +53,14 @@ def residuals(result: FitResult) -> list[Residuals]:
     many = len(result.problem.conditions) > 1
     return [
         Residuals(
-            name + (f" · {result.problem.conditions[condition].name}" if many else ""),
+            f"{own.column(name)} · {title_of(own.name)}" if many else own.column(name),
             result.problem.measured.t[rows],
             values[rows],
             target[rows],
             computed[rows],
         )
         for condition, name, rows in _measured_parts(result)
+        for own in [result.problem.conditions[condition]]
     ]
 
 
@@ -70,7 +72,6 @@ def waterfall(result: FitResult) -> Figure:
 def profiles(result: FitResult, names: Sequence[str] | None, level: float) -> Figure:
     """Form profiles and draw them."""
     found, errors = result.profiles(names, level=level), result.standard_errors
-    scales = {row.name: row.scale for row in result.problem.estimated}
     return draw_profiles(
         [
             Curve(
@@ -78,11 +79,12 @@ def profiles(result: FitResult, names: Sequence[str] | None, level: float) -> Fi
                 result.units[row.name],
                 row.values,
                 row.rise,
+                *row.curve(),
                 row.estimate,
                 errors[row.name],
                 row.limit,
                 row.interval,
-                scales[row.name] != "lin",
+                row.scale != "lin",
             )
             for row in found.values()
         ]

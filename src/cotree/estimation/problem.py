@@ -97,8 +97,13 @@ class Problem:
         list of Predictions
             One for each; those of runs that fail are nan and have a message.
         """
+        n_rows, n_est = len(self.measured), len(self.estimated)
         thetas = np.asarray(thetas, dtype=float)
-        n, n_rows, n_est = len(thetas), len(self.measured), len(self.estimated)
+        if thetas.ndim != 2 or thetas.shape[1] != n_est:
+            raise ParameterError(
+                f"thetas must be an array of shape (n_thetas, {n_est}), not of shape {thetas.shape}"
+            )
+        n = len(thetas)
         values, factors = self.scaled.values(thetas), self.scaled.slopes(thetas)
         width = n_est if slopes else 0
         observed, sigma = np.empty((2, n, n_rows))

@@ -75,7 +75,9 @@ class Profile:
     is_closed : tuple of bool
         Whether the lower and the upper end lie inside of the bounds.
     sentence : str
-        What the interval is, in words.
+        The interval, or why it stays open, in words.
+    scale : str
+        The scale on which the parameter is estimated.
     """
 
     name: str
@@ -89,6 +91,35 @@ class Profile:
     interval: tuple[float, float]
     is_closed: tuple[bool, bool]
     sentence: str
+    scale: str = "lin"
+
+    def curve(self, n: int = 201) -> tuple[Array, Array]:
+        """Interpolate the profile for pictures.
+
+        The signed root of the rise is interpolated, which is a straight line for a linear model,
+        over the parameter on its scale.
+
+        Parameters
+        ----------
+        n : int
+            Number of points.
+
+        Returns
+        -------
+        ndarray, ndarray, each of shape (n,)
+            Values of the parameter, in its unit, and the rise there.
+        """
+        from scipy.interpolate import PchipInterpolator
+
+        values, first = np.unique(self.values, return_index=True)
+        if len(values) < 2:
+            return values, self.rise[first]
+        is_log = self.scale != "lin" and values[0] > 0.0
+        x = np.log(values) if is_log else values
+        root = np.sqrt(np.maximum(self.rise[first], 0.0)) * np.sign(values - self.estimate)
+        fine = np.linspace(x[0], x[-1], n)
+        rise = np.asarray(PchipInterpolator(x, root)(fine) ** 2)
+        return np.exp(fine) if is_log else fine, rise
 
     def __repr__(self) -> str:
         return f"<Profile of {self.name}: {self.sentence}>"
@@ -311,4 +342,5 @@ def _joined(
         (ends[0], ends[1]),
         (closed[0], closed[1]),
         "; ".join(said),
+        row.scale,
     )

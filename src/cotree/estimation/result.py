@@ -11,6 +11,7 @@ import numpy as np
 
 from cotree.errors import ParameterError, nearest
 from cotree.estimation.shown import ShownFit
+from cotree.scene.given import check_names
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -245,7 +246,6 @@ class FitResult(ShownFit):
         from cotree.estimation.findings import of_agreement, of_bounds, of_optimiser, of_widths
 
         first = of_optimiser(self.starts)
-        loss = "linear" if self.search is None else self.search.loss
         if not math.isfinite(self.starts[0].objective):
             return first
         return (
@@ -253,7 +253,7 @@ class FitResult(ShownFit):
             *of_bounds(self.problem, self.theta),
             *self.undetermined,
             *of_widths(self.problem, self.theta, self.uncertainty),
-            *of_agreement(self.problem, self.predictions, self.degrees_of_freedom, loss),
+            *of_agreement(self.problem, self.predictions, self.degrees_of_freedom, self.search),
         )
 
     def profile(self, name: str, *, level: float = 0.95) -> Profile:
@@ -292,7 +292,7 @@ class FitResult(ShownFit):
                 f"the loss '{self.search.loss}' is no likelihood, so that there are no profiles of "
                 "it: fit with loss='linear'"
             )
-        chosen = self.names if names is None else tuple(names)
+        chosen = self.names if names is None else check_names(names, "names")
         for name in chosen:
             if name not in self.names:
                 raise ParameterError(f"'{name}' is not estimated{nearest(name, self.names)}")
@@ -326,7 +326,7 @@ class FitResult(ShownFit):
         Parameters
         ----------
         output : str
-            A state or output of the model, measured or not.
+            A state or output of the model, measured or not, or a column of the data.
         t : array_like, optional
             Times, [s]; from the start to the last measured value where absent.
         experiment : int or str
@@ -362,7 +362,7 @@ class FitResult(ShownFit):
         Parameters
         ----------
         candidates : mapping, or sequence of Candidates
-            Outputs with times, with (times, noise), or with the fields of
+            Outputs, states or columns with times, with (times, noise), or with the fields of
             :class:`~cotree.estimation.candidates.Candidates` as a mapping, which can change the
             experiment. Without noise, that of the measured values of the output counts.
         n : int

@@ -23,6 +23,7 @@ import numpy.typing as npt
 
 from cotree.errors import ParameterError
 from cotree.estimation.determined import split
+from cotree.scene.expressions import check_number
 
 if TYPE_CHECKING:
     from cotree.estimation.determined import Split
@@ -100,9 +101,10 @@ class Uncertainty:
 
 def check_level(level: float) -> float:
     """Refuse a confidence level that is none."""
-    if not 0.0 < level < 1.0:
-        raise ParameterError(f"a level of confidence lies between 0 and 1: {level!r} does not")
-    return float(level)
+    found = check_number(level, "level")
+    if not 0.0 < found < 1.0:
+        raise ParameterError(f"level is {found:g}: give a level of confidence between 0 and 1")
+    return found
 
 
 def uncertainty_of(

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.errors import ParameterError, brief, nearest
+from cotree.errors import ParameterError, nearest
 from cotree.model.arrays import as_array
 from cotree.model.model import CompiledModel
 from cotree.model.moment import Moment
 from cotree.model.start import find_start
 from cotree.model.unknowns import solve_states
 from cotree.model.variation import Direction
+from cotree.scene.expressions import check_number
+from cotree.scene.given import check_mapping, check_names
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -86,8 +87,8 @@ class PointMethods(CompiledModel):
         # Deviations are evaluated as nodes, without the kernels whose guards look at parameters.
         self.check_parameters(p)
         u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
-        at = Moment(self, float(t), p, u)
-        names = (sensitivities,) if isinstance(sensitivities, str) else tuple(sensitivities)
+        at = Moment(self, check_number(t, "t"), p, u)
+        names = check_names(sensitivities, "sensitivities")
         moves = self._starts_along(at, names) if total and y is None else {}
         if total and y is not None:
             raise ParameterError(
@@ -166,13 +167,16 @@ class PointMethods(CompiledModel):
         """
         from cotree.model.trim import Wishes, find_trim
 
-        if not isinstance(solve, Iterable):
-            raise ParameterError(f"solve is {brief(repr(solve))}: give names of what is unknown")
-        names = (solve,) if isinstance(solve, str) else tuple(solve)
         p = self.parameter_array(p)
         u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
-        wishes = Wishes(names, fixed or {}, rates or {}, outputs or {}, guess or {})
-        return find_trim(self, self._linearizer, Moment(self, float(t), p, u), wishes)
+        wishes = Wishes(
+            check_names(solve, "solve"),
+            check_mapping(fixed, "fixed"),
+            check_mapping(rates, "rates"),
+            check_mapping(outputs, "outputs"),
+            check_mapping(guess, "guess"),
+        )
+        return find_trim(self, self._linearizer, Moment(self, check_number(t, "t"), p, u), wishes)
 
     def _starts_along(self, at: Moment, names: Sequence[str]) -> dict[str, Array]:
         """Give the sensitivities of the start by name."""

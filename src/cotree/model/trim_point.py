@@ -13,6 +13,7 @@ import numpy as np
 from cotree.errors import ParameterError, brief, listed, nearest
 from cotree.markup import labelled
 from cotree.model.variation import Direction
+from cotree.scene.given import check_names
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -121,7 +122,7 @@ class TrimPoint:
         sensitivities : sequence of str
             Names that are no unknowns to differentiate A, B, C and D by.
         """
-        names = (sensitivities,) if isinstance(sensitivities, str) else tuple(sensitivities)
+        names = check_names(sensitivities, "sensitivities")
         directions = {name: self._direction(name) for name in names}
         assert self.linearizer is not None
         return self.linearizer.about(self.at, self.y, reduced=reduced, directions=directions)

@@ -84,7 +84,9 @@ class Curve:
     name, unit : str
         The parameter.
     values, rise : ndarray, shape (n,)
-        Its values, and twice the rise of the objective.
+        Its values, and the rise of twice the objective.
+    fine, fine_rise : ndarray, shape (n_fine,)
+        The same on a finer grid.
     estimate, error, limit : float
         Estimate, standard error (infinite for none), and the rise at the ends of the interval.
     interval : tuple of float
@@ -97,6 +99,8 @@ class Curve:
     unit: str
     values: Array
     rise: Array
+    fine: Array
+    fine_rise: Array
     estimate: float
     error: float
     limit: float
@@ -176,7 +180,7 @@ def draw_observed(ax: Axes, parts: Sequence[Residuals]) -> None:
 
 
 def draw_normal(ax: Axes, parts: Sequence[Residuals]) -> None:
-    """Draw ordered residuals against those that are expected of a normal distribution."""
+    """Draw ordered residuals against quantiles of a normal distribution."""
     from scipy import special
 
     values = np.sort(np.concatenate([part.values for part in parts]))
@@ -185,7 +189,7 @@ def draw_normal(ax: Axes, parts: Sequence[Residuals]) -> None:
     expected = special.ndtri((np.arange(1, n + 1) - 0.375) / (n + 0.25))
     ax.plot(expected, values, "o", ms=3, color=_CURVE)
     ax.plot(expected[[0, -1]], expected[[0, -1]], color="0.5", lw=0.8, zorder=0)
-    _label(ax, "expected of a normal distribution", "ordered residuals", "normal probability")
+    _label(ax, "normal quantile", "ordered residual", "normal probability plot")
 
 
 def draw_waterfall(objectives: Array, converged: Sequence[bool], ax: Axes | None = None) -> Figure:
@@ -210,7 +214,7 @@ def draw_waterfall(objectives: Array, converged: Sequence[bool], ax: Axes | None
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     n_failed = int(np.sum(~is_finite))
     title = "starts" + (f", {n_failed} failed" if n_failed else "")
-    _label(ax, "start, best first", "objective above the least one", title)
+    _label(ax, "start, best first", "objective minus the best one", title)
     ax.legend(fontsize=8, frameon=False)
     return cast("Figure", ax.figure)
 
@@ -219,22 +223,24 @@ def draw_profiles(curves: Sequence[Curve]) -> Figure:
     """Draw profile likelihoods, with the parabola that standard errors stand for."""
     figure, panels = _panels(len(curves))
     for k, (ax, curve) in enumerate(zip(panels, curves, strict=True)):
-        _draw_profile(ax, curve)
+        ax.plot(curve.values, curve.rise, "o", ms=3.5, color=_CURVE)
+        ax.plot(curve.fine, curve.fine_rise, color=_CURVE, lw=1.6, label="profile")
         if math.isfinite(curve.error) and curve.error > 0.0:
             _draw_parabola(ax, curve)
         ax.axhline(curve.limit, color=_LIMIT, lw=1.0, ls="--", label="limit")
         low, high = float(curve.values.min()), float(curve.values.max())
         for end in curve.interval:
             if low <= end <= high:
-                ax.axvline(end, color=_LIMIT, lw=0.8, ls=":")
-        ax.axvline(curve.estimate, color="0.5", lw=0.8)
+                ax.axvline(end, color=_LIMIT, lw=0.8, ls=":", label="interval")
+        ax.axvline(curve.estimate, color="0.5", lw=0.8, label="estimate")
         ax.set_ylim(-0.05 * curve.limit, 1.6 * curve.limit)
         if curve.is_log and low > 0.0 and high > 5.0 * low:
             ax.set_xscale("log")
         label = f"{curve.name} {_bracketed(curve.unit)}".strip()
-        _label(ax, label, "rise of twice the objective", "")
+        _label(ax, label, "increase of 2 × objective", "")
         if k == 0:
-            ax.legend(fontsize=8, frameon=False)
+            # Both ends of the interval have one entry.
+            ax.legend(*_distinct(ax), fontsize=8, frameon=False, loc="upper center", ncols=2)
     return figure
 
 
@@ -289,19 +295,6 @@ def draw_overview(
     return figure
 
 
-def _draw_profile(ax: Axes, curve: Curve) -> None:
-    """Draw the points of a profile, and a line through the roots of the rise, which are smooth."""
-    from scipy.interpolate import PchipInterpolator
-
-    values, first = np.unique(curve.values, return_index=True)
-    root = np.sqrt(np.maximum(curve.rise[first], 0.0)) * np.sign(values - curve.estimate)
-    ax.plot(values, curve.rise[first], "o", ms=3.5, color=_CURVE)
-    if len(values) > 1:
-        fine = np.linspace(values[0], values[-1], 201)
-        line = PchipInterpolator(values, root)(fine) ** 2
-        ax.plot(fine, line, color=_CURVE, lw=1.6, label="profile")
-
-
 def _draw_parabola(ax: Axes, curve: Curve) -> None:
     """Draw what the rise would be if the model were linear on the scale of the parameter."""
     reach = np.linspace(-1.3, 1.3, 101) * math.sqrt(curve.limit)
@@ -310,7 +303,13 @@ def _draw_parabola(ax: Axes, curve: Curve) -> None:
     else:
         x = curve.estimate + reach * curve.error
     inside = (x >= curve.values.min()) & (x <= curve.values.max())
-    ax.plot(x[inside], reach[inside] ** 2, color="0.6", lw=1.2, ls="--", label="standard error")
+    ax.plot(x[inside], reach[inside] ** 2, color="0.6", lw=1.2, ls="--", label="quadratic")
+
+
+def _distinct(ax: Axes) -> tuple[list[Any], list[str]]:
+    """Give the entries of a legend, each label once."""
+    found = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
+    return list(found.values()), list(found)
 
 
 def _panels(n: int) -> tuple[Figure, list[Axes]]:
