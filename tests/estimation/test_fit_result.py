@@ -192,8 +192,8 @@ def test_a_measurement_that_determines_something_comes_first(line):
     """At one time only a + b t is known, and any other time determines both."""
     result = fitted(line_problem(line, [1.0, 1.0], [1.4, 1.6]))
     assert result.undetermined == (
-        "Only the sum a + b is determined, not a and b one by one: they can be estimated where one "
-        "of them is known.",
+        "Only the sum a + b is determined, not a and b individually: fix one of them to estimate "
+        "the rest.",
     )
     assert all(math.isinf(x) for x in result.standard_errors.values())
     assert result.degrees_of_freedom == 1
@@ -239,8 +239,8 @@ def decay_problem(decay, names, t=(0.5, 1.0, 2.0), noise=0.01, initial=None):
 def test_products_and_idle_parameters_are_named(decay):
     result = fitted(decay_problem(decay, ["R", "C", "idle"]))
     idle, product = result.undetermined
-    assert idle == "idle does not matter: nothing that was measured depends on it."
-    assert product.startswith("Only R*C is determined, not R and C one by one")
+    assert idle == "No measured value depends on idle, so it cannot be estimated."
+    assert product.startswith("Only R*C is determined, not R and C individually")
     assert result.parameters["R"] * result.parameters["C"] == pytest.approx(1.0, abs=0.05)
     assert "not determined" in str(result)
     json.loads(result.to_json())

@@ -42,7 +42,7 @@ def estimation_problem(
     rtol: float = 1e-8,
     atol: float = 1e-10,
 ) -> Problem:
-    """Pose the problem that :func:`cotree.fit` solves, for optimisers and samplers of all kinds.
+    """Set up the problem that :func:`cotree.fit` solves, for other optimisers and samplers.
 
     Parameters
     ----------
@@ -52,14 +52,15 @@ def estimation_problem(
     Returns
     -------
     Problem
-        With ``objective(theta)``, the negative log-likelihood and its exact gradient,
-        ``residuals``, ``jacobian``, ``bounds`` and ``theta()``, where estimation begins; ``theta``
-        holds values or logarithms, as the scales say, and ``values(theta)`` names them.
+        ``objective(theta)`` gives the negative log-likelihood and its exact gradient, ``theta()``
+        the start. There are ``residuals``, ``jacobian`` and ``bounds``, too. ``theta``, shape
+        (n_estimated,), holds values, or logarithms for parameters on logarithmic scales;
+        ``values(theta)`` gives values by name.
 
     Raises
     ------
     ModelError
-        If something is unknown, missing or contradicts something else: one sentence names it.
+        If a name is unknown, something is missing, or arguments contradict each other.
 
     Examples
     --------

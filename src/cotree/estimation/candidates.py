@@ -51,18 +51,19 @@ class Candidates:
     Attributes
     ----------
     output : str
-        A state or output of the model.
+        A state or output of the model, or a column of the data.
     t : array_like, shape (n,)
         Times, [s].
     noise : float, str or None
-        Standard deviation of the noise: a number, a state or output, or None for that of the
-        values of this output that were measured.
+        Standard deviation of the noise in SI: a number, a state or output, or None for that of the
+        values of this quantity that were measured.
     experiment : int or str
-        The experiment that is made again, by its number or name.
+        The experiment that is repeated, by its number (from zero) or name.
     parameters, initial, inputs : mapping
-        What is changed in it; numbers, or names of estimated parameters.
+        Changes to this experiment. Values are numbers, or names of estimated parameters; inputs are
+        numbers or (times, values).
     label : str
-        What to call the changed experiment.
+        Name of the changed experiment.
     """
 
     output: str

@@ -155,9 +155,9 @@ def in_words(names: Sequence[str], here: Split, beside: Sequence[Split]) -> tupl
         else:
             said.append(_sentence(chosen, group, basis, here, beside))
     if idle:
-        verb = "does" if len(idle) == 1 else "do"
-        said.insert(0, f"{_listed(idle)} {verb} not matter: nothing that was measured depends on "
-                    f"{'it' if len(idle) == 1 else 'them'}.")  # fmt: skip
+        they = "it" if len(idle) == 1 else "they"
+        said.insert(0, f"No measured value depends on {_listed(idle)}, so {they} cannot be "
+                    "estimated.")  # fmt: skip
     return tuple(said)
 
 
@@ -185,15 +185,15 @@ def _sentence(
             kind = "the sum " if positive and len(simple) == 1 else ""
     if combinations:
         verb = "is" if len(combinations) == 1 else "are"
-        known = "one of them is" if basis.shape[1] == 1 else f"{basis.shape[1]} of them are"
+        number = "one" if basis.shape[1] == 1 else str(basis.shape[1])
         return (
-            f"Only {kind}{_listed(combinations)} {verb} determined, not {_listed(names)} one by "
-            f"one: they can be estimated where {known} known."
+            f"Only {kind}{_listed(combinations)} {verb} determined, not {_listed(names)} "
+            f"individually: fix {number} of them to estimate the rest."
         )
-    where = "" if is_everywhere else ", at these estimates only"
+    where = "" if is_everywhere else " at these estimates"
     return (
-        f"{_listed(names)} are not determined one by one{where}: nothing that was measured changes "
-        f"while they change together by {_direction(names, group, basis[:, 0], here)}."
+        f"{_listed(names)} are not determined individually{where}: the measured quantities stay "
+        f"the same if they change together by {_direction(names, group, basis[:, 0], here)}."
     )
 
 

@@ -1,4 +1,4 @@
-"""Experiments: what was measured in a run, and under which circumstances."""
+"""Experiments: measured data, and the conditions under which they were taken."""
 
 from __future__ import annotations
 
@@ -19,43 +19,45 @@ if TYPE_CHECKING:
 
 
 class Experiment:
-    """Measured values of a run, and under which circumstances it was.
+    """Measured data of one run, and the conditions under which they were taken.
 
     Parameters
     ----------
     data : path of a CSV file, DataFrame, or mapping of str to array_like
-        A column of times, which increase, and measured columns, in any number; missing values are
-        nan, or empty in a file. A column may have its unit in its name, ``angle [deg]``; others
-        are in SI.
+        A column of increasing times, [s], and any number of measured columns, all of shape
+        (n_times,). Missing values are nan, or empty in a file. A unit may be part of the name of a
+        column, ``angle [deg]``; columns without a unit are in SI.
     inputs : mapping of str to number, str or (times, values), optional
-        In place of the scene's inputs, as of :meth:`cotree.Model.simulate`. New names in
-        expressions are parameters, which are given here or estimated. A column that has the name of
-        an input is that input, linear between its times, unless it is given here.
+        Inputs of this run in place of the scene's; see :meth:`cotree.Model.simulate`. New names in
+        expressions are parameters, which are given in ``parameters`` or estimated. A column with
+        the name of an input is used as that input, with linear interpolation, unless the input is
+        given here.
     initial, parameters : mapping of str to float or str, optional
-        Initial values of states, and parameters, of this run; a text names an estimated parameter.
+        Initial values of states and values of parameters in this run, in SI; a text is the name of
+        an estimated parameter.
     observables : mapping of str to str, or sequence of str, optional
-        What the columns measure: expressions of states, outputs and whatever outputs may name.
-        Where absent, columns with the names of states and outputs are taken.
+        What each column measures: an expression of states, outputs and anything else that the
+        outputs of a scene may use. If absent, the columns named after states and outputs are used.
     noise : number, str, or mapping of str to number or str, optional
-        The standard deviation of the measured values, of each column in a mapping: a number, in the
-        unit of the column; another column; or an expression, or an estimated parameter, in SI.
-        Where absent, it is estimated.
+        Standard deviation of the noise, of each column in a mapping: a number in the unit of the
+        column, the name of another column, or an expression or an estimated parameter in SI. It is
+        estimated if absent.
     units : mapping of str to str, optional
-        Units of columns that do not say theirs.
+        Units of columns whose names do not contain them.
     transform : str or mapping of str to str, optional
-        ``log`` or ``log10``, of each column in a mapping: logarithms of measured and computed
-        values are compared, and the noise is theirs.
+        ``log`` or ``log10``, for each column in a mapping: the logarithms of measured and computed
+        values are compared, and the noise is that of the logarithms.
     time : str, optional
-        The column of times; ``t`` or ``time`` where absent.
+        Name of the time column; ``t`` or ``time`` if absent.
     t_start : float
-        Where the run begins, [s]; nothing was measured before.
+        Time at which the run starts, [s]; there are no measurements before it.
     name : str, optional
-        Its name, for people; that of the file, or its number, where absent.
+        Name in tables and pictures; that of the file, or the number of the experiment, if absent.
 
     Raises
     ------
     ParameterError, UnitError, SceneError
-        If the data cannot be read: one sentence names file, row and column.
+        If the data cannot be read; the message names file, row and column.
 
     Examples
     --------

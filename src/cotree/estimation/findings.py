@@ -1,4 +1,4 @@
-"""Findings about a fit: one sentence each of what stands between its estimates and their use."""
+"""Findings about a fit: one sentence for everything that limits the use of its estimates."""
 
 from __future__ import annotations
 
@@ -61,12 +61,12 @@ def of_optimiser(starts: Sequence[StartRecord]) -> tuple[str, ...]:
     n_same = sum(row.objective - best.objective <= SAME_OPTIMUM for row in starts)
     if len(starts) > 1 and n_same == 1:
         said.append(
-            f"Only one of {len(starts)} starts led to the least objective: there may be a better "
-            "one, so let more starts search."
+            f"Only one of {len(starts)} starts reached the best objective, so there may be a "
+            "better one: increase the number of starts."
         )
     failed = sum(not math.isfinite(row.objective) for row in starts)
     if failed:
-        said.append(f"{failed} of {len(starts)} starts failed: the table of starts says why.")
+        said.append(f"{failed} of {len(starts)} starts failed; starts_table() gives the reasons.")
     return tuple(said)
 
 
@@ -156,12 +156,12 @@ def of_agreement(
     told = f"chi-squared is {chi2:.4g} at {freedom} degrees of freedom"
     if stats.chi2.sf(chi2, freedom) < _IMPROBABLE:
         return (
-            f"The residuals are larger than the noise that was given ({told}): the model does not "
-            "describe the data, or the noise is larger; then intervals are too narrow.",
+            f"The residuals are larger than the given noise explains ({told}): the model does not "
+            "fit the data, or the noise is underestimated, and the intervals are too narrow.",
         )
     if stats.chi2.cdf(chi2, freedom) < _IMPROBABLE:
         return (
-            f"The residuals are smaller than the noise that was given ({told}): intervals are too "
-            "wide.",
+            f"The residuals are smaller than the given noise explains ({told}): the noise is "
+            "overestimated, and the intervals are too wide.",
         )
     return ()

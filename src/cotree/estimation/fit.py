@@ -53,63 +53,65 @@ def fit(
 ) -> FitResult:
     """Estimate parameters and initial values from measurements, by maximum likelihood.
 
-    Residuals and their exact Jacobian go to ``scipy.optimize.least_squares``. It searches from
-    several starts at once, whose runs the ensemble engine computes together; what a start finds
-    does not depend on the others.
+    ``scipy.optimize.least_squares`` receives the residuals and their exact Jacobian. It searches
+    from several starts side by side, whose runs the ensemble engine computes together. The outcome
+    of a start does not depend on the others.
 
     Parameters
     ----------
     model : Model or Scene
-        What explains the measurements. It is compiled with the sensitivities, and with the
-        observables as outputs, that are missing.
+        The model. It is compiled again if it lacks sensitivities to what is estimated, or outputs
+        that were measured.
     experiments : Experiment or sequence of Experiment
-        What was measured.
+        The measurements.
     parameters : mapping of str to tuple, or sequence of str
-        What is estimated: parameters of the scene, states (whose initial value is meant), new
-        parameters in expressions of experiments, and names that experiments give to values. Each
-        has ``(lower, upper)`` or ``(lower, upper, scale)``, in SI, with the scale ``"lin"``,
-        ``"log"`` or ``"log10"``; None is no bound. Without a range a positive parameter has a
-        hundredth to a hundred times where it begins, on a logarithmic scale.
+        What is estimated: parameters of the scene, initial values (by the names of states), new
+        parameters in expressions of experiments, and names that experiments use as values. The
+        range of each is ``(lower, upper)`` or ``(lower, upper, scale)`` in SI, with the scale
+        ``"lin"``, ``"log"`` or ``"log10"``; None stands for no bound. Without a range, a positive
+        parameter lies between a hundredth and a hundred times its start, on a logarithmic scale.
     shared, per_experiment : sequence of str, optional
-        Parameters with one estimate for all experiments, and with one for each, ``k[1]`` or
-        ``k[name]``; all are shared where neither is given, the others are not where ``shared`` is.
+        Parameters with one estimate for all experiments, and with a separate one for each, named
+        ``k[1]`` or ``k[name]``. All are shared by default; if ``shared`` is given, all others are
+        estimated for each experiment.
     noise : str, optional
-        ``"given"`` insists that experiments say it, ``"estimated"`` estimates a standard deviation
-        ``noise[column]`` of each column in place of what they say. As they say where absent, and
-        estimated where they say nothing.
+        ``"given"`` requires that experiments specify their noise; ``"estimated"`` estimates a
+        standard deviation ``noise[column]`` for each column and ignores what they specify. By
+        default only noise that is not specified is estimated.
     start : mapping of str to float, optional
-        Where the first start begins; at the scene's values where absent, if these are within the
-        bounds, else in the middle of them.
+        The first start; by default the scene's values if they lie within the bounds, else the
+        middle of the bounds.
     loss : str
-        ``"linear"``, or ``"soft_l1"``, ``"huber"``, ``"cauchy"``, ``"arctan"``, with which outliers
-        count less; see ``scipy.optimize.least_squares``. They need a noise that is given.
+        ``"linear"``, or one of the robust losses ``"soft_l1"``, ``"huber"``, ``"cauchy"`` and
+        ``"arctan"``, which reduce the influence of outliers and require a given noise; see
+        ``scipy.optimize.least_squares``.
     f_scale : float
-        The residual, in standard deviations, from which on a value counts as an outlier.
+        The residual, in standard deviations, beyond which a value counts as an outlier.
     starts : int
-        Number of starts: the first one, and others spread between the bounds.
+        Number of starts; all but the first are spread between the bounds.
     seed : int
-        Of the other starts: equal seeds give equal results.
+        Seed of these starts; equal seeds give equal results.
     method, rtol, atol
-        Of the runs; see :meth:`cotree.Model.simulate`.
+        Method and tolerances of the runs; see :meth:`cotree.Model.simulate`.
     optimiser : str
-        ``"trf"``, ``"dogbox"``, or ``"lm"``, which takes no bounds.
+        ``"trf"``, ``"dogbox"``, or ``"lm"``, which does not support bounds.
     max_evaluations : int, optional
-        The most points of each start; a hundred times the number of parameters where absent.
+        Largest number of evaluations of each start; a hundred per parameter if absent.
     progress : bool
         Whether to show a progress bar, on terminals and after a second.
 
     Returns
     -------
     FitResult
-        Estimates with standard errors, and everything else that the data say of them. After Ctrl-C
-        it has the best points until then.
+        Estimates with standard errors, intervals, findings, profiles and pictures. After Ctrl-C it
+        contains the best points found so far.
 
     Raises
     ------
     ModelError
-        If something is unknown, missing or contradicts something else: one sentence names it.
+        If a name is unknown, something is missing, or arguments contradict each other.
     SolveError
-        If no run of any start succeeds.
+        If the runs of all starts fail.
 
     Examples
     --------

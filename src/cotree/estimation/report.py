@@ -80,7 +80,7 @@ def as_text(result: FitResult) -> str:
     lines = [title, "=" * len(title)]
     lines += [f"{a}    {b}".rstrip() for a, b in zip(pairs[:half], pairs[half:], strict=True)]
     lines += ["", *columns(_HEAD, _cells(result), (0, 6, 7)), ""]
-    lines += [f"Intervals hold 95 %: {_how(result)}."]
+    lines += _lines(_how(result))
     pairs = _correlations(result)
     if pairs:
         lines += ["Correlations: " + ", ".join(pairs)]
@@ -96,7 +96,7 @@ def as_html(result: FitResult) -> str:
     return markup.block(
         "Fit",
         markup.table("Estimates", _HEAD, _cells(result), n_rows=len(result.problem.estimated)),
-        markup.paragraph(f"Intervals hold 95 %: {_how(result)}.", muted=True),
+        markup.paragraph(_how(result), muted=True),
         *findings,
         markup.table("Agreement", ("", ""), numbers, n_rows=len(numbers)),
         markup.matrix(
@@ -199,13 +199,13 @@ def columns(head: Sequence[str], rows: Sequence[Sequence[str]], texts: Sequence[
 def _how(result: FitResult) -> str:
     freedom = result.uncertainty.freedom
     law = (
-        "normal quantiles, since the noise is given"
+        "normal quantiles, because the noise is given"
         if math.isinf(freedom)
-        else f"quantiles of Student's t with {freedom:g} degrees of freedom, since the noise is "
-        "estimated"
+        else f"Student's t with {freedom:g} degrees of freedom, because the noise is estimated"
     )
     logs = any(row.scale != "lin" for row in result.problem.estimated)
-    return law + ("; on logarithmic scales they are formed there" if logs else "")
+    on_scale = "; those of logarithmic parameters are formed on that scale" if logs else ""
+    return f"The 95 % intervals use {law}{on_scale}."
 
 
 def _correlations(result: FitResult) -> list[str]:
@@ -219,13 +219,13 @@ def _correlations(result: FitResult) -> list[str]:
 
 
 def _wrapped(sentences: Sequence[str]) -> list[str]:
+    return [line for sentence in sentences for line in _lines(sentence, "! ", "  ")]
+
+
+def _lines(text: str, first: str = "", later: str = "") -> list[str]:
     import textwrap
 
-    return [
-        line
-        for sentence in sentences
-        for line in textwrap.wrap(sentence, _WIDTH, initial_indent="! ", subsequent_indent="  ")
-    ]
+    return textwrap.wrap(text, _WIDTH, initial_indent=first, subsequent_indent=later)
 
 
 def _short(value: Any, digits: int = 6) -> str:

@@ -58,9 +58,9 @@ class StartRecord:
 class FitResult(ShownFit):
     """Estimates of parameters, and how far they can be trusted.
 
-    ``print(result)`` shows estimates with standard errors and intervals, and the findings: what
-    stands between the estimates and their use. Standard errors follow from the Fisher information
-    by exact sensitivities; profiles do not need the model to be nearly linear.
+    ``print(result)`` shows estimates with standard errors and intervals, and the findings: whatever
+    limits the use of the estimates. Standard errors follow from the Fisher information, by exact
+    sensitivities; profiles do not assume that the model is nearly linear.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ class FitResult(ShownFit):
         """Give intervals of confidence by name, in units.
 
         They are formed on the scale of each parameter, so that those of parameters on logarithmic
-        scales stay positive. They do not know the bounds.
+        scales stay positive, and take no account of the bounds.
 
         Parameters
         ----------
@@ -242,7 +242,7 @@ class FitResult(ShownFit):
 
     @cached_property
     def findings(self) -> tuple[str, ...]:
-        """Doubts about the estimates, a sentence each; empty if there are none."""
+        """Whatever limits the use of the estimates, a sentence each; empty if nothing does."""
         from cotree.estimation.findings import of_agreement, of_bounds, of_optimiser, of_widths
 
         first = of_optimiser(self.starts)
@@ -334,8 +334,8 @@ class FitResult(ShownFit):
         level : float
             Level of confidence at each time on its own.
         noise : bool, float or str
-            Whether the interval is to hold a further measurement: True takes the noise of the
-            measured values of this output; or its standard deviation.
+            Whether to form the interval of a further measured value. True uses the noise of the
+            measured values of this quantity; a number or a name gives its standard deviation.
         draws : int
             Number of runs at draws from the distribution of the estimates, normal or Student's t,
             in place of the delta method, which linearises the model at the estimates.

@@ -100,7 +100,7 @@ class Uncertainty:
 
 
 def check_level(level: float) -> float:
-    """Refuse a confidence level that is none."""
+    """Accept a level of confidence between 0 and 1."""
     found = check_number(level, "level")
     if not 0.0 < found < 1.0:
         raise ParameterError(f"level is {found:g}: give a level of confidence between 0 and 1")
