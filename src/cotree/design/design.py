@@ -1,4 +1,4 @@
-"""The outcome of a design: values, what holds there, and how the search went."""
+"""Results of an optimisation: parameters, constraints, and the course of the search."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class ConditionValue:
     holds : bool
         Whether it is satisfied.
     is_active : bool
-        Whether it holds with equality, so that it decides on the design.
+        Whether it holds with equality and so limits the design.
     is_equality : bool
-        Whether it has to.
+        Whether it is an equality constraint.
     """
 
     text: str
@@ -59,8 +59,8 @@ class Design:
     message : str
         How it ended, in sentences.
     optimality : float
-        What bounds and conditions leave of the gradient, as a share of the largest gradient met:
-        zero at an optimum (Karush, Kuhn, Tucker).
+        Residual of the optimality conditions (Karush, Kuhn, Tucker): the part of the gradient that
+        active bounds and constraints do not balance, relative to the largest gradient met.
     history : tuple of Trial
         Every point that was tried, in order: ``parameters``, ``objective``, ``missed``, ``reason``.
     starts : tuple of float

@@ -1,4 +1,4 @@
-"""``cotree.optimise``: parameters of a scene by which runs come out best."""
+"""``cotree.optimise``: parameters that minimise an objective of simulated runs."""
 
 from __future__ import annotations
 
@@ -49,48 +49,49 @@ def optimise(
     atol: float | None = None,
     max_step: float | None = None,
 ) -> Design:
-    """Choose parameters such that an objective is least and conditions hold.
+    """Choose parameters that minimise an objective subject to constraints.
 
-    Goals are texts in the grammar of expressions. A name stands for a parameter that is varied, or
-    for the value of anything else at the end of the run. ``end(x)`` says the latter aloud,
-    ``start(x)`` and ``at(2.0, x)`` are values at other times, ``integral(x)`` and ``mean(x)`` are
-    over the run, ``maximum(x)`` and ``minimum(x)`` are extremes over time, and ``time(EVENT)`` is
-    when an event first happens. ``x`` is any expression of states, outputs, inputs, parameters and
-    ``t``. Gradients are exact: the scene is compiled once with what goals ask for, and its
-    sensitivities are integrated with the states.
+    Objective and constraints are written in the grammar of expressions. The name of a varied
+    parameter stands for the parameter, any other name ``x`` for ``end(x)``, its value at the end of
+    the run. ``start(x)`` and ``at(2.0, x)`` are values at other times, ``integral(x)`` and
+    ``mean(x)`` extend over the run, ``maximum(x)`` and ``minimum(x)`` are extremes over time, and
+    ``time(EVENT)`` is the time at which an event first occurs. ``x`` is any expression of states,
+    outputs, inputs, parameters and ``t``. Gradients are exact: the scene is compiled once with all
+    quantities that are needed, and its sensitivities are integrated with the states.
 
     Parameters
     ----------
     system : cotree.Model or cotree.Scene
-        The system. Of a model its tree and compiler options are taken.
+        The system. The variant of a compiled model keeps its tree and compiler options.
     minimise : str
-        The objective. What is to be large is minimised with a minus sign.
+        The objective. To maximise a quantity, minimise it with a minus sign.
     over : mapping of str to (lower, upper) or (lower, upper, "log")
-        Bounds of what is varied: parameters, and states whose initial value is meant.
+        Variables and their bounds in SI: parameters, and initial values by the names of states.
     subject_to : sequence of str
-        Conditions with ``<=``, ``>=`` or ``==``, such as ``"maximum(P) <= 40"``, ``"L + d <= 3"``.
+        Constraints with ``<=``, ``>=`` or ``==``: ``"maximum(P) <= 40"``, ``"L + d <= 3"``.
     t_span : (float, float), optional
-        Start and end of the runs, [s]; the scene's end where absent.
+        Start and end of the runs, [s]; from zero to the scene's end if absent.
     parameters, initial, inputs : mapping, optional
-        Values that all runs have; as of :meth:`cotree.Model.simulate`.
+        Values common to all runs; see :meth:`cotree.Model.simulate`.
     runs : sequence of mapping, optional
-        Several scenarios, each with ``parameters``, ``initial``, ``inputs`` and ``t_span`` of its
-        own. The objective is the mean over them, and conditions hold in each.
+        Several scenarios, each with its own ``parameters``, ``initial``, ``inputs`` and ``t_span``.
+        The objective is the mean over them, and the constraints must hold in each.
     guess : mapping of str to float, optional
-        Where the search begins; the scene's values where absent, or the middle of the bounds where
-        these are outside.
+        Initial guess; by default the scene's values, or the middle of the bounds if these lie
+        outside.
     starts : int
-        Number of searches: the first begins at the guess, others at points of a Latin hypercube.
+        Number of searches: the first starts at the guess, the others at points of a Latin
+        hypercube.
     seed : int
-        Of these points.
+        Seed of these points.
     method : {"slsqp", "trust-constr"}
         SciPy's method.
     tolerance : float
-        Changes of the objective, as a share of its size, at which the search ends.
+        Relative change of the objective at which a search ends.
     max_iterations : int
-        The most iterations of a search.
+        Largest number of iterations of a search.
     solver, rtol, atol, max_step
-        Method and tolerances of the runs; as of :meth:`cotree.Model.simulate`.
+        Method and tolerances of the runs; see :meth:`cotree.Model.simulate`.
 
     Returns
     -------
@@ -101,7 +102,7 @@ def optimise(
     Raises
     ------
     ModelError
-        If a name is unknown, a goal is not accepted, or bounds make no sense.
+        If a name is unknown, an expression is not accepted, or bounds make no sense.
     SolveError
         If the run fails at every start.
 

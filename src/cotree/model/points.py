@@ -116,24 +116,24 @@ class PointMethods(CompiledModel):
     ) -> TrimPoint:
         """Find an equilibrium or a steady motion by Newton's method with the exact Jacobian.
 
-        All states are unknown, except those in ``fixed``. All rates are to vanish, except those in
-        ``rates``; constraints and algebraic equations are to hold.
+        All states are unknown, except those in ``fixed``. All rates are zero, except those in
+        ``rates``. Constraints and algebraic equations are satisfied.
 
         Parameters
         ----------
         solve : sequence of str
-            Inputs and parameters that are unknown besides, one for each state or output that is
-            fixed.
+            Inputs and parameters that are unknown in addition to the states, one for each state or
+            output that is prescribed.
         fixed : mapping of str to float, optional
-            Values of states, inputs and parameters that are held. The rate of a coordinate whose
-            speed is held is that speed.
+            Prescribed values of states, inputs and parameters, in SI. The rate of a coordinate
+            whose speed is prescribed is that speed.
         rates : mapping of str to float or None, optional
-            Rates of states that are to differ from zero; None leaves a rate free.
+            Rates of states that are not zero, in SI; None leaves a rate free.
         outputs : mapping of str to float, optional
-            Values that outputs are to have.
+            Prescribed values of outputs, in SI.
         guess : mapping of str to float, optional
-            Values of unknowns that the search begins with; otherwise those of the start and of the
-            scene. Of several equilibria one near to the guess is found.
+            Initial guesses; by default those of the model's start and of the scene. If there are
+            several equilibria, one near the guess is found.
         t : float
             Time, [s].
         p, u : array_like, shapes (n_parameters,) and (n_inputs,), optional
@@ -143,15 +143,15 @@ class PointMethods(CompiledModel):
         Returns
         -------
         TrimPoint
-            ``y``, ``p``, ``u`` and values by name, ``is_unique`` with the unknowns that nothing
-            determines, ``linearize()`` and ``settings`` for :meth:`cotree.Model.simulate`.
+            ``y``, ``p``, ``u`` and values by name, ``is_unique`` and ``undetermined``,
+            ``linearize()``, and ``settings`` for :meth:`cotree.Model.simulate`.
 
         Raises
         ------
         ParameterError
-            If a name is unknown, or what is given contradicts itself.
+            If a name is unknown, or arguments contradict each other.
         SolveError
-            If no such point is found; the message names what stays away from its value.
+            If no such point is found; the message names the equations that are not satisfied.
 
         Examples
         --------

@@ -1,9 +1,9 @@
-"""Equilibria and steady motions: values of chosen unknowns for which chosen conditions hold.
+"""Equilibria and steady motions: unknowns that satisfy prescribed rates and outputs.
 
-In: a model, which of its states, inputs and parameters are unknown, and what rates and outputs are
-to be. Out: a ``TrimPoint``. Conditions are the rates, the outputs that are asked for, constraints
-and norms of quaternions; some follow from others, so Newton's steps are those of least length in
-the sense of least squares. The iteration is that of :mod:`cotree.model.roots`.
+In: a model, the states, inputs and parameters that are unknown, and prescribed rates and outputs.
+Out: a ``TrimPoint``. The equations are those of the rates, the outputs, the constraints and the
+norms of quaternions. They may be redundant, so each Newton step is the least-squares solution of
+least norm. The iteration is that of :mod:`cotree.model.roots`.
 """
 
 from __future__ import annotations
