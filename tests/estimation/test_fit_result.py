@@ -126,6 +126,9 @@ def test_profiles_of_a_linear_model_are_parabolas(line):
         error = result.standard_errors[name]
         wanted = ((profile.values - profile.estimate) / error) ** 2
         assert profile.rise == pytest.approx(wanted, rel=1e-4, abs=1e-6)
+        values, rise = profile.curve(51)
+        wanted = ((values - profile.estimate) / error) ** 2
+        assert rise == pytest.approx(wanted, rel=1e-3, abs=1e-5)
         # Ends are found to 0.005 of the rise, of which they take about an eighth in errors.
         assert profile.interval == pytest.approx(result.intervals()[name], abs=2e-3 * error)
         assert profile.is_closed == (True, True)

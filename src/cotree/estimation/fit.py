@@ -215,28 +215,33 @@ def sized(problem: Problem, points: Array) -> Array:
 
 
 def _check_search(problem: Problem, loss: str, optimiser: str) -> None:
-    """Refuse what does not go together."""
+    """Refuse a loss or an optimiser that the problem does not allow."""
     unknown = [name for name in problem.measured.noise if isinstance(name, str)]
     if loss != "linear" and unknown:
         raise ParameterError(
-            f"loss='{loss}' needs noise that is given, by which outliers are told, but "
-            f"'{unknown[0]}' is estimated: give Experiment(noise=...)"
+            f"loss='{loss}' needs noise that is given, but '{unknown[0]}' is estimated: give the "
+            "standard deviation of every measured column"
         )
+    if optimiser == "lm":
+        _check_minpack(problem, loss, len(unknown))
+
+
+def _check_minpack(problem: Problem, loss: str, n_unknown: int) -> None:
+    """Refuse what MINPACK's method does not have: bounds, losses, fewer rows than parameters."""
     bounded = [
         row.name for row in problem.estimated if row.lower > -math.inf or row.upper < math.inf
     ]
-    if optimiser == "lm" and bounded:
+    if bounded:
         raise ParameterError(
             f"optimiser='lm' knows no bounds, but '{bounded[0]}' has some: take 'trf', or give "
             "(None, None)"
         )
-
-    if optimiser == "lm" and loss != "linear":
+    if loss != "linear":
         raise ParameterError(f"optimiser='lm' knows no loss '{loss}': take 'trf'")
-    n_rows = len(problem.measured) + len(unknown)
-    if optimiser == "lm" and n_rows < len(problem.estimated):
+    # Each value with unknown noise has a second row.
+    if len(problem.measured) + n_unknown < len(problem.estimated):
         raise ParameterError(
-            f"optimiser='lm' needs at least as many measured values as parameters, of which there "
+            "optimiser='lm' needs at least as many measured values as parameters, of which there "
             f"are {len(problem.estimated)}: take 'trf'"
         )
 
