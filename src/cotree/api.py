@@ -278,7 +278,7 @@ def load(source: str | Path) -> Scene:
     Parameters
     ----------
     source : str or Path
-        Name of a shipped scene, or path of a TOML, URDF, SPICE or SBML file.
+        Name of a shipped scene or part, or path of a TOML, URDF, SPICE or SBML file.
 
     Raises
     ------

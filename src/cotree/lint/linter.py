@@ -78,7 +78,7 @@ def _once_in_parts(scene: SceneDescription, found: Iterable[Finding]) -> Iterabl
         key = (row.rule, row.kind, id(part.scene), local)
         if key not in seen and not is_allowed(row.rule, local, part.scene.allowed):
             seen.add(key)
-            told = told_origins(f"'{row.name}'", scene.members)
+            told = told_origins(f"'{row.name}'", scene.members, scene)
             yield replace(row, message=f"{row.message}{told}")
 
 

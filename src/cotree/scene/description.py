@@ -19,6 +19,7 @@ from cotree.scene.inputs import Input, make_input
 from cotree.scene.parameters import Parameter, check_cycle, make_parameter
 from cotree.scene.part import TABLES
 from cotree.scene.part_adding import check_nodes, set_in_part
+from cotree.scene.part_statement import LARGEST_SCENE
 from cotree.scene.simulation import Simulation, with_settings
 from cotree.scene.statements import plain
 
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
     from cotree.scene.part import Part
 
 __all__ = ["Edge", "Input", "SceneDescription"]
-
-_LARGEST_SCENE = 250_000  # edges; a bound on what untrusted input may ask for
 
 
 @dataclass(repr=False)
@@ -261,8 +260,8 @@ class SceneDescription:
             If a name, field or value is not accepted.
         """
         self._check_new("edge", name, self.members if name in self.members else self.edges)
-        if len(self.edges) >= _LARGEST_SCENE:
-            raise SceneError(f"the scene has more than {_LARGEST_SCENE} edges")
+        if len(self.edges) >= LARGEST_SCENE:
+            raise SceneError(f"the scene has more than {LARGEST_SCENE} edges")
         made = make_edge(name, type, nodes, initial, fields)
         check_nodes(self, made)
         self.edges[name] = made

@@ -76,6 +76,27 @@ class Part:
                 dict(zip(self.index, place, strict=True)),
             )
 
+    def nodes_of(self, member: str) -> Mapping[str, str]:
+        """Give the nodes of the outer scene by those of one part of the array."""
+        return {**self.nodes, **self._own_nodes.get(member, {})} if self.set else self.nodes
+
+    def is_node(self, name: str) -> bool:
+        """Tell whether the whole name of something in a part is that of a node it connects."""
+        member, _, local = name.partition(".")
+        return local in self._own_nodes.get(member, {})
+
+    @cached_property
+    def _own_nodes(self) -> dict[str, dict[str, str]]:
+        """Nodes that single parts connect in another way than the others, by part and node."""
+        ports = self.scene.ports or self.node_names - {"ground"}
+        found: dict[str, dict[str, str]] = {}
+        for name, value in self.set.items():
+            member, _, local = name.partition(".")
+            is_other = local in self.scene.parameters or local in self.scene.inputs
+            if local in ports and not is_other:
+                found.setdefault(member, {})[local] = value
+        return found
+
     @cached_property
     def node_names(self) -> frozenset[str]:
         """The nodes of the part's scene."""

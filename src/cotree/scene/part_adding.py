@@ -64,7 +64,7 @@ def _rows_of(scene: SceneDescription, part: Part) -> Rows:
         try:
             nodes = {
                 own: check_node(scene, in_name(outer, index, f"node '{own}'"))
-                for own, outer in part.nodes.items()
+                for own, outer in part.nodes_of(member).items()
             }
             rows.add(Renaming(f"{member}.", nodes, part.scene))
             for own, value in part.parameters.items():
@@ -78,7 +78,8 @@ def _rows_of(scene: SceneDescription, part: Part) -> Rows:
             raise type(error)(f"{what}: {error}{told}") from None
     for full, value in part.set.items():
         try:
-            _bind(rows, full, value, scene)
+            if not part.is_node(full):
+                _bind(rows, full, value, scene)
         except ModelError as error:
             raise type(error)(f"set of part '{part.name}': {error}") from None
     return rows
@@ -92,7 +93,9 @@ def _bind(rows: Rows, name: str, value: Any, scene: SceneDescription) -> None:
         rows.bind_input(name, value, scene)
     else:
         known = [*rows.parameters, *rows.inputs]
-        raise SceneError(f"'{brief(name)}' is no parameter or input of it{nearest(name, known)}")
+        raise SceneError(
+            f"'{brief(name)}' is no port, parameter or input of it{nearest(name, known)}"
+        )
 
 
 def set_in_part(scene: SceneDescription, name: str, value: Any, unit: str = "") -> bool:
@@ -144,10 +147,12 @@ def check_node(scene: SceneDescription, name: object) -> str:
         first = node.partition(".")[0]
         raise SceneError(f"node '{node}' is of a part '{first}'{_no_part(first, scene.members)}")
     part, member, local = found
-    if local in part.nodes:
+    connected = part.nodes_of(member)
+    if local in connected:
+        index = next(index for name, index in part.members() if name == member)
         raise SceneError(
             f"node '{local}' of part '{member}' is connected, and is called as in this scene: name "
-            f"'{part.nodes[local]}' in its place"
+            f"'{in_name(connected[local], index, node)}' in its place"
         )
     if local not in part.node_names:
         hint = nearest(node, (f"{member}.{other}" for other in part.node_names))

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from cotree.errors import FormulationError, ModelError
+from cotree.errors import FormulationError, ModelError, nearest
 from cotree.scene.lines import statement_lines
 
 if TYPE_CHECKING:
@@ -29,7 +29,9 @@ _TABLES = (
 )
 
 
-def told_origins(message: str, members: Mapping[str, Part]) -> str:
+def told_origins(
+    message: str, members: Mapping[str, Part], outer: SceneDescription | None = None
+) -> str:
     """Say where the declarations of parts that a message names are stated, as its end.
 
     Parameters
@@ -38,12 +40,14 @@ def told_origins(message: str, members: Mapping[str, Part]) -> str:
         The message.
     members : mapping of str to Part
         The parts of the scene, by the name of each.
+    outer : SceneDescription, optional
+        The scene, whose file gives values to its parts.
     """
-    found = {}
+    found: dict[str, str] = {}
     for name in dict.fromkeys(_NAMED.findall(message)):
-        if told := _told(name, members):
-            found[name] = told
-    rows = [f"'{name}' is {told}" for name, told in list(found.items())[:_MOST]]
+        if told := _told(name, members, outer):
+            found.setdefault(told, name)
+    rows = [told.format(name=f"'{name}'") for told, name in list(found.items())[:_MOST]]
     return f" ({'; '.join(rows)})" if rows else ""
 
 
@@ -53,7 +57,7 @@ def origins_told(scene: SceneDescription) -> Iterator[None]:
     try:
         yield
     except (ModelError, FormulationError) as error:
-        told = told_origins(str(error), scene.members) if scene.members else ""
+        told = told_origins(str(error), scene.members, scene) if scene.members else ""
         if not told or told in str(error):
             raise
         raise type(error)(f"{error}{told}") from None
@@ -68,19 +72,34 @@ def origin_of(name: str, members: Mapping[str, Part]) -> tuple[Part, str] | None
     return origin_of(local, part.scene.members) or (part, local)
 
 
-def _told(name: str, members: Mapping[str, Part]) -> str:
-    found = origin_of(name, members)
-    if found is None:
+def _told(name: str, members: Mapping[str, Part], outer: SceneDescription | None) -> str:
+    """Say where a name of a part is stated, with ``{name}`` for itself."""
+    member, dot, local = name.partition(".")
+    part = members.get(member) if dot else None
+    if part is None:
         return ""
-    part, local = found
-    scene = part.scene
+    if name in part.set or local in part.parameters or local in part.inputs:
+        if outer is None:
+            return ""
+        return f"{{name}} is given by part '{part.name}' of {place_of(outer, 'part', part.name)}"
+    if local.partition(".")[0] in part.scene.members:
+        return _told(local, part.scene.members, part.scene)
     # Of a variable the edge is stated; it may have a dot of its own, as those of ports have.
     while local:
         for kind, table in _TABLES:
-            if local in getattr(scene, table):
-                return f"{kind} '{local}' of {place_of(scene, kind, local)}"
+            if local in getattr(part.scene, table):
+                return f"{{name}} is {kind} '{local}' of {place_of(part.scene, kind, local)}"
+        if local in part.node_names:
+            return f"{{name}} is node '{local}' of {place_of(part.scene, 'node', local)}"
         local = local.rpartition(".")[0]
-    return ""
+    return _unknown(name, part)
+
+
+def _unknown(name: str, part: Part) -> str:
+    """Say what a name within a part may be a slip of."""
+    member, _, local = name.partition(".")
+    known = {n for _, table in _TABLES for n in getattr(part.scene, table)} | part.node_names
+    return f"part '{member}' has no '{local}'{nearest(local, known)}"
 
 
 def place_of(scene: SceneDescription, kind: str, name: str) -> str:

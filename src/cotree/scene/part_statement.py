@@ -21,7 +21,9 @@ KINDS = ("nodes", "parameters", "inputs")
 #: Entries of a part besides its bindings.
 RESERVED_ENTRIES = ("scene", "count", "index", *KINDS, "set")
 _INDEX = ("i", "j", "k")
-_LARGEST = 1_000_000  # declarations; a bound on what untrusted input may ask for
+#: Edges of a scene, and declarations that come with parts: a bound on what untrusted input may ask
+#: for.
+LARGEST_SCENE = 250_000
 
 
 def make_part(
@@ -81,12 +83,15 @@ def make_part(
     for key, value in bound["nodes"].items():
         if not isinstance(value, str):
             raise SceneError(f"node '{key}' is {brief(value)}: give the name of a node in quotes")
+    for key, value in own.items():
+        if key.rpartition(".")[2] in known["nodes"] and not isinstance(value, (str, int, float)):
+            raise SceneError(f"'{brief(key)}' in set is {brief(value)}: give a node in quotes")
     for port in scene.ports:
         if port not in bound["nodes"]:
             raise SceneError(
                 f"port '{port}' of {scene.name} is left open: connect it, {port} = \"node\""
             )
-    _check_size(scene, counts)
+    _check_size(scene, counts, outer)
     return Part(name, scene, counts, index, **bound, set=own, source=source)
 
 
@@ -118,7 +123,7 @@ def _counts(given: object) -> tuple[int, ...]:
     for row in rows:
         # Python's booleans are numbers; as a count they are a mistake.
         if isinstance(row, bool) or not isinstance(row, int) or row < 1:
-            raise SceneError(f"count is {brief(row)}: give a whole number from 1 on")
+            raise SceneError(f"count is {brief(repr(row))}: give a whole number from 1 on")
     return tuple(rows)
 
 
@@ -141,12 +146,17 @@ def _index(given: object, counts: Sequence[int], outer: SceneDescription) -> tup
     return tuple(names)
 
 
-def _check_size(scene: SceneDescription, counts: Sequence[int]) -> None:
-    n, rows = prod(counts), sum(len(getattr(scene, table)) for table in TABLES)
-    if n * max(rows, 1) > _LARGEST:
+def _check_size(scene: SceneDescription, counts: Sequence[int], outer: SceneDescription) -> None:
+    n, rows, others = prod(counts), _size(scene), _size(outer)
+    if n * max(rows, 1) + others > LARGEST_SCENE:
         raise SceneError(
-            f"count makes {n} parts of {rows} declarations each, more than {_LARGEST} in all"
+            f"{n} parts of {rows} declarations each would make the scene larger than "
+            f"{LARGEST_SCENE}"
         )
+
+
+def _size(scene: SceneDescription) -> int:
+    return sum(len(getattr(scene, table)) for table in TABLES)
 
 
 def check_entries(given: Mapping[str, Any]) -> None:

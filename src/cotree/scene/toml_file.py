@@ -46,7 +46,7 @@ def load_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
     Parameters
     ----------
     source : str or Path
-        Name of a shipped scene, or path of a TOML file.
+        Name of a shipped scene or part, or path of a TOML file.
     scene_type : type
         The class to make.
 
@@ -57,10 +57,10 @@ def load_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
     ModelError
         If the scene is wrong; the message begins with the file.
     """
-    known = shipped_scenes()
-    # Names of shipped scenes go before files of the same name.
+    # Names of shipped scenes, those of parts too, go before files of the same name.
+    known = {name: folder for folder in ("parts", "scenes") for name in _shipped(folder)}
     if isinstance(source, str) and source in known:
-        return _read_shipped("scenes", source, scene_type)
+        return _read_shipped(known[source], source, scene_type)
     if not os.path.isfile(source):  # unlike Path.is_file, it takes names that are too long
         raise SceneError(
             f"'{source}' is neither a file nor a shipped scene{nearest(source, known)}"
@@ -178,7 +178,10 @@ class _Reading:
     def told(self, error: ModelError, where: str, section: str) -> ModelError:
         """Name the file before a message, and the line of the first declaration that it names."""
         lines = statement_lines(self.text, section)
-        found = (lines.get((kind, name)) for kind, name in _NAMED.findall(str(error)))
+        named = _NAMED.findall(str(error))
+        # The parts of an array are called after it.
+        named += [(kind, name.rstrip("0123456789_")) for kind, name in named if kind == "part"]
+        found = (lines.get(key) for key in named)
         line = next((number for number in found if number), 0)
         place = f"{where}, line {line}" if line else where
         # The type of the error stays, so that callers can tell faults of expressions from others.

@@ -153,12 +153,12 @@ def _scenes_of_parts(
         made = part.scene
         if id(made) in names:
             continue
-        _scenes_of_parts(made, found, names)
         # What comes with cotree is named, and everything else written: a file stands for itself,
         # whatever becomes of the files that it was made of.
         if part.source in shipped_parts() and load_part(part.source)[0] == made:
             names[id(made)] = part.source
             continue
+        _scenes_of_parts(made, found, names)
         name, n = made.name, 1
         while name in shipped_parts() or found.get(name, made) != made:
             n += 1
