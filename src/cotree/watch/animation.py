@@ -211,7 +211,7 @@ def animate(
     n_bodies = len(first.motion.geometry)
     # Bodies count, since each of them has a pose in each frame.
     frames = choose_frames(float(shown.t[0]), float(shown.t[-1]), fps, speed, n_bodies)
-    p = model.parameter_array(result.parameter_values)
+    p = model.arguments_of(result.parameter_values)
     with forming:
         coordinates = coordinates_at(shown, model, first.system, p, frames.times)
         values = MotionValues(first.motion, p, frames.times, coordinates)
