@@ -207,7 +207,7 @@ class Scene(SceneDescription, ComponentMethods, PartMethods):
             # formed has no costs, and its trees are chosen without them.
             if tree is None and costs:
                 tree = list(costs[0].trees.branches)
-            return graph_report(*draw_graphs(self, tree), costs)
+            return graph_report(*draw_graphs(self, tree), costs, tuple(self.members))
 
     def equations(
         self, sensitivities: Sequence[str] = (), tree: TreeChoice = None

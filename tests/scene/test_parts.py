@@ -5,9 +5,13 @@ import re
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import cotree
+from cotree.cli.app import app
 from cotree.errors import ModelError, SceneError
+from cotree.scene.origin import Origin, Visual
+from cotree.scene.part import origins_of
 
 
 def _cell() -> cotree.Scene:
@@ -364,3 +368,36 @@ def test_what_counts_a_whole_scene_is_refused_in_parts() -> None:
     part.output("E", "energy.kinetic")
     with pytest.raises(SceneError, match="counts all of the outer scene"):
         cotree.Scene("outer").add("x", part, left="a", right="b")
+
+
+def test_shapes_of_a_robot_are_drawn_where_it_is_a_part() -> None:
+    robot = cotree.Scene("robot")
+    robot.edge("h", "revolute", "base", "A", axis=[0, 0, 1])
+    robot.edge("body", "rigid_body", "ground", "A", mass=1.0, inertia=1.0)
+    robot.origin = Origin("robot.urdf", visuals=(Visual("A", "sphere", (0.1, 0.1, 0.1)),))
+    pair = cotree.Scene("pair")
+    pair.add("arm", robot, count=2, base="stand{i}")
+    for i in (1, 2):
+        pair.edge(f"to{i}", "arm", "ground", f"stand{i}", vector=[i, 0, 0])
+    assert [row.visuals[0].node for row in origins_of(pair)] == ["arm1.A", "arm2.A"]
+    animation = pair.compile().simulate((0, 1)).animate()
+    assert "<canvas" in animation.html
+
+
+def test_the_drawing_of_a_graph_shows_its_parts() -> None:
+    figure = _ladder(2).graph().draw()
+    # Both edges of each cell have a broad stroke under them.
+    assert sum(patch.get_linewidth() > 20 for patch in figure.axes[0].patches) == 4
+    plain = _flat_ladder(2).graph().draw()
+    assert not any(patch.get_linewidth() > 20 for patch in plain.axes[0].patches)
+
+
+def test_options_of_the_command_line_name_what_is_in_parts(tmp_path) -> None:
+    _ladder(2, R=2.0).save(tmp_path / "ladder.toml")
+    line = ["run", str(tmp_path / "ladder.toml"), "-s", "cell1.R", "--set", "cell2.R=3"]
+    result = CliRunner().invoke(app, [*line, "--initial", "cell1.shunt.v=0.5", "--t-end", "0.1"])
+    assert result.exit_code == 0, result.output
+    assert "d(cell2.shunt.v)/d(cell1.R)" in result.output
+    told = CliRunner().invoke(app, ["components", "rlc-filter"]).output
+    assert "ports: input, output" in told
+    assert 'scene.add("x", "rlc-filter", input="my_input"' in told

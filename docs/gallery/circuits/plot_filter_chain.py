@@ -35,7 +35,7 @@ response = np.array(
 
 fig, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6))
 left.loglog(f, abs(response))
-left.set(xlabel="frequency [Hz]", ylabel="gain", title="two parts behind each other")
+left.set(xlabel="frequency [Hz]", ylabel="gain", title="two filters in series")
 t = np.linspace(0, 2e-3, 400)
 result = model.simulate((0, 2e-3), t, inputs={"u": 1.0}, rtol=1e-9)
 right.plot(1e3 * t, result["v"], label="step")

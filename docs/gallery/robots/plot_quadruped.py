@@ -28,10 +28,10 @@ t = np.linspace(0, 3, 301)
 result = model.simulate((0, 3), t)
 
 fig, (left, right) = plt.subplots(1, 2, figsize=(9, 4), width_ratios=[1.3, 1])
-for leg in corners:
-    left.plot(t, result[f"{leg}.load"], label=leg)
+for leg, name in (("fl", "front left"), ("hl", "hind left")):
+    left.plot(t, result[f"{leg}.load"], label=name)
 left.set(xlabel="time [s]", ylabel="load on the foot [N]", ylim=(0, 150))
-left.legend(ncols=4)
+left.legend()
 right.imshow(result.animate().frame(20, width=600, height=600))
 right.axis("off")
 plt.show()

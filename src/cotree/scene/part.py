@@ -7,15 +7,18 @@ the outer scene holds beside its own (`part_rows.py`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
 from typing import TYPE_CHECKING, Any
+
+from cotree.scene.part_index import in_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from cotree.scene.description import SceneDescription
+    from cotree.scene.origin import Origin
 
 #: Tables of a scene whose rows a part brings along.
 TABLES = ("parameters", "inputs", "modes", "edges", "outputs", "events")
@@ -109,6 +112,23 @@ class Part:
         array = f"{number} parts " if number else ""
         pairs = ", ".join(f"{own} = {outer}" for own, outer in self.nodes.items())
         return f"{self.name:12} {array}{self.scene.headline}" + (f" ({pairs})" if pairs else "")
+
+
+def origins_of(scene: SceneDescription) -> Iterator[Origin]:
+    """List what other tools' files say of a scene and of its parts, at nodes of the scene."""
+    if scene.origin is not None:
+        yield scene.origin
+    for part in scene.parts.values():
+        # Most parts come from no other tool's file, and need no look at each of an array.
+        inner = list(origins_of(part.scene))
+        for member, index in part.members() if inner else ():
+            nodes = {own: in_name(n, index, n) for own, n in part.nodes_of(member).items()}
+            for origin in inner:
+                visuals = (
+                    replace(row, node=nodes.get(row.node, f"{member}.{row.node}"))
+                    for row in origin.visuals
+                )
+                yield replace(origin, visuals=tuple(visuals))
 
 
 def owner_of(scene: SceneDescription, name: str) -> tuple[Part, str, str] | None:
