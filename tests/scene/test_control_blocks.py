@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.signal import freqs
 
 import cotree
+from cotree.errors import SceneError
 
 _TIGHT = {"rtol": 1e-11, "atol": 1e-13}
 
@@ -100,3 +102,44 @@ def test_a_sampled_controller_obeys_its_difference_equation() -> None:
     # At t = 2 the next sample is taken, which moves the output and not yet the state.
     assert result["x.v"][-1] == pytest.approx(x, rel=1e-9)
     _agrees_with_differences(model, "x.v", "C.Kp", 1.9)
+
+
+def test_a_transfer_function_of_any_order_has_its_frequency_response() -> None:
+    b, a = [2.0, 0.0, 5.0, 1.0], [0.5, 1.0, 4.0, 3.0]
+    scene = cotree.Scene("scene")
+    scene.add("G", cotree.transfer_function(b, a))
+    model = scene.compile(["G.a1", "G.b3"])
+    linear, y = model.linearize(), model.outputs.index("G.y")
+    ones, w = np.eye(len(model.states)), np.array([0.3, 1.0, 4.0])
+    found = [
+        (linear.C @ np.linalg.solve(1j * x * ones - linear.A, linear.B) + linear.D)[y, 0] for x in w
+    ]
+    np.testing.assert_allclose(found, freqs(b, a, w)[1], rtol=1e-12)  # a few roundings
+
+
+def test_a_state_space_is_what_its_matrices_say(tmp_path) -> None:
+    A, B = [[0.0, 1.0], [-3.0, -0.5]], [[0.0, 1.0], [2.0, 0.0]]
+    C, D = [[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], [[0.0, 0.0], [4.0, 0.0], [0.0, 0.0]]
+    scene = cotree.Scene("scene")
+    scene.add("G", cotree.state_space(A, B, C, D))
+    scene.save(tmp_path / "scene.toml")
+    linear = cotree.load(tmp_path / "scene.toml").compile().linearize()
+    for found, wanted in ((linear.A, A), (linear.B, B), (linear.C, C), (linear.D, D)):
+        np.testing.assert_array_equal(found, wanted)
+
+
+@pytest.mark.parametrize(
+    ("make", "told"),
+    [
+        (lambda: cotree.transfer_function([1, 0, 0], [1, 1]), "numerator has order 2"),
+        (lambda: cotree.transfer_function([1], [0, 1]), "highest power of s first"),
+        (lambda: cotree.transfer_function(["a"], [1]), "must be an array of numbers"),
+        (lambda: cotree.state_space([[1, 2]], [1], [1]), "A has the shape (1, 2)"),
+        (lambda: cotree.state_space([[1]], [1, 2], [1]), "B has the shape (2, 1)"),
+        (lambda: cotree.state_space([[np.nan]], [1], [1]), "finite numbers"),
+    ],
+)
+def test_wrong_systems_are_refused(make, told) -> None:
+    with pytest.raises(SceneError) as caught:
+        make()
+    assert told in str(caught.value)
