@@ -345,6 +345,7 @@ def _two_parts() -> cotree.Scene:
         (lambda s: s.add("y", _cell(), left="a{i - 2}", right="b", count=2), "is -1"),
         (lambda s: s.add("y", _cell(), left="a", right="b", index="n"), "1 names for 0 counts"),
         (lambda s: s.add("y", _cell(), left="a", right="b", set={"y.Q": 1}), "did you mean 'y.R'"),
+        (lambda s: s.add("y", None), "give a scene, a file, or the name of a shipped part"),
         (lambda s: s.add("y", "no-such-part"), "neither a file nor a shipped part"),
         (lambda s: s.edge("x", "resistor", "a", "b", resistance=1), "name of edge 'x' is taken"),
         (lambda s: s.edge("y", "resistor", "x.q", "b", resistance=1), "part 'x' has no node 'q'"),

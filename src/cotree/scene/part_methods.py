@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from os import PathLike
 from typing import TYPE_CHECKING, Any, cast
 
+from cotree.errors import SceneError, brief
 from cotree.scene.description import SceneDescription
 from cotree.scene.part_adding import add_part
 from cotree.scene.toml_file import load_part
@@ -73,8 +75,13 @@ class PartMethods:
         """
         if isinstance(part, SceneDescription):
             scene, source = template_of(part), ""
-        else:
+        elif isinstance(part, (str, PathLike)):
             scene, source = load_part(part)
+        else:
+            raise SceneError(
+                f"part '{brief(name)}' is made of {brief(repr(part))}: give a scene, a file, or "
+                "the name of a shipped part"
+            )
         own = {"count": count, "index": index, "nodes": nodes, "parameters": parameters}
         own |= {"inputs": inputs, "set": set}
         given = {key: value for key, value in own.items() if value is not None}

@@ -282,9 +282,9 @@ def _with_unit(value: Any, own: str, what: str) -> tuple[Any, str]:
     """Take the value and the unit of a table; a plain value is in the unit of the part, of SI."""
     if not isinstance(value, dict):
         return value, own
-    if set(value) != {"value", "unit"}:
+    if "value" not in value or not set(value) <= {"value", "unit"}:
         raise SceneError(f"{what} is a table: give it 'value' and 'unit', no more")
-    return value["value"], value["unit"]
+    return value["value"], value.get("unit", own)
 
 
 def _check_unit(unit: str, own: str, what: str) -> None:
