@@ -173,3 +173,5 @@ def test_shipped_parts_are_read_and_say_what_they_are(name) -> None:
     assert all(row.doc for row in part.parameters.values() if "." not in row.name)
     scene.add("x", name, **{port: f"outer_{port}" for port in part.ports})
     assert len(scene.edges) == len(part.edges)
+    # Signals alone, without what they act on, are no scene that could run.
+    assert all(row.severity == "error" for row in part.lint())

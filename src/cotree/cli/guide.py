@@ -130,6 +130,8 @@ def new_scene(
     list_: Annotated[bool, typer.Option("--list", help="List what to start from.")] = False,
 ) -> None:
     """Write a scene file to start from."""
+    from cotree.scene.toml_file import shipped_parts
+
     if list_:
         rows = [(short, scene, _about(_text(scene))) for short, scene in TEMPLATES.items()]
         typer.echo(_table(("template", "scene", "what it is"), rows))
@@ -145,7 +147,10 @@ def new_scene(
     _write_new(path, _renamed(text, path.stem))
     picture = path.with_suffix(".svg")
     typer.echo(f"wrote {path}, from '{_shipped(wanted)}': {_about(text)}")
-    typer.echo(f"next: cotree run {path} --plot {picture}")
+    step = f"cotree run {path} --plot {picture}"
+    if _shipped(wanted) in shipped_parts():
+        step = f'name it in another scene, [parts.x] with scene = "{path.name}"'
+    typer.echo(f"next: {step}")
     typer.echo("cotree components lists what scenes are made of.")
 
 

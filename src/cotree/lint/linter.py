@@ -53,7 +53,8 @@ def lint(
     """
     allowed = (*scene.allowed, *check_allowed(list(allow)))
     found: list[Finding] = []
-    if is_formed:
+    # Where ports are open, a scene may float: it is formed where it is a part.
+    if is_formed and not scene.ports:
         found += _refused(scene)
     for rules in (names, topology, values):
         found += rules.findings(scene)
