@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cotree.codegen.fixed import FIXED, FixedStep
 from cotree.codegen.render import abi_header, declared, render
@@ -145,7 +145,7 @@ def driver_files(name: str, target: Target = DOUBLE) -> Mapping[str, str]:
         return {**files, f"cotree_{name}_stepper.c": text}
     # Functions have the names and flags of the library without sensitivities.
     method = WITH_SENSITIVITIES.get(name, name)
-    about = {
+    about: dict[str, Any] = {
         "library": name,
         "method": method,
         "has_correctors": name in WITH_SENSITIVITIES,
@@ -258,7 +258,7 @@ def batch_declarations(files: Mapping[str, str]) -> str:
     )
 
 
-_COMMON = {
+_COMMON: dict[str, Any] = {
     "generator": VERSION,
     "limits": LIMITS,
     "statuses": STATUSES,

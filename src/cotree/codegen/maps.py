@@ -140,7 +140,9 @@ def map_context(node: Node, name: str) -> MapContext:
         n_together=cut.n_together,
         n_guards=n_guards,
         live=["".join(f"{bit}, " for bit in row).strip() for row in rows],
-        n_stack=n_bytes(replace(blocks, statements=[vectors, *blocks.statements]), {}, _MAP_ARGUMENTS, VECTOR),
+        n_stack=n_bytes(
+            replace(blocks, statements=[vectors, *blocks.statements]), {}, _MAP_ARGUMENTS, VECTOR
+        ),
     )
 
 

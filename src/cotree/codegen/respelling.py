@@ -22,7 +22,19 @@ _FUNCTIONS = frozenset(
     (
         *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "asinh"),
         *("acosh", "atanh", "exp", "expm1", "log", "log10", "log1p", "log2", "pow", "sqrt", "cbrt"),
-        *("hypot", "fabs", "floor", "ceil", "fmin", "fmax", "fmod", "round", "trunc", "erf", "erfc"),
+        *(
+            "hypot",
+            "fabs",
+            "floor",
+            "ceil",
+            "fmin",
+            "fmax",
+            "fmod",
+            "round",
+            "trunc",
+            "erf",
+            "erfc",
+        ),
         *("copysign", "nextafter", "ldexp", "frexp", "fma"),
     )
 )

@@ -1,8 +1,8 @@
 """Upper bound of the stack that a function of the generated C takes.
 
-In: its statements. Out: a bound in bytes, from what gcc does on 64-bit machines without optimisation:
-every declared value has a place on the stack, and so has each argument. An optimising compiler keeps
-many of them in registers, so that its frames are smaller, mostly by a third.
+In: its statements. Out: a bound in bytes, from what gcc does on 64-bit machines without
+optimisation: every declared value has a place on the stack, and so has each argument. An optimising
+compiler keeps many of them in registers, so that its frames are smaller, mostly by a third.
 """
 
 from __future__ import annotations
@@ -41,9 +41,7 @@ _SINES = 1520
 _SMALLEST_SYSTEMS = {1: 224, 2: 272, 3: 368}
 
 
-def n_bytes(
-    blocks: Blocks, called: Mapping[str, int], n_arguments: int, real: int = NUMBER
-) -> int:
+def n_bytes(blocks: Blocks, called: Mapping[str, int], n_arguments: int, real: int = NUMBER) -> int:
     """Count the bytes that a function and those that it calls take at most.
 
     Parameters

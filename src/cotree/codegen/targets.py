@@ -90,8 +90,8 @@ class Target:
         return self._literal(self._shared(value))
 
     def _shared(self, value: float) -> float:
-        rounding = 2.0 ** (1 - self.digits)
-        return rounding * (value / 2.0 ** (1 - DOUBLE.digits)) ** (self.digits / DOUBLE.digits)
+        rounding, of_double = math.ldexp(2.0, -self.digits), math.ldexp(2.0, -DOUBLE.digits)
+        return rounding * math.pow(value / of_double, self.digits / DOUBLE.digits)
 
     def extreme(self, number: str) -> str:
         """Write a power of ten as the share of the type's range that it is of that of doubles."""
