@@ -181,7 +181,7 @@ def test_main_program_keeps_parameters_that_its_start_was_computed_for(tmp_path)
         "so change it there and generate the project again.\n"
     )
     free = model.parameters.index("R")
-    value = 1.5 * model.default_parameters[free]
+    value = 1.5 * float(model.default_parameters[free])
     settings = {"method": "dop853", "rtol": 1e-10, "atol": 1e-12, "parameters": {"R": value}}
     known = model.simulate((0, 0.1), **settings)["crank.theta"][-1]
     options = ["--set", f"R={value!r}", "--t-end", "0.1", "--rtol", "1e-9"]

@@ -187,7 +187,9 @@ def test_folder_in_place_of_a_file_leaves_nothing_behind(program: Program, tmp_p
     assert os.listdir(tmp_path) == ["cotree_abi.h"]
 
 
-@pytest.mark.parametrize("name", ["main", "Main", "Makefile", "clean", "cotree-dopri5", "cotree_abi"])
+@pytest.mark.parametrize(
+    "name", ["main", "Main", "Makefile", "clean", "cotree-dopri5", "cotree_abi"]
+)
 def test_scene_with_the_name_of_a_project_file(program: Program, tmp_path: Path, name: str) -> None:
     """The model's own files step aside, so that none takes the place of another."""
     project = write(renamed(program, name), tmp_path)
@@ -273,7 +275,10 @@ def test_single_precision_has_no_double(program: Program, tmp_path: Path) -> Non
             numbers = re.findall(r"(?<![\w.])\d+\.\d*(?:e[-+]?\d+)?(?![\w.])", text)
             assert not numbers, (path.name, numbers)
     # Tolerances are loosened together to what single precision meets.
-    assert "    1.0f,\n    2e-05f,\n    2.0000000000000002e-07f,\n" in (tmp_path / "main.c").read_text()
+    assert (
+        "    1.0f,\n    2e-05f,\n    2.0000000000000002e-07f,\n"
+        in (tmp_path / "main.c").read_text()
+    )
 
 
 def test_parameter_beyond_single_precision_is_named(tmp_path: Path) -> None:
