@@ -139,7 +139,8 @@ def test_main_program_takes_parameters_and_writes_a_table(program, tmp_path):
         options += ["--method", method, "--csv", str(table), "--points", "11"]
         assert run(["./slider_pendulum", *options], program) == ""
         head, *rows = table.read_text().splitlines()
-        assert head.startswith("t,j1.s,") and len(rows) == 11
+        assert head.startswith("t,j1.s,")
+        assert len(rows) == 11
         last = dict(zip(head.split(","), map(float, rows[-1].split(",")), strict=True))
         # Some hundred steps at 1e-10.
         assert last["j1.s"] == pytest.approx(result["j1.s"][-1], abs=1e-8)

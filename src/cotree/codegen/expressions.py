@@ -68,8 +68,9 @@ class Form:
     Attributes
     ----------
     op : str
-        ``number``, ``whole``, ``zero``, ``tolerance``, ``name``, ``element`` of an array, ``temporary``, ``call``
-        of a function, ``part``, a call of one that is part of the caller's text, or an operation.
+        ``number``, ``whole``, ``zero``, ``tolerance``, ``name``, ``element`` of an array,
+        ``temporary``, ``call`` of a function, ``part``, a call of one that is part of the caller's
+        text, or an operation.
     name : str
         Of a name, an array or a function; the prefix of a temporary; a tolerance's value.
     args : tuple of Form
