@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,7 +27,7 @@ def casadi_function(rates: Rates) -> Any:
         If the package is missing.
     """
     try:
-        import casadi
+        casadi: Any = import_module("casadi")
     except ImportError:
         raise ParameterError(
             "as_casadi() needs the package casadi: run `pip install casadi` (the extra "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,7 +30,7 @@ def jax_function(rates: Rates) -> Any:
         If the package is missing, or computes in single precision.
     """
     try:
-        import jax
+        jax: Any = import_module("jax")
     except ImportError:
         raise ParameterError(
             "as_jax() needs the package jax: run `pip install jax` (the extra cotree[jax])"
@@ -49,15 +50,17 @@ def jax_function(rates: Rates) -> Any:
     def derive(x: Any, u: Any, p: Any) -> Any:
         return rates.derivatives(*map(_flat, (x, u, p)))
 
-    @jax.custom_jvp
-    def function(x: Any, u: Any, p: Any) -> Any:
+    def evaluated(x: Any, u: Any, p: Any) -> Any:
         return jax.pure_callback(evaluate, value, x, u, p, vmap_method="sequential")
 
-    @function.defjvp
+    function: Any = jax.custom_jvp(evaluated)
+
     def jvp(primals: Any, tangents: Any) -> Any:
         found = jax.pure_callback(derive, blocks, *primals, vmap_method="sequential")
         change = sum(block @ tangent for block, tangent in zip(found, tangents, strict=True))
         return function(*primals), change
+
+    function.defjvp(jvp)
 
     def called(x: Any, u: Any = (), p: Any = None) -> Any:
         given = rates.values if p is None else p
