@@ -39,9 +39,9 @@ _C_KEYWORDS = frozenset(
 )
 
 
-#: Files and functions of a C project that are not the model's are this, or begin with that, in any
-#: case of letters.
-_MAIN, _OWN = "main", "cotree_"
+#: Files, functions and targets of a C project that are not the model's have these names, or begin
+#: with that, in any case of letters.
+_NOT_OF_MODELS, _OWN = frozenset({"main", "makefile", "all", "install", "clean", "help"}), "cotree_"
 
 
 def check_name(kind: str, name: object) -> str:
@@ -141,7 +141,7 @@ def c_identifier(name: str) -> str:
     """Turn an accepted name into a C identifier."""
     identifier = name.replace("-", "_")
     lower = identifier.lower()
-    taken = identifier in _C_KEYWORDS or lower == _MAIN or lower.startswith(_OWN)
+    taken = identifier in _C_KEYWORDS or lower in _NOT_OF_MODELS or lower.startswith(_OWN)
     return f"{identifier}_" if taken else identifier
 
 
