@@ -14,6 +14,8 @@ from cotree.dag.operations import OPERATIONS
 
 pytestmark = pytest.mark.compiler
 
+# Cheaper than a division, and no result of a model.
+_INVERSE = "inverse"
 _NAMES = ("sin", "cos", "exp", "log", "sqrt", "abs", "tanh", "floor", "atan")
 
 _SOURCE = """
@@ -47,20 +49,22 @@ void c_%(name)s(int n, const double *x, double *y)
 """
 
 
-@pytest.fixture(scope="module", params=[2, 4])
+@pytest.fixture(scope="module", params=[(2, True), (4, True), (4, False)])
 def functions(request):
     toolchain = find_toolchain()
     if toolchain is None:
         pytest.skip("there is no compiler")
     library = {"tanh": "tanh", "floor": "floor", "atan": "atan"}
-    model = SimpleNamespace(library=library, packs_sines=False, tables=[])
-    text = f"#define LANES {request.param}\n{_SOURCE}"
-    if "avx2" in cpu_features().split() and not toolchain.is_clang:
-        text = f'#pragma GCC target("avx2")\n{text}'
+    width, is_fused = request.param
+    model = SimpleNamespace(library=library, packs_sines=False, tables=[], is_fused=is_fused)
+    text = f"#define LANES {width}\n{_SOURCE}"
+    if {"avx2", "fma"} <= set(cpu_features().split()) and not toolchain.is_clang:
+        text = f'#pragma GCC target("avx2,fma")\n{text}'
     text += render("c/lanes/functions.c.jinja", model=model)
     declarations = ""
-    for name in _NAMES:
-        text += _LOOP % {"name": name, "c": OPERATIONS[name].c.format("x[i]")}
+    for name in (*_NAMES, _INVERSE):
+        c = "1.0 / x[i]" if name == _INVERSE else OPERATIONS[name].c.format("x[i]")
+        text += _LOOP % {"name": name, "c": c}
         for kind in ("lanes", "c"):
             declarations += f"void {kind}_{name}(int, const double *, double *);\n"
     options = BuildOptions("-O2")
@@ -134,6 +138,15 @@ def test_special_values_are_those_of_the_c_library(functions, name):
     # As sines that are taken together, the sine of minus zero is zero.
     if name != "sin":
         assert np.array_equal(np.signbit(own[own == 0.0]), np.signbit(c[c == 0.0]))
+
+
+def test_inverses_of_positive_numbers_are_as_good_as_divisions(functions):
+    # Numbers from the smallest that is no denormal; the largest have inverses that are.
+    x = 10.0 ** np.random.default_rng(3).uniform(-307.6, 307.0, 4096)
+    own, c = functions(_INVERSE, x)
+    # Without fused products what is left of one is rounded, too.
+    assert _ulps(own, c).max() <= 2.0
+    assert not np.isfinite(functions(_INVERSE, np.array([np.inf, np.nan] * 4))[0]).any()
 
 
 def test_one_lane_that_is_special_changes_no_other(functions):

@@ -8,6 +8,7 @@ from rod_chain import rod_chain
 
 import cotree
 from cotree.build import find_toolchain
+from cotree.codegen.lanes import Lanes
 from cotree.ensemble.batch import run_block
 from cotree.ensemble.block_in_c import BlockInC
 from cotree.ensemble.lanes import LoadedLanes, find_lanes, lanes_of
@@ -121,7 +122,11 @@ def test_times_that_interpolation_reads_badly_are_visited():
     run = model.simulate((0, 3), TIMES, "dop853", 1e-4, 1e-6)
     # Each step takes 12 evaluations, or 11 where it is refused.
     assert run.statistics.nfev > 12 * run.statistics.n_steps + 50
-    np.testing.assert_allclose(found.z, wanted.z, rtol=1e-9, atol=1e-9)
+    # Products are fused in lanes, and where two remembered points are close together, as at the last
+    # step, their polynomial amplifies rounding; what comes of it is a hundredth of the tolerance.
+    apart = np.abs(found.z - wanted.z)
+    assert apart.max() < 1e-6
+    assert np.median(apart) < 1e-11
     assert_same(found, narrow)
 
 
@@ -214,8 +219,15 @@ def test_models_and_runs_without_lanes_say_why(slider):
 def test_vectors_are_chosen_by_the_processor(monkeypatch):
     monkeypatch.setattr("platform.machine", lambda: "x86_64")
     assert lanes_of(["sse2"]).width == 2
-    assert lanes_of(["avx2"]).instructions == "avx2"
-    assert lanes_of(["avx2", "avx512f", "avx512dq"]).width == 8
+    assert lanes_of(["avx2"], 4) == Lanes(4, 1, "avx2", is_fused=False)
+    avx2, avx512 = ["avx2", "fma"], ["avx512f", "avx512dq", "avx512vl"]
+    assert lanes_of([*avx2, *avx512]) == Lanes(8, 1, "avx512f,avx512dq,avx512vl,fma", is_fused=True)
+    # Products are fused for any number of lanes, or for none.
+    assert all(lanes_of(avx2, n).is_fused for n in (2, 4, 8, 16))
+    assert not any(lanes_of(["avx2", *avx512], n).is_fused for n in (2, 4, 8, 16))
+    # Two vectors in turn where members are small.
+    assert [lanes_of(avx2, None, n).n_bundles for n in (4, 8, 36)] == [2, 2, 1]
+    assert [lanes_of([*avx2, *avx512], None, n).n_bundles for n in (4, 8, 36)] == [2, 1, 1]
     assert lanes_of(["avx2"], 8) == lanes_of(["avx2"], 8)
     assert (lanes_of(["avx2"], 8).width, lanes_of(["avx2"], 8).n_bundles) == (4, 2)
     assert lanes_of(["avx2"], 2).width == 2

@@ -49,11 +49,14 @@ class Lanes:
         Vectors in turn: one is worked at while another waits for its own results.
     instructions : str
         The instructions that they need besides the common ones, as compilers name them.
+    is_fused : bool
+        Whether they round a product and a sum once.
     """
 
     width: int
     n_bundles: int
     instructions: str
+    is_fused: bool
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,7 @@ class LanesContext(KernelFile):
     width: int
     n_bundles: int
     instructions: str
+    is_fused: bool
     has_sensitivities: bool
     packs_sines: bool
     library: dict[str, str]
@@ -156,6 +160,7 @@ def lanes_context(program: Program, lanes: Lanes, *, has_sensitivities: bool) ->
         width=lanes.width,
         n_bundles=lanes.n_bundles,
         instructions=lanes.instructions,
+        is_fused=lanes.is_fused,
         has_sensitivities=has_sensitivities,
         packs_sines=packs_sines,
         library={op: OPERATIONS[op].c.split("(")[0] for op in _LIBRARY if op in ops},

@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from cotree.codegen.targets import Target
 
 _WIDTH, _INDENT = 98, "    "
+#: From this precedence on a sign needs no parentheses.
+_TIGHTEST = 4
 
 #: Expressions without arguments, with a mark in the place of the number.
 _LEAVES = {
@@ -221,6 +223,15 @@ class _Printer:
             target = self._target
             text = _LEAVES[op].format(name=name, suffix=target.suffix, zero=target.zero)
             return target.number.format(text) if op == "number" else text
+        if self._target.fused and op in ("add", "sub"):
+            left, right = form.args
+            if left.op == "mul":
+                a, b = map(self._format, left.args)
+                return f"{self._target.fused}({a}, {b}, {self._signed(op, right)})"
+            if right.op == "mul":
+                # Numbers stay in the order of the form.
+                a, b = self._signed(op, right.args[0]), self._format(right.args[1])
+                return f"{self._target.fused_onto}({self._format(left)}, {a}, {b})"
         args = [self._format(arg) for arg in form.args]
         if op in ("call", "part"):
             own = self._target.name.format(name) if op == "part" else name
@@ -233,6 +244,13 @@ class _Printer:
                 # Parentheses only where the argument binds less tightly than its place demands.
                 parts.append(spelt if arg.level >= needed else f"({spelt})")
         return "".join(parts)
+
+    def _signed(self, op: str, form: Form) -> str:
+        """Spell what is added or subtracted as what is added."""
+        text = self._format(form)
+        if op == "add":
+            return text
+        return f"-{text}" if form.level >= _TIGHTEST else f"-({text})"
 
 
 def _number(number: Number, slot: str) -> str:

@@ -46,6 +46,11 @@ class Target:
     calls : str
         Beginning of the names of functions that stand for those of the C library and for choices;
         empty where these themselves are called.
+    fused : str
+        Function of the sum of a product and a number, ``(a, b, c)`` of ``a * b + c``; empty where
+        the two are operators.
+    fused_onto : str
+        The same with the arguments in the order of ``c + a * b``.
     size : int
         Bytes of one number.
     digits : int
@@ -65,6 +70,8 @@ class Target:
     number: str = "{}"
     entry: str = ""
     calls: str = ""
+    fused: str = ""
+    fused_onto: str = ""
     size: int = 8
     digits: int = 53
     most_decades: int = 308
@@ -158,4 +165,6 @@ MEMBERS = Target(
     number="ALL({})",
     entry="double",
     calls="cotree_",
+    fused="cotree_fused",
+    fused_onto="cotree_fused_onto",
 )

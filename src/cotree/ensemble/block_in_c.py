@@ -168,18 +168,22 @@ class BlockInC:
             for member in np.flatnonzero(is_late).tolist():
                 self.run_alone(member)
             is_done &= ~is_late
-        results.status[is_done], results.messages[is_done] = 0, ""
+        results.succeed(is_done)
         for worker in workers:
             rows = worker.happened()
+            if len(rows) == 0:
+                continue
             results.add_happened(rows[is_done[rows[:, 0].astype(np.intp)]])
         return results.block()
 
     def takes_back(self) -> bool:
         """Let members that lanes have left be run one at a time; tell whether there are any."""
         is_left = self.ended == LEFT
+        if not is_left.any():
+            return False
         self.ended[is_left] = WAITS
         self.batch.lanes, self.batch.next = self.library.ffi.NULL, 0
-        return bool(is_left.any())
+        return True
 
     def buffer(self, pointer: Any) -> Any:
         """Give the memory of an array that :meth:`pointer` was made of."""
@@ -222,6 +226,8 @@ class BlockInC:
         assert times is not None  # a plan gives them
         by_position = signals.by_position
         c.n_given = len(by_position)
+        if not by_position:
+            return
         c.given = self.pointer(np.array(list(by_position), dtype=np.intc), "int")
         values = [[signal(t) for signal in by_position.values()] for t in times.tolist()]
         c.given_values = self.pointer(np.array(values, dtype=float))

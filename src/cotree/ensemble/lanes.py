@@ -36,6 +36,11 @@ _loaded: weakref.WeakKeyDictionary[CompiledModel, dict[Any, LoadedLanes | str]] 
     weakref.WeakKeyDictionary()
 )
 _building = threading.Lock()
+# What was found for a pattern: its blocks ask again and again.
+_found: weakref.WeakKeyDictionary[Pattern, LoadedLanes | str] = weakref.WeakKeyDictionary()
+
+# How many numbers the members of a vector integrate at most where a second vector gains.
+_FEW = 48
 
 #: Numbers of lanes that may be asked for; one is none.
 WIDTHS = (1, 2, 4, 8, 16)
@@ -84,6 +89,12 @@ def find_lanes(pattern: Pattern) -> LoadedLanes | str:
     SolveError
         If a number of lanes is asked for that there is not.
     """
+    if pattern not in _found:
+        _found[pattern] = _find(pattern)
+    return _found[pattern]
+
+
+def _find(pattern: Pattern) -> LoadedLanes | str:
     wanted, problem = pattern.plan.lanes, pattern.problem
     if wanted is not None and wanted not in WIDTHS:
         raise SolveError(f"lanes is {wanted}; give one of {', '.join(map(str, WIDTHS))}, or None")
@@ -96,7 +107,7 @@ def find_lanes(pattern: Pattern) -> LoadedLanes | str:
     why = why or _refusal(pattern)
     if why:
         return why
-    lanes = lanes_of(cpu_features().split(), wanted)
+    lanes = lanes_of(cpu_features().split(), wanted, problem.size)
     key = (pattern.row.name, lanes, has_sensitivities)
     with _building:
         loaded = _loaded.setdefault(model, {})
@@ -105,7 +116,7 @@ def find_lanes(pattern: Pattern) -> LoadedLanes | str:
         return loaded[key]
 
 
-def lanes_of(features: list[str], wanted: int | None = None) -> Lanes:
+def lanes_of(features: list[str], wanted: int | None = None, n_integrated: int = 64) -> Lanes:
     """Choose vectors for a processor.
 
     Parameters
@@ -114,17 +125,24 @@ def lanes_of(features: list[str], wanted: int | None = None) -> Lanes:
         Its instruction sets, as Linux names them.
     wanted : int, optional
         How many lanes; as many as are quickest if absent.
+    n_integrated : int, optional
+        How many numbers a member integrates.
     """
-    width, instructions = 2, ""
-    if platform.machine().lower() in ("x86_64", "amd64"):
-        if {"avx512f", "avx512dq"} <= set(features):
-            width, instructions = 8, "avx512f,avx512dq"
-        elif "avx2" in features:
-            width, instructions = 4, "avx2"
-    # Two vectors in turn gain little: processors look ahead far enough by themselves.
-    wanted = wanted or width
+    machine, own = platform.machine().lower(), set(features)
+    width, instructions, is_fused = 2, [], machine in ("aarch64", "arm64")
+    if machine in ("x86_64", "amd64"):
+        # Whether products are fused follows from the processor, never from the width.
+        is_fused = {"avx2", "fma"} <= own
+        if is_fused and {"avx512f", "avx512dq", "avx512vl"} <= own:
+            width, instructions = 8, ["avx512f", "avx512dq", "avx512vl"]
+        elif "avx2" in own:
+            width, instructions = 4, ["avx2"]
+        instructions += ["fma"] * is_fused
+    # Two vectors in turn gain a twentieth to a tenth where members are small; else nothing, since
+    # what both remember does not stay in the nearest memory.
+    wanted = wanted or (2 * width if width > 2 and width * n_integrated <= _FEW else width)
     width = min(width, wanted)
-    return Lanes(width, wanted // width, instructions)
+    return Lanes(width, wanted // width, ",".join(instructions), is_fused)
 
 
 def _refusal(pattern: Pattern) -> str:

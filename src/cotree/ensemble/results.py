@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from cotree.ensemble.plan import Block, Happened
 
@@ -48,7 +49,7 @@ class Results:
         self.outputs = np.empty((n_members, n_t, n_y))
         self.slopes = np.empty((n_members, n_t, m, n_y))
         self.status = np.full(n_members, NOT_RUN, dtype=np.int8)
-        self.messages = np.full(n_members, NOT_RUN_SENTENCE, dtype=object)
+        self.messages = [NOT_RUN_SENTENCE] * n_members
         self.steps = np.zeros(n_members, dtype=np.int64)
         self.seconds = np.zeros(n_members)
 
@@ -61,6 +62,15 @@ class Results:
         """Put in a member that failed."""
         self.leave_blank(member)
         self.status[member], self.messages[member] = status, message
+
+    def succeed(self, members: npt.NDArray[np.bool_]) -> None:
+        """Put in members whose values are all there."""
+        self.status[members] = 0
+        if members.all():
+            self.messages = [""] * len(members)
+            return
+        for member in np.flatnonzero(members).tolist():
+            self.messages[member] = ""
 
     def put(self, member: int, run: RunRecord) -> None:
         """Put in a member that ran by itself."""
@@ -90,14 +100,15 @@ class Results:
 
     def block(self) -> Block:
         """Give what was put in; other members were not run."""
-        for array in (self.z, self.outputs, self.slopes):
-            array[self.status == NOT_RUN] = np.nan
+        is_left = self.status == NOT_RUN
+        for array in (self.z, self.outputs, self.slopes) if is_left.any() else ():
+            array[is_left] = np.nan
         return Block(
             self.z,
             self.outputs,
             self.slopes,
             self.status,
-            tuple(self.messages.tolist()),
+            tuple(self.messages),
             self.steps,
             self.seconds,
             _gathered(self._happened, self.n_sensitivities),
@@ -124,7 +135,8 @@ def _happened(run: RunRecord, member: int, names: list[str], m: int) -> FloatArr
 def _gathered(parts: list[FloatArray], m: int) -> Happened:
     """Put events together, by member; those of each are in order already."""
     rows = np.concatenate([np.zeros((0, 3 + m)), *parts])
-    rows = rows[np.argsort(rows[:, 0], kind="stable")]
+    if len(rows):
+        rows = rows[np.argsort(rows[:, 0], kind="stable")]
     return Happened(
         rows[:, 0].astype(np.intp), rows[:, 1].astype(np.intp), rows[:, 2].copy(), rows[:, 3:]
     )

@@ -48,24 +48,29 @@ class Own:
 def own_values(pattern: Pattern, rows: FloatArray) -> Own:
     """Give what members set."""
     plan, model = pattern.plan, pattern.plan.model
-    p = np.tile(model.parameter_array(plan.settings.parameters), (len(rows), 1))
+    shared = model.parameter_array(plan.settings.parameters)
+    p = np.empty((len(rows), len(shared)))
+    p[:] = shared
     initial = {
         name: np.full(len(rows), float(value))
         for name, value in plan.settings.initial.items()
         if not is_slope(name)
     }
+    columns, places = [], []
     for j, name in enumerate(plan.columns):
         if name in model.states:
             initial[name] = rows[:, j]
         elif not is_slope(name):  # whose starts are made in Python
-            p[:, model.parameters.index(name)] = rows[:, j]
+            columns.append(j)
+            places.append(model.parameters.index(name))
+    p[:, places] = rows[:, columns]
     wanted = model.sensitivities
     return Own(
         p,
         np.array([model.states.index(name) for name in initial], dtype=np.intc),
         np.array(list(initial.values())).reshape(len(initial), len(rows)).T.copy(),
         np.array([wanted.index(name) if name in wanted else -1 for name in initial], np.intc),
-        np.logical_not(np.all(np.isfinite(rows), axis=1)),
+        np.logical_not(np.isfinite(rows).all(axis=1)),
     )
 
 
