@@ -51,9 +51,9 @@ class Limits(NamedTuple):
     #: How often one event may make others happen at the same time.
     event_rounds: int = 50
     #: Points of a run that interpolation reads from. Estimated errors of what an explicit method
-    #: reads are kept below so many tolerances, since they add to the errors of its steps.
+    #: reads are kept below so many tolerances.
     history_points: int = 6
-    history_doubt: float = 0.5
+    history_doubt: float = 4.0
     #: So many of one event within a billionth of the span are too many.
     event_crowd: int = 100
 

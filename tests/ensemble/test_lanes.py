@@ -122,8 +122,8 @@ def test_times_that_interpolation_reads_badly_are_visited():
     run = model.simulate((0, 3), TIMES, "dop853", 1e-4, 1e-6)
     # Each step takes 12 evaluations, or 11 where it is refused.
     assert run.statistics.nfev > 12 * run.statistics.n_steps + 50
-    # Products are fused in lanes, and where two remembered points are close together, as at the last
-    # step, their polynomial amplifies rounding; what comes of it is a hundredth of the tolerance.
+    # Products are fused in lanes, and where two remembered points are close together, as at the
+    # last step, their polynomial amplifies rounding, to a hundredth of the tolerance.
     apart = np.abs(found.z - wanted.z)
     assert apart.max() < 1e-6
     assert np.median(apart) < 1e-11
