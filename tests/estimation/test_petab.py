@@ -271,3 +271,42 @@ def test_unknown_parameters_of_a_call_are_refused(problem):
         problem.log_likelihood({"speed": 1.0})
     with pytest.raises(cotree.ParameterError, match="finite logarithm"):
         problem.gradient({"k": 0.0})
+
+
+def test_a_cell_may_name_a_constant_of_the_model(tmp_path):
+    """The constant 'start' of the model is not in the parameter table: its value is the model's."""
+    model = MODEL.replace("<listOfParameters>", '<listOfParameters>\n<parameter id="start" '
+                          'value="1.5" constant="true"/>\n<parameter id="other" value="9" '
+                          'constant="true"/>')  # fmt: skip
+    conditions = CONDITIONS.replace("few 1", "few start")
+    problem = cotree.read_petab(write_problem(tmp_path, model=model, conditions=conditions))
+    expected = np.array(predicted(0.5, 3.0)) * [1.5, 1.5, 1.5, 1.0, 1.0]
+    # Runs hold 1e-8 of each step.
+    np.testing.assert_allclose(problem.simulate()["simulation"], expected, rtol=1e-6)
+    # A column for 'start' itself takes precedence over the model, through another column, too.
+    for columns, few in (("A start", "start 2"), ("A start other", "start other 2")):
+        n = few.count(" ")
+        conditions = f"conditionId {columns}\nfew {few}\nmany 4{' _' * n}\n"
+        problem = cotree.read_petab(write_problem(tmp_path, model=model, conditions=conditions))
+        expected = np.array(predicted(0.5, 3.0)) * [2.0, 2.0, 2.0, 1.0, 1.0]
+        np.testing.assert_allclose(problem.simulate()["simulation"], expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("conditions", "message"),
+    [
+        ("conditionId A back\nfew back back\nmany 4 0\n", r"tsv:2: 'back' .* leads back to itself"),
+        ("conditionId A\nfew B\nmany 4\n", r"tsv:2: 'A' of condition 'few' is 'B', which is neith"),
+        ("conditionId A\nfew bakc\nmany 4\n", r"did you mean 'back'"),
+    ],
+)
+def test_cells_that_name_no_constant(tmp_path, conditions, message):
+    with pytest.raises(cotree.SceneError, match=message):
+        cotree.read_petab(write_problem(tmp_path, conditions=conditions))
+
+
+def test_a_quantity_without_a_value_in_one_condition_is_refused(tmp_path):
+    model = MODEL.replace(' initialConcentration="2"', "")
+    conditions = CONDITIONS.replace("many 4", "many _")
+    with pytest.raises(cotree.SceneError, match="tsv:3: 'A' has no value in condition 'many'"):
+        cotree.read_petab(write_problem(tmp_path, model=model, conditions=conditions))

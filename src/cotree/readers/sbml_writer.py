@@ -68,6 +68,7 @@ class SceneWriter(Generic[_Scene]):
         for reaction in content.reactions:
             self.names[reaction.id] = self.namer.give("reaction", reaction.id)
         self.local: dict[tuple[str, str], str] = {}
+        self.assumed: set[str] = set()
         self.initial: dict[str, str] = {}
         self.waiting: list[str] = []
         self.notes = list(content.notes)
@@ -108,7 +109,7 @@ class SceneWriter(Generic[_Scene]):
                 "reactions change, and no rate rules"
             )
         self.scene.origin = Origin(self.file, tuple(self._all_notes()), dict(self.namer.changed))
-        return SbmlModel(self.scene, self._symbols(), dict(self.local))
+        return SbmlModel(self.scene, self._symbols(), dict(self.local), frozenset(self.assumed))
 
     def _all_notes(self) -> Iterator[str]:
         yield from self.notes
@@ -230,6 +231,7 @@ class SceneWriter(Generic[_Scene]):
         if quantity.value is not None:
             return quantity.value
         if quantity.id in self.values:
+            self.assumed.add(quantity.id)
             return self.values[quantity.id]
         if quantity.kind == "compartment":
             self.notes.append(f"{quantity.whose} has no size: it is taken as 1")
