@@ -152,6 +152,38 @@ def test_a_time_of_inf_is_the_steady_state(tmp_path):
     assert problem.simulate()["simulation"][1] == pytest.approx(3.0 * 0.25 / 0.75, rel=1e-6)
 
 
+def test_a_time_of_inf_may_follow_on_a_preequilibration(tmp_path):
+    """A and B rest at k A = back B; the second run begins there, with A set anew or not.
+
+    First A + B = 2, so that B rests at 2 k/(k + back) with the estimated k. The condition then sets
+    back to 1.5, and A to 4 or not at all: A rests at (A + B) back/(k + back).
+    """
+    model = MODEL.replace('id="back" value="0"', 'id="back" value="0.25"')
+    conditions = "conditionId A back\nfirst 2 0.25\nfew 4 1.5\nmany _ 1.5\n"
+    measurements = MEASUREMENTS.replace("Id time", "Id preequilibrationConditionId time")
+    for name in ("few", "many"):
+        measurements = measurements.replace(f"{name} ", f"{name} first ")
+    measurements = measurements.replace("first 2", "first inf").replace("first 3", "first inf")
+    changed = {"model": model, "conditions": conditions, "measurements": measurements}
+    problem = cotree.read_petab(write_problem(tmp_path, **changed))
+
+    def at_rest(k, gain):
+        b = 2.0 * k / (k + 0.25)
+        few, many = ((a + b) * 1.5 / (k + 1.5) for a in (4.0, 2.0 - b))
+        return gain * few, 2.5 * many
+
+    # Steady states are held to ten times the tolerance of 1e-8.
+    few, many = at_rest(0.5, 3.0)
+    assert problem.simulate()["simulation"][1] == pytest.approx(few, rel=1e-6)
+    assert problem.simulate()["simulation"][4] == pytest.approx(many, rel=1e-6)
+    theta, h = problem.theta(), 1e-4
+    steps = h * np.eye(3)
+    # Differences of log-likelihoods of some tens, held to 1e-7, over 2e-4: good to 1e-4 or so.
+    ahead, behind = ([problem.objective(theta + s * d)[0] for d in steps] for s in (1, -1))
+    slopes = (np.array(ahead) - behind) / (2 * h)
+    np.testing.assert_allclose(problem.objective(theta)[1], slopes, rtol=1e-3, atol=1e-3)
+
+
 def wrong(**changed):
     return lambda folder: write_problem(folder, **changed)
 

@@ -72,26 +72,12 @@ class Run:
 
     @classmethod
     def of(cls, row: MeasurementRow) -> Run:
-        """Tell which run a measured row is of.
-
-        Raises
-        ------
-        SceneError
-            For a steady state that follows on a preequilibration.
-        """
-        is_at_rest = math.isinf(row.t)
-        if is_at_rest and row.before:
-            raise row.row.error(
-                "a measurement at the steady state after a preequilibration is not supported: "
-                "give a time"
-            )
-        return cls(row.condition, row.before, is_at_rest)
+        """Tell which run a measured row is of."""
+        return cls(row.condition, row.before, math.isinf(row.t))
 
     @property
     def name(self) -> str:
-        """Name it for people."""
-        if self.is_at_rest:
-            return f"{self.condition} at rest"
+        """Name the run of the condition itself for people."""
         return f"{self.condition} after {self.before}" if self.before else self.condition
 
 

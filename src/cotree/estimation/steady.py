@@ -72,8 +72,11 @@ class SteadyStates:
                     f"condition '{before.name}' leads to a steady state: it needs the model of the "
                     "conditions that begin there, and the same initial values as others"
                 )
-        self._columns = (*parameters, *initial)
+        self._columns: tuple[str, ...] = (*parameters, *initial)
         self._maps = [Columns(c, self._columns, names) for c in self._distinct]
+        self._first = (
+            SteadyStates(self._distinct, names, accuracy) if first_runs[0].before else None
+        )
         self._threads = usable_cores()
         self._plans: dict[bool, Plan] = {}
         self._keeps: list[npt.NDArray[np.bool_]] = []
@@ -92,8 +95,11 @@ class SteadyStates:
             If one acts in another place than in the run before.
         """
         model, found = self._model, []
+        earlier = [item.through for item in self._maps]
+        if self._first is not None:
+            earlier = self._first.through(earlier)
         for i, (condition, after) in enumerate(zip(self._conditions, own, strict=True)):
-            before = self._maps[self._of[i]].through
+            before = earlier[self._of[i]]
             # Estimated initial values of the run before have columns that nothing else uses.
             is_initial = np.array([name in model.states for name in model.sensitivities])
             both = np.where((is_initial & ~after.any(axis=1))[:, None], before, after)
@@ -133,7 +139,10 @@ class SteadyStates:
             For each member why there is no steady state, or an empty text.
         """
         own = np.array([item.row(theta) for theta in values for item in self._maps])
-        block = run_block(self._plan(own, slopes=slopes), own, threads=self._threads)
+        its, said = self._columns, [""] * len(own)
+        if self._first is not None:
+            its, own, said = self._first.begin(its, own, values, slopes=slopes)
+        block = run_block(self._plan(its, own, slopes=slopes), own, threads=self._threads)
         n, m = len(self._model.states), len(self._model.sensitivities) if slopes else 0
         names = list(self._model.states)
         names += [f"d({x})/d({p})" for p in self._model.sensitivities[:m] for x in names]
@@ -148,7 +157,9 @@ class SteadyStates:
         rest = [self._at_rest(block.z[k], n) for k in range(len(own))]
         for k in range(len(rows)):
             i = (k // n_c) * n_d + self._of[k % n_c]
-            if block.status[i] != 0:
+            if said[i]:
+                failed[k] = said[i]
+            elif block.status[i] != 0:
                 failed[k] = f"the run to its steady state: {block.messages[i]}"
             elif rest[i] is None:
                 failed[k] = f"no steady state before it: states still change at t = {_TIMES[-1]:g}"
@@ -171,7 +182,7 @@ class SteadyStates:
         found = np.flatnonzero(change.all(axis=1))
         return int(found[0]) + 1 if found.size else None
 
-    def _plan(self, rows: Array, *, slopes: bool) -> Plan:
+    def _plan(self, columns: Sequence[str], rows: Array, *, slopes: bool) -> Plan:
         if slopes not in self._plans:
             accuracy, first = self._accuracy, self._distinct[0]
             settings = Settings(
@@ -184,7 +195,7 @@ class SteadyStates:
                 inputs=first.inputs,
                 max_steps=accuracy.max_steps,
             )
-            members = Members(self._columns, rows, {MEMBER: np.arange(len(rows))})
+            members = Members(tuple(columns), rows, {MEMBER: np.arange(len(rows))})
             self._plans[slopes] = make_plan(
                 self._model, settings, members, sensitivities=slopes, outputs=(), lanes=1
             )
