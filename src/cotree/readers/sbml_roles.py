@@ -104,7 +104,7 @@ def roles_of(content: SbmlContent) -> Roles:
 
 def _in_changing_place(role: Role, species: Quantity) -> Role:
     """Give the role of a species whose compartment changes its size."""
-    if role is Role.CONCENTRATION:
+    if role is Role.CONCENTRATION or (role is Role.MODE and not species.is_amount):
         return Role.AMOUNT
     return Role.DILUTED if role is Role.FIXED and not species.is_amount else role
 
