@@ -18,6 +18,7 @@ from petab_texts import (
 from scipy import stats
 
 import cotree
+from cotree.estimation.multistart import Search
 
 pytest.importorskip("yaml")
 pytest.importorskip("libsbml")
@@ -92,6 +93,14 @@ def test_a_fit_finds_the_maximum(problem):
     result = problem.fit(starts=3, seed=1, progress=False)
     assert -result.starts[0].objective >= problem.log_likelihood()
     np.testing.assert_allclose(problem.gradient(result.parameters), 0.0, atol=1e-3)
+
+
+def test_a_fit_with_steps_compared_by_bounds_finds_the_same_maximum(problem):
+    search = Search(optimiser="dogbox", scale="bounds")
+    found = [problem.fit(starts=1, search=s, progress=False).starts[0] for s in (None, search)]
+    assert found[1].objective == pytest.approx(found[0].objective, rel=1e-9)
+    with pytest.raises(cotree.ParameterError, match="jacobian or bounds"):
+        Search(scale="widths")
 
 
 def test_methods_can_be_changed(problem):

@@ -72,6 +72,13 @@ def test_a_concentration_of_a_rate_rule_is_diluted_when_its_compartment_is_set()
     assert result["C"][-1] == pytest.approx(0.25 * 4.0 + 1.0, rel=1e-9)
 
 
+def test_a_concentration_of_a_rate_rule_that_a_rule_would_dilute_is_refused():
+    species = [A, species_text("C", initialConcentration=1, boundaryCondition="true")]
+    events = event_text("time >= 1", {"n": "2"})
+    with pytest.raises(cotree.SceneError, match="rate rule of 'C' is for a concentration in 'V'"):
+        scene_of(events, species, rates={"C": "1"}, assignments={"V": "n + 1"})
+
+
 def test_triggers_of_several_conditions():
     events = event_text("A < 2 && time > 1 || time > 9", {"n": "time"})
     result = run(scene_of(events), 4.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from cotree.errors import brief
 from cotree.readers.sbml_roles import Role
 
 if TYPE_CHECKING:
@@ -11,6 +12,7 @@ if TYPE_CHECKING:
 
     from cotree.readers.sbml_content import SbmlContent
     from cotree.readers.sbml_roles import Roles
+    from cotree.readers.sbml_simultaneous import Dependencies
 
 
 def assigned_values(
@@ -53,3 +55,25 @@ def assigned_values(
                 found[state] = f"({found.get(state, state)})*({old})/({texts[place]})"
         sizes |= texts
     return found
+
+
+def check_sizes(content: SbmlContent, roles: Roles, dependencies: Dependencies) -> None:
+    """Refuse concentrations of rate rules in compartments whose rules depend on what events set.
+
+    Raises
+    ------
+    SceneError
+        If there is one: an event would dilute it without setting its compartment.
+    """
+    set_by_events = {id for event in content.events for id in event.sets}
+    for id, formula in content.rates.items():
+        quantity = content.quantities[id]
+        place = quantity.compartment
+        if not place or quantity.is_amount or roles.of[place] is not Role.ASSIGNED:
+            continue
+        if set_by_events & dependencies.of(content.assignments[place].node):
+            raise formula.at.error(
+                f"the {formula.what} is for a concentration in '{brief(place)}', whose rule "
+                "depends on what events set: give the species hasOnlySubstanceUnits, or let the "
+                "events set the compartment"
+            )

@@ -73,9 +73,6 @@ _REFUSED = {
     "FUNCTION_DELAY": "delay: equations with delays are not integrated here",
     "FUNCTION_RATE_OF": "rateOf: name the quantity's rate by its own formula",
     "FUNCTION_FACTORIAL": "factorial, which has no derivative here: write the number",
-    "FUNCTION_REM": "rem: write a - b*floor(a/b) for positive values",
-    "FUNCTION_QUOTIENT": "quotient: write floor(a/b) for positive values",
-    "LOGICAL_IMPLIES": "implies: write or(not(a), b)",
 }
 
 
@@ -235,11 +232,23 @@ class FormulaReader:
                 return self._logarithm(number(10.0), one)
             case "LOG", [base, one]:
                 return self._logarithm(base, one)
+            case "QUOTIENT", [left, right]:
+                return self._quotient(left, right)
+            case "REM", [left, right]:
+                whole = make.operate(right, "*", self._quotient(left, right))
+                return make.operate(left, "-", whole)
             case "MAX" | "MIN", [_, *_]:
                 return make.balanced(lambda a, b: make.call(function.lower(), a, b), terms)
             case _, [one]:
                 return self._of_one(function, one)
         raise ExpressionError(f"holds '{_told(kind, node)}', which is not known here")
+
+    def _quotient(self, left: Term, right: Term) -> Term:
+        """Divide, and round towards zero: the remainder has the sign of what is divided."""
+        make = self.make
+        ratio = make.operate(left, "/", right)
+        up = make.negated(make.call("floor", make.negated(ratio)))
+        return make.where(compare(ratio, ast.Lt, number(0.0)), up, make.call("floor", ratio))
 
     def _logarithm(self, base: Term, one: Term) -> Term:
         make = self.make
@@ -317,6 +326,8 @@ class FormulaReader:
                 return combine(ast.Or, conditions)
             case "LOGICAL_NOT", [one]:
                 return contrary(one)
+            case "LOGICAL_IMPLIES", [a, b]:
+                return combine(ast.Or, [contrary(a), b])
             case "LOGICAL_XOR", [a, b]:
                 sides = [combine(ast.And, [a, contrary(b)]), combine(ast.And, [contrary(a), b])]
                 return combine(ast.Or, sides)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 from cotree.errors import ExpressionError, SceneError, brief, nearest
 from cotree.readers.names import Namer
-from cotree.readers.sbml_assigned import assigned_values
+from cotree.readers.sbml_assigned import assigned_values, check_sizes
 from cotree.readers.sbml_content import Formula
 from cotree.readers.sbml_events import check_start, crossing_of, start_value
 from cotree.readers.sbml_located import explained, located
@@ -321,6 +321,7 @@ class SceneWriter(Generic[_Scene]):
     def _events(self) -> list[Callable[[], None]]:
         """Declare the events, and give checks to be made when all parameters are declared."""
         dependencies = Dependencies(self.content)
+        check_sizes(self.content, self.roles, dependencies)
         groups = groups_of([self._triggered(e) for e in self.content.events], dependencies)
         for group in groups:
             self._event(group)
@@ -362,7 +363,7 @@ class SceneWriter(Generic[_Scene]):
             self.scene.event(own, crossing.text, direction=crossing.direction, set=values)
 
     def _check_target(self, id: str, formula: Formula) -> None:
-        """Refuse an event that sets what is constant, or whose effect a scene does not have."""
+        """Refuse an event that sets what is constant, or what a rule determines."""
         role = self.roles.of[id]
         if self.content.quantities[id].is_constant or not (role.is_state or role is Role.MODE):
             raise formula.at.error(
