@@ -338,7 +338,7 @@ def test_a_cell_may_name_a_constant_of_the_model(tmp_path):
     [
         ("conditionId A back\nfew back back\nmany 4 0\n", r"tsv:2: 'back' .* leads back to itself"),
         ("conditionId A\nfew B\nmany 4\n", r"tsv:2: 'A' of condition 'few' is 'B', which is neith"),
-        ("conditionId A\nfew bakc\nmany 4\n", r"did you mean 'back'"),
+        ("conditionId A\nfew backk\nmany 4\n", r"did you mean 'back'"),
     ],
 )
 def test_cells_that_name_no_constant(tmp_path, conditions, message):

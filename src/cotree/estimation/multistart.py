@@ -47,9 +47,6 @@ class Search:
     ----------
     optimiser : str
         ``trf`` or ``dogbox``, which keep to bounds, or ``lm``, which knows none.
-    scale : str
-        What steps in different parameters are compared by: ``jacobian``, the columns of the
-        Jacobian, or ``bounds``, the distance between finite bounds on the parameters' scales.
     loss : str
         ``linear``, or one of those that let outliers count less; noise must be given for them.
     f_scale : float
@@ -58,16 +55,24 @@ class Search:
         Where it ends: relative change of the objective, relative step, and gradient.
     max_evaluations : int or None
         The most predictions of one start.
+    scale : str
+        What steps in different parameters are compared by: ``jacobian``, the columns of the
+        Jacobian, or ``bounds``, the distance between finite bounds on the parameters' scales.
+
+    Raises
+    ------
+    ParameterError
+        If the scale is neither of these.
     """
 
     optimiser: str = "trf"
-    scale: str = "jacobian"
     loss: str = "linear"
     f_scale: float = 1.0
     ftol: float = 1e-12
     xtol: float = 1e-10
     gtol: float = 1e-8
     max_evaluations: int | None = None
+    scale: str = "jacobian"
 
     def __post_init__(self) -> None:
         if self.scale not in ("jacobian", "bounds"):

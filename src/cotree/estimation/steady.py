@@ -1,7 +1,8 @@
 """Starts at a steady state: a run that goes on until nothing changes, with its sensitivities.
 
-Steady states of networks with conserved quantities depend on where they began, and their Jacobian
-is singular: no root finder is told of that, while a run knows it, and its sensitivities, too.
+In networks with conserved quantities the steady state depends on the initial values, and the
+Jacobian there is singular. A root finder would need the conservation laws; a run and its
+sensitivities respect them by themselves.
 """
 
 from __future__ import annotations
@@ -27,12 +28,12 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-# Times at which a run to the steady state is looked at, [s]. Steps of implicit methods grow as
-# changes slow down, so that the last decades take a few steps each.
+# Times at which a run to the steady state is checked, [s]. Steps of implicit methods grow as the
+# states settle, so that each of the last decades takes only a few steps.
 _TIMES = 10.0 ** np.arange(-2, 11)
 
-# Values that change by less than this, in multiples of the tolerances, over a decade of time have
-# come to rest: what is left of an exponential after ten times the time is nothing beside it.
+# Values are at rest if they change by less than this, in multiples of the tolerances, over a decade
+# of time: within ten times the time an exponential decays to a negligible rest.
 _CHANGE = 10.0
 
 
@@ -51,8 +52,8 @@ class SteadyStates:
     Raises
     ------
     ParameterError
-        If an estimated parameter acts in the run before in another place than later, or if the
-        model is another one.
+        If an estimated parameter acts in a different place in the run before, or if the models
+        differ.
     """
 
     def __init__(
@@ -82,17 +83,17 @@ class SteadyStates:
         self._keeps: list[npt.NDArray[np.bool_]] = []
 
     def through(self, own: Sequence[Array]) -> list[Array]:
-        """Tell where estimated parameters act in runs that begin at the steady states.
+        """Map sensitivities to estimated parameters for runs that begin at the steady states.
 
         Parameters
         ----------
         own : sequence of ndarray, shapes (n_sensitivities, n_estimated)
-            Where they act in the later runs alone; see :class:`Columns`.
+            The maps of the later runs alone; see :class:`Columns`.
 
         Raises
         ------
         ParameterError
-            If one acts in another place than in the run before.
+            If a parameter acts in a different place than in the run before.
         """
         model, found = self._model, []
         earlier = [item.through for item in self._maps]
@@ -100,7 +101,7 @@ class SteadyStates:
             earlier = self._first.through(earlier)
         for i, (condition, after) in enumerate(zip(self._conditions, own, strict=True)):
             before = earlier[self._of[i]]
-            # Estimated initial values of the run before have columns that nothing else uses.
+            # Sensitivities to initial values that only the run before estimates are free here.
             is_initial = np.array([name in model.states for name in model.sensitivities])
             both = np.where((is_initial & ~after.any(axis=1))[:, None], before, after)
             for m, j in np.argwhere((before != both) & (before != 0)):
@@ -108,7 +109,7 @@ class SteadyStates:
                     f"the estimated parameter '{self._names[j]}' is '{model.sensitivities[m]}' in "
                     f"the run to the steady state of condition '{condition.name}', but not later"
                 )
-            # Columns of what was a number before begin with zeros.
+            # Sensitivities to what was a fixed number before begin at zero.
             self._keeps.append(np.asarray(before.any(axis=1)))
             found.append(both)
         return found
@@ -121,7 +122,7 @@ class SteadyStates:
         Parameters
         ----------
         columns : sequence of str
-            What members set otherwise; initial values among them stay as they are.
+            Columns that members set already; initial values among them are kept.
         rows : ndarray, shape (n_thetas * n_conditions, n_columns)
             Their values.
         values : ndarray, shape (n_thetas, n_estimated)
@@ -136,7 +137,7 @@ class SteadyStates:
         rows : ndarray
             More values.
         failed : list of str
-            For each member why there is no steady state, or an empty text.
+            For each member the reason why there is no steady state, or an empty string.
         """
         own = np.array([item.row(theta) for theta in values for item in self._maps])
         its, said = self._columns, [""] * len(own)
@@ -169,11 +170,11 @@ class SteadyStates:
         return (*columns, *(names[j] for j in kept)), np.hstack([rows, found]), failed
 
     def _at_rest(self, z: Array, n: int) -> int | None:
-        """Find the first time after which nothing changes any more."""
+        """Find the first of the checked times at which values have stopped changing."""
         a = self._accuracy
         size = np.maximum(np.abs(z[:-1]), np.abs(z[1:]))
         change = np.abs(np.diff(z, axis=0)) <= _CHANGE * (a.atol + a.rtol * size)
-        # Zeros among sensitivities are at rest beside the largest one to the same parameter.
+        # Small sensitivities are compared with the largest one to the same parameter.
         slopes = np.abs(z[:, n:].reshape(len(z), -1, n)).max(axis=2, keepdims=True)
         near = np.abs(np.diff(z[:, n:].reshape(len(z), -1, n), axis=0)) <= (
             _CHANGE * a.rtol * slopes[1:]
@@ -188,7 +189,7 @@ class SteadyStates:
             settings = Settings(
                 t_span=(0.0, float(_TIMES[-1])),
                 t_eval=_TIMES,
-                # Only implicit methods reach the end of what has come to rest.
+                # Explicit methods would take too many steps to the last of these times.
                 method="rodas5" if accuracy.method == "auto" else accuracy.method,
                 rtol=accuracy.rtol,
                 atol=accuracy.atol,
