@@ -18,6 +18,7 @@ from petab_texts import (
 from scipy import stats
 
 import cotree
+from cotree.estimation.multistart import Search
 
 pytest.importorskip("yaml")
 pytest.importorskip("libsbml")
@@ -94,6 +95,14 @@ def test_a_fit_finds_the_maximum(problem):
     np.testing.assert_allclose(problem.gradient(result.parameters), 0.0, atol=1e-3)
 
 
+def test_a_fit_with_steps_compared_by_bounds_finds_the_same_maximum(problem):
+    search = Search(optimiser="dogbox", scale="bounds")
+    found = [problem.fit(starts=1, search=s, progress=False).starts[0] for s in (None, search)]
+    assert found[1].objective == pytest.approx(found[0].objective, rel=1e-9)
+    with pytest.raises(cotree.ParameterError, match="jacobian or bounds"):
+        Search(scale="widths")
+
+
 def test_methods_can_be_changed(problem):
     other = problem.using(method="rodas5")
     assert other.log_likelihood() == pytest.approx(problem.log_likelihood(), rel=CLOSE)
@@ -150,6 +159,38 @@ def test_a_time_of_inf_is_the_steady_state(tmp_path):
     measurements = MEASUREMENTS.replace("few 2", "few inf")
     problem = cotree.read_petab(write_problem(tmp_path, model=model, measurements=measurements))
     assert problem.simulate()["simulation"][1] == pytest.approx(3.0 * 0.25 / 0.75, rel=1e-6)
+
+
+def test_a_time_of_inf_may_follow_on_a_preequilibration(tmp_path):
+    """A and B rest at k A = back B; the second run begins there, with A set anew or not.
+
+    First A + B = 2, so that B rests at 2 k/(k + back) with the estimated k. The condition then sets
+    back to 1.5, and A to 4 or not at all: A rests at (A + B) back/(k + back).
+    """
+    model = MODEL.replace('id="back" value="0"', 'id="back" value="0.25"')
+    conditions = "conditionId A back\nfirst 2 0.25\nfew 4 1.5\nmany _ 1.5\n"
+    measurements = MEASUREMENTS.replace("Id time", "Id preequilibrationConditionId time")
+    for name in ("few", "many"):
+        measurements = measurements.replace(f"{name} ", f"{name} first ")
+    measurements = measurements.replace("first 2", "first inf").replace("first 3", "first inf")
+    changed = {"model": model, "conditions": conditions, "measurements": measurements}
+    problem = cotree.read_petab(write_problem(tmp_path, **changed))
+
+    def at_rest(k, gain):
+        b = 2.0 * k / (k + 0.25)
+        few, many = ((a + b) * 1.5 / (k + 1.5) for a in (4.0, 2.0 - b))
+        return gain * few, 2.5 * many
+
+    # Steady states are held to ten times the tolerance of 1e-8.
+    few, many = at_rest(0.5, 3.0)
+    assert problem.simulate()["simulation"][1] == pytest.approx(few, rel=1e-6)
+    assert problem.simulate()["simulation"][4] == pytest.approx(many, rel=1e-6)
+    theta, h = problem.theta(), 1e-4
+    steps = h * np.eye(3)
+    # Differences of log-likelihoods of some tens, held to 1e-7, over 2e-4: good to 1e-4 or so.
+    ahead, behind = ([problem.objective(theta + s * d)[0] for d in steps] for s in (1, -1))
+    slopes = (np.array(ahead) - behind) / (2 * h)
+    np.testing.assert_allclose(problem.objective(theta)[1], slopes, rtol=1e-3, atol=1e-3)
 
 
 def wrong(**changed):
@@ -271,3 +312,42 @@ def test_unknown_parameters_of_a_call_are_refused(problem):
         problem.log_likelihood({"speed": 1.0})
     with pytest.raises(cotree.ParameterError, match="finite logarithm"):
         problem.gradient({"k": 0.0})
+
+
+def test_a_cell_may_name_a_constant_of_the_model(tmp_path):
+    """The constant 'start' of the model is not in the parameter table: its value is the model's."""
+    model = MODEL.replace("<listOfParameters>", '<listOfParameters>\n<parameter id="start" '
+                          'value="1.5" constant="true"/>\n<parameter id="other" value="9" '
+                          'constant="true"/>')  # fmt: skip
+    conditions = CONDITIONS.replace("few 1", "few start")
+    problem = cotree.read_petab(write_problem(tmp_path, model=model, conditions=conditions))
+    expected = np.array(predicted(0.5, 3.0)) * [1.5, 1.5, 1.5, 1.0, 1.0]
+    # Runs hold 1e-8 of each step.
+    np.testing.assert_allclose(problem.simulate()["simulation"], expected, rtol=1e-6)
+    # A column for 'start' itself takes precedence over the model, through another column, too.
+    for columns, few in (("A start", "start 2"), ("A start other", "start other 2")):
+        n = few.count(" ")
+        conditions = f"conditionId {columns}\nfew {few}\nmany 4{' _' * n}\n"
+        problem = cotree.read_petab(write_problem(tmp_path, model=model, conditions=conditions))
+        expected = np.array(predicted(0.5, 3.0)) * [2.0, 2.0, 2.0, 1.0, 1.0]
+        np.testing.assert_allclose(problem.simulate()["simulation"], expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("conditions", "message"),
+    [
+        ("conditionId A back\nfew back back\nmany 4 0\n", r"tsv:2: 'back' .* leads back to itself"),
+        ("conditionId A\nfew B\nmany 4\n", r"tsv:2: 'A' of condition 'few' is 'B', which is neith"),
+        ("conditionId A\nfew backk\nmany 4\n", r"did you mean 'back'"),
+    ],
+)
+def test_cells_that_name_no_constant(tmp_path, conditions, message):
+    with pytest.raises(cotree.SceneError, match=message):
+        cotree.read_petab(write_problem(tmp_path, conditions=conditions))
+
+
+def test_a_quantity_without_a_value_in_one_condition_is_refused(tmp_path):
+    model = MODEL.replace(' initialConcentration="2"', "")
+    conditions = CONDITIONS.replace("many 4", "many _")
+    with pytest.raises(cotree.SceneError, match="tsv:3: 'A' has no value in condition 'many'"):
+        cotree.read_petab(write_problem(tmp_path, model=model, conditions=conditions))

@@ -70,7 +70,7 @@ def test_bounds_cut_samples_off_and_uniform_ones_have_no_more():
 
 def test_priors_without_anything_between_the_bounds_are_refused():
     estimated = Estimated("p", 0.5, 2.0, "lin")
-    with pytest.raises(ParameterError, match="next to nothing within its bounds"):
+    with pytest.raises(ParameterError, match="almost no probability within its bounds"):
         sample_starts([estimated], [PriorRow("normal", 50.0, 0.1)], 3, seed=0)
     with pytest.raises(ParameterError, match="cannot be drawn between 0 and inf"):
         sample_starts([Estimated("p", 0.0)], [None], 3, seed=0)

@@ -16,6 +16,7 @@ from sbml_texts import (
 )
 
 import cotree
+from cotree.scene.parameters import parameter_values
 
 pytest.importorskip("libsbml")
 
@@ -275,3 +276,20 @@ def test_a_law_that_several_species_share_is_computed_once(tmp_path):
     assert int(rows["rhs"][3]) <= 8
     # Both columns of two species reach all six, and nothing else.
     assert int(rows["jacobian"][1]) == 12
+
+
+def test_quotients_and_remainders_round_towards_zero_and_implications_are_conditions(tmp_path):
+    """As SBML has it, the remainder has the sign of what is divided."""
+    given = {"a": "quotient(-7, 3)", "b": "rem(-7, 3)", "c": "rem(7, -3)", "d": "quotient(p, 1)"}
+    rates = {"p": "1", "x": "piecewise(1, implies(p > 1, p > 2), 0)"}
+    parts = parts_text([], {**dict.fromkeys(given), "p": -2.5, "x": 0.0}, constant=False)
+    text = model_text(parts, assignments=given, rates=rates)
+    # These operations came with Version 2.
+    text = text.replace("level3/version1", "level3/version2").replace('version="1"', 'version="2"')
+    scene = read(tmp_path, text)
+    values = parameter_values(scene.parameters)
+    assert [values[id] for id in "abc"] == [-2.0, -1.0, 1.0]
+    result = scene.compile().simulate((0.0, 6.0), [0.0, 0.7, 6.0], rtol=1e-9)
+    assert result["d"].tolist() == [-2.0, -1.0, 3.0]
+    # The implication is false for 1 s of the 6, from p = 1 to 2; corners are found to rounding.
+    assert result["x"][-1] == pytest.approx(5.0, rel=1e-9)

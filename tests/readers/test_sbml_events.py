@@ -18,8 +18,9 @@ A = species_text("A", initialConcentration=3)
 DECAY = {"R": (["A"], [], "V*k*A")}
 
 
-def scene_of(events, species=(A,), parameters=None, **rest):
-    parts = parts_text(list(species), parameters or {"k": 0.5, "n": 0.0}, constant=False)
+def scene_of(events, species=(A,), parameters=None, size=2.0, **rest):
+    values = parameters or {"k": 0.5, "n": 0.0}
+    parts = parts_text(list(species), values, compartments={"V": size}, constant=False)
     text = model_text(parts, reactions=DECAY, events=events, **rest)
     return read_sbml_text(text, "m.xml", cotree.Scene).scene
 
@@ -48,9 +49,34 @@ def test_a_compartment_that_an_event_sets_keeps_amounts():
     assert result["C"][-1] == pytest.approx(0.5)
 
 
-def test_a_concentration_set_with_its_compartment_is_that_in_the_new_size():
-    result = run(scene_of(event_text("time >= 1", {"V": "4", "A": "A + 1"})), 1.0 + 1e-9)
-    assert result["A"][-1] == pytest.approx(3.0 * math.exp(-0.5) + 1.0)
+def test_a_concentration_set_with_its_compartment_means_an_amount_in_the_size_before():
+    """Case 01779 of the SBML test suite: 0.2 in a size of 0.5, which becomes 0.2, is 0.5 then."""
+    events = event_text("time >= 1", {"V": "4", "A": "A + 1"})
+    result = run(scene_of(events), 1.0 + 1e-9)
+    # The size was 2: its double halves the concentration. The run goes on for a nanosecond.
+    assert result["A"][-1] == pytest.approx(0.5 * (3.0 * math.exp(-0.5) + 1.0), rel=1e-8)
+    boundary = species_text("C", initialConcentration=2, boundaryCondition="true")
+    events = event_text("time >= 0.45", {"V": "0.2", "C": "0.2"})
+    result = run(scene_of(events, [A, boundary], size=0.5), 1.0)
+    assert result["C"][-1] == pytest.approx(0.5)
+
+
+def test_a_concentration_of_a_rate_rule_is_diluted_when_its_compartment_is_set():
+    species = [A, species_text("C", initialConcentration=1, boundaryCondition="true")]
+    rates = {"C": "1"}
+    result = run(scene_of(event_text("time >= 1", {"V": "8"}), species, rates=rates), 2.0)
+    # C rises to 2 in a size of 2, and is a quarter of that in one of 8.
+    assert result["C"][-1] == pytest.approx(0.25 * 2.0 + 1.0, rel=1e-9)
+    events = event_text("time >= 1", {"V": "8", "C": "C + 2"})
+    result = run(scene_of(events, species, rates=rates), 2.0)
+    assert result["C"][-1] == pytest.approx(0.25 * 4.0 + 1.0, rel=1e-9)
+
+
+def test_a_concentration_of_a_rate_rule_that_a_rule_would_dilute_is_refused():
+    species = [A, species_text("C", initialConcentration=1, boundaryCondition="true")]
+    events = event_text("time >= 1", {"n": "2"})
+    with pytest.raises(cotree.SceneError, match="rate rule of 'C' is for a concentration in 'V'"):
+        scene_of(events, species, rates={"C": "1"}, assignments={"V": "n + 1"})
 
 
 def test_triggers_of_several_conditions():

@@ -1,8 +1,8 @@
-"""Tables of a long elimination, which loops of C walk through.
+"""Tables of a long elimination, over which loops in C run.
 
-In: a plan. Out: the numbers of the tables, with the factors row by row in the order of the pivots,
-each row in the order of its columns: what a pivot's row takes from another one then lies in a few
-runs of neighbours, which C takes several at a time.
+In: a plan. Out: the numbers of the tables. Factors are stored row by row in the order of the
+pivots, and each row in the order of its columns, so that an update of one row by another touches a
+few runs of consecutive entries, which C can vectorise.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class IntTable:
-    """A table of whole numbers as text."""
+    """A table of integers as text."""
 
     name: str
     lines: list[str]
@@ -28,21 +28,21 @@ class IntTable:
 
 
 def elimination_tables(plan: Elimination) -> list[IntTable]:
-    """List what C reads to factor and to solve.
+    """List the tables that the factorisation and the solution in C read.
 
     Parameters
     ----------
     plan : Elimination
-        The plan; its products are taken in the same order.
+        The plan; C forms its products in the same order.
 
     Returns
     -------
     list of IntTable
         ``factor_values``: the place of each factor among the nonzeros, or -1. ``factor_columns``:
-        the rank of its column. ``pivot_rows``: of each pivot its row, its column, how many factors
-        its row has before and after it, and whether the shift is added. ``updates``: of each pivot
-        the number of rows that it changes; for each of these the place of the multiplier, and how
-        many runs follow: where one goes to, where it comes from, and its length.
+        the rank of its column. ``pivot_rows``: for each pivot its row, its column, the numbers of
+        factors before and after it in the row, and whether the shift is added. ``updates``: for
+        each pivot the number of rows that it updates, and for each of these rows the place of the
+        multiplier and the number of runs; for each run its destination, source and length.
     """
     ranks = _ranks(plan)
     starts = [0]
@@ -98,7 +98,7 @@ def _updates(plan: Elimination, place: dict[tuple[int, int], int]) -> Iterator[i
 
 
 def _runs(pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int, int]]:
-    """Put pairs of places that follow each other into runs: two places, and a length."""
+    """Join consecutive pairs of places into runs: destination, source and length."""
     runs: list[tuple[int, int, int]] = []
     for to, source in pairs:
         if runs:

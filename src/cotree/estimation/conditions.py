@@ -51,8 +51,8 @@ class Condition:
     columns : mapping of str to str
         The state or output that each column of its data measures.
     before : Condition or None
-        A run to the steady state, at which this one begins; of the same model, without measurements
-        and without ``before``. States named in ``initial`` begin at what that says.
+        A run to the steady state at which this one begins; it has the same model, and may begin at
+        a steady state itself. States named in ``initial`` begin at what that says.
     """
 
     name: str
@@ -85,6 +85,11 @@ class Condition:
     def column(self, quantity: str) -> str:
         """Give the name of the column that measures a state or output, or else its own name."""
         return next((name for name, own in self.columns.items() if own == quantity), quantity)
+
+    @property
+    def chain(self) -> tuple[Condition, ...]:
+        """The condition and those that lead to it, the first run last."""
+        return (self, *(self.before.chain if self.before else ()))
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from cotree.errors import ParameterError
 from cotree.estimation.rendezvous import Rendezvous, Stopped
 from cotree.estimation.result import StartRecord
 from cotree.estimation.squares import SquareRows
@@ -54,6 +55,14 @@ class Search:
         Where it ends: relative change of the objective, relative step, and gradient.
     max_evaluations : int or None
         The most predictions of one start.
+    scale : str
+        What steps in different parameters are compared by: ``jacobian``, the columns of the
+        Jacobian, or ``bounds``, the distance between finite bounds on the parameters' scales.
+
+    Raises
+    ------
+    ParameterError
+        If the scale is neither of these.
     """
 
     optimiser: str = "trf"
@@ -63,6 +72,11 @@ class Search:
     xtol: float = 1e-10
     gtol: float = 1e-8
     max_evaluations: int | None = None
+    scale: str = "jacobian"
+
+    def __post_init__(self) -> None:
+        if self.scale not in ("jacobian", "bounds"):
+            raise ParameterError(f"the scale of a search is '{self.scale}': jacobian or bounds")
 
 
 def minimise_from_starts(
@@ -158,7 +172,7 @@ class Start:
                 self._slopes,
                 bounds=(-np.inf, np.inf) if lm else (scaled.lower, scaled.upper),
                 method=how.optimiser,
-                x_scale="jac",
+                x_scale=self._scale(),
                 loss=how.loss,
                 f_scale=how.f_scale,
                 ftol=how.ftol,
@@ -177,6 +191,11 @@ class Start:
         return StartRecord(
             self._began, self._best, self._least, self._n_evaluations, is_converged, message
         )
+
+    def _scale(self) -> str | Array:
+        width = self._problem.scaled.upper - self._problem.scaled.lower
+        use_bounds = self._search.scale == "bounds" and np.all(np.isfinite(width) & (width > 0.0))
+        return width if use_bounds else "jac"
 
     def _inside(self, theta: Array) -> Array:
         return np.clip(theta, self._problem.scaled.lower, self._problem.scaled.upper)

@@ -287,7 +287,8 @@ class PetabProblem(Problem):
         from_nominal : bool
             Whether the nominal values are the first start, where all parameters have one.
         search : Search, optional
-            Tolerances and budgets of the optimiser.
+            Optimiser, tolerances and budgets. Where many parameters end at their bounds, try
+            ``Search(optimiser="dogbox", scale="bounds")``.
         progress : bool
             Whether a bar may be shown, on terminals only.
 

@@ -34,13 +34,16 @@ class Entities:
     initial : mapping of str to str
         Parameters of the scene that hold initial values of some of these states as numbers.
     valueless : frozenset of str
-        Those of ``parameters`` that have no value of their own.
+        Those of ``parameters`` and ``states`` that have no value of their own.
+    numbers : mapping of str to float
+        Values that the model itself gives to those of ``parameters`` that are numbers in it.
     """
 
     parameters: Mapping[str, str]
     states: Mapping[str, str]
     initial: Mapping[str, str]
     valueless: frozenset[str] = frozenset()
+    numbers: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -69,26 +72,12 @@ class Run:
 
     @classmethod
     def of(cls, row: MeasurementRow) -> Run:
-        """Tell which run a measured row is of.
-
-        Raises
-        ------
-        SceneError
-            For a steady state that follows on a preequilibration.
-        """
-        is_at_rest = math.isinf(row.t)
-        if is_at_rest and row.before:
-            raise row.row.error(
-                "a measurement at the steady state after a preequilibration is not supported: "
-                "give a time"
-            )
-        return cls(row.condition, row.before, is_at_rest)
+        """Tell which run a measured row is of."""
+        return cls(row.condition, row.before, math.isinf(row.t))
 
     @property
     def name(self) -> str:
-        """Name it for people."""
-        if self.is_at_rest:
-            return f"{self.condition} at rest"
+        """Name the run of the condition itself for people."""
         return f"{self.condition} after {self.before}" if self.before else self.condition
 
 
@@ -116,23 +105,15 @@ class ConditionReader:
         SceneError
             If it names what is not in the parameter table, or leaves open what the model does.
         """
-        condition, entities, found = self._tables.conditions[name], self._entities, Settings()
-        for identifier, parameter in entities.parameters.items():
-            value = self._setting(condition, identifier)
-            if value is not None:
-                found.parameters[parameter] = value
-            elif identifier in entities.valueless:
-                raise condition.row.error(
-                    f"'{identifier}' has no value in condition '{name}': give it one, or put it "
-                    "into the parameter table"
-                )
+        condition, entities = self._tables.conditions[name], self._entities
+        found = Settings(self._parameters(condition))
         for identifier, state in entities.states.items():
             value = self._setting(condition, identifier)
             if value is None:
-                continue
+                self._check_value(condition, identifier)
             # What begins at a number of the model has a parameter for it, from which initial values
             # of others may be derived.
-            if identifier in entities.initial:
+            elif identifier in entities.initial:
                 found.parameters[entities.initial[identifier]] = value
             else:
                 found.initial[state] = value
@@ -141,10 +122,9 @@ class ConditionReader:
     def settings_after(self, name: str, before: Settings) -> Settings:
         """Give what a condition sets after a preequilibration."""
         condition, entities = self._tables.conditions[name], self._entities
-        found = Settings(dict(self.settings(name).parameters))
+        found = Settings(self._parameters(condition))
         # Initial values acted before; that they are parameters still makes no difference now.
         for parameter in entities.initial.values():
-            found.parameters.pop(parameter, None)
             if parameter in before.parameters:
                 found.parameters[parameter] = before.parameters[parameter]
         for identifier, state in entities.states.items():
@@ -161,6 +141,24 @@ class ConditionReader:
             return None
         return name if row.is_estimated else row.nominal
 
+    def _parameters(self, condition: ConditionRow) -> dict[str, Setting]:
+        """Give the parameters that a condition sets, by names of the scene."""
+        found = {}
+        for identifier, parameter in self._entities.parameters.items():
+            value = self._setting(condition, identifier)
+            if value is None:
+                self._check_value(condition, identifier)
+            else:
+                found[parameter] = value
+        return found
+
+    def _check_value(self, condition: ConditionRow, identifier: str) -> None:
+        if identifier in self._entities.valueless:
+            raise condition.row.error(
+                f"'{identifier}' has no value in condition '{condition.name}': give it one, or put "
+                "it into the parameter table"
+            )
+
     def _setting(self, condition: ConditionRow, identifier: str) -> Setting | None:
         # An empty cell or NaN keeps the value of the model.
         if identifier not in condition.cells:
@@ -169,13 +167,36 @@ class ConditionReader:
         if not isinstance(cell, str):
             return cell
         value = self.value(cell)
-        if value is None:
-            hint = nearest(cell, self._tables.parameters)
+        return self._of_model(condition, identifier, cell) if value is None else value
+
+    def _of_model(self, condition: ConditionRow, identifier: str, cell: str) -> Setting:
+        """Give the value that a constant of the model has in a condition.
+
+        Constants that the parameter table does not list may stand in cells, too.
+        """
+        numbers, named = self._entities.numbers, cell
+        for _ in condition.cells:
+            own = condition.cells.get(named)
+            if own is None:
+                break  # the condition does not set it: the model's own value holds
+            if not isinstance(own, str):
+                return own
+            value = self.value(own)
+            if value is not None:
+                return value
+            named = own
+        else:
             raise condition.row.error(
-                f"'{identifier}' of condition '{condition.name}' is '{cell}', which is not in the "
-                f"parameter table{hint}"
+                f"'{identifier}' of condition '{condition.name}' leads back to itself through the "
+                f"column '{cell}': give a number or an entry of the parameter table"
             )
-        return value
+        if named in numbers:
+            return numbers[named]
+        hint = nearest(named, {*self._tables.parameters, *numbers})
+        raise condition.row.error(
+            f"'{identifier}' of condition '{condition.name}' is '{named}', which is neither in the "
+            f"parameter table nor a constant that the model gives a number{hint}"
+        )
 
     def _check(self, condition: ConditionRow) -> None:
         known = {*self._entities.parameters, *self._entities.states}

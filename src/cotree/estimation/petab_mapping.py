@@ -11,7 +11,7 @@ import numpy as np
 from cotree.errors import ModelError, SceneError
 from cotree.estimation.conditions import Condition, Measured
 from cotree.estimation.estimated import Estimated
-from cotree.estimation.petab_conditions import ConditionReader, Run
+from cotree.estimation.petab_conditions import ConditionReader, Run, Settings
 from cotree.estimation.petab_model import PetabModel
 from cotree.estimation.petab_outputs import Outputs
 
@@ -20,8 +20,11 @@ if TYPE_CHECKING:
 
     from cotree.api import Scene
     from cotree.compiled import Model
-    from cotree.estimation.petab_conditions import Setting, Settings
+    from cotree.estimation.petab_conditions import Setting
     from cotree.estimation.petab_tables import ParameterRow, Tables
+
+#: Names and settings of the runs that lead to measured values, the last of which they are of.
+Chain = tuple[tuple[str, Settings], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,13 +70,13 @@ def mapped(tables: Tables) -> Mapped:
     found.add_outputs(outputs)
     reader = ConditionReader(tables, found.entities)
     runs = [Run.of(row) for row in tables.measurements]
-    begins = {run: _settings(run, reader) for run in dict.fromkeys(runs)}
+    chains = {run: _chain(run, reader) for run in dict.fromkeys(runs)}
     try:
-        model = found.scene.compile(_wanted(begins.values()))
+        model = found.scene.compile(_wanted(chains.values()))
     except ModelError as error:
         raise type(error)(f"{tables.file}: {error}") from None
-    conditions = _conditions(begins, model)
-    place = {run: i for i, run in enumerate(begins)}
+    conditions = _conditions(chains.values(), model)
+    place = {run: i for i, run in enumerate(chains)}
     observables = [tables.observables[row.observable] for row in tables.measurements]
     measured = Measured(
         condition=np.array([place[run] for run in runs], dtype=np.intp),
@@ -95,44 +98,42 @@ def _estimated(row: ParameterRow) -> Estimated:
     return Estimated(row.name, row.lower, row.upper, row.scale, start)
 
 
-def _settings(run: Run, reader: ConditionReader) -> tuple[Settings, Settings | None]:
-    """Give what a run sets, and what the run to the steady state before it does."""
-    if run.is_at_rest:
+def _chain(run: Run, reader: ConditionReader) -> Chain:
+    """Give the runs that lead to measured values, each from the steady state of the one before."""
+    chain: Chain = ()
+    if run.before:
+        chain = ((run.before, reader.settings(run.before)),)
+        own = reader.settings_after(run.condition, chain[0][1])
+    else:
         own = reader.settings(run.condition)
-        return type(own)(dict(own.parameters)), own
-    if not run.before:
-        return reader.settings(run.condition), None
-    before = reader.settings(run.before)
-    return reader.settings_after(run.condition, before), before
+    chain = (*chain, (run.name, own))
+    if run.is_at_rest:
+        # Values at rest are those at the start of a run that begins there and sets no states.
+        chain = (*chain, (f"{run.name} at rest", Settings(own.parameters)))
+    return chain
 
 
-def _wanted(begins: Iterable[tuple[Settings, Settings | None]]) -> list[str]:
+def _wanted(chains: Iterable[Chain]) -> list[str]:
     """List the parameters and initial values to which sensitivities are needed."""
     found: dict[str, None] = {}
-    for pair in begins:
-        for settings in pair:
-            if settings is None:
-                continue
-            for table in (settings.parameters, settings.initial):
-                found.update(dict.fromkeys(k for k, v in table.items() if isinstance(v, str)))
+    for _, settings in (link for chain in chains for link in chain):
+        for table in (settings.parameters, settings.initial):
+            found.update(dict.fromkeys(k for k, v in table.items() if isinstance(v, str)))
     return list(found)
 
 
-def _conditions(
-    begins: dict[Run, tuple[Settings, Settings | None]], model: Model
-) -> tuple[Condition, ...]:
-    """Make the conditions; those that begin at the same steady state share the run to it."""
-    first_runs: dict[tuple[object, ...], Condition] = {}
+def _conditions(chains: Iterable[Chain], model: Model) -> tuple[Condition, ...]:
+    """Make the conditions; those that begin at the same steady state share the runs to it."""
+    leading: dict[tuple[object, ...], Condition] = {}
     found = []
-    for run, (own, before) in begins.items():
-        first = None
-        if before is not None:
-            name = run.before or run.condition
-            key = (name, *_told(before.parameters), *_told(before.initial))
-            first = first_runs.setdefault(
-                key, Condition(name, model, before.parameters, before.initial)
+    for *before, (name, own) in chains:
+        last: Condition | None = None
+        for its_name, its in before:
+            key = (its_name, last, *_told(its.parameters), *_told(its.initial))
+            last = leading.setdefault(
+                key, Condition(its_name, model, its.parameters, its.initial, before=last)
             )
-        found.append(Condition(run.name, model, own.parameters, own.initial, before=first))
+        found.append(Condition(name, model, own.parameters, own.initial, before=last))
     return tuple(found)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from cotree.api import Scene
 from cotree.errors import ModelError, SceneError
@@ -100,7 +100,7 @@ class PetabModel:
         parameters, states, initial = dict(self._added), {}, {}
         tables = self._tables
         used = {c for row in tables.conditions.values() for c in row.cells} | {*tables.parameters}
-        freed = set()
+        freed, numbers = set(), {}
         for identifier, symbol in self._sbml.symbols.items():
             if symbol.state:
                 if symbol.factor and identifier in used:
@@ -118,18 +118,19 @@ class PetabModel:
                     # The tables replace its initial assignment.
                     self.scene.set(symbol.name, 1.0)
                     freed.add(identifier)
+                elif identifier not in self._sbml.assumed:
+                    numbers[identifier] = self.scene.parameters[symbol.name].number
                 parameters[identifier] = symbol.name
             elif identifier in tables.parameters:
                 raise tables.parameters[identifier].row.error(
                     f"'{identifier}' is determined by the model: it cannot be set"
                 )
         columns = {c for row in tables.conditions.values() for c in row.cells}
-        valueless = {name for name in self._added if name in columns} | freed
-        return Entities(parameters, states, initial, frozenset(valueless))
+        valueless = {name for name in self._added if name in columns} | freed | self._sbml.assumed
+        return Entities(parameters, states, initial, frozenset(valueless), numbers)
 
     def _is_number(self, parameter: str) -> bool:
-        value: Any = self.scene.parameters[parameter].value
-        return not getattr(value, "names", ())
+        return not self.scene.parameters[parameter].is_derived
 
 
 def _names_in(text: str) -> tuple[str, ...]:

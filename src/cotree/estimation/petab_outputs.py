@@ -1,7 +1,7 @@
 """Observables and noise of a PEtab problem as outputs of a scene.
 
-Each distinct formula, with the overrides of measured rows in place of its placeholders, becomes one
-output. Formulas without names become numbers.
+Each distinct formula, with the overrides of the measurement table substituted for its placeholders,
+becomes one output. Noise formulas without names become numbers.
 """
 
 from __future__ import annotations
@@ -51,12 +51,12 @@ class Outputs:
         self.expressions: dict[str, str] = {}
 
     def of_row(self, row: MeasurementRow) -> tuple[str, str | float]:
-        """Give the observable and the noise of a measured row: outputs, or the number of the noise.
+        """Give the outputs of the observable and the noise of a row; constant noise is a number.
 
         Raises
         ------
         SceneError
-            If a formula is wrong, or overrides do not fit to it.
+            If a formula is invalid, or the overrides do not match its placeholders.
         """
         key = (row.observable, row.observable_parameters, row.noise_parameters)
         if key not in self._found:
@@ -73,7 +73,7 @@ class Outputs:
         wanted = self._expression(row, observable, formula, overrides)
         name = self._output(observable.name, wanted)
         formula = self._formula(observable, "noiseFormula")
-        # Noise may depend on the observable, or on another one, by its identifier.
+        # A noise formula may name any observable by its identifier.
         known = dict(overrides)
         for other in formula.names:
             if other in self._tables.observables and other not in known:
@@ -92,7 +92,7 @@ class Outputs:
         return name, number
 
     def _output(self, wish: str, expression: str) -> str:
-        """Give the output of an expression, one for all that share it."""
+        """Give the output of an expression; equal expressions share one."""
         if expression not in self._by_expression:
             name = self._name(wish)
             self._by_expression[expression] = name
@@ -127,7 +127,7 @@ class Outputs:
                 )
             known = sorted(self._tables.parameters)
             raise observable.row.error(
-                f"'{name}' in the formula of '{observable.name}' is neither of the model nor a "
+                f"'{name}' in the formula of '{observable.name}' is neither in the model nor a "
                 f"parameter{nearest(name, known)}"
             )
 
@@ -137,7 +137,7 @@ class Outputs:
             raise observable.row.error(str(error)) from None
 
     def _overrides(self, row: MeasurementRow, observable: ObservableRow) -> dict[str, str]:
-        """Give what placeholders stand for, by their names."""
+        """Give the expressions that replace the placeholders, by name."""
         found = {}
         for kind, given, column in (
             ("observable", row.observable_parameters, "observableFormula"),

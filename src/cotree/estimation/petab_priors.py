@@ -1,8 +1,8 @@
 """Priors of a PEtab problem, version 1: densities for the objective, and samples for starts.
 
-A prior whose type begins with ``parameterScale`` is one of the parameter on its scale, any other
-one of its value: densities are taken where the prior is stated, without the factor of a change of
-variables, and bounds do not cut them off. Starts are drawn again where they are out of bounds.
+A prior whose type begins with ``parameterScale`` is a density of the parameter on its scale; any
+other prior is a density of its value. Densities are evaluated as stated, without the factor of a
+change of variables, and are not truncated at the bounds. Starts out of bounds are drawn again.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ Array = npt.NDArray[np.float64]
 
 _MOST_DRAWS = 1000
 
-# Differences of Laplace's distribution below this one, in multiples of its scale, count by their
-# squares, which have a slope of zero between those of both sides.
+# Below this deviation, in multiples of its scale, the Laplace distribution's absolute value is
+# replaced by a square, whose slope passes through zero continuously.
 _CORNER = 1e-3
 
-# Added to logarithms to make them positive: none of a double is below -745.
+# Added to logarithms to make them positive: the logarithm of a double is never below -745.
 _LEAST_LOG = 750.0
 
 
@@ -55,21 +55,21 @@ class Priors:
         return bool(self._terms)
 
     def log_density(self, theta: Array) -> float:
-        """Give the sum of the logarithms of all densities."""
+        """Compute the sum of the logarithms of all densities."""
         return sum(prior.log_density(float(theta[i]))[0] for i, prior in self._terms)
 
     def gradient(self, theta: Array) -> Array:
-        """Give its derivatives by the parameters on their scales, shape (n_estimated,)."""
+        """Compute its derivatives with respect to the scaled parameters, shape (n_estimated,)."""
         found = np.zeros(self._n)
         for i, prior in self._terms:
             found[i] = prior.log_density(float(theta[i]))[1]
         return found
 
     def rows(self, theta: Array) -> tuple[Array, Array]:
-        """Give rows for methods of least squares, with their Jacobian.
+        """Give residuals for least-squares methods, with their Jacobian.
 
         Half of their sum of squares is minus the sum of the logarithms up to a constant, and the
-        Jacobian times the rows is its exact gradient. Uniform priors have none.
+        transposed Jacobian times the residuals is its exact gradient. Uniform priors have none.
         """
         parts = [(i, prior.squares(float(theta[i]))) for i, prior in self._terms]
         values = [value for _, part in parts for value, _ in part]
@@ -102,12 +102,12 @@ class Prior:
         self._name, self._bounds = estimated.name, (self._scaled.lower[0], self._scaled.upper[0])
 
     def log_density(self, theta: float) -> tuple[float, float]:
-        """Give the logarithm of the density, and its derivative by ``theta``."""
+        """Compute the logarithm of the density and its derivative with respect to ``theta``."""
         x, slope = self._stated(theta)
         if self._is_log and not x > 0.0:
             return -math.inf, 0.0
         z, z_slope = (math.log(x), slope / x) if self._is_log else (x, slope)
-        # The density of a logarithm is one of the value with the factor 1/x.
+        # A density of the logarithm becomes one of the value by the factor 1/x.
         factor, factor_slope = (-z, -z_slope) if self._is_log else (0.0, 0.0)
         if self._family == "uniform":
             is_inside = self._a <= z <= self._b
@@ -120,7 +120,7 @@ class Prior:
         return value + factor, -math.copysign(bool(r), r) / self._b * z_slope + factor_slope
 
     def squares(self, theta: float) -> list[tuple[float, float]]:
-        """Give rows for methods of least squares and their slopes; see :meth:`Priors.rows`."""
+        """Give residuals for least-squares methods and their slopes; see :meth:`Priors.rows`."""
         if self._family == "uniform":
             return []
         x, slope = self._stated(theta)
@@ -129,10 +129,10 @@ class Prior:
         z, along = (math.log(x), slope / x) if self._is_log else (x, slope)
         r, r_slope = (z - self._a) / self._b, along / self._b
         if self._family == "normal":
-            # The factor 1/x of a logarithm's density completes to another square.
+            # The factor 1/x of a log-normal density only shifts the square.
             return [(r + (self._b if self._is_log else 0.0), r_slope)]
-        # The slope belongs to the absolute value, of which the row is about the root; a row without
-        # slope makes up for the value.
+        # This residual times its slope is the slope of the absolute value; a residual with a slope
+        # of zero makes up the difference in value.
         weight = max(abs(r), _CORNER) ** -0.5
         rows = [(r * weight, r_slope * weight)]
         missing = 2.0 * abs(r) - (r * weight) ** 2
@@ -147,7 +147,7 @@ class Prior:
         Raises
         ------
         ParameterError
-            If the prior has next to nothing between the bounds.
+            If the prior has almost no probability between the bounds.
         """
         low, high = self._bounds
         found: Array = np.empty(0)
@@ -157,7 +157,7 @@ class Prior:
             if len(found) >= n:
                 return found[:n]
         raise ParameterError(
-            f"the initializationPrior of '{self._name}' has next to nothing within its bounds"
+            f"the initializationPrior of '{self._name}' has almost no probability within its bounds"
         )
 
     def _drawn(self, n: int, random: np.random.Generator) -> Array:
@@ -171,7 +171,7 @@ class Prior:
             return self._scaled.scaled(values[:, None])[:, 0]
 
     def _stated(self, theta: float) -> tuple[float, float]:
-        """Give what the prior is stated of, and its derivative by ``theta``."""
+        """Give the quantity that the prior describes, and its derivative by ``theta``."""
         if self._is_on_scale:
             return theta, 1.0
         given = np.array([theta])
@@ -190,7 +190,7 @@ def sample_starts(
     rows : sequence of PriorRow or None
         The initialization prior of each.
     n : int
-        How many starts.
+        Number of starts.
     seed : int or None
         Seed of the generator.
 
@@ -202,7 +202,7 @@ def sample_starts(
     Raises
     ------
     ParameterError
-        If a prior does not fit to the bounds, or there are no bounds to draw between.
+        If a prior does not match the bounds, or there are no finite bounds to draw between.
     """
     random, scaled = np.random.default_rng(seed), Scaled(estimated)
     found = np.empty((n, len(rows)))

@@ -73,9 +73,8 @@ class Problem:
         if not len(measured):
             raise ParameterError("nothing was measured: give at least one value")
         for condition in self.conditions:
-            check_condition(condition, self.scaled.names)
-            if condition.before is not None:
-                check_condition(condition.before, self.scaled.names)
+            for link in condition.chain:
+                check_condition(link, self.scaled.names)
         check_measured(measured, self.conditions, self.scaled.names)
         self.likelihood = Likelihood(measured)
         self._last: tuple[bytes, Predictions] | None = None
@@ -242,8 +241,7 @@ class Problem:
                 id(condition.inputs) if condition.inputs else 0,
                 condition.t_start,
                 float(own.max()),
-                frozenset(condition.initial),
-                condition.before is not None,
+                tuple(frozenset(link.initial) for link in condition.chain),
             )
             found.setdefault(key, []).append(number)
         names = self.scaled.names

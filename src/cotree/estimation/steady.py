@@ -1,7 +1,8 @@
 """Starts at a steady state: a run that goes on until nothing changes, with its sensitivities.
 
-Steady states of networks with conserved quantities depend on where they began, and their Jacobian
-is singular: no root finder is told of that, while a run knows it, and its sensitivities, too.
+In networks with conserved quantities the steady state depends on the initial values, and the
+Jacobian there is singular. A root finder would need the conservation laws; a run and its
+sensitivities respect them by themselves.
 """
 
 from __future__ import annotations
@@ -27,12 +28,12 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-# Times at which a run to the steady state is looked at, [s]. Steps of implicit methods grow as
-# changes slow down, so that the last decades take a few steps each.
+# Times at which a run to the steady state is checked, [s]. Steps of implicit methods grow as the
+# states settle, so that each of the last decades takes only a few steps.
 _TIMES = 10.0 ** np.arange(-2, 11)
 
-# Values that change by less than this, in multiples of the tolerances, over a decade of time have
-# come to rest: what is left of an exponential after ten times the time is nothing beside it.
+# Values are at rest if they change by less than this, in multiples of the tolerances, over a decade
+# of time: within ten times the time an exponential decays to a negligible rest.
 _CHANGE = 10.0
 
 
@@ -51,8 +52,8 @@ class SteadyStates:
     Raises
     ------
     ParameterError
-        If an estimated parameter acts in the run before in another place than later, or if the
-        model is another one.
+        If an estimated parameter acts in a different place in the run before, or if the models
+        differ.
     """
 
     def __init__(
@@ -72,29 +73,35 @@ class SteadyStates:
                     f"condition '{before.name}' leads to a steady state: it needs the model of the "
                     "conditions that begin there, and the same initial values as others"
                 )
-        self._columns = (*parameters, *initial)
+        self._columns: tuple[str, ...] = (*parameters, *initial)
         self._maps = [Columns(c, self._columns, names) for c in self._distinct]
+        self._first = (
+            SteadyStates(self._distinct, names, accuracy) if first_runs[0].before else None
+        )
         self._threads = usable_cores()
         self._plans: dict[bool, Plan] = {}
         self._keeps: list[npt.NDArray[np.bool_]] = []
 
     def through(self, own: Sequence[Array]) -> list[Array]:
-        """Tell where estimated parameters act in runs that begin at the steady states.
+        """Map sensitivities to estimated parameters for runs that begin at the steady states.
 
         Parameters
         ----------
         own : sequence of ndarray, shapes (n_sensitivities, n_estimated)
-            Where they act in the later runs alone; see :class:`Columns`.
+            The maps of the later runs alone; see :class:`Columns`.
 
         Raises
         ------
         ParameterError
-            If one acts in another place than in the run before.
+            If a parameter acts in a different place than in the run before.
         """
         model, found = self._model, []
+        earlier = [item.through for item in self._maps]
+        if self._first is not None:
+            earlier = self._first.through(earlier)
         for i, (condition, after) in enumerate(zip(self._conditions, own, strict=True)):
-            before = self._maps[self._of[i]].through
-            # Estimated initial values of the run before have columns that nothing else uses.
+            before = earlier[self._of[i]]
+            # Sensitivities to initial values that only the run before estimates are free here.
             is_initial = np.array([name in model.states for name in model.sensitivities])
             both = np.where((is_initial & ~after.any(axis=1))[:, None], before, after)
             for m, j in np.argwhere((before != both) & (before != 0)):
@@ -102,7 +109,7 @@ class SteadyStates:
                     f"the estimated parameter '{self._names[j]}' is '{model.sensitivities[m]}' in "
                     f"the run to the steady state of condition '{condition.name}', but not later"
                 )
-            # Columns of what was a number before begin with zeros.
+            # Sensitivities to what was a fixed number before begin at zero.
             self._keeps.append(np.asarray(before.any(axis=1)))
             found.append(both)
         return found
@@ -115,7 +122,7 @@ class SteadyStates:
         Parameters
         ----------
         columns : sequence of str
-            What members set otherwise; initial values among them stay as they are.
+            Columns that members set already; initial values among them are kept.
         rows : ndarray, shape (n_thetas * n_conditions, n_columns)
             Their values.
         values : ndarray, shape (n_thetas, n_estimated)
@@ -130,10 +137,13 @@ class SteadyStates:
         rows : ndarray
             More values.
         failed : list of str
-            For each member why there is no steady state, or an empty text.
+            For each member the reason why there is no steady state, or an empty string.
         """
         own = np.array([item.row(theta) for theta in values for item in self._maps])
-        block = run_block(self._plan(own, slopes=slopes), own, threads=self._threads)
+        its, said = self._columns, [""] * len(own)
+        if self._first is not None:
+            its, own, said = self._first.begin(its, own, values, slopes=slopes)
+        block = run_block(self._plan(its, own, slopes=slopes), own, threads=self._threads)
         n, m = len(self._model.states), len(self._model.sensitivities) if slopes else 0
         names = list(self._model.states)
         names += [f"d({x})/d({p})" for p in self._model.sensitivities[:m] for x in names]
@@ -148,7 +158,9 @@ class SteadyStates:
         rest = [self._at_rest(block.z[k], n) for k in range(len(own))]
         for k in range(len(rows)):
             i = (k // n_c) * n_d + self._of[k % n_c]
-            if block.status[i] != 0:
+            if said[i]:
+                failed[k] = said[i]
+            elif block.status[i] != 0:
                 failed[k] = f"the run to its steady state: {block.messages[i]}"
             elif rest[i] is None:
                 failed[k] = f"no steady state before it: states still change at t = {_TIMES[-1]:g}"
@@ -158,11 +170,11 @@ class SteadyStates:
         return (*columns, *(names[j] for j in kept)), np.hstack([rows, found]), failed
 
     def _at_rest(self, z: Array, n: int) -> int | None:
-        """Find the first time after which nothing changes any more."""
+        """Find the first of the checked times at which values have stopped changing."""
         a = self._accuracy
         size = np.maximum(np.abs(z[:-1]), np.abs(z[1:]))
         change = np.abs(np.diff(z, axis=0)) <= _CHANGE * (a.atol + a.rtol * size)
-        # Zeros among sensitivities are at rest beside the largest one to the same parameter.
+        # Small sensitivities are compared with the largest one to the same parameter.
         slopes = np.abs(z[:, n:].reshape(len(z), -1, n)).max(axis=2, keepdims=True)
         near = np.abs(np.diff(z[:, n:].reshape(len(z), -1, n), axis=0)) <= (
             _CHANGE * a.rtol * slopes[1:]
@@ -171,20 +183,20 @@ class SteadyStates:
         found = np.flatnonzero(change.all(axis=1))
         return int(found[0]) + 1 if found.size else None
 
-    def _plan(self, rows: Array, *, slopes: bool) -> Plan:
+    def _plan(self, columns: Sequence[str], rows: Array, *, slopes: bool) -> Plan:
         if slopes not in self._plans:
             accuracy, first = self._accuracy, self._distinct[0]
             settings = Settings(
                 t_span=(0.0, float(_TIMES[-1])),
                 t_eval=_TIMES,
-                # Only implicit methods reach the end of what has come to rest.
+                # Explicit methods would take too many steps to the last of these times.
                 method="rodas5" if accuracy.method == "auto" else accuracy.method,
                 rtol=accuracy.rtol,
                 atol=accuracy.atol,
                 inputs=first.inputs,
                 max_steps=accuracy.max_steps,
             )
-            members = Members(self._columns, rows, {MEMBER: np.arange(len(rows))})
+            members = Members(tuple(columns), rows, {MEMBER: np.arange(len(rows))})
             self._plans[slopes] = make_plan(
                 self._model, settings, members, sensitivities=slopes, outputs=(), lanes=1
             )

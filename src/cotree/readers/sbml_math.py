@@ -1,7 +1,7 @@
-"""MathML of SBML, as libsbml's syntax trees, to expressions of scenes.
+"""Translation of SBML's MathML, given as libsbml's syntax trees, to expressions of scenes.
 
-Nothing is evaluated. Functions of the model are written out at each call; a piecewise function
-becomes ``where``. See docs/sbml.md for what is known.
+Nothing is evaluated. Functions of the model are expanded at each call; a piecewise function becomes
+``where``. docs/sbml.md says which operations are supported.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 #: The symbol of time, in lists of names.
 TIME = "time of the run"
 
-_DEEPEST = 200  # levels, functions of the model counted where they are called
-# Nodes of a formula, and of all; functions may call others twice, which call others twice...
+_DEEPEST = 200  # levels, with the functions of the model expanded
+# Nodes of one formula, and of all formulas: expanding nested calls can grow exponentially.
 _MOST, _MOST_OF_ALL = 20_000, 2_000_000
 _AVOGADRO = 6.02214179e23  # 1/mol, the value that SBML Level 3 prescribes
 
@@ -68,14 +68,11 @@ RELATIONS: dict[str, type[ast.cmpop]] = {
     "GEQ": ast.GtE,
 }
 
-#: Operations that are refused, with the word for them.
+#: Operations that are refused, with the text of the message.
 _REFUSED = {
     "FUNCTION_DELAY": "delay: equations with delays are not integrated here",
     "FUNCTION_RATE_OF": "rateOf: name the quantity's rate by its own formula",
     "FUNCTION_FACTORIAL": "factorial, which has no derivative here: write the number",
-    "FUNCTION_REM": "rem: write a - b*floor(a/b) for positive values",
-    "FUNCTION_QUOTIENT": "quotient: write floor(a/b) for positive values",
-    "LOGICAL_IMPLIES": "implies: write or(not(a), b)",
 }
 
 
@@ -85,7 +82,7 @@ def _kinds() -> dict[int, str]:
     import libsbml
 
     names = (n for n in dir(libsbml) if n.startswith("AST_"))
-    # Some numbers have two names; those of the core come first in the alphabet but for these.
+    # Some types have two names: of those, the first in the alphabet is assigned last and stays.
     return {getattr(libsbml, n): n.removeprefix("AST_") for n in sorted(names, reverse=True)}
 
 
@@ -133,12 +130,12 @@ class FormulaReader:
         node : libsbml.ASTNode
             Its tree.
         bound : mapping of str to Term, optional
-            Names with a meaning of their own in it: local parameters.
+            Names with a local meaning in the formula: local parameters.
 
         Raises
         ------
         ExpressionError
-            If it holds what scenes have not; the message goes on after the formula's name.
+            If a scene cannot express it; the message continues after the name of the formula.
         """
         return self._inner(bound or {})._value(node)
 
@@ -168,7 +165,7 @@ class FormulaReader:
         if self._total[0] > _MOST_OF_ALL:
             raise ExpressionError(f"makes all formulas longer than {_MOST_OF_ALL} operations")
         if node is None:
-            raise ExpressionError("holds an operation without what it works on")
+            raise ExpressionError("holds an operation without an operand")
         return kind_of(node)
 
     def _value(self, node: Any) -> Term:
@@ -207,7 +204,7 @@ class FormulaReader:
             "CONSTANT_TRUE",
             "CONSTANT_FALSE",
         ):
-            # What is true or false counts as one or zero where a number is wanted.
+            # A Boolean counts as one or zero where a number is expected.
             return make.where(self._condition_of(kind, node), number(1.0), number(0.0))
         if kind in ("PLUS", "TIMES"):
             parts = _chain(node, kind)
@@ -235,11 +232,23 @@ class FormulaReader:
                 return self._logarithm(number(10.0), one)
             case "LOG", [base, one]:
                 return self._logarithm(base, one)
+            case "QUOTIENT", [left, right]:
+                return self._quotient(left, right)
+            case "REM", [left, right]:
+                whole = make.operate(right, "*", self._quotient(left, right))
+                return make.operate(left, "-", whole)
             case "MAX" | "MIN", [_, *_]:
                 return make.balanced(lambda a, b: make.call(function.lower(), a, b), terms)
             case _, [one]:
                 return self._of_one(function, one)
         raise ExpressionError(f"holds '{_told(kind, node)}', which is not known here")
+
+    def _quotient(self, left: Term, right: Term) -> Term:
+        """Divide, and round towards zero: the remainder has the sign of what is divided."""
+        make = self.make
+        ratio = make.operate(left, "/", right)
+        up = make.negated(make.call("floor", make.negated(ratio)))
+        return make.where(compare(ratio, ast.Lt, number(0.0)), up, make.call("floor", ratio))
 
     def _logarithm(self, base: Term, one: Term) -> Term:
         make = self.make
@@ -266,7 +275,7 @@ class FormulaReader:
         raise ExpressionError(f"holds '{function.lower()}', which is not known here")
 
     def _piecewise(self, parts: list[Any]) -> Term:
-        # Values and conditions take turns; what applies where none holds comes last.
+        # Values and conditions alternate; the value of otherwise comes last.
         if len(parts) % 2 == 0:
             raise ExpressionError(
                 "holds piecewise without otherwise, which has no value where no condition holds: "
@@ -317,6 +326,8 @@ class FormulaReader:
                 return combine(ast.Or, conditions)
             case "LOGICAL_NOT", [one]:
                 return contrary(one)
+            case "LOGICAL_IMPLIES", [a, b]:
+                return combine(ast.Or, [contrary(a), b])
             case "LOGICAL_XOR", [a, b]:
                 sides = [combine(ast.And, [a, contrary(b)]), combine(ast.And, [contrary(a), b])]
                 return combine(ast.Or, sides)
@@ -334,8 +345,8 @@ class FormulaReader:
 
 
 def _chain(node: Any, kind: str) -> list[Any]:
-    """List the parts of a sum or a product, those of sums in the sum among them."""
-    # Tools write a sum of hundreds of terms as a nest of sums of two.
+    """List the operands of a sum or product, with nested ones of the same kind flattened."""
+    # Some tools write a sum of hundreds of terms as nested sums of two.
     found, waiting = [], [node]
     while waiting:
         own = waiting.pop()
@@ -381,7 +392,7 @@ def names_of(node: Any, functions: Mapping[str, Any]) -> frozenset[str]:
             found.add(TIME)
         elif kind == "FUNCTION" and own.getName() in functions and own.getName() not in seen:
             seen.add(own.getName())
-            # A function sees no identifiers but its arguments, which the call names.
+            # A function refers only to its arguments, which the call lists, and to the time.
             body = children(functions[own.getName()])[-1]
             found |= {TIME} & names_of(body, {k: v for k, v in functions.items() if k not in seen})
         waiting += children(own)

@@ -55,8 +55,11 @@ class SbmlModel(Generic[_Scene]):
         The model's quantities by identifier.
     local : mapping of (str, str) to str
         Parameters of the scene by reaction and identifier of the local parameter.
+    assumed : frozenset of str
+        Quantities to which the model gives no value, and the caller of the reader did.
     """
 
     scene: _Scene
     symbols: Mapping[str, SbmlSymbol]
     local: Mapping[tuple[str, str], str] = field(default_factory=dict)
+    assumed: frozenset[str] = frozenset()

@@ -30,7 +30,7 @@ class Role(Enum):
 
     @property
     def is_state(self) -> bool:
-        """Whether it is integrated."""
+        """Whether the quantity is a state that is integrated."""
         return self in (Role.CONCENTRATION, Role.AMOUNT, Role.RATE)
 
 
@@ -43,7 +43,7 @@ class Roles:
     of : dict of str to Role
         By identifier.
     order : tuple of str
-        What assignment rules determine as outputs, each after those that it is made of.
+        Quantities of assignment rules that become outputs, each after those that it depends on.
     reactions : dict of str to Reaction
         The reactions by identifier.
     """
@@ -59,13 +59,13 @@ class Roles:
 
 
 def roles_of(content: SbmlContent) -> Roles:
-    """Find what each quantity becomes.
+    """Determine the role of each quantity.
 
     Raises
     ------
     SceneError
-        If rules contradict each other or the reactions, lead back to themselves, or determine
-        what is no quantity.
+        If rules contradict each other or the reactions, form a cycle, or determine an unknown
+        quantity.
     """
     reactions = {reaction.id: reaction for reaction in content.reactions}
     _check(content)
@@ -89,7 +89,8 @@ def roles_of(content: SbmlContent) -> Roles:
         else:
             found[id] = Role.MODE if id in set_by_events else Role.FIXED
     order = _order(uses, content)
-    # Rules of constants alone make constants, which spares the states of their species a change.
+    # A rule that depends on constants only makes a constant; species in such a compartment need
+    # not become amounts.
     for id in order:
         if id in content.assignments and all(found.get(n) is Role.FIXED for n in uses[id]):
             found[id] = Role.FIXED
@@ -104,7 +105,7 @@ def roles_of(content: SbmlContent) -> Roles:
 
 def _in_changing_place(role: Role, species: Quantity) -> Role:
     """Give the role of a species whose compartment changes its size."""
-    if role is Role.CONCENTRATION:
+    if role is Role.CONCENTRATION or (role is Role.MODE and not species.is_amount):
         return Role.AMOUNT
     return Role.DILUTED if role is Role.FIXED and not species.is_amount else role
 
@@ -126,7 +127,7 @@ def _named(content: SbmlContent, uses: Iterable[frozenset[str]]) -> frozenset[st
 
 
 def _order(uses: dict[str, frozenset[str]], content: SbmlContent) -> list[str]:
-    """Sort what formulas determine at all times such that each comes after what it is made of."""
+    """Sort assigned quantities and reaction rates so that each follows what it depends on."""
     graph = {id: names & uses.keys() for id, names in uses.items()}
     try:
         return list(TopologicalSorter(graph).static_order())
@@ -141,7 +142,7 @@ def _order(uses: dict[str, frozenset[str]], content: SbmlContent) -> list[str]:
 
 
 def _check(content: SbmlContent) -> None:
-    """Refuse what rules and reactions would both determine, and rules for what is not there."""
+    """Refuse quantities that both rules and reactions determine, and rules for unknown ones."""
     changed = {part.species for reaction in content.reactions for part in reaction.parts}
     tables = (content.assignments, content.rates, content.initials)
     targets = [(id, formula) for table in tables for id, formula in table.items()]

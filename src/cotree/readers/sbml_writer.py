@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 from cotree.errors import ExpressionError, SceneError, brief, nearest
 from cotree.readers.names import Namer
+from cotree.readers.sbml_assigned import assigned_values, check_sizes
 from cotree.readers.sbml_content import Formula
 from cotree.readers.sbml_events import check_start, crossing_of, start_value
 from cotree.readers.sbml_located import explained, located
@@ -68,6 +69,7 @@ class SceneWriter(Generic[_Scene]):
         for reaction in content.reactions:
             self.names[reaction.id] = self.namer.give("reaction", reaction.id)
         self.local: dict[tuple[str, str], str] = {}
+        self.assumed: set[str] = set()
         self.initial: dict[str, str] = {}
         self.waiting: list[str] = []
         self.notes = list(content.notes)
@@ -108,7 +110,7 @@ class SceneWriter(Generic[_Scene]):
                 "reactions change, and no rate rules"
             )
         self.scene.origin = Origin(self.file, tuple(self._all_notes()), dict(self.namer.changed))
-        return SbmlModel(self.scene, self._symbols(), dict(self.local))
+        return SbmlModel(self.scene, self._symbols(), dict(self.local), frozenset(self.assumed))
 
     def _all_notes(self) -> Iterator[str]:
         yield from self.notes
@@ -230,6 +232,7 @@ class SceneWriter(Generic[_Scene]):
         if quantity.value is not None:
             return quantity.value
         if quantity.id in self.values:
+            self.assumed.add(quantity.id)
             return self.values[quantity.id]
         if quantity.kind == "compartment":
             self.notes.append(f"{quantity.whose} has no size: it is taken as 1")
@@ -318,6 +321,7 @@ class SceneWriter(Generic[_Scene]):
     def _events(self) -> list[Callable[[], None]]:
         """Declare the events, and give checks to be made when all parameters are declared."""
         dependencies = Dependencies(self.content)
+        check_sizes(self.content, self.roles, dependencies)
         groups = groups_of([self._triggered(e) for e in self.content.events], dependencies)
         for group in groups:
             self._event(group)
@@ -343,15 +347,13 @@ class SceneWriter(Generic[_Scene]):
     def _event(self, group: Sequence[Triggered]) -> None:
         """Declare events with the same trigger as one event, the last of which has the last say."""
         first = group[0]
-        values, given = {}, dict[str, str]()
-        for event in (row.event for row in group):
-            texts = {id: self._text(f, self.running) for id, f in event.sets.items()}
-            given |= texts
-            for id, text in texts.items():
-                target, place = self._target(id, event.sets[id])
-                # A concentration that is set with its compartment is that in the new size.
-                size = given.get(place, self.names.get(place, ""))
-                values[target] = f"({text})*({size})" if place else text
+        for id, formula in (pair for row in group for pair in row.event.sets.items()):
+            self._check_target(id, formula)
+        texts = [
+            {id: self._text(formula, self.running) for id, formula in row.event.sets.items()}
+            for row in group
+        ]
+        values = assigned_values(texts, self.content, self.roles, self.names)
         own = self.namer.give("event", first.event.id)
         if len(group) > 1:
             others = ", ".join(f"'{brief(row.event.id)}'" for row in group[1:])
@@ -360,17 +362,13 @@ class SceneWriter(Generic[_Scene]):
             crossing = first.crossing
             self.scene.event(own, crossing.text, direction=crossing.direction, set=values)
 
-    def _target(self, id: str, formula: Formula) -> tuple[str, str]:
-        """Give the state that an event sets, and the compartment whose size makes it an amount."""
-        quantity, role = self.content.quantities[id], self.roles.of[id]
-        if role is Role.MODE:
-            return self.names[id], ""
-        if not role.is_state or quantity.is_constant:
+    def _check_target(self, id: str, formula: Formula) -> None:
+        """Refuse an event that sets what is constant, or what a rule determines."""
+        role = self.roles.of[id]
+        if self.content.quantities[id].is_constant or not (role.is_state or role is Role.MODE):
             raise formula.at.error(
                 f"the {formula.what} is for what is constant, or what a rule determines"
             )
-        is_diluted = role is Role.AMOUNT and not quantity.is_amount
-        return f"{self.names[id]}.c", quantity.compartment if is_diluted else ""
 
     def _symbols(self) -> dict[str, SbmlSymbol]:
         found = {r.id: SbmlSymbol("reaction", self.names[r.id]) for r in self.content.reactions}

@@ -1,10 +1,10 @@
 """Costs of a step of implicit methods, estimated from counts.
 
-In: a problem. Out: how many times as long ``rodas5`` takes as ``cvode`` for the same error.
+In: a problem. Out: the time of ``rodas5`` divided by that of ``cvode`` for the same error.
 
-The numbers are least squares fits to times of a step on 20 networks of 6 to 200 species with up to
-20 sensitivities (``benchmarks/stiff_choice.py`` makes such networks), which they meet within a
-factor of 0.6 to 1.3. Only their ratios count.
+The coefficients were fitted by least squares to the times of a step on 20 networks of 6 to 200
+species with up to 20 sensitivities (``benchmarks/stiff_choice.py`` makes such networks); estimates
+are 0.6 to 1.3 times the measured times. Only their ratios matter.
 """
 
 from __future__ import annotations
@@ -15,23 +15,24 @@ if TYPE_CHECKING:
     from cotree.model.step_work import StepWork
     from cotree.solvers.problem import Problem
 
-# Steps of cvode for each of rodas5, for the same error: the median over these networks at errors
-# from 1e-3 to 1e-9, where it is 2.3 to 2.9; half of the values are between 1.6 and 3.5.
+# Steps that cvode takes for each step of rodas5 at the same error. Medians over these networks at
+# errors from 1e-3 to 1e-9 are 2.3 to 2.9; half of all values are between 1.6 and 3.5.
 _STEPS = 2.5
 
-# Stages of rodas5, and the sensitivities that it solves for at a time where elimination is long.
+# Stages of rodas5, and how many sensitivities it solves for at a time where elimination is long.
 _STAGES, _AT_A_TIME = 8, 8
 
-# Evaluations of a step of cvode: of the rates alone, of all rates, and solutions for each block.
+# Per step of cvode: evaluations of the rates, evaluations of all rates with those of
+# sensitivities, and linear solves for each block.
 _RATES, _ALL, _SOLUTIONS = 1.6, 1.3, 1.5
 
-# Up to so many multiplications of a factorisation cvode makes one in each step where there are
-# sensitivities (FEW_MULTIPLICATIONS in C); else one of its steps in ten does.
+# With sensitivities, cvode factorises in each step if that takes at most this many multiplications
+# (FEW_MULTIPLICATIONS in C); otherwise in one step out of ten.
 _FEW_MULTIPLICATIONS, _SELDOM = 8000, 0.1
 
 
 def share_of_rodas5(problem: Problem) -> float | None:
-    """Estimate how many times as long rodas5 takes as cvode; None where nothing can be counted.
+    """Estimate the time of rodas5 divided by that of cvode; None where costs are unknown.
 
     Parameters
     ----------
@@ -46,13 +47,13 @@ def share_of_rodas5(problem: Problem) -> float | None:
 
 
 def _of_rodas5(work: StepWork, m: int) -> float:
-    """Give the time of a step, [ns]."""
+    """Estimate the time of a step, [ns]."""
     evaluation = 0.43 * (work.augmented if m else work.rates)
     if work.is_unrolled:
         solution = 1.1 * work.n_factors * (1 + m)
         factorisation = 0.5 * work.n_products
     else:
-        # The states, then as many sensitivities at a time as vectors hold.
+        # One solve for the states, then one for each group of sensitivities.
         solution = 2.2 * work.n_factors * (1 - (-m // _AT_A_TIME))
         factorisation = 0.19 * work.n_products
     own = 300.0 + factorisation + 0.5 * work.jacobian
@@ -60,7 +61,7 @@ def _of_rodas5(work: StepWork, m: int) -> float:
 
 
 def _of_cvode(work: StepWork, n: int, m: int) -> float:
-    """Give the time of a step, [ns]."""
+    """Estimate the time of a step, [ns]."""
     evaluation = 0.25 * (_RATES * work.rates + (_ALL * work.augmented if m else 0.0))
     solution = 0.34 * _SOLUTIONS * work.n_banded * (1 + m)
     is_fresh = m > 0 and work.n_banded_products <= _FEW_MULTIPLICATIONS
