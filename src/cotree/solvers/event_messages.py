@@ -55,6 +55,14 @@ VERDICTS = {
         " first, so nothing has sensitivities there: change a parameter, or compile without "
         "sensitivities"
     ),
+    "EVENTS_MODES": (
+        "at t = {t:.10g} the dry friction of {event} has no modes that agree with each other: "
+        "whichever of them stick or slide, a force passes its limit or a motion goes against it"
+    ),
+    "EVENTS_BACKWARD": (
+        "{event} turns at t = {t:.10g} the way that it locks, which takes an impact: let it start at "
+        "a relative speed of zero or more"
+    ),
     "spends": "the limit of {detail:g} events is reached",
     "stops": "event {event} ends the run",
     "EVENTS_FAILED": "the equations of the events cannot be evaluated at t = {t:.10g}",

@@ -346,6 +346,12 @@ class Job:
         events = [rows[c.event].name]
         if name in ("EVENTS_ENDLESS", "EVENTS_SLIDE"):
             events = [row.name for i, row in enumerate(rows) if c.has_fired[i]]
+        if name in ("EVENTS_MODES", "EVENTS_BACKWARD"):
+            # These are of edges, each of which has an event of this name.
+            fired = [rows[c.event]]
+            if name == "EVENTS_MODES":
+                fired = [row for i, row in enumerate(rows) if c.has_fired[i]]
+            events = [row.name.removesuffix(" stops") for row in fired]
         said = verdict(name, events, float(c.event_time), float(c.event_detail))
         return f"{said} ({self.rescue.complaint})" if self.rescue.complaint else said
 

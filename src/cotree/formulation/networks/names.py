@@ -66,6 +66,10 @@ def _symbols(port: Port) -> dict[str, str]:
         found["stretch"] = integral.name
     if content := content_of(port.terminal):
         found["content"] = content[0]
+    if (friction := port.terminal.friction) is not None:
+        # What friction may hold at most on either side, and whether it is engaged.
+        rows = (("upper", friction.upper), ("lower", friction.lower), ("grip", friction.grip))
+        found |= {f"limit_{name}": name for name, law in rows if law is not None}
     return found
 
 

@@ -143,7 +143,9 @@ def _solve_block(
         nodal = factorise_nodal(terminals, block, rules, trial)
     matrix: list[dict[int, Node]] = []
     if nodal is None:
-        linear, nonlinear, matrix = _linearise(solved, block, symbols, trial, terminals.is_stored)
+        linear, nonlinear, matrix = _linearise(
+            solved, block, symbols, trial, terminals.is_stored, terminals.is_friction
+        )
     else:
         linear = tuple(pair for pair in pairs if pair[0] not in nodal[1])
         nonlinear = tuple(pair for pair in pairs if pair[0] in nodal[1])
@@ -164,7 +166,9 @@ def _solve_block(
         # Potentials as unknowns may be fewer than branch variables: take what costs less.
         if is_safe and linear and not nonlinear:
             nodal = factorise_nodal(terminals, block, rules, trial, n_nonzeros)
-    factors = nodal[0] if nodal else factorise_block(dag, matrix, is_safe)
+    factors = nodal[0] if nodal else factorise_block(
+        dag, matrix, is_safe, sum(not terminals.is_friction(u) for u, _ in linear)
+    )
     found = factors.solve([-value for value in rest])
     known |= {symbols[u]: value for (u, _), value in zip(linear, found, strict=True)}
     for variable, symbol in symbols.items():
@@ -182,6 +186,7 @@ def _linearise(
     symbols: Mapping[Variable, Node],
     trial: Mapping[Variable, Node],
     stays: Callable[[Variable], bool],
+    is_shared: Callable[[Variable], bool],
 ) -> tuple[tuple[_Pair, ...], tuple[_Pair, ...], list[dict[int, Node]]]:
     """Tell linear from nonlinear unknowns; give the matrix of the linear equations by the linear.
 
@@ -194,6 +199,8 @@ def _linearise(
     stays : callable
         Whether an unknown stays even where equations are linear in it: a start that is given what
         follows from a total of contents has to find it among the unknowns.
+    is_shared : callable
+        Whether an unknown may be undetermined, where others share what it does.
     """
     # What stands outside the block does not change.
     d: defaultdict[Variable, Tangent] = defaultdict(dict)
@@ -204,7 +211,11 @@ def _linearise(
     bent = set(symbols_in([node for _, row in pairs for node in d[row].values()]))
     kept = {u for u in block.unknowns if symbols[u] in bent or stays(u)}
     nonlinear = tuple((u, r) for u, r in pairs if u in kept)
-    linear = tuple((u, r) for u, r in pairs if u not in kept)
+    # Forces of friction come last: several edges that stick side by side leave them undetermined,
+    # and nothing else.
+    linear = tuple(
+        sorted(((u, r) for u, r in pairs if u not in kept), key=lambda pair: is_shared(pair[0]))
+    )
     places: dict[Hashable, int] = {u: i for i, (u, _) in enumerate(linear)}
     matrix: list[dict[int, Node]] = []
     for _, r in linear:

@@ -16,6 +16,7 @@ from cotree.formulation.continuous import guards_of, is_timed
 from cotree.formulation.networks.derived import (
     across_residual,
     explicit_residual,
+    friction_residual,
     rate_of,
     spring_rate,
     spring_residual,
@@ -124,6 +125,8 @@ class Terminals:
             return self._cutset(name).flow(name, rate)
         if base == "measure":
             return self._measure(name)
+        if base == "limit":
+            return self._lawful(self.ports[name], self._limit(name, rate[1:]))
         if base in ("total", "content", "stored", "loss"):
             return self._content(base, name, rate)
         if base == "field":
@@ -141,6 +144,13 @@ class Terminals:
         row = next(row for row in port.edge.component.measures if row.name == own)
         # A component with several ports may name sums of their variables, with signs.
         return Sum(tuple((sign, (kind, port.sibling(at))) for sign, kind, at in row.terms))
+
+    def _limit(self, name: str, which: str) -> Law:
+        """Give a law of friction besides that of its through variable."""
+        friction = self.ports[name].terminal.friction
+        assert friction is not None
+        law: Law = getattr(friction, which)
+        return law
 
     def _stretch(self, variable: Variable) -> Rule:
         quantity, name = variable
@@ -180,6 +190,11 @@ class Terminals:
     def is_stored(self, variable: Variable) -> bool:
         """Tell whether a variable of a storage follows from a total of contents."""
         return variable[1] in self.stores and self.stores[variable[1]].unknown == variable
+
+    def is_friction(self, variable: Variable) -> bool:
+        """Tell whether a variable is a force of dry friction."""
+        quantity, name = variable
+        return quantity == "through" and self.ports[name].kind is Kind.FRICTION
 
     def _across(self, name: str, rate: str) -> Rule:
         port = self.ports[name]
@@ -258,6 +273,8 @@ class Terminals:
             return self._lawful(port, stored_residual(terminal, quantity == "across_rate"))
         if quantity == "stretch":
             return self._lawful(port, through_residual(terminal))
+        if quantity == "through" and port.kind is Kind.FRICTION:
+            return self._lawful(port, friction_residual(terminal))
         if quantity == "across" and port.kind is Kind.SPRING:
             return self._lawful(port, spring_residual(terminal))
         if quantity == "across" and not is_storage:

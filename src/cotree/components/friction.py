@@ -1,0 +1,156 @@
+"""Dry friction that sticks and slides, in translation and rotation: guides, clutches, gears.
+
+Each edge has a mode, which :mod:`cotree.scene.friction` adds: 0 while it sticks, 1 and -1 while it
+slides forwards and backwards, 2 while it is disengaged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from cotree.components.component import Component, Field, optional, value
+from cotree.components.law import Law
+from cotree.components.ports import scalar
+from cotree.components.terminal import Friction, Kind, Terminal
+
+if TYPE_CHECKING:
+    from cotree.components.component import Adapted, Given, Nodes
+
+#: Takes names of fields to their SymPy symbols, and gives an expression.
+_Expression = Callable[[Callable[[str], Any]], Any]
+
+
+def _symbol(name: str) -> Any:
+    import sympy
+
+    return sympy.Symbol(name, real=True)
+
+
+def _is_positive(given: object) -> bool:
+    """Tell whether a field is a number above zero, whatever parameters are."""
+    return isinstance(given, (int, float)) and not isinstance(given, bool) and given > 0.0
+
+
+@dataclass(frozen=True)
+class _Rubbing:
+    """A component whose friction is one expression of its fields in sliding, and one at rest.
+
+    Attributes
+    ----------
+    domain : str
+        The domain of its port.
+    force : callable
+        The force of dry friction.
+    raised : callable
+        The largest force at rest, where the field ``peak`` names is given.
+    peak : str
+        That field.
+    factors : tuple of str
+        The fields without which there is no force: it is disengaged where one of them is zero.
+    """
+
+    domain: str
+    force: _Expression
+    raised: _Expression
+    peak: str
+    factors: tuple[str, ...]
+    is_one_way: bool = False
+
+    def port(self, given: Given) -> Terminal:
+        """Form the terminal equation; fields that are left out take no part in it."""
+        import sympy
+
+        across, sliding = _symbol("across"), self.force(_symbol)
+        holding = self.raised(_symbol) if self.peak in given else sliding
+        force = sliding
+        if "stribeck_speed" in given:
+            # From the force at rest down to that of sliding; in this form after B. Armstrong-
+            # Helouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994) 1083.
+            force += (holding - force) * sympy.exp(-((across / _symbol("stribeck_speed")) ** 2))
+        viscous = _symbol("damping") * across if "damping" in given else sympy.Integer(0)
+        is_engaged = all(_is_positive(given.get(name)) for name in self.factors)
+        friction = Friction(
+            forward=Law.of(force + viscous),
+            backward=Law.of(-force + viscous),
+            upper=Law.of(holding),
+            lower=None if self.is_one_way else Law.of(-holding),
+            # A one-way clutch locks backwards even where nothing presses it together.
+            grip=None if is_engaged or self.is_one_way else Law.of(sliding),
+        )
+        return Terminal(self.domain, Kind.FRICTION, friction=friction)
+
+    def component(self, name: str, doc: str, fields: tuple[Field, ...]) -> Component:
+        """Make the component type, whose laws depend on the fields that a scene gives."""
+
+        def adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
+            return replace(made, ports=(self.port(given),)), nodes, given
+
+        made = scalar(name, doc, fields, self.port({}))
+        return replace(made, adapt=adapt)
+
+
+def _viscous(unit: str) -> Field:
+    return optional("damping", unit, "of viscous friction, while it slides", None, "nonnegative")
+
+
+def _stribeck(unit: str) -> Field:
+    doc = "speed over which the force falls from that at rest; at once where left out"
+    return optional("stribeck_speed", unit, doc, None, "positive")
+
+
+def _dry(domain: str, force: str, force_unit: str, speed_unit: str) -> Component:
+    rubbing = _Rubbing(
+        domain, lambda s: s(force), lambda s: s("breakaway"), "breakaway", (force,)
+    )
+    fields = (
+        value(force, force_unit, "of dry friction, while it slides", "nonnegative"),
+        optional(
+            "breakaway", force_unit, f"largest {force} at rest; `{force}`", None, "nonnegative"
+        ),
+        _stribeck(speed_unit),
+        _viscous(f"{force_unit} s/{speed_unit.removesuffix('/s')}"),
+    )
+    return rubbing.component(f"{domain}_dry_friction", "dry friction that sticks and slides", fields)
+
+
+_PRESSED = _Rubbing(
+    "rotational",
+    lambda s: s("radius") * s("friction") * s("normal_force"),
+    lambda s: s("peak") * s("radius") * s("friction") * s("normal_force"),
+    "peak",
+    ("normal_force", "friction"),
+)
+
+_BRAKED = replace(
+    _PRESSED,
+    domain="translational",
+    force=lambda s: s("friction") * s("normal_force"),
+    raised=lambda s: s("peak") * s("friction") * s("normal_force"),
+)
+
+
+def _pressed(speed_unit: str, torque: bool) -> tuple[Field, ...]:
+    radius = value("radius", "m", "mean radius of the faces, times their number")
+    return (
+        value("normal_force", "N", "that presses the faces together; none below zero", ""),
+        value("friction", "1", "coefficient in sliding", "nonnegative"),
+        *((radius,) if torque else ()),
+        optional("peak", "1", "coefficient at rest over that in sliding; 1", None, "positive"),
+        _stribeck(speed_unit),
+    )
+
+
+COMPONENTS = (
+    _dry("translational", "force", "N", "m/s"),
+    _dry("rotational", "torque", "N m", "rad/s"),
+    _PRESSED.component("clutch", "clutch between two shafts", _pressed("rad/s", True)),
+    _PRESSED.component("brake", "brake of a shaft", _pressed("rad/s", True)),
+    _BRAKED.component("translational_brake", "brake of a mass", _pressed("m/s", False)),
+    replace(_PRESSED, is_one_way=True).component(
+        "one_way_clutch",
+        "clutch that turns freely one way, and locks the other",
+        _pressed("rad/s", True),
+    ),
+)
