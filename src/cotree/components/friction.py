@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.components.component import Component, Field, optional, value
 from cotree.components.law import Law
-from cotree.components.ports import scalar
+from cotree.components.ports import ideal_coupling, scalar
 from cotree.components.terminal import Friction, Kind, Terminal
 
 if TYPE_CHECKING:
@@ -142,7 +142,59 @@ def _pressed(speed_unit: str, torque: bool) -> tuple[Field, ...]:
     )
 
 
+def _toothed(given: Given) -> Component:
+    """Make a gear whose teeth and bearings rub, with what a scene gives of its fields.
+
+    With t the torque that the gear passes on, counted at the input, and T that of the bearings, the
+    teeth take (t (1 - e) + T) / e where the input drives, and (1 - f) |t| + f T where the output
+    does, e and f the efficiencies (C. Pelchen, C. Schweiger, M. Otter, Modeling and Simulating the
+    Efficiency of Gearboxes, Modelica Conference 2002). Each is the larger where it holds.
+    """
+    import sympy
+
+    passed, e = _symbol("through_input"), _symbol("efficiency")
+    f = _symbol("back_efficiency") if "back_efficiency" in given else e
+    bearing = _symbol("torque") if "torque" in given else sympy.Integer(0)
+    forward = sympy.Max((passed * (1 - e) + bearing) / e, passed * (f - 1) + f * bearing)
+    backward = sympy.Min((passed * (1 - e) - bearing) / e, passed * (f - 1) - f * bearing)
+    sliding = Law.of(forward), Law.of(backward)
+    ideal = ideal_coupling("", "", _RATIO, ("rotational", "input"), ("rotational", "output"))
+    ports = tuple(replace(p, between=(p.port, "ground")) for p in ideal.ports)
+    teeth = Terminal(
+        "rotational",
+        Kind.FRICTION,
+        "teeth",
+        is_passive=False,
+        between=("input", "ground"),
+        friction=Friction(*sliding, *sliding),
+    )
+    return replace(_GEAR, ports=(*ports, teeth))
+
+
+def _adapt_gear(edge: str, nodes: Nodes, given: Given) -> Adapted:
+    return _toothed(given), nodes, given
+
+
+_RATIO = value("ratio", "1", "speed of input per speed of output", "")
+
+_GEAR = scalar(
+    "lossy_gear",
+    "gear with losses in teeth and bearings, which may lock it",
+    (
+        _RATIO,
+        value("efficiency", "1", "of the teeth, where the input drives", "positive"),
+        optional(
+            "back_efficiency", "1", "where the output drives; `efficiency`", None, "positive"
+        ),
+        optional("torque", "N m", "of friction in the bearings, at the input", None, "nonnegative"),
+    ),
+    terminals=("input", "output"),
+    adapt=_adapt_gear,
+)
+
+
 COMPONENTS = (
+    _toothed({}),
     _dry("translational", "force", "N", "m/s"),
     _dry("rotational", "torque", "N m", "rad/s"),
     _PRESSED.component("clutch", "clutch between two shafts", _pressed("rad/s", True)),
