@@ -155,9 +155,15 @@ def _toothed(given: Given) -> Component:
     passed, e = _symbol("through_input"), _symbol("efficiency")
     f = _symbol("back_efficiency") if "back_efficiency" in given else e
     bearing = _symbol("torque") if "torque" in given else sympy.Integer(0)
-    forward = sympy.Max((passed * (1 - e) + bearing) / e, passed * (f - 1) + f * bearing)
-    backward = sympy.Min((passed * (1 - e) - bearing) / e, passed * (f - 1) - f * bearing)
-    sliding = Law.of(forward), Law.of(backward)
+    laws, limits = [], []
+    # The input drives where its torque has the sign of the speed: forwards on the positive side.
+    for way, choose in ((1, sympy.Max), (-1, sympy.Min)):
+        drives = (passed * (1 - e) + way * bearing) / e
+        driven = passed * (f - 1) + way * f * bearing
+        own = (1 + way * _symbol("side")) / 2
+        laws.append(Law.of(own * drives + (1 - own) * driven))
+        limits.append(Law.of(choose(drives, driven)))
+    friction = Friction(*laws, *limits, load=Law.of(passed + _symbol("through")))
     ideal = ideal_coupling("", "", _RATIO, ("rotational", "input"), ("rotational", "output"))
     ports = tuple(replace(p, between=(p.port, "ground")) for p in ideal.ports)
     teeth = Terminal(
@@ -166,7 +172,7 @@ def _toothed(given: Given) -> Component:
         "teeth",
         is_passive=False,
         between=("input", "ground"),
-        friction=Friction(*sliding, *sliding),
+        friction=friction,
     )
     return replace(_GEAR, ports=(*ports, teeth))
 

@@ -82,6 +82,9 @@ class Friction:
         backwards; None where it never slides to that side.
     grip : Law or None
         Positive while it is engaged; through is zero otherwise. None where it always is.
+    load : Law or None
+        What the laws of sliding change their form with: the argument ``side`` is its sign. They
+        meet where it is zero.
     """
 
     forward: Law
@@ -89,6 +92,7 @@ class Friction:
     upper: Law
     lower: Law | None
     grip: Law | None = None
+    load: Law | None = None
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,7 @@ class FrictionPart(IntEnum):
     FORWARD = 3  # what is left of the force to its limit forwards
     BACKWARD = 4  # and backwards
     GRIP = 5  # what is positive while it is engaged
+    LOAD = 6  # what the laws of sliding change their form with, with the sign that they assume
 
 
 @dataclass(frozen=True)

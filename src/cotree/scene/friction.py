@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     _Scene = TypeVar("_Scene", bound=SceneDescription)
 
 _MODE = Field("mode", "", "which of its laws holds", constant=False)
+_SIDE = Field("side", "", "the sign of its load", constant=False)
 
 
 def with_friction(scene: _Scene) -> _Scene:
@@ -41,10 +42,13 @@ def with_friction(scene: _Scene) -> _Scene:
     made = copy.copy(scene)
     made.edges, made.modes, made.events = dict(scene.edges), dict(scene.modes), {}
     for name, port in ports.items():
-        made.edges[name] = _with_mode(port.edge)
+        made.edges[name] = _with_modes(port)
         mode = mode_name(name)
         made.modes[mode] = Mode(mode, parse(_at_start(port), f"mode of edge '{name}'"), is_jump=True)
-        for event in _events(port, mode, scene):
+        if port.terminal.friction.load is not None:  # type: ignore[union-attr]
+            side = side_name(name)
+            made.modes[side] = Mode(side, parse("1", f"side of edge '{name}'"), is_jump=True)
+        for event in _events(port, mode):
             made.events[event.name] = event
     made.events.update(scene.events)
     return made
@@ -55,10 +59,23 @@ def mode_name(edge: str) -> str:
     return f"{edge}.mode"
 
 
-def _with_mode(edge: Edge) -> Edge:
-    component = replace(edge.component, fields=(*edge.component.fields, _MODE))
-    field = parse(mode_name(edge.name), f"mode of edge '{edge.name}'")
-    return replace(edge, component=component, fields={**edge.fields, "mode": field})
+def side_name(edge: str) -> str:
+    """Name the mode that tells the sign of the load of an edge."""
+    return f"{edge}.side"
+
+
+def _with_modes(port: Port) -> Edge:
+    edge, added = port.edge, [(_MODE, mode_name(port.edge.name))]
+    assert port.terminal.friction is not None
+    if port.terminal.friction.load is not None:
+        added.append((_SIDE, side_name(edge.name)))
+    component = replace(
+        edge.component, fields=(*edge.component.fields, *(field for field, _ in added))
+    )
+    fields = {
+        field.name: parse(name, f"{field.name} of edge '{edge.name}'") for field, name in added
+    }
+    return replace(edge, component=component, fields={**edge.fields, **fields})
 
 
 def _at_start(port: Port) -> str:
@@ -70,7 +87,7 @@ def _at_start(port: Port) -> str:
     return f"where({port.name}.grip > 0, {speed}, 2)"
 
 
-def _events(port: Port, mode: str, scene: SceneDescription) -> list[Event]:
+def _events(port: Port, mode: str) -> list[Event]:
     friction, name = port.terminal.friction, port.name
     assert friction is not None
     row = DOMAINS[port.terminal.domain]
@@ -88,6 +105,10 @@ def _events(port: Port, mode: str, scene: SceneDescription) -> list[Event]:
         rows.append(("slips backwards", text, -1, FrictionPart.BACKWARD))
     if friction.grip is not None:
         rows.append(("engages", f"{name}.grip", 0, FrictionPart.GRIP))
+    if friction.load is not None:
+        # While it sticks, no law of sliding takes part.
+        text = f"{mode}**2*{side_name(port.edge.name)}*{name}.load"
+        rows.append(("turns its load", text, -1, FrictionPart.LOAD))
     where = f"friction of edge '{port.edge.name}'"
     return [
         Event(
@@ -95,10 +116,11 @@ def _events(port: Port, mode: str, scene: SceneDescription) -> list[Event]:
             parse(when, where),
             way,
             # The mode is chosen together with those of all other edges.
-            {mode: parse(mode, where)},
+            {target: parse(target, where)},
             is_stop=False,
             restitution=None,
             friction=part,
         )
         for what, when, way, part in rows
+        for target in [side_name(port.edge.name) if part is FrictionPart.LOAD else mode]
     ]

@@ -69,6 +69,7 @@ def _symbols(port: Port) -> dict[str, str]:
     if (friction := port.terminal.friction) is not None:
         # What friction may hold at most on either side, and whether it is engaged.
         rows = (("upper", friction.upper), ("lower", friction.lower), ("grip", friction.grip))
+        rows = (*rows, ("load", friction.load))
         found |= {f"limit_{name}": name for name, law in rows if law is not None}
     return found
 
