@@ -32,7 +32,6 @@ from cotree.scene.graphs import (
     linear_graphs,
     separate_trees,
 )
-from cotree.scene.friction import with_friction
 from cotree.scene.jumps import with_jumps
 from cotree.sensitivity.graphs import form_equations, input_columns
 
@@ -147,7 +146,6 @@ def formulate(
         If the scene is wrong, or its equations cannot be formed.
     """
     check_scene_units(scene)
-    scene = with_friction(scene)
     trees = trees_to_try(scene, tree)
     # Walks, elimination and derivatives along one parameter are done for every alternative; the
     # full set of sensitivity graphs (Eq. (4) of the paper) is formed for the chosen one alone.
