@@ -1,0 +1,46 @@
+"""Where dry friction may stand: between nodes whose relative acceleration inertias decide."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cotree.components import Kind
+from cotree.errors import FormulationError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from cotree.formulation.networks.topology import Topology
+    from cotree.scene.networks import Port
+
+
+def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]) -> None:
+    """Refuse dry friction whose relative acceleration does not follow from forces on inertias.
+
+    Raises
+    ------
+    FormulationError
+        If something without inertia is in its f-circuit, or sources alone.
+    """
+    for name, port in ports.items():
+        if port.kind is not Kind.FRICTION or port.is_coupling:
+            continue
+        whose = f"edge '{port.edge.name}' of type '{port.edge.component.name}'"
+        if port.is_short:
+            raise FormulationError(f"{whose} begins and ends at node '{port.head}': name another")
+        kinds = {n: ports[n].kind for n in topologies[port.terminal.domain].along(name)}
+        for branch, kind in kinds.items():
+            if kind not in (Kind.ACROSS_STORAGE, Kind.COUPLED, Kind.ACROSS_SOURCE):
+                raise FormulationError(
+                    f"{whose} sticks, so that inertias must decide the relative acceleration of its "
+                    f"nodes, but between them is '{branch}', which has none: add "
+                    f"{_INERTIA[port.terminal.domain]} to the node that has none"
+                )
+        if all(kind is Kind.ACROSS_SOURCE for kind in kinds.values()):
+            raise FormulationError(
+                f"{whose} lies between given speeds, where nothing can stick: add "
+                f"{_INERTIA[port.terminal.domain]} to one of its nodes, or take it out"
+            )
+
+
+_INERTIA = {"translational": "a translational_mass", "rotational": "a rotational_inertia"}
