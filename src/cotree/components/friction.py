@@ -101,9 +101,7 @@ def _stribeck(unit: str) -> Field:
 
 
 def _dry(domain: str, force: str, force_unit: str, speed_unit: str) -> Component:
-    rubbing = _Rubbing(
-        domain, lambda s: s(force), lambda s: s("breakaway"), "breakaway", (force,)
-    )
+    rubbing = _Rubbing(domain, lambda s: s(force), lambda s: s("breakaway"), "breakaway", (force,))
     fields = (
         value(force, force_unit, "of dry friction, while it slides", "nonnegative"),
         optional(
@@ -112,7 +110,9 @@ def _dry(domain: str, force: str, force_unit: str, speed_unit: str) -> Component
         _stribeck(speed_unit),
         _viscous(f"{force_unit} s/{speed_unit.removesuffix('/s')}"),
     )
-    return rubbing.component(f"{domain}_dry_friction", "dry friction that sticks and slides", fields)
+    return rubbing.component(
+        f"{domain}_dry_friction", "dry friction that sticks and slides", fields
+    )
 
 
 _PRESSED = _Rubbing(
@@ -163,7 +163,9 @@ def _toothed(given: Given) -> Component:
         own = (1 + way * _symbol("side")) / 2
         laws.append(Law.of(own * drives + (1 - own) * driven))
         limits.append(Law.of(choose(drives, driven)))
-    friction = Friction(*laws, *limits, load=Law.of(passed + _symbol("through")))
+    friction = Friction(
+        laws[0], laws[1], limits[0], limits[1], load=Law.of(passed + _symbol("through"))
+    )
     ideal = ideal_coupling("", "", _RATIO, ("rotational", "input"), ("rotational", "output"))
     ports = tuple(replace(p, between=(p.port, "ground")) for p in ideal.ports)
     teeth = Terminal(
@@ -189,9 +191,7 @@ _GEAR = scalar(
     (
         _RATIO,
         value("efficiency", "1", "of the teeth, where the input drives", "positive"),
-        optional(
-            "back_efficiency", "1", "where the output drives; `efficiency`", None, "positive"
-        ),
+        optional("back_efficiency", "1", "where the output drives; `efficiency`", None, "positive"),
         optional("torque", "N m", "of friction in the bearings, at the input", None, "nonnegative"),
     ),
     terminals=("input", "output"),

@@ -9,7 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from cotree.components.component import Component, Demand, Field, Plane, Role, Shape, optional, value
+from cotree.components.component import (
+    Component,
+    Demand,
+    Field,
+    Plane,
+    Role,
+    Shape,
+    optional,
+    value,
+)
 from cotree.components.law import Law
 from cotree.components.ports import (
     across_source,

@@ -44,7 +44,9 @@ def with_friction(scene: _Scene) -> _Scene:
     for name, port in ports.items():
         made.edges[name] = _with_modes(port)
         mode = mode_name(name)
-        made.modes[mode] = Mode(mode, parse(_at_start(port), f"mode of edge '{name}'"), is_jump=True)
+        made.modes[mode] = Mode(
+            mode, parse(_at_start(port), f"mode of edge '{name}'"), is_jump=True
+        )
         if port.terminal.friction.load is not None:  # type: ignore[union-attr]
             side = side_name(name)
             made.modes[side] = Mode(side, parse("1", f"side of edge '{name}'"), is_jump=True)

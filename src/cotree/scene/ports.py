@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from cotree.components import Role
+from cotree.components import Kind, Role
 from cotree.components.counterparts import ON_JOINTS
 from cotree.components.heat import HEAT, loss_of, with_heat
 from cotree.domains import DOMAINS
@@ -27,7 +27,8 @@ _MECHANICAL = ("translational", "rotational")
 
 def acts_on_multibody(port: Terminal) -> bool:
     """Tell whether a port may act on a joint, or along a line, in place of two nodes."""
-    return port.domain in _MECHANICAL
+    # What sticks needs the inertia of its nodes as a graph has it.
+    return port.domain in _MECHANICAL and port.kind is not Kind.FRICTION
 
 
 @dataclass(frozen=True)

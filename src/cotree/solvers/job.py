@@ -20,7 +20,7 @@ from cotree.solvers.base import Occurrence
 from cotree.solvers.budgets import most_rows
 from cotree.solvers.callbacks import Callbacks
 from cotree.solvers.corners import corner_times, turn_tolerances, turning
-from cotree.solvers.event_messages import BY_STATUS, verdict
+from cotree.solvers.event_messages import BY_STATUS, blamed, verdict
 from cotree.solvers.messages import undefined_ahead
 from cotree.solvers.problem import describe_entry
 from cotree.solvers.rescue import Rescue
@@ -343,15 +343,8 @@ class Job:
         """Say why an event ended the job."""
         assert problem.events is not None  # whose status it is
         rows, c = problem.events.rows, self.job
-        events = [rows[c.event].name]
-        if name in ("EVENTS_ENDLESS", "EVENTS_SLIDE"):
-            events = [row.name for i, row in enumerate(rows) if c.has_fired[i]]
-        if name in ("EVENTS_MODES", "EVENTS_BACKWARD"):
-            # These are of edges, each of which has an event of this name.
-            fired = [rows[c.event]]
-            if name == "EVENTS_MODES":
-                fired = [row for i, row in enumerate(rows) if c.has_fired[i]]
-            events = [row.name.removesuffix(" stops") for row in fired]
+        fired = [row.name for i, row in enumerate(rows) if c.has_fired[i]]
+        events = blamed(name, rows[c.event].name, fired)
         said = verdict(name, events, float(c.event_time), float(c.event_detail))
         return f"{said} ({self.rescue.complaint})" if self.rescue.complaint else said
 

@@ -36,13 +36,13 @@ class _AtRunTime:
         """
         n = len(rhs)
         scaled = [value * scale for value, scale in zip(rhs, self.row_scales, strict=True)]
-        found = solve(self.dag, self.matrix, scaled, self.dag.zero, SolveShape(n, self.n_determined))
+        found = solve(
+            self.dag, self.matrix, scaled, self.dag.zero, SolveShape(n, self.n_determined)
+        )
         return [value * s for value, s in zip(found, self.column_scales, strict=False)]
 
 
-def _at_run_time(
-    dag: Dag, matrix: Sequence[Sequence[Node]], n_determined: int
-) -> _AtRunTime:
+def _at_run_time(dag: Dag, matrix: Sequence[Sequence[Node]], n_determined: int) -> _AtRunTime:
     """Divide rows, then columns, by the sums of their sizes, which makes pivots comparable."""
     n = range(len(matrix))
     # Units differ from row to row (volts, amperes, newtons): without scales the largest pivot would

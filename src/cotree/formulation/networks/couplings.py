@@ -85,12 +85,6 @@ def form_couplings(ports: Mapping[str, Port], view: View) -> dict[str, Coupling]
 
 
 def _measure(port: Port, motion: Motion) -> Measure:
-    if port.kind is Kind.FRICTION:
-        smooth = f"{port.terminal.domain}_friction"
-        raise SceneError(
-            f"edge '{port.edge.name}' of type '{port.edge.component.name}' sticks, which is known of "
-            f"nodes only, not of a joint or a line: give it nodes, or take a {smooth}"
-        )
     # Two nodes: the port acts along the line between them.
     if len(port.ends.acts_on) == 2:
         return _line(port, motion)

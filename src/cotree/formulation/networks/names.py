@@ -68,9 +68,8 @@ def _symbols(port: Port) -> dict[str, str]:
         found["content"] = content[0]
     if (friction := port.terminal.friction) is not None:
         # What friction may hold at most on either side, and whether it is engaged.
-        rows = (("upper", friction.upper), ("lower", friction.lower), ("grip", friction.grip))
-        rows = (*rows, ("load", friction.load))
-        found |= {f"limit_{name}": name for name, law in rows if law is not None}
+        rows = ("upper", "lower", "grip", "load")
+        found |= {f"limit_{n}": n for n in rows if getattr(friction, n) is not None}
     return found
 
 

@@ -10,6 +10,8 @@ from cotree.errors import FormulationError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from cotree.components import Law
+    from cotree.formulation.networks.rules import Variable
     from cotree.formulation.networks.topology import Topology
     from cotree.scene.networks import Port
 
@@ -32,8 +34,8 @@ def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]
         for branch, kind in kinds.items():
             if kind not in (Kind.ACROSS_STORAGE, Kind.COUPLED, Kind.ACROSS_SOURCE):
                 raise FormulationError(
-                    f"{whose} sticks, so that inertias must decide the relative acceleration of its "
-                    f"nodes, but between them is '{branch}', which has none: add "
+                    f"{whose} sticks, so that inertias must decide the relative acceleration of "
+                    f"its nodes, but between them is '{branch}', which has none: add "
                     f"{_INERTIA[port.terminal.domain]} to the node that has none"
                 )
         if all(kind is Kind.ACROSS_SOURCE for kind in kinds.values()):
@@ -44,3 +46,15 @@ def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]
 
 
 _INERTIA = {"translational": "a translational_mass", "rotational": "a rotational_inertia"}
+
+
+def limit_law(port: Port, which: str) -> Law:
+    """Give a law of dry friction besides that of its through variable, by its attribute."""
+    law: Law = getattr(port.terminal.friction, which)
+    return law
+
+
+def is_friction(ports: Mapping[str, Port], variable: Variable) -> bool:
+    """Tell whether a variable is a force of dry friction."""
+    quantity, name = variable
+    return quantity == "through" and ports[name].kind is Kind.FRICTION

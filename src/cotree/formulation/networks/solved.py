@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING
 
 from cotree.dag.traverse import substitute, symbols_in
 from cotree.formulation.networks.blocks import factorise_block
 from cotree.formulation.networks.nodal import factorise_nodal
 from cotree.formulation.networks.plan import Block
+from cotree.formulation.networks.rubbing import is_friction
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterable, Mapping
@@ -144,7 +146,12 @@ def _solve_block(
     matrix: list[dict[int, Node]] = []
     if nodal is None:
         linear, nonlinear, matrix = _linearise(
-            solved, block, symbols, trial, terminals.is_stored, terminals.is_friction
+            solved,
+            block,
+            symbols,
+            trial,
+            terminals.is_stored,
+            partial(is_friction, terminals.ports),
         )
     else:
         linear = tuple(pair for pair in pairs if pair[0] not in nodal[1])
@@ -166,8 +173,12 @@ def _solve_block(
         # Potentials as unknowns may be fewer than branch variables: take what costs less.
         if is_safe and linear and not nonlinear:
             nodal = factorise_nodal(terminals, block, rules, trial, n_nonzeros)
-    factors = nodal[0] if nodal else factorise_block(
-        dag, matrix, is_safe, sum(not terminals.is_friction(u) for u, _ in linear)
+    factors = (
+        nodal[0]
+        if nodal
+        else factorise_block(
+            dag, matrix, is_safe, sum(not is_friction(terminals.ports, u) for u, _ in linear)
+        )
     )
     found = factors.solve([-value for value in rest])
     known |= {symbols[u]: value for (u, _), value in zip(linear, found, strict=True)}
