@@ -30,7 +30,7 @@ ALONE = sorted(
     for name in OWN
     if len(COMPONENTS[name].ports) == 1
     and COMPONENTS[name].ports[0].domain in MECHANICAL
-    and COMPONENTS[name].ports[0].kind is not Kind.ACROSS_SOURCE
+    and COMPONENTS[name].ports[0].kind not in (Kind.ACROSS_SOURCE, Kind.FRICTION)
 )
 ACCURATE = {"method": "dop853", "rtol": 1e-9, "atol": 1e-11}
 
@@ -41,6 +41,8 @@ def is_turning(name):
 
 def given(name):
     fields = {row.name: FIELDS[row.name] for row in COMPONENTS[name].fields if row.required}
+    if name.endswith("_backlash"):
+        fields |= {"lower": FIELDS["lower"], "upper": FIELDS["upper"]}
     return {"stiffness": "k", **fields} if name.endswith("_spring") else fields
 
 
