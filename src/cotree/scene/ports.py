@@ -107,6 +107,8 @@ def check_ports(
             return (), (_multibody(edge, rest),), rest
         if acts_on_multibody(port) and not nodes:
             raise SceneError(f"edge '{edge}' needs two nodes, or joint = \"...\" to act on a joint")
+        if port.kind is Kind.FRICTION:
+            _refuse_joint(edge, component, rest)
         pair = _pair(edge, nodes, f"edge '{edge}'", may_be_one=True)
         return pair, (_ends(component.ports[0], pair, f"edge '{edge}'"),), rest
     _refuse_places(edge, component, nodes, rest)
