@@ -23,6 +23,9 @@ FIELDS = {
     "upper": 0.2,
     "force": "0.1*k",
     "torque": "0.1*k",
+    "normal_force": "k",
+    "friction": 0.2,
+    "radius": 0.5,
 }
 MECHANICAL = ("translational", "rotational")
 ALONE = sorted(
@@ -30,7 +33,7 @@ ALONE = sorted(
     for name in OWN
     if len(COMPONENTS[name].ports) == 1
     and COMPONENTS[name].ports[0].domain in MECHANICAL
-    and COMPONENTS[name].ports[0].kind not in (Kind.ACROSS_SOURCE, Kind.FRICTION)
+    and COMPONENTS[name].ports[0].kind is not Kind.ACROSS_SOURCE
 )
 ACCURATE = {"method": "dop853", "rtol": 1e-9, "atol": 1e-11}
 

@@ -40,6 +40,23 @@ def belt():
     return scene
 
 
+def pendulum():
+    """Make a double pendulum with friction in both hinges."""
+    scene = cotree.Scene("pendulum", gravity=[0, "-g", 0])
+    for name, value in {"g": 9.81, "T1": 2.0, "T2": 0.7, "m": 1.0, "th": 1.0}.items():
+        scene.parameter(name, value)
+    hinge = {"axis": [0, 0, 1]}
+    scene.edge("h1", "revolute", "ground", "A", initial={"theta": "th"}, **hinge)
+    scene.edge("a1", "arm", "A", "B", vector=[0, -1, 0])
+    scene.edge("b1", "rigid_body", "ground", "B", mass="m")
+    scene.edge("h2", "revolute", "B", "C", initial={"theta": 0.5}, **hinge)
+    scene.edge("a2", "arm", "C", "D", vector=[0, -1, 0])
+    scene.edge("b2", "rigid_body", "ground", "D", mass="m")
+    scene.edge("R1", "rotational_dry_friction", joint="h1", torque="T1")
+    scene.edge("R2", "rotational_dry_friction", joint="h2", torque="T2", breakaway="1.3*T2")
+    return scene
+
+
 def incline():
     """Make a block on an incline that tilts to and fro, by the angle sin(w t)."""
     scene = scene_with(m=2.0, g=9.81, mu=0.3, mus=0.4, w=1.0)
@@ -183,6 +200,7 @@ def test_every_method_that_takes_events_takes_friction(method):
         (incline, 5.5, ["M.v"]),
         (coaxial, 14.0, ["J1.w", "J2.w"]),
         (chain, 10.0, ["MA.v", "MB.v", "MC.v"]),
+        (pendulum, 5.0, ["h1.theta", "h2.theta"]),
     ],
     ids=lambda value: getattr(value, "__name__", ""),
 )
@@ -234,6 +252,27 @@ def test_friction_without_force_does_nothing(force):
     scene.edge("R", "translational_dry_friction", "ground", "A", force=force)
     result = scene.compile().simulate((0, 3), **TIGHT)
     assert abs(result["M.v"][-1] - cos(6.0)) <= CLOSE
+
+
+def test_friction_in_joints_brings_a_pendulum_to_rest():
+    model = pendulum().compile()
+    result = model.simulate((0, 9), method="dop853", rtol=1e-9)
+    assert [result[f"R{i}.mode"][-1] for i in (1, 2)] == [0.0, 0.0]
+    speeds = [result[f"h{i}.theta_dot"][-1] for i in (1, 2)]
+    assert np.max(np.abs(speeds)) <= CLOSE
+    # At rest each hinge holds the moments of the weights beyond it.
+    first, second = (result[f"h{i}.theta"][-1] for i in (1, 2))
+    lower = 9.81 * sin(first + second)
+    upper = 9.81 * 2 * sin(first) + lower
+    assert abs(result["R2.tau"][-1] + lower) <= 1e-7
+    assert abs(result["R1.tau"][-1] + upper) <= 1e-7
+
+
+def test_two_edges_on_one_joint_are_refused_by_name():
+    scene = pendulum()
+    scene.edge("more", "rotational_dry_friction", joint="h2", torque=0.1)
+    with pytest.raises(FormulationError, match="'R2' and 'more' both stick at 'h2'"):
+        scene.compile()
 
 
 def test_friction_between_massless_nodes_is_refused_by_name():

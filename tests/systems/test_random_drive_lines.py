@@ -29,7 +29,7 @@ def _friction(scene, name, pair, rng):
 
 
 def drive_line(seed):
-    """Make inertias, springs, friction between any two of them, and torques in half of all lines."""
+    """Make inertias, springs, friction between any two of them, and a torque in half of all."""
     rng = np.random.default_rng(seed)
     is_driven = bool(rng.random() < 0.5)
     scene = cotree.Scene("line")

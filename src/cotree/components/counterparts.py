@@ -28,13 +28,6 @@ ON_JOINTS = {
     "line_force": ("force_source",),
     "torque": ("torque_source",),
     "rigid_body": ("translational_mass", "rotational_inertia"),
-    # What sticks, and what is smooth in its place.
-    "translational_dry_friction": ("translational_friction",),
-    "translational_brake": ("translational_friction",),
-    "rotational_dry_friction": ("rotational_friction",),
-    "clutch": ("rotational_friction",),
-    "brake": ("rotational_friction",),
-    "one_way_clutch": ("rotational_friction",),
 }
 
 

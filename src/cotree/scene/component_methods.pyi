@@ -402,10 +402,11 @@ class ComponentMethods:
     def brake(
         self,
         name: str,
-        first: str,
-        second: str,
+        first: str = ...,
+        second: str = ...,
         /,
         *,
+        joint: str | None = None,
         normal_force: _Value,
         friction: _Value,
         radius: _Value,
@@ -420,7 +421,9 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.w`` and so on.
         first, second : str
-            Its nodes.
+            Its nodes; none where it acts on a joint.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
         normal_force : float, str or table, [N]
             That presses the faces together; none below zero.
         friction : float, str or table
@@ -633,10 +636,11 @@ class ComponentMethods:
     def clutch(
         self,
         name: str,
-        first: str,
-        second: str,
+        first: str = ...,
+        second: str = ...,
         /,
         *,
+        joint: str | None = None,
         normal_force: _Value,
         friction: _Value,
         radius: _Value,
@@ -651,7 +655,9 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.w`` and so on.
         first, second : str
-            Its nodes.
+            Its nodes; none where it acts on a joint.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
         normal_force : float, str or table, [N]
             That presses the faces together; none below zero.
         friction : float, str or table
@@ -2006,10 +2012,11 @@ class ComponentMethods:
     def one_way_clutch(
         self,
         name: str,
-        first: str,
-        second: str,
+        first: str = ...,
+        second: str = ...,
         /,
         *,
+        joint: str | None = None,
         normal_force: _Value,
         friction: _Value,
         radius: _Value,
@@ -2024,7 +2031,9 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.w`` and so on.
         first, second : str
-            Its nodes.
+            Its nodes; none where it acts on a joint.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
         normal_force : float, str or table, [N]
             That presses the faces together; none below zero.
         friction : float, str or table
@@ -2880,10 +2889,11 @@ class ComponentMethods:
     def rotational_dry_friction(
         self,
         name: str,
-        first: str,
-        second: str,
+        first: str = ...,
+        second: str = ...,
         /,
         *,
+        joint: str | None = None,
         torque: _Value,
         breakaway: _Value | None = None,
         stribeck_speed: _Value | None = None,
@@ -2897,7 +2907,9 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.w`` and so on.
         first, second : str
-            Its nodes.
+            Its nodes; none where it acts on a joint.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
         torque : float, str or table, [N m]
             Of dry friction, while it slides.
         breakaway : float, str or table, [N m], optional
@@ -3824,10 +3836,12 @@ class ComponentMethods:
     def translational_brake(
         self,
         name: str,
-        first: str,
-        second: str,
+        first: str = ...,
+        second: str = ...,
         /,
         *,
+        joint: str | None = None,
+        line: _Nodes | None = None,
         normal_force: _Value,
         friction: _Value,
         peak: _Value | None = None,
@@ -3841,7 +3855,11 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.v`` and so on.
         first, second : str
-            Its nodes.
+            Its nodes; none where it acts on a joint or along a line.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
+        line : pair of str, optional
+            Two nodes of the multibody system; it acts along their line.
         normal_force : float, str or table, [N]
             That presses the faces together; none below zero.
         friction : float, str or table
@@ -3908,10 +3926,12 @@ class ComponentMethods:
     def translational_dry_friction(
         self,
         name: str,
-        first: str,
-        second: str,
+        first: str = ...,
+        second: str = ...,
         /,
         *,
+        joint: str | None = None,
+        line: _Nodes | None = None,
         force: _Value,
         breakaway: _Value | None = None,
         stribeck_speed: _Value | None = None,
@@ -3925,7 +3945,11 @@ class ComponentMethods:
         name : str
             Name of the edge; its variables are called ``name.v`` and so on.
         first, second : str
-            Its nodes.
+            Its nodes; none where it acts on a joint or along a line.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
+        line : pair of str, optional
+            Two nodes of the multibody system; it acts along their line.
         force : float, str or table, [N]
             Of dry friction, while it slides.
         breakaway : float, str or table, [N], optional

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from cotree.components import Kind, Role
+from cotree.components import Role
 from cotree.components.counterparts import ON_JOINTS
 from cotree.components.heat import HEAT, loss_of, with_heat
 from cotree.domains import DOMAINS
@@ -27,8 +27,7 @@ _MECHANICAL = ("translational", "rotational")
 
 def acts_on_multibody(port: Terminal) -> bool:
     """Tell whether a port may act on a joint, or along a line, in place of two nodes."""
-    # What sticks needs the inertia of its nodes as a graph has it.
-    return port.domain in _MECHANICAL and port.kind is not Kind.FRICTION
+    return port.domain in _MECHANICAL
 
 
 @dataclass(frozen=True)
@@ -107,8 +106,6 @@ def check_ports(
             return (), (_multibody(edge, rest),), rest
         if acts_on_multibody(port) and not nodes:
             raise SceneError(f"edge '{edge}' needs two nodes, or joint = \"...\" to act on a joint")
-        if port.kind is Kind.FRICTION:
-            _refuse_joint(edge, component, rest)
         pair = _pair(edge, nodes, f"edge '{edge}'", may_be_one=True)
         return pair, (_ends(component.ports[0], pair, f"edge '{edge}'"),), rest
     _refuse_places(edge, component, nodes, rest)

@@ -22,10 +22,21 @@ def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]
     Raises
     ------
     FormulationError
-        If something without inertia is in its f-circuit, or sources alone.
+        If something without inertia is in its f-circuit, or sources alone; or if two are on one
+        joint, whose forces are not unique while both stick.
     """
+    places: dict[tuple[str, ...], str] = {}
     for name, port in ports.items():
-        if port.kind is not Kind.FRICTION or port.is_coupling:
+        if port.kind is not Kind.FRICTION:
+            continue
+        if port.is_coupling:
+            other = places.setdefault(port.ends.acts_on, port.edge.name)
+            if other != port.edge.name:
+                raise FormulationError(
+                    f"edges '{other}' and '{port.edge.name}' both stick at "
+                    f"'{', '.join(port.ends.acts_on)}', where nothing tells their forces apart: "
+                    "make one edge of them"
+                )
             continue
         whose = f"edge '{port.edge.name}' of type '{port.edge.component.name}'"
         if port.is_short:

@@ -150,7 +150,7 @@ def _solve_block(
             block,
             symbols,
             trial,
-            terminals.is_stored,
+            terminals.stays,
             partial(is_friction, terminals.ports),
         )
     else:
