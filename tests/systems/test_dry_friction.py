@@ -256,7 +256,7 @@ def test_friction_without_force_does_nothing(force):
 
 def test_friction_in_joints_brings_a_pendulum_to_rest():
     model = pendulum().compile()
-    result = model.simulate((0, 9), method="dop853", rtol=1e-9)
+    result = model.simulate((0, 12), method="dop853", rtol=1e-9)
     assert [result[f"R{i}.mode"][-1] for i in (1, 2)] == [0.0, 0.0]
     speeds = [result[f"h{i}.theta_dot"][-1] for i in (1, 2)]
     assert np.max(np.abs(speeds)) <= CLOSE

@@ -11,7 +11,6 @@ _PAIRS = {
     "rotational_friction": "translational_friction",
     "rotational_dry_friction": "translational_dry_friction",
     "rotational_backlash": "translational_backlash",
-    "brake": "translational_brake",
     "torque_source": "force_source",
     "speed_source": "velocity_source",
     "ideal_gear": "lever",
