@@ -66,8 +66,8 @@ class _Rubbing:
         holding = self.raised(_symbol) if self.peak in given else sliding
         force = sliding
         if "stribeck_speed" in given:
-            # From the force at rest down to that of sliding; in this form after B. Armstrong-
-            # Helouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994) 1083.
+            # From the force at rest down to that of sliding (L. C. Bo, D. Pavelescu, Wear 82 (1982)
+            # 277, with the exponent two).
             force += (holding - force) * sympy.exp(-((across / _symbol("stribeck_speed")) ** 2))
         viscous = _symbol("damping") * across if "damping" in given else sympy.Integer(0)
         is_engaged = all(_is_positive(given.get(name)) for name in self.factors)

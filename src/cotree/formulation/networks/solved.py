@@ -150,7 +150,7 @@ def _solve_block(
             block,
             symbols,
             trial,
-            terminals.stays,
+            partial(_stays, terminals),
             partial(is_friction, terminals.ports),
         )
     else:
@@ -189,6 +189,15 @@ def _solve_block(
     for _, residual in linear:
         solved.values[residual] = dag.zero
     solved.blocks[block] = SolvedBlock(linear, nonlinear, factors)
+
+
+def _stays(terminals: Terminals, variable: Variable) -> bool:
+    """Tell whether an unknown stays one: of contents, or the friction on a joint."""
+    name = variable[1]
+    # Accelerations of a mechanism are eliminated later, at the forces that act on it.
+    if name in terminals.couplings and is_friction(terminals.ports, variable):
+        return True
+    return name in terminals.stores and terminals.stores[name].unknown == variable
 
 
 def _linearise(

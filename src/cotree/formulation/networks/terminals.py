@@ -178,14 +178,6 @@ class Terminals:
         assert loss is not None
         return self._lawful(port, loss)
 
-    def stays(self, variable: Variable) -> bool:
-        """Tell whether an unknown stays one: of contents, or the friction on a joint."""
-        name = variable[1]
-        # Accelerations of a mechanism are eliminated later, at the forces that act on it.
-        if name in self.couplings and self.ports[name].kind is Kind.FRICTION:
-            return True
-        return name in self.stores and self.stores[name].unknown == variable
-
     def _across(self, name: str, rate: str) -> Rule:
         port = self.ports[name]
         if name in self.couplings:
