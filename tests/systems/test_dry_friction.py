@@ -244,6 +244,36 @@ def test_a_clutch_without_normal_force_is_free_and_engages():
     assert abs(result.events["B stops"].t[0] - (1 + 2 / sqrt(0.5))) <= CLOSE
 
 
+def test_a_table_of_speeds_is_linear_between_them_and_constant_beyond():
+    scene = scene_with(most=3.0)
+    scene.edge("M", "translational_mass", "ground", "A", mass=1.0, initial={"v": 2.0})
+    scene.edge(
+        "R", "translational_dry_friction", "ground", "A", force=[[0, "most"], [1, 2.0], [1.5, 2.0]]
+    )
+    result = scene.compile(["most"]).simulate((0, 2), **TIGHT)
+    # 2 m/s to 1 m/s in half a second, then v' = -(3 - v).
+    stop = 0.5 + np.log(3.0 / 2.0)
+    assert abs(result.events["R stops"].t[0] - stop) <= CLOSE
+    # From 1 m/s on, by v' = -(F - (F - 2) v), it takes log(F/2)/(F - 2), F being 3 N.
+    by_most = 1 / 3 - np.log(1.5)
+    assert abs(result.event_sensitivity("R stops", "most")[0] - by_most) <= 1e-8
+
+
+@pytest.mark.parametrize(
+    ("table", "why"),
+    [
+        ([[0, 1], [0, 2]], "must begin with 0 and ascend"),
+        ([[1, 1]], "must begin with 0 and ascend"),
+        ([[0, 1, 2]], "list of pairs"),
+        ([["x", 1]], "must be numbers"),
+    ],
+)
+def test_a_table_that_is_none_is_refused(table, why):
+    scene = scene_with()
+    with pytest.raises(SceneError, match=f"force of edge 'R'.* {why}|speeds in force .*{why}"):
+        scene.edge("R", "translational_dry_friction", "ground", "A", force=table)
+
+
 @pytest.mark.parametrize("force", [0, "Z"])
 def test_friction_without_force_does_nothing(force):
     scene = scene_with(Z=0.0)

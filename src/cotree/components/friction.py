@@ -8,12 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from cotree.components.component import Component, Field, optional, value
 from cotree.components.law import Law
 from cotree.components.ports import ideal_coupling, scalar
 from cotree.components.terminal import Friction, Kind, Terminal
+from cotree.domains import DOMAINS
+from cotree.errors import SceneError
 
 if TYPE_CHECKING:
     from cotree.components.component import Adapted, Given, Nodes
@@ -48,7 +51,8 @@ class _Rubbing:
     peak : str
         That field.
     factors : tuple of str
-        The fields without which there is no force: it is disengaged where one of them is zero.
+        The fields without which there is no force: it is disengaged where one of them is zero. The
+        last one may be a table of speeds.
     """
 
     domain: str
@@ -85,10 +89,39 @@ class _Rubbing:
         """Make the component type, whose laws depend on the fields that a scene gives."""
 
         def adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
-            return replace(made, ports=(self.port(given),)), nodes, given
+            rest = dict(given)
+            if isinstance(rest.get(self.factors[-1]), (list, tuple)):
+                speed = f"{edge}.{DOMAINS[self.domain].across_symbol}"
+                rest[self.factors[-1]] = _curve(edge, self.factors[-1], rest, speed)
+            return replace(made, ports=(self.port(rest),)), nodes, rest
 
         made = scalar(name, doc, fields, self.port({}))
         return replace(made, adapt=adapt)
+
+
+def _curve(edge: str, field: str, given: Given, speed: str) -> str:
+    """Write a table of speeds and values as an expression: linear between, constant beyond.
+
+    Raises
+    ------
+    SceneError
+        If it is no list of pairs with ascending speeds from zero on.
+    """
+    rows = given[field]
+    whose = f"{field} of edge '{edge}'"
+    if not rows or not all(isinstance(row, (list, tuple)) and len(row) == 2 for row in rows):
+        raise SceneError(f"{whose} must be a value, or a list of pairs: a speed and a value each")
+    speeds = [row[0] for row in rows]
+    if not all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in speeds):
+        raise SceneError(f"the speeds in {whose} must be numbers")
+    if speeds[0] != 0 or any(not b > a for a, b in pairwise(speeds)):
+        raise SceneError(f"the speeds in {whose} must begin with 0 and ascend")
+    # Each interval adds what the value changes by within it.
+    text = f"({rows[0][1]})"
+    for (x, y), (after, reached) in pairwise(rows):
+        share = f"min(max(abs({speed}) - {x!r}, 0), {after - x!r})/{after - x!r}"
+        text += f" + (({reached}) - ({y}))*{share}"
+    return text
 
 
 def _viscous(unit: str) -> Field:
