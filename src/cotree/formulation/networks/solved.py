@@ -141,6 +141,8 @@ def _solve_block(
         trial[variable] = rules[variable].value(dag, trial)
     pairs = tuple(zip(block.unknowns, block.residuals, strict=True))
     nodal = None
+    has_friction = any(is_friction(terminals.ports, u) for u in block.unknowns)
+    may_share = partial(_may_share, has_friction)
     if is_safe and len(pairs) >= _MANY:
         nodal = factorise_nodal(terminals, block, rules, trial)
     matrix: list[dict[int, Node]] = []
@@ -151,7 +153,7 @@ def _solve_block(
             symbols,
             trial,
             partial(_stays, terminals),
-            partial(is_friction, terminals.ports),
+            may_share,
         )
     else:
         linear = tuple(pair for pair in pairs if pair[0] not in nodal[1])
@@ -177,7 +179,7 @@ def _solve_block(
         nodal[0]
         if nodal
         else factorise_block(
-            dag, matrix, is_safe, sum(not is_friction(terminals.ports, u) for u, _ in linear)
+            dag, matrix, is_safe, sum(not may_share(u) for u, _ in linear)
         )
     )
     found = factors.solve([-value for value in rest])
@@ -189,6 +191,12 @@ def _solve_block(
     for _, residual in linear:
         solved.values[residual] = dag.zero
     solved.blocks[block] = SolvedBlock(linear, nonlinear, factors)
+
+
+def _may_share(has_friction: bool, variable: Variable) -> bool:
+    """Tell whether an unknown may be undetermined: a force, where edges that stick share it."""
+    # Two brakes on either side of a gear leave the torque of its teeth open, besides their own.
+    return has_friction and variable[0] == "through"
 
 
 def _stays(terminals: Terminals, variable: Variable) -> bool:
@@ -231,8 +239,7 @@ def _linearise(
     bent = set(symbols_in([node for _, row in pairs for node in d[row].values()]))
     kept = {u for u in block.unknowns if symbols[u] in bent or stays(u)}
     nonlinear = tuple((u, r) for u, r in pairs if u in kept)
-    # Forces of friction come last: several edges that stick side by side leave them undetermined,
-    # and nothing else.
+    # Forces that edges which stick may share come last: those may be undetermined, and nothing else.
     linear = tuple(
         sorted(((u, r) for u, r in pairs if u not in kept), key=lambda pair: is_shared(pair[0]))
     )
