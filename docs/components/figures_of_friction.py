@@ -32,6 +32,38 @@ def translational_dry_friction(s: Sheet) -> None:
     _block(s)
 
 
+def _brush(s: Sheet) -> None:
+    s.face([(-0.7, -0.4), (0.7, -0.4), (0.7, -0.22), (-0.7, -0.22)], FIRST)
+    s.face([(-0.4, 0.0), (0.5, 0.0), (0.5, 0.36), (-0.4, 0.36)], SECOND)
+    for i in range(9):
+        x = -0.32 + 0.09 * i
+        s.line([(x + 0.08, 0.0), (x, -0.22)], INK, 1.0)
+    s.line([(0.5, 0.0), (0.72, 0.0)], lw=1.5)
+    s.line([(-0.7, 0.0), (-0.7, -0.3)], lw=1.5)
+
+
+@figure
+def translational_lugre(s: Sheet) -> None:
+    """Draw a block on bristles."""
+    _pulled(s, 0.7, "f", "v")
+    _brush(s)
+    s.text((-0.62, -0.1), "z", FREEDOM)
+
+
+@figure
+def rotational_lugre(s: Sheet) -> None:
+    """Draw a shaft on bristles."""
+    _pulled(s, 0.6, "tau", "w")
+    s.face(ring((0.0, 0.0), 0.6), FIRST)
+    s.face(ring((0.0, 0.0), 0.32), SECOND)
+    for i in range(16):
+        a = 22.5 * i
+        inner = ring((0.0, 0.0), 0.32, a, a)[0]
+        outer = ring((0.0, 0.0), 0.6, a + 10, a + 10)[0]
+        s.line([inner, outer], INK, 1.0)
+    s.node((0.0, 0.0))
+
+
 @figure
 def translational_brake(s: Sheet) -> None:
     """Draw a block that is pressed onto a rough surface."""

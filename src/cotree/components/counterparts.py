@@ -10,6 +10,7 @@ _PAIRS = {
     "rotational_stop": "translational_stop",
     "rotational_friction": "translational_friction",
     "rotational_dry_friction": "translational_dry_friction",
+    "rotational_lugre": "translational_lugre",
     "rotational_backlash": "translational_backlash",
     "torque_source": "force_source",
     "speed_source": "velocity_source",

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from cotree.components.component import Component, Field, optional, value
 from cotree.components.law import Law
 from cotree.components.ports import ideal_coupling, scalar
-from cotree.components.terminal import Friction, Kind, Terminal
+from cotree.components.terminal import Friction, Integral, Kind, Terminal
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError
 
@@ -175,6 +175,38 @@ def _pressed(speed_unit: str, torque: bool) -> tuple[Field, ...]:
     )
 
 
+def _bristles(domain: str, force: str, force_unit: str, length: str) -> Component:
+    """Make friction of bristles that bend and slip.
+
+    The law is that of C. Canudas, H. Olsson, K. J. Astrom and P. Lischinsky, IEEE Trans. Autom.
+    Control 40 (1995) 419.
+    """
+    import sympy
+
+    v, z, most = _symbol("across"), _symbol("stretch"), _symbol("breakaway")
+    sliding = _symbol(force)
+    level = sliding + (most - sliding) * sympy.exp(-((v / _symbol("stribeck_speed")) ** 2))
+    rate = v - _symbol("stiffness") * sympy.Abs(v) * z / level
+    through = _symbol("stiffness") * z + _symbol("damping") * rate + _symbol("viscous") * v
+    speed_unit, slope_unit = f"{length}/s", f"{force_unit} s/{length}"
+    port = Terminal(
+        domain,
+        Kind.SPRING,
+        through=Law.of(through),
+        is_passive=False,
+        integral=Integral("z", length, Law.of(rate)),
+    )
+    fields = (
+        value(force, force_unit, "of dry friction in steady sliding", "positive"),
+        value("breakaway", force_unit, f"{force} that bristles bear at most", "positive"),
+        value("stribeck_speed", speed_unit, "speed over which one becomes the other", "positive"),
+        value("stiffness", f"{force_unit}/{length}", "of the bristles"),
+        optional("damping", slope_unit, "of the bristles", 0.0, "nonnegative"),
+        optional("viscous", slope_unit, "of viscous friction", 0.0, "nonnegative"),
+    )
+    return scalar(f"{domain}_lugre", "friction of bristles that bend and slip", fields, port)
+
+
 def _toothed(given: Given) -> Component:
     """Make a gear whose teeth and bearings rub, with what a scene gives of its fields.
 
@@ -236,6 +268,8 @@ COMPONENTS = (
     _toothed({}),
     _dry("translational", "force", "N", "m/s"),
     _dry("rotational", "torque", "N m", "rad/s"),
+    _bristles("translational", "force", "N", "m"),
+    _bristles("rotational", "torque", "N m", "rad"),
     _PRESSED.component("clutch", "clutch between two shafts", _pressed("rad/s", True)),
     _PRESSED.component("brake", "brake of a shaft", _pressed("rad/s", True)),
     _BRAKED.component("translational_brake", "brake of a mass", _pressed("m/s", False)),

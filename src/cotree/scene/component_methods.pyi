@@ -3003,6 +3003,64 @@ class ComponentMethods:
             scene.rotational_inertia("wheel", "ground", "A", inertia="J")
         """
 
+    def rotational_lugre(
+        self,
+        name: str,
+        first: str = ...,
+        second: str = ...,
+        /,
+        *,
+        joint: str | None = None,
+        torque: _Value,
+        breakaway: _Value,
+        stribeck_speed: _Value,
+        stiffness: _Value,
+        damping: _Value = 0.0,
+        viscous: _Value = 0.0,
+        initial: _Initial | None = None,
+    ) -> None:
+        """Add a ``rotational_lugre``: friction of bristles that bend and slip.
+
+        Parameters
+        ----------
+        name : str
+            Name of the edge; its variables are called ``name.w`` and so on.
+        first, second : str
+            Its nodes; none where it acts on a joint.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
+        torque : float, str or table, [N m]
+            Of dry friction in steady sliding.
+        breakaway : float, str or table, [N m]
+            Torque that bristles bear at most.
+        stribeck_speed : float, str or table, [rad/s]
+            Speed over which one becomes the other.
+        stiffness : float, str or table, [N m/rad]
+            Of the bristles.
+        damping : float, str or table, [N m s/rad], default 0
+            Of the bristles.
+        viscous : float, str or table, [N m s/rad], default 0
+            Of viscous friction.
+        initial : mapping, optional
+            Initial values of ``w``, ``tau``, ``z``.
+
+        Examples
+        --------
+        ::
+
+            scene.rotational_lugre(
+                "L",
+                "ground",
+                "A",
+                torque="F",
+                breakaway="Fs",
+                stribeck_speed="vs",
+                stiffness="k",
+                damping="c",
+                viscous="d",
+            )
+        """
+
     def rotational_spring(
         self,
         name: str,
@@ -4013,6 +4071,67 @@ class ComponentMethods:
         ::
 
             scene.translational_friction("F", "ground", "A", force="F", transition="d")
+        """
+
+    def translational_lugre(
+        self,
+        name: str,
+        first: str = ...,
+        second: str = ...,
+        /,
+        *,
+        joint: str | None = None,
+        line: _Nodes | None = None,
+        force: _Value,
+        breakaway: _Value,
+        stribeck_speed: _Value,
+        stiffness: _Value,
+        damping: _Value = 0.0,
+        viscous: _Value = 0.0,
+        initial: _Initial | None = None,
+    ) -> None:
+        """Add a ``translational_lugre``: friction of bristles that bend and slip.
+
+        Parameters
+        ----------
+        name : str
+            Name of the edge; its variables are called ``name.v`` and so on.
+        first, second : str
+            Its nodes; none where it acts on a joint or along a line.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
+        line : pair of str, optional
+            Two nodes of the multibody system; it acts along their line.
+        force : float, str or table, [N]
+            Of dry friction in steady sliding.
+        breakaway : float, str or table, [N]
+            Force that bristles bear at most.
+        stribeck_speed : float, str or table, [m/s]
+            Speed over which one becomes the other.
+        stiffness : float, str or table, [N/m]
+            Of the bristles.
+        damping : float, str or table, [N s/m], default 0
+            Of the bristles.
+        viscous : float, str or table, [N s/m], default 0
+            Of viscous friction.
+        initial : mapping, optional
+            Initial values of ``v``, ``f``, ``z``.
+
+        Examples
+        --------
+        ::
+
+            scene.translational_lugre(
+                "L",
+                "ground",
+                "A",
+                force="F",
+                breakaway="Fs",
+                stribeck_speed="vs",
+                stiffness="k",
+                damping="c",
+                viscous="d",
+            )
         """
 
     def translational_mass(

@@ -178,9 +178,7 @@ def _solve_block(
     factors = (
         nodal[0]
         if nodal
-        else factorise_block(
-            dag, matrix, is_safe, sum(not may_share(u) for u, _ in linear)
-        )
+        else factorise_block(dag, matrix, is_safe, sum(not may_share(u) for u, _ in linear))
     )
     found = factors.solve([-value for value in rest])
     known |= {symbols[u]: value for (u, _), value in zip(linear, found, strict=True)}
@@ -239,7 +237,7 @@ def _linearise(
     bent = set(symbols_in([node for _, row in pairs for node in d[row].values()]))
     kept = {u for u in block.unknowns if symbols[u] in bent or stays(u)}
     nonlinear = tuple((u, r) for u, r in pairs if u in kept)
-    # Forces that edges which stick may share come last: those may be undetermined, and nothing else.
+    # Forces that edges which stick may share come last: nothing else may be undetermined.
     linear = tuple(
         sorted(((u, r) for u, r in pairs if u not in kept), key=lambda pair: is_shared(pair[0]))
     )

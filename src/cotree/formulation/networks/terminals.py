@@ -147,7 +147,7 @@ class Terminals:
     def _stretch(self, variable: Variable) -> Rule:
         quantity, name = variable
         port = self.ports[name]
-        if name in self.couplings:
+        if name in self.couplings and port.terminal.integral is None:
             motion = self.couplings[name]
             return FieldRule(motion.value if quantity == "stretch" else motion.rate)
         # The stretch is the time integral of what the terminal names: its rate needs no state.
