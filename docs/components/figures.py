@@ -10,6 +10,7 @@ from pathlib import Path
 import figures_of_chords  # noqa: F401  they enter their figures
 import figures_of_circuits  # noqa: F401
 import figures_of_fluids  # noqa: F401
+import figures_of_friction  # noqa: F401
 import figures_of_joints  # noqa: F401
 import figures_of_motion  # noqa: F401
 import figures_of_reactions  # noqa: F401

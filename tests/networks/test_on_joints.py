@@ -23,6 +23,11 @@ FIELDS = {
     "upper": 0.2,
     "force": "0.1*k",
     "torque": "0.1*k",
+    "normal_force": "k",
+    "friction": 0.2,
+    "radius": 0.5,
+    "breakaway": "0.2*k",
+    "stribeck_speed": 0.1,
 }
 MECHANICAL = ("translational", "rotational")
 ALONE = sorted(
@@ -31,6 +36,8 @@ ALONE = sorted(
     if len(COMPONENTS[name].ports) == 1
     and COMPONENTS[name].ports[0].domain in MECHANICAL
     and COMPONENTS[name].ports[0].kind is not Kind.ACROSS_SOURCE
+    # Bristles have a deflection of their own in place of the stretch that is given here.
+    and COMPONENTS[name].ports[0].integral is None
 )
 ACCURATE = {"method": "dop853", "rtol": 1e-9, "atol": 1e-11}
 
@@ -41,6 +48,8 @@ def is_turning(name):
 
 def given(name):
     fields = {row.name: FIELDS[row.name] for row in COMPONENTS[name].fields if row.required}
+    if name.endswith("_backlash"):
+        fields |= {"lower": FIELDS["lower"], "upper": FIELDS["upper"]}
     return {"stiffness": "k", **fields} if name.endswith("_spring") else fields
 
 

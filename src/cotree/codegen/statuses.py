@@ -124,6 +124,13 @@ EVENT_STATUSES = (
     ),
     Status("EVENTS_LEAVE", 41, "what rested at the jump leaves it, to either side"),
     Status("EVENTS_PART", 42, "jumps at once have no derivative, since either may come first"),
+    Status(
+        "EVENTS_MODES",
+        43,
+        "no modes of dry friction agree with each other",
+        "has_fired tells whose",
+    ),
+    Status("EVENTS_BACKWARD", 44, "a one-way clutch turns the way that it locks"),
 )
 
 #: A sensitivity that does not exist behind a corner; ``turned`` of the job says which one.

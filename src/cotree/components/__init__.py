@@ -13,6 +13,7 @@ from cotree.components import (
     electrical_sources,
     electrochemical,
     forces,
+    friction,
     hydraulic,
     joints,
     mechanical,
@@ -48,7 +49,7 @@ COMPONENTS: dict[str, Component] = {
         *(rigid_body, joints, constraints, forces),
         *(electrical, electrical_sources, electrical_couplings, windings),
         *(semiconductors, battery),
-        *(hydraulic, thermal, mechanical, chemical, electrochemical, transducers),
+        *(hydraulic, thermal, mechanical, friction, chemical, electrochemical, transducers),
     )
     for row in family.COMPONENTS
 }

@@ -9,7 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from cotree.components.component import Component, Field, Plane, Role, Shape, optional, value
+from cotree.components.component import (
+    Component,
+    Demand,
+    Field,
+    Plane,
+    Role,
+    Shape,
+    optional,
+    value,
+)
 from cotree.components.law import Law
 from cotree.components.ports import (
     across_source,
@@ -166,6 +175,47 @@ def _stop(m: _Motion) -> Component:
     )
 
 
+def _backlash(m: _Motion) -> Component:
+    """Make a play between two elastic limits, of which either may be left out."""
+    fields = (
+        optional("lower", m.length_unit, f"{m.length} below which it is compressed", None),
+        optional("upper", m.length_unit, f"{m.length} above which it is stretched", None),
+        _stiffness(m),
+        optional("damping", m.damping_unit, "in contact; it never pulls", 0.0, "nonnegative"),
+    )
+
+    def port(has_lower: bool, has_upper: bool) -> Terminal:
+        def law(stretch: Any, across: Any, lower: Any, upper: Any, k: Any, d: Any) -> Any:
+            import sympy
+
+            above = k * sympy.Max(stretch - upper, 0) if has_upper else sympy.Integer(0)
+            below = k * sympy.Max(lower - stretch, 0) if has_lower else sympy.Integer(0)
+            # Damping adds to the elastic force, or takes from it, that force at most: what touches
+            # does not pull, and an impact begins without a jump.
+            reach = above + below
+            return above - below + sympy.Max(-reach, sympy.Min(reach, d * across))
+
+        names = ("stretch", "across", "lower", "upper", "stiffness", "damping")
+        whole = Law.taking(names, law)
+        return Terminal(m.domain, Kind.SPRING, through=Law.of(whole.expression), is_passive=False)
+
+    def adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
+        has_lower, has_upper = "lower" in given, "upper" in given
+        if not (has_lower or has_upper):
+            raise SceneError(f"edge '{edge}' of type '{made.name}' needs a lower or an upper limit")
+        apart = (_GAP,) if has_lower and has_upper else ()
+        own = replace(made, ports=(port(has_lower, has_upper),), demands=apart)
+        return own, nodes, given
+
+    made = scalar(
+        m.name("backlash"), "play between elastic limits, with corners", fields, port(True, True)
+    )
+    return replace(made, adapt=adapt)
+
+
+_GAP = Demand(Law(lambda lower, upper: upper - lower), "needs an upper limit above the lower one")
+
+
 def _friction(m: _Motion) -> Component:
     def law(across: Any, force: Any, damping: Any, transition: Any) -> Any:
         import sympy
@@ -288,6 +338,7 @@ COMPONENTS = (
     _spring(_TRANSLATION),
     _damper(_TRANSLATION),
     _stop(_TRANSLATION),
+    _backlash(_TRANSLATION),
     _friction(_TRANSLATION),
     _force_source(_TRANSLATION),
     _speed_source(_TRANSLATION, "velocity"),
@@ -296,6 +347,7 @@ COMPONENTS = (
     _spring(_ROTATION),
     _damper(_ROTATION),
     _stop(_ROTATION),
+    _backlash(_ROTATION),
     _friction(_ROTATION),
     _force_source(_ROTATION),
     _speed_source(_ROTATION, "speed"),

@@ -29,6 +29,7 @@ class Kind(Enum):
     THROUGH_SOURCE = 6  # a through variable that is given; always a chord
     NULLATOR = 7
     NORATOR = 8
+    FRICTION = 9  # dry friction: a through variable that holds, or slides by a law; always a chord
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,35 @@ class PortMeasure:
     name: str
     unit: str
     terms: tuple[tuple[int, str, str], ...]
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Laws of an edge that sticks, slides forwards, slides backwards, or is disengaged.
+
+    While it sticks, the rate of across is zero, and through is whatever keeps it so, as long as it
+    stays between two limits. All laws take the arguments of those of a :class:`Terminal`.
+
+    Attributes
+    ----------
+    forward, backward : Law
+        The through variable while across is positive, and while it is negative.
+    upper, lower : Law or None
+        The limits of through while it sticks, beyond which it begins to slide forwards and
+        backwards; None where it never slides to that side.
+    grip : Law or None
+        Positive while it is engaged; through is zero otherwise. None where it always is.
+    load : Law or None
+        What the laws of sliding change their form with: the argument ``side`` is its sign. They
+        meet where it is zero.
+    """
+
+    forward: Law
+    backward: Law
+    upper: Law
+    lower: Law | None
+    grip: Law | None = None
+    load: Law | None = None
 
 
 @dataclass(frozen=True)
@@ -107,6 +137,9 @@ class Terminal:
         The quantity ``stretch``; the integral of across, where the domain has a name for it.
     is_absolute : bool
         Whether its tail must be the ground, where motion and concentrations are measured from.
+    friction : Friction or None
+        Of dry friction: its laws. Which of them holds is the field ``mode``, which
+        :mod:`cotree.scene.friction` adds.
     """
 
     domain: str
@@ -120,6 +153,7 @@ class Terminal:
     between: tuple[str, str] = ("", "")
     integral: Integral | None = None
     is_absolute: bool = False
+    friction: Friction | None = None
 
 
 _ACROSS = Law.field("across")

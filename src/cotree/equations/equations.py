@@ -216,6 +216,9 @@ class EventRow:
         Places of the new values of all targets among those of all events.
     is_jump, is_count : bool
         Whether it sets the mode of a jump inside an expression, and its value counts from it.
+    friction : int
+        What of dry friction it looks at, see :class:`cotree.scene.events.FrictionPart`; zero where
+        it is no event of friction.
     """
 
     name: str
@@ -229,6 +232,7 @@ class EventRow:
     results: range
     is_jump: bool = False
     is_count: bool = False
+    friction: int = 0
 
     @property
     def is_impact(self) -> bool:

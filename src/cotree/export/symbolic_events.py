@@ -32,6 +32,8 @@ class SymbolicEvent:
         Of an impact.
     is_stop : bool
         Whether a run ends there.
+    is_friction : bool
+        Whether the modes of all dry friction are chosen there in place of what it sets.
     """
 
     when: Any
@@ -39,6 +41,7 @@ class SymbolicEvent:
     set: Mapping[str, Any]
     restitution: Any
     is_stop: bool
+    is_friction: bool = False
 
     def line(self, name: str, spell: Callable[[Any], str], symbols: Mapping[Any, Any]) -> str:
         """Write the event as plain text.
@@ -54,6 +57,9 @@ class SymbolicEvent:
         """
         # Expressions see the values before the event, so that the order of these does not matter.
         actions = [f"{symbols[state]} := {spell(value)}" for state, value in self.set.items()]
+        if self.is_friction:
+            why = "is chosen with the modes of all friction"
+            actions = [f"{symbols[state]} {why}" for state in self.set]
         if self.restitution is not None:
             actions.append(f"an impact with restitution {spell(self.restitution)}")
         if self.is_stop:
@@ -86,6 +92,11 @@ def symbolic_events(
         new = {states[target]: values[place] for target, place in kept}
         restitution = None if row.restitution is None else values[row.restitution]
         found[row.name] = SymbolicEvent(
-            values[row.watched], row.direction, new, restitution, row.is_stop
+            values[row.watched],
+            row.direction,
+            new,
+            restitution,
+            row.is_stop,
+            row.friction > 0,
         )
     return found

@@ -67,6 +67,7 @@ def bind_events(
                 range(result, result + len(targets)),
                 event.is_jump,
                 event.is_jump and any(target in event.when.names for target in event.set),
+                int(event.friction),
             )
         )
         # The restitution takes one more place after the new values.

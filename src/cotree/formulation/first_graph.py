@@ -34,6 +34,7 @@ from cotree.formulation.through import balance, loads_of, mass_matrix
 from cotree.formulation.views import View
 from cotree.linear.tree import TreeLink
 from cotree.naming import split_name
+from cotree.scene.friction import with_friction
 from cotree.scene.motion_spaces import motion_spaces
 
 if TYPE_CHECKING:
@@ -161,7 +162,8 @@ def form_first_graph(
         If a coordinate moves nothing that has inertia.
     """
     dag = Dag()
-    whole, scene = scene, scene.mechanics
+    whole = with_friction(scene)
+    scene = whole.mechanics
     # Bodies in the tree start where the joints put them, as functions of parameters.
     starts = body_starts(scene, trees, motion_spaces(scene).of, dag)
     system = bind(scene, trees, dag, starts, names=_network_names(whole))

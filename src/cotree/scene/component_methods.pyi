@@ -399,6 +399,58 @@ class ComponentMethods:
             scene.bjt_pnp("Q1", "c", "b", "e", saturation_current=1e-14, forward_gain="b")
         """
 
+    def brake(
+        self,
+        name: str,
+        first: str = ...,
+        second: str = ...,
+        /,
+        *,
+        joint: str | None = None,
+        normal_force: _Value,
+        friction: _Value,
+        radius: _Value,
+        peak: _Value | None = None,
+        stribeck_speed: _Value | None = None,
+        initial: _Initial | None = None,
+    ) -> None:
+        """Add a ``brake``: brake of a shaft.
+
+        Parameters
+        ----------
+        name : str
+            Name of the edge; its variables are called ``name.w`` and so on.
+        first, second : str
+            Its nodes; none where it acts on a joint.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
+        normal_force : float, str or table, [N]
+            That presses the faces together; none below zero.
+        friction : float, str or table
+            Coefficient in sliding.
+        radius : float, str or table, [m]
+            Mean radius of the faces, times their number.
+        peak : float, str or table, optional
+            Coefficient at rest over that in sliding; 1.
+        stribeck_speed : float, str or table, [rad/s], optional
+            Speed over which the force falls from that at rest; at once where left out.
+        initial : mapping, optional
+            Initial values of ``w``, ``tau``, ``theta``.
+
+        Examples
+        --------
+        ::
+
+            scene.brake(
+                "B",
+                "ground",
+                "A",
+                normal_force="where(t < t1, 0, N)",
+                friction="mu",
+                radius="r",
+            )
+        """
+
     def bushing(
         self,
         name: str,
@@ -579,6 +631,51 @@ class ComponentMethods:
         ::
 
             scene.ccvs("H1", "c", "d", transresistance="r")
+        """
+
+    def clutch(
+        self,
+        name: str,
+        first: str = ...,
+        second: str = ...,
+        /,
+        *,
+        joint: str | None = None,
+        normal_force: _Value,
+        friction: _Value,
+        radius: _Value,
+        peak: _Value | None = None,
+        stribeck_speed: _Value | None = None,
+        initial: _Initial | None = None,
+    ) -> None:
+        """Add a ``clutch``: clutch between two shafts.
+
+        Parameters
+        ----------
+        name : str
+            Name of the edge; its variables are called ``name.w`` and so on.
+        first, second : str
+            Its nodes; none where it acts on a joint.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
+        normal_force : float, str or table, [N]
+            That presses the faces together; none below zero.
+        friction : float, str or table
+            Coefficient in sliding.
+        radius : float, str or table, [m]
+            Mean radius of the faces, times their number.
+        peak : float, str or table, optional
+            Coefficient at rest over that in sliding; 1.
+        stribeck_speed : float, str or table, [rad/s], optional
+            Speed over which the force falls from that at rest; at once where left out.
+        initial : mapping, optional
+            Initial values of ``w``, ``tau``, ``theta``.
+
+        Examples
+        --------
+        ::
+
+            scene.clutch("C", "A", "B", normal_force="N", friction="mu", radius="r")
         """
 
     def concentration_source(
@@ -1607,6 +1704,46 @@ class ComponentMethods:
             scene.line_force("pull", "ground", "P", force="-mu*m/length**2")
         """
 
+    def lossy_gear(
+        self,
+        name: str,
+        input: str,
+        output: str,
+        /,
+        *,
+        ratio: _Value,
+        efficiency: _Value,
+        back_efficiency: _Value | None = None,
+        torque: _Value | None = None,
+        initial: _Initial | None = None,
+    ) -> None:
+        """Add a ``lossy_gear``: gear with losses in teeth and bearings, which may lock it.
+
+        Parameters
+        ----------
+        name : str
+            Name of the edge; its variables are called ``name.input.w`` and so on.
+        input, output : str
+            Its nodes.
+        ratio : float, str or table
+            Speed of input per speed of output.
+        efficiency : float, str or table
+            Of the teeth, where the input drives.
+        back_efficiency : float, str or table, optional
+            Where the output drives; `efficiency`.
+        torque : float, str or table, [N m], optional
+            Of friction in the bearings, at the input.
+        initial : mapping, optional
+            Initial values of ``input.w``, ``input.tau``, ``input.theta``, ``output.w``,
+            ``output.tau``, ``output.theta``, ``teeth.w``, ``teeth.tau``, ``teeth.theta``.
+
+        Examples
+        --------
+        ::
+
+            scene.lossy_gear("G", "A", "B", ratio="n", efficiency="e")
+        """
+
     def molar_flow_source(
         self,
         name: str,
@@ -1870,6 +2007,51 @@ class ComponentMethods:
         ::
 
             scene.nullor("N1", input=["a", "b"], output=["c", "b"])
+        """
+
+    def one_way_clutch(
+        self,
+        name: str,
+        first: str = ...,
+        second: str = ...,
+        /,
+        *,
+        joint: str | None = None,
+        normal_force: _Value,
+        friction: _Value,
+        radius: _Value,
+        peak: _Value | None = None,
+        stribeck_speed: _Value | None = None,
+        initial: _Initial | None = None,
+    ) -> None:
+        """Add an ``one_way_clutch``: clutch that turns freely one way, and locks the other.
+
+        Parameters
+        ----------
+        name : str
+            Name of the edge; its variables are called ``name.w`` and so on.
+        first, second : str
+            Its nodes; none where it acts on a joint.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
+        normal_force : float, str or table, [N]
+            That presses the faces together; none below zero.
+        friction : float, str or table
+            Coefficient in sliding.
+        radius : float, str or table, [m]
+            Mean radius of the faces, times their number.
+        peak : float, str or table, optional
+            Coefficient at rest over that in sliding; 1.
+        stribeck_speed : float, str or table, [rad/s], optional
+            Speed over which the force falls from that at rest; at once where left out.
+        initial : mapping, optional
+            Initial values of ``w``, ``tau``, ``theta``.
+
+        Examples
+        --------
+        ::
+
+            scene.one_way_clutch("C", "A", "B", normal_force=0, friction=0.4, radius=0.2)
         """
 
     def open_circuit_voltage(
@@ -2618,6 +2800,56 @@ class ComponentMethods:
             )
         """
 
+    def rotational_backlash(
+        self,
+        name: str,
+        first: str = ...,
+        second: str = ...,
+        /,
+        *,
+        joint: str | None = None,
+        lower: _Value | None = None,
+        upper: _Value | None = None,
+        stiffness: _Value,
+        damping: _Value = 0.0,
+        initial: _Initial | None = None,
+    ) -> None:
+        """Add a ``rotational_backlash``: play between elastic limits, with corners.
+
+        Parameters
+        ----------
+        name : str
+            Name of the edge; its variables are called ``name.w`` and so on.
+        first, second : str
+            Its nodes; none where it acts on a joint.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
+        lower : float, str or table, [rad], optional
+            Angle below which it is compressed.
+        upper : float, str or table, [rad], optional
+            Angle above which it is stretched.
+        stiffness : float, str or table, [N m/rad]
+            Torque per angle.
+        damping : float, str or table, [N m s/rad], default 0
+            In contact; it never pulls.
+        initial : mapping, optional
+            Initial values of ``w``, ``tau``, ``theta``.
+
+        Examples
+        --------
+        ::
+
+            scene.rotational_backlash(
+                "K",
+                "ground",
+                "A",
+                lower="-a",
+                upper="a",
+                stiffness="k",
+                damping="c",
+            )
+        """
+
     def rotational_damper(
         self,
         name: str,
@@ -2652,6 +2884,48 @@ class ComponentMethods:
         ::
 
             scene.rotational_damper("b", "ground", "A", damping="b")
+        """
+
+    def rotational_dry_friction(
+        self,
+        name: str,
+        first: str = ...,
+        second: str = ...,
+        /,
+        *,
+        joint: str | None = None,
+        torque: _Value,
+        breakaway: _Value | None = None,
+        stribeck_speed: _Value | None = None,
+        damping: _Value | None = None,
+        initial: _Initial | None = None,
+    ) -> None:
+        """Add a ``rotational_dry_friction``: dry friction that sticks and slides.
+
+        Parameters
+        ----------
+        name : str
+            Name of the edge; its variables are called ``name.w`` and so on.
+        first, second : str
+            Its nodes; none where it acts on a joint.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
+        torque : float, str or table, [N m]
+            Of dry friction, while it slides.
+        breakaway : float, str or table, [N m], optional
+            Largest torque at rest; `torque`.
+        stribeck_speed : float, str or table, [rad/s], optional
+            Speed over which the force falls from that at rest; at once where left out.
+        damping : float, str or table, [N m s/rad], optional
+            Of viscous friction, while it slides.
+        initial : mapping, optional
+            Initial values of ``w``, ``tau``, ``theta``.
+
+        Examples
+        --------
+        ::
+
+            scene.rotational_dry_friction("F", "ground", "A", torque="F")
         """
 
     def rotational_friction(
@@ -2727,6 +3001,64 @@ class ComponentMethods:
         ::
 
             scene.rotational_inertia("wheel", "ground", "A", inertia="J")
+        """
+
+    def rotational_lugre(
+        self,
+        name: str,
+        first: str = ...,
+        second: str = ...,
+        /,
+        *,
+        joint: str | None = None,
+        torque: _Value,
+        breakaway: _Value,
+        stribeck_speed: _Value,
+        stiffness: _Value,
+        damping: _Value = 0.0,
+        viscous: _Value = 0.0,
+        initial: _Initial | None = None,
+    ) -> None:
+        """Add a ``rotational_lugre``: friction of bristles that bend and slip.
+
+        Parameters
+        ----------
+        name : str
+            Name of the edge; its variables are called ``name.w`` and so on.
+        first, second : str
+            Its nodes; none where it acts on a joint.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
+        torque : float, str or table, [N m]
+            Of dry friction in steady sliding.
+        breakaway : float, str or table, [N m]
+            Torque that bristles bear at most.
+        stribeck_speed : float, str or table, [rad/s]
+            Speed over which one becomes the other.
+        stiffness : float, str or table, [N m/rad]
+            Of the bristles.
+        damping : float, str or table, [N m s/rad], default 0
+            Of the bristles.
+        viscous : float, str or table, [N m s/rad], default 0
+            Of viscous friction.
+        initial : mapping, optional
+            Initial values of ``w``, ``tau``, ``z``.
+
+        Examples
+        --------
+        ::
+
+            scene.rotational_lugre(
+                "L",
+                "ground",
+                "A",
+                torque="F",
+                breakaway="Fs",
+                stribeck_speed="vs",
+                stiffness="k",
+                damping="c",
+                viscous="d",
+            )
         """
 
     def rotational_spring(
@@ -3506,6 +3838,110 @@ class ComponentMethods:
             scene.transformer("T1", "b", "c", ratio="n")
         """
 
+    def translational_backlash(
+        self,
+        name: str,
+        first: str = ...,
+        second: str = ...,
+        /,
+        *,
+        joint: str | None = None,
+        line: _Nodes | None = None,
+        lower: _Value | None = None,
+        upper: _Value | None = None,
+        stiffness: _Value,
+        damping: _Value = 0.0,
+        initial: _Initial | None = None,
+    ) -> None:
+        """Add a ``translational_backlash``: play between elastic limits, with corners.
+
+        Parameters
+        ----------
+        name : str
+            Name of the edge; its variables are called ``name.v`` and so on.
+        first, second : str
+            Its nodes; none where it acts on a joint or along a line.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
+        line : pair of str, optional
+            Two nodes of the multibody system; it acts along their line.
+        lower : float, str or table, [m], optional
+            Length below which it is compressed.
+        upper : float, str or table, [m], optional
+            Length above which it is stretched.
+        stiffness : float, str or table, [N/m]
+            Force per length.
+        damping : float, str or table, [N s/m], default 0
+            In contact; it never pulls.
+        initial : mapping, optional
+            Initial values of ``v``, ``f``, ``s``.
+
+        Examples
+        --------
+        ::
+
+            scene.translational_backlash(
+                "K",
+                "ground",
+                "A",
+                lower="-a",
+                upper="a",
+                stiffness="k",
+                damping="c",
+            )
+        """
+
+    def translational_brake(
+        self,
+        name: str,
+        first: str = ...,
+        second: str = ...,
+        /,
+        *,
+        joint: str | None = None,
+        line: _Nodes | None = None,
+        normal_force: _Value,
+        friction: _Value,
+        peak: _Value | None = None,
+        stribeck_speed: _Value | None = None,
+        initial: _Initial | None = None,
+    ) -> None:
+        """Add a ``translational_brake``: brake of a mass.
+
+        Parameters
+        ----------
+        name : str
+            Name of the edge; its variables are called ``name.v`` and so on.
+        first, second : str
+            Its nodes; none where it acts on a joint or along a line.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
+        line : pair of str, optional
+            Two nodes of the multibody system; it acts along their line.
+        normal_force : float, str or table, [N]
+            That presses the faces together; none below zero.
+        friction : float, str or table
+            Coefficient in sliding.
+        peak : float, str or table, optional
+            Coefficient at rest over that in sliding; 1.
+        stribeck_speed : float, str or table, [m/s], optional
+            Speed over which the force falls from that at rest; at once where left out.
+        initial : mapping, optional
+            Initial values of ``v``, ``f``, ``s``.
+
+        Examples
+        --------
+        ::
+
+            scene.translational_brake(
+                "B",
+                "ground",
+                "A",
+                normal_force="where(t < t1, 0, N)",
+                friction="mu",
+            )
+        """
+
     def translational_damper(
         self,
         name: str,
@@ -3543,6 +3979,51 @@ class ComponentMethods:
         ::
 
             scene.translational_damper("c", "ground", "A", damping="c")
+        """
+
+    def translational_dry_friction(
+        self,
+        name: str,
+        first: str = ...,
+        second: str = ...,
+        /,
+        *,
+        joint: str | None = None,
+        line: _Nodes | None = None,
+        force: _Value,
+        breakaway: _Value | None = None,
+        stribeck_speed: _Value | None = None,
+        damping: _Value | None = None,
+        initial: _Initial | None = None,
+    ) -> None:
+        """Add a ``translational_dry_friction``: dry friction that sticks and slides.
+
+        Parameters
+        ----------
+        name : str
+            Name of the edge; its variables are called ``name.v`` and so on.
+        first, second : str
+            Its nodes; none where it acts on a joint or along a line.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
+        line : pair of str, optional
+            Two nodes of the multibody system; it acts along their line.
+        force : float, str or table, [N]
+            Of dry friction, while it slides.
+        breakaway : float, str or table, [N], optional
+            Largest force at rest; `force`.
+        stribeck_speed : float, str or table, [m/s], optional
+            Speed over which the force falls from that at rest; at once where left out.
+        damping : float, str or table, [N s/m], optional
+            Of viscous friction, while it slides.
+        initial : mapping, optional
+            Initial values of ``v``, ``f``, ``s``.
+
+        Examples
+        --------
+        ::
+
+            scene.translational_dry_friction("F", "ground", "A", force="F")
         """
 
     def translational_friction(
@@ -3590,6 +4071,67 @@ class ComponentMethods:
         ::
 
             scene.translational_friction("F", "ground", "A", force="F", transition="d")
+        """
+
+    def translational_lugre(
+        self,
+        name: str,
+        first: str = ...,
+        second: str = ...,
+        /,
+        *,
+        joint: str | None = None,
+        line: _Nodes | None = None,
+        force: _Value,
+        breakaway: _Value,
+        stribeck_speed: _Value,
+        stiffness: _Value,
+        damping: _Value = 0.0,
+        viscous: _Value = 0.0,
+        initial: _Initial | None = None,
+    ) -> None:
+        """Add a ``translational_lugre``: friction of bristles that bend and slip.
+
+        Parameters
+        ----------
+        name : str
+            Name of the edge; its variables are called ``name.v`` and so on.
+        first, second : str
+            Its nodes; none where it acts on a joint or along a line.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
+        line : pair of str, optional
+            Two nodes of the multibody system; it acts along their line.
+        force : float, str or table, [N]
+            Of dry friction in steady sliding.
+        breakaway : float, str or table, [N]
+            Force that bristles bear at most.
+        stribeck_speed : float, str or table, [m/s]
+            Speed over which one becomes the other.
+        stiffness : float, str or table, [N/m]
+            Of the bristles.
+        damping : float, str or table, [N s/m], default 0
+            Of the bristles.
+        viscous : float, str or table, [N s/m], default 0
+            Of viscous friction.
+        initial : mapping, optional
+            Initial values of ``v``, ``f``, ``z``.
+
+        Examples
+        --------
+        ::
+
+            scene.translational_lugre(
+                "L",
+                "ground",
+                "A",
+                force="F",
+                breakaway="Fs",
+                stribeck_speed="vs",
+                stiffness="k",
+                damping="c",
+                viscous="d",
+            )
         """
 
     def translational_mass(

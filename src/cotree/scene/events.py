@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
 from cotree.errors import SceneError, brief, check_known
@@ -44,6 +45,17 @@ class Mode:
     is_jump: bool = False
 
 
+class FrictionPart(IntEnum):
+    """What an event of dry friction looks at; the numbers are those of ``cotree_jumps.h``."""
+
+    NONE = 0  # it is no event of friction
+    STOPS = 2  # the relative speed, with the sign of the mode
+    FORWARD = 3  # what is left of the force to its limit forwards
+    BACKWARD = 4  # and backwards
+    GRIP = 5  # what is positive while it is engaged
+    LOAD = 6  # what the laws of sliding change their form with, with the sign that they assume
+
+
 @dataclass(frozen=True)
 class Event:
     """An event, which happens where an expression passes through zero.
@@ -64,6 +76,8 @@ class Event:
         Of an impact: the rate of ``when`` after it over that before, with its sign changed.
     is_jump : bool
         Whether it stands for a jump inside an expression.
+    friction : FrictionPart
+        What of dry friction it looks at.
     """
 
     name: str
@@ -73,6 +87,7 @@ class Event:
     is_stop: bool
     restitution: Expression | None
     is_jump: bool = False
+    friction: FrictionPart = FrictionPart.NONE
 
     @property
     def expressions(self) -> tuple[Expression, ...]:

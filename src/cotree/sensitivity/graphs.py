@@ -118,6 +118,9 @@ def _along(
         n = len(first.rates) - (len(first.network.rates) if first.network else 0)
         rates = _tangents_at(first.rates, range(n), {**symbols, **of_unknowns})
         rates |= {n + i: changed for i, changed in network_rates.items()}
+        # Friction that sticks on a joint looks at accelerations, which change with everything.
+        for i, d in _tangents_at(first.rates, range(n, len(first.rates)), of_unknowns).items():
+            rates[i] = rates[i] + d if i in rates else d
         # Positions and velocities in outputs are not differentiated again: the graph has their
         # tangents.
         of_nodes = {**of_networks, **output_tangents(view.motion, first.outputs)}

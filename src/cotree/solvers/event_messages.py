@@ -55,6 +55,14 @@ VERDICTS = {
         " first, so nothing has sensitivities there: change a parameter, or compile without "
         "sensitivities"
     ),
+    "EVENTS_MODES": (
+        "at t = {t:.10g} the dry friction of {event} has no modes that agree with each other: "
+        "whichever of them stick or slide, a force passes its limit or a motion goes against it"
+    ),
+    "EVENTS_BACKWARD": (
+        "{event} turns at t = {t:.10g} the way that it locks, which takes an impact: let it start "
+        "at a relative speed of zero or more"
+    ),
     "spends": "the limit of {detail:g} events is reached",
     "stops": "event {event} ends the run",
     "EVENTS_FAILED": "the equations of the events cannot be evaluated at t = {t:.10g}",
@@ -62,6 +70,24 @@ VERDICTS = {
 
 #: Names by the results of C.
 BY_STATUS = {row.number: row.name for row in EVENT_STATUSES}
+
+
+def blamed(name: str, event: str, fired: Sequence[str]) -> Sequence[str]:
+    """List what a sentence names: events, or edges with dry friction.
+
+    Parameters
+    ----------
+    name : str
+        A name in :data:`VERDICTS`.
+    event : str
+        The event where it failed.
+    fired : sequence of str
+        Those that happened at that time.
+    """
+    listed = fired if name in ("EVENTS_ENDLESS", "EVENTS_SLIDE", "EVENTS_MODES") else [event]
+    # An edge with friction has an event of its name that looks at its speed.
+    is_edge = name in ("EVENTS_MODES", "EVENTS_BACKWARD")
+    return [row.removesuffix(" stops") for row in listed] if is_edge else listed
 
 
 def verdict(name: str, events: Sequence[str], t: float = 0.0, detail: float = 0.0) -> str:

@@ -20,7 +20,7 @@ from cotree.solvers.base import Occurrence
 from cotree.solvers.budgets import most_rows
 from cotree.solvers.callbacks import Callbacks
 from cotree.solvers.corners import corner_times, turn_tolerances, turning
-from cotree.solvers.event_messages import BY_STATUS, verdict
+from cotree.solvers.event_messages import BY_STATUS, blamed, verdict
 from cotree.solvers.messages import undefined_ahead
 from cotree.solvers.problem import describe_entry
 from cotree.solvers.rescue import Rescue
@@ -343,9 +343,8 @@ class Job:
         """Say why an event ended the job."""
         assert problem.events is not None  # whose status it is
         rows, c = problem.events.rows, self.job
-        events = [rows[c.event].name]
-        if name in ("EVENTS_ENDLESS", "EVENTS_SLIDE"):
-            events = [row.name for i, row in enumerate(rows) if c.has_fired[i]]
+        fired = [row.name for i, row in enumerate(rows) if c.has_fired[i]]
+        events = blamed(name, rows[c.event].name, fired)
         said = verdict(name, events, float(c.event_time), float(c.event_detail))
         return f"{said} ({self.rescue.complaint})" if self.rescue.complaint else said
 

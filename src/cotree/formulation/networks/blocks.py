@@ -27,6 +27,7 @@ class _AtRunTime:
     matrix: tuple[tuple[Node, ...], ...]
     row_scales: tuple[Node, ...]
     column_scales: tuple[Node, ...]
+    n_determined: int
 
     def solve(self, rhs: Sequence[Node]) -> list[Node]:
         """Solve for one right-hand side.
@@ -35,11 +36,13 @@ class _AtRunTime:
         """
         n = len(rhs)
         scaled = [value * scale for value, scale in zip(rhs, self.row_scales, strict=True)]
-        found = solve(self.dag, self.matrix, scaled, self.dag.zero, SolveShape(n, n))
+        found = solve(
+            self.dag, self.matrix, scaled, self.dag.zero, SolveShape(n, self.n_determined)
+        )
         return [value * s for value, s in zip(found, self.column_scales, strict=False)]
 
 
-def _at_run_time(dag: Dag, matrix: Sequence[Sequence[Node]]) -> _AtRunTime:
+def _at_run_time(dag: Dag, matrix: Sequence[Sequence[Node]], n_determined: int) -> _AtRunTime:
     """Divide rows, then columns, by the sums of their sizes, which makes pivots comparable."""
     n = range(len(matrix))
     # Units differ from row to row (volts, amperes, newtons): without scales the largest pivot would
@@ -48,7 +51,11 @@ def _at_run_time(dag: Dag, matrix: Sequence[Sequence[Node]]) -> _AtRunTime:
     scaled = [[matrix[i][j] * rows[i] for j in n] for i in n]
     columns = tuple(1.0 / _size(dag, [scaled[i][j] for i in n]) for j in n)
     return _AtRunTime(
-        dag, tuple(tuple(scaled[i][j] * columns[j] for j in n) for i in n), rows, columns
+        dag,
+        tuple(tuple(scaled[i][j] * columns[j] for j in n) for i in n),
+        rows,
+        columns,
+        n_determined,
     )
 
 
@@ -59,7 +66,9 @@ def _size(dag: Dag, entries: Sequence[Node]) -> Node:
     return total
 
 
-def factorise_block(dag: Dag, matrix: Sequence[Mapping[int, Node]], is_safe: bool) -> LinearSolver:
+def factorise_block(
+    dag: Dag, matrix: Sequence[Mapping[int, Node]], is_safe: bool, n_determined: int
+) -> LinearSolver:
     """Factorise the equations of a block.
 
     Parameters
@@ -70,12 +79,14 @@ def factorise_block(dag: Dag, matrix: Sequence[Mapping[int, Node]], is_safe: boo
         The rows; absent entries are zero.
     is_safe : bool
         Whether it is positive definite for every state, if it is symmetric.
+    n_determined : int
+        Number of leading unknowns that must have one solution.
     """
     # Symmetric and positive definite: any order of pivots is stable.
     if is_safe and _is_symmetric(matrix):
         return factorise_definite(dag, matrix)
     n = range(len(matrix))
-    return _at_run_time(dag, [[row.get(j, dag.zero) for j in n] for row in matrix])
+    return _at_run_time(dag, [[row.get(j, dag.zero) for j in n] for row in matrix], n_determined)
 
 
 def _is_symmetric(matrix: Sequence[Mapping[int, Node]]) -> bool:

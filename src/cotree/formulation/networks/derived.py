@@ -101,6 +101,40 @@ def through_residual(terminal: Terminal) -> Law:
 
 
 @lru_cache(maxsize=1024)
+def friction_residual(terminal: Terminal) -> Law:
+    """Form the equation of dry friction: no relative acceleration, or the law of its mode.
+
+    Every mode has the same variables in the same place, so that one elimination serves all.
+    """
+    assert terminal.friction is not None
+    own = terminal.friction
+    through = _symbol("through")
+    stuck, forward, backward, free = mode_weights(_symbol("mode"), own.grip is not None)
+    # The sign makes the slope by through positive in every mode: through slows the motion down.
+    return Law.of(
+        -stuck * _symbol("across_rate")
+        + forward * (through - own.forward.expression)
+        + backward * (through - own.backward.expression)
+        + free * through
+    )
+
+
+def mode_weights(mode: Any, may_be_free: bool) -> tuple[Any, Any, Any, Any]:
+    """Give expressions of a mode that are one in one of its values, and zero in the others.
+
+    They are exact in doubles for the modes 0, 1, -1 and 2: stuck, forwards, backwards and free.
+    """
+    if not may_be_free:
+        return 1 - mode**2, mode * (mode + 1) / 2, mode * (mode - 1) / 2, 0
+    return (
+        (1 - mode**2) * (2 - mode) / 2,
+        mode * (mode + 1) * (2 - mode) / 2,
+        mode * (mode - 1) * (2 - mode) / 6,
+        mode * (mode**2 - 1) / 6,
+    )
+
+
+@lru_cache(maxsize=1024)
 def spring_residual(terminal: Terminal) -> Law:
     """Form the rate of a spring's through variable by its law, less that by the f-cutset."""
     assert terminal.through is not None

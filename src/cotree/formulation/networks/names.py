@@ -66,6 +66,10 @@ def _symbols(port: Port) -> dict[str, str]:
         found["stretch"] = integral.name
     if content := content_of(port.terminal):
         found["content"] = content[0]
+    if (friction := port.terminal.friction) is not None:
+        # What friction may hold at most on either side, and whether it is engaged.
+        rows = ("upper", "lower", "grip", "load")
+        found |= {f"limit_{n}": n for n in rows if getattr(friction, n) is not None}
     return found
 
 

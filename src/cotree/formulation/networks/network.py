@@ -11,6 +11,7 @@ from cotree.equations import Guard
 from cotree.formulation.fields import is_varying
 from cotree.formulation.networks.names import Names
 from cotree.formulation.networks.plan import make_plan
+from cotree.formulation.networks.rubbing import check_friction
 from cotree.formulation.networks.solved import solve_plan
 from cotree.formulation.networks.states import (
     algebraic_state,
@@ -132,6 +133,8 @@ def form_network(
     ------
     TopologyError
         If a graph has no normal tree.
+    FormulationError
+        If dry friction acts where no inertia decides whether it sticks.
     ParameterError, ExpressionError
         If a field or an initial value is wrong.
     """
@@ -142,6 +145,7 @@ def form_network(
         domain: Topology(domain, tree.through) if tree.is_split else topologies[domain]
         for domain, tree in trees.items()
     }
+    check_friction(ports, topologies)
     contents = contents_of(ports, lambda port, name: _is_constant(scene, port, name))
     stores = find_stores(ports, topologies, cutsets, contents)
     names = Names(ports, topologies, stores)

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING
 
 from cotree.dag.traverse import substitute, symbols_in
 from cotree.formulation.networks.blocks import factorise_block
 from cotree.formulation.networks.nodal import factorise_nodal
 from cotree.formulation.networks.plan import Block
+from cotree.formulation.networks.rubbing import is_friction
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterable, Mapping
@@ -139,11 +141,20 @@ def _solve_block(
         trial[variable] = rules[variable].value(dag, trial)
     pairs = tuple(zip(block.unknowns, block.residuals, strict=True))
     nodal = None
+    has_friction = any(is_friction(terminals.ports, u) for u in block.unknowns)
+    may_share = partial(_may_share, has_friction)
     if is_safe and len(pairs) >= _MANY:
         nodal = factorise_nodal(terminals, block, rules, trial)
     matrix: list[dict[int, Node]] = []
     if nodal is None:
-        linear, nonlinear, matrix = _linearise(solved, block, symbols, trial, terminals.is_stored)
+        linear, nonlinear, matrix = _linearise(
+            solved,
+            block,
+            symbols,
+            trial,
+            partial(_stays, terminals),
+            may_share,
+        )
     else:
         linear = tuple(pair for pair in pairs if pair[0] not in nodal[1])
         nonlinear = tuple(pair for pair in pairs if pair[0] in nodal[1])
@@ -164,7 +175,11 @@ def _solve_block(
         # Potentials as unknowns may be fewer than branch variables: take what costs less.
         if is_safe and linear and not nonlinear:
             nodal = factorise_nodal(terminals, block, rules, trial, n_nonzeros)
-    factors = nodal[0] if nodal else factorise_block(dag, matrix, is_safe)
+    factors = (
+        nodal[0]
+        if nodal
+        else factorise_block(dag, matrix, is_safe, sum(not may_share(u) for u, _ in linear))
+    )
     found = factors.solve([-value for value in rest])
     known |= {symbols[u]: value for (u, _), value in zip(linear, found, strict=True)}
     for variable, symbol in symbols.items():
@@ -176,12 +191,28 @@ def _solve_block(
     solved.blocks[block] = SolvedBlock(linear, nonlinear, factors)
 
 
+def _may_share(has_friction: bool, variable: Variable) -> bool:
+    """Tell whether an unknown may be undetermined: a force, where edges that stick share it."""
+    # Two brakes on either side of a gear leave the torque of its teeth open, besides their own.
+    return has_friction and variable[0] == "through"
+
+
+def _stays(terminals: Terminals, variable: Variable) -> bool:
+    """Tell whether an unknown stays one: of contents, or the friction on a joint."""
+    name = variable[1]
+    # Accelerations of a mechanism are eliminated later, at the forces that act on it.
+    if name in terminals.couplings and is_friction(terminals.ports, variable):
+        return True
+    return name in terminals.stores and terminals.stores[name].unknown == variable
+
+
 def _linearise(
     solved: Solved,
     block: Block,
     symbols: Mapping[Variable, Node],
     trial: Mapping[Variable, Node],
     stays: Callable[[Variable], bool],
+    is_shared: Callable[[Variable], bool],
 ) -> tuple[tuple[_Pair, ...], tuple[_Pair, ...], list[dict[int, Node]]]:
     """Tell linear from nonlinear unknowns; give the matrix of the linear equations by the linear.
 
@@ -194,6 +225,8 @@ def _linearise(
     stays : callable
         Whether an unknown stays even where equations are linear in it: a start that is given what
         follows from a total of contents has to find it among the unknowns.
+    is_shared : callable
+        Whether an unknown may be undetermined, where others share what it does.
     """
     # What stands outside the block does not change.
     d: defaultdict[Variable, Tangent] = defaultdict(dict)
@@ -204,7 +237,10 @@ def _linearise(
     bent = set(symbols_in([node for _, row in pairs for node in d[row].values()]))
     kept = {u for u in block.unknowns if symbols[u] in bent or stays(u)}
     nonlinear = tuple((u, r) for u, r in pairs if u in kept)
-    linear = tuple((u, r) for u, r in pairs if u not in kept)
+    # Forces that edges which stick may share come last: nothing else may be undetermined.
+    linear = tuple(
+        sorted(((u, r) for u, r in pairs if u not in kept), key=lambda pair: is_shared(pair[0]))
+    )
     places: dict[Hashable, int] = {u: i for i, (u, _) in enumerate(linear)}
     matrix: list[dict[int, Node]] = []
     for _, r in linear:

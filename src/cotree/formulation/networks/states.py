@@ -86,7 +86,10 @@ def held_variables(
     """
     found = []
     for port in ports.values():
-        if port.is_coupling:  # its motion is that of the multibody system
+        if port.is_coupling:
+            # Its motion is that of the multibody system; an integral of its own is a state.
+            if port.terminal.integral is not None:
+                found.append(_held(port, "stretch"))
             continue
         is_branch = port.name in topologies[port.terminal.domain].branches
         _check_content(port, stores.get(port.name))

@@ -16,6 +16,7 @@ from cotree.formulation.continuous import guards_of, is_timed
 from cotree.formulation.networks.derived import (
     across_residual,
     explicit_residual,
+    friction_residual,
     rate_of,
     spring_rate,
     spring_residual,
@@ -25,6 +26,7 @@ from cotree.formulation.networks.derived import (
     stored_value,
     through_residual,
 )
+from cotree.formulation.networks.rubbing import limit_law
 from cotree.formulation.networks.rules import FieldRule, Lawful, Sum, Unknown
 from cotree.formulation.networks.stores import is_of_content
 
@@ -115,7 +117,6 @@ class Terminals:
         if base == "residual":
             return self._residual(rate[1:], name)
         if base in ("path", "potential"):
-            # Sums along the tree belong to no port: their names say where they begin and end.
             domain, ancestor, node = name.split("|")
             if base == "potential":
                 return self.topologies[domain].potential(node, rate)
@@ -124,6 +125,8 @@ class Terminals:
             return self._cutset(name).flow(name, rate)
         if base == "measure":
             return self._measure(name)
+        if base == "limit":
+            return self._lawful(self.ports[name], limit_law(self.ports[name], rate[1:]))
         if base in ("total", "content", "stored", "loss"):
             return self._content(base, name, rate)
         if base == "field":
@@ -139,13 +142,12 @@ class Terminals:
         ports = (port for port in self.ports.values() if port.edge.name == edge)
         port = next(ports)
         row = next(row for row in port.edge.component.measures if row.name == own)
-        # A component with several ports may name sums of their variables, with signs.
         return Sum(tuple((sign, (kind, port.sibling(at))) for sign, kind, at in row.terms))
 
     def _stretch(self, variable: Variable) -> Rule:
         quantity, name = variable
         port = self.ports[name]
-        if name in self.couplings:
+        if name in self.couplings and port.terminal.integral is None:
             motion = self.couplings[name]
             return FieldRule(motion.value if quantity == "stretch" else motion.rate)
         # The stretch is the time integral of what the terminal names: its rate needs no state.
@@ -167,7 +169,6 @@ class Terminals:
             base = "total" if store is not None and store.is_alone else "stored"
         if base == "total":
             assert store is not None
-            # The total is a state; its rate is what flows in from outside.
             return Sum(store.flows) if rate else FieldRule(self.states[base, name])
         if base == "stored":
             law = self.contents[name]
@@ -177,10 +178,6 @@ class Terminals:
         assert loss is not None
         return self._lawful(port, loss)
 
-    def is_stored(self, variable: Variable) -> bool:
-        """Tell whether a variable of a storage follows from a total of contents."""
-        return variable[1] in self.stores and self.stores[variable[1]].unknown == variable
-
     def _across(self, name: str, rate: str) -> Rule:
         port = self.ports[name]
         if name in self.couplings:
@@ -188,8 +185,7 @@ class Terminals:
             # The mechanism gives the across variable: that of a chord beside the joint (Eq. (2)).
             return FieldRule(motion.acceleration if rate else motion.rate)
         if port.is_short:
-            # Both ends at one node: an empty circuit.
-            return Sum(())
+            return Sum(())  # an empty circuit
         if not self.is_branch(name):
             # Chord: the f-circuit gives the across variable, the law the through variable.
             return self._topology(name).circuit(name, rate)
@@ -258,6 +254,8 @@ class Terminals:
             return self._lawful(port, stored_residual(terminal, quantity == "across_rate"))
         if quantity == "stretch":
             return self._lawful(port, through_residual(terminal))
+        if port.kind is Kind.FRICTION:
+            return self._lawful(port, friction_residual(terminal))
         if quantity == "across" and port.kind is Kind.SPRING:
             return self._lawful(port, spring_residual(terminal))
         if quantity == "across" and not is_storage:

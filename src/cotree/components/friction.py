@@ -1,0 +1,281 @@
+"""Dry friction that sticks and slides, in translation and rotation: guides, clutches, gears.
+
+Each edge has a mode, which :mod:`cotree.scene.friction` adds: 0 while it sticks, 1 and -1 while it
+slides forwards and backwards, 2 while it is disengaged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+from cotree.components.component import Component, Field, optional, value
+from cotree.components.law import Law
+from cotree.components.ports import ideal_coupling, scalar
+from cotree.components.terminal import Friction, Integral, Kind, Terminal
+from cotree.domains import DOMAINS
+from cotree.errors import SceneError
+
+if TYPE_CHECKING:
+    from cotree.components.component import Adapted, Given, Nodes
+
+#: Takes names of fields to their SymPy symbols, and gives an expression.
+_Expression = Callable[[Callable[[str], Any]], Any]
+
+
+def _symbol(name: str) -> Any:
+    import sympy
+
+    return sympy.Symbol(name, real=True)
+
+
+def _is_positive(given: object) -> bool:
+    """Tell whether a field is a number above zero, whatever parameters are."""
+    return isinstance(given, (int, float)) and not isinstance(given, bool) and given > 0.0
+
+
+@dataclass(frozen=True)
+class _Rubbing:
+    """A component whose friction is one expression of its fields in sliding, and one at rest.
+
+    Attributes
+    ----------
+    domain : str
+        The domain of its port.
+    force : callable
+        The force of dry friction.
+    raised : callable
+        The largest force at rest, where the field ``peak`` names is given.
+    peak : str
+        That field.
+    factors : tuple of str
+        The fields without which there is no force: it is disengaged where one of them is zero. The
+        last one may be a table of speeds.
+    """
+
+    domain: str
+    force: _Expression
+    raised: _Expression
+    peak: str
+    factors: tuple[str, ...]
+    is_one_way: bool = False
+
+    def port(self, given: Given) -> Terminal:
+        """Form the terminal equation; fields that are left out take no part in it."""
+        import sympy
+
+        across, sliding = _symbol("across"), self.force(_symbol)
+        holding = self.raised(_symbol) if self.peak in given else sliding
+        force = sliding
+        if "stribeck_speed" in given:
+            # From the force at rest down to that of sliding (L. C. Bo, D. Pavelescu, Wear 82 (1982)
+            # 277, with the exponent two).
+            force += (holding - force) * sympy.exp(-((across / _symbol("stribeck_speed")) ** 2))
+        viscous = _symbol("damping") * across if "damping" in given else sympy.Integer(0)
+        is_engaged = all(_is_positive(given.get(name)) for name in self.factors)
+        friction = Friction(
+            forward=Law.of(force + viscous),
+            backward=Law.of(-force + viscous),
+            upper=Law.of(holding),
+            lower=None if self.is_one_way else Law.of(-holding),
+            # A one-way clutch locks backwards even where nothing presses it together.
+            grip=None if is_engaged or self.is_one_way else Law.of(sliding),
+        )
+        return Terminal(self.domain, Kind.FRICTION, friction=friction)
+
+    def component(self, name: str, doc: str, fields: tuple[Field, ...]) -> Component:
+        """Make the component type, whose laws depend on the fields that a scene gives."""
+
+        def adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
+            rest = dict(given)
+            if isinstance(rest.get(self.factors[-1]), (list, tuple)):
+                speed = f"{edge}.{DOMAINS[self.domain].across_symbol}"
+                rest[self.factors[-1]] = _curve(edge, self.factors[-1], rest, speed)
+            return replace(made, ports=(self.port(rest),)), nodes, rest
+
+        made = scalar(name, doc, fields, self.port({}))
+        return replace(made, adapt=adapt)
+
+
+def _curve(edge: str, field: str, given: Given, speed: str) -> str:
+    """Write a table of speeds and values as an expression: linear between, constant beyond.
+
+    Raises
+    ------
+    SceneError
+        If it is no list of pairs with ascending speeds from zero on.
+    """
+    rows = given[field]
+    whose = f"{field} of edge '{edge}'"
+    if not rows or not all(isinstance(row, (list, tuple)) and len(row) == 2 for row in rows):
+        raise SceneError(f"{whose} must be a value, or a list of pairs: a speed and a value each")
+    speeds = [row[0] for row in rows]
+    if not all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in speeds):
+        raise SceneError(f"the speeds in {whose} must be numbers")
+    if speeds[0] != 0 or any(not b > a for a, b in pairwise(speeds)):
+        raise SceneError(f"the speeds in {whose} must begin with 0 and ascend")
+    # Each interval adds what the value changes by within it.
+    text = f"({rows[0][1]})"
+    for (x, y), (after, reached) in pairwise(rows):
+        share = f"min(max(abs({speed}) - {x!r}, 0), {after - x!r})/{after - x!r}"
+        text += f" + (({reached}) - ({y}))*{share}"
+    return text
+
+
+def _viscous(unit: str) -> Field:
+    return optional("damping", unit, "of viscous friction, while it slides", None, "nonnegative")
+
+
+def _stribeck(unit: str) -> Field:
+    doc = "speed over which the force falls from that at rest; at once where left out"
+    return optional("stribeck_speed", unit, doc, None, "positive")
+
+
+def _dry(domain: str, force: str, force_unit: str, speed_unit: str) -> Component:
+    rubbing = _Rubbing(domain, lambda s: s(force), lambda s: s("breakaway"), "breakaway", (force,))
+    fields = (
+        value(force, force_unit, "of dry friction, while it slides", "nonnegative"),
+        optional(
+            "breakaway", force_unit, f"largest {force} at rest; `{force}`", None, "nonnegative"
+        ),
+        _stribeck(speed_unit),
+        _viscous(f"{force_unit} s/{speed_unit.removesuffix('/s')}"),
+    )
+    return rubbing.component(
+        f"{domain}_dry_friction", "dry friction that sticks and slides", fields
+    )
+
+
+_PRESSED = _Rubbing(
+    "rotational",
+    lambda s: s("radius") * s("friction") * s("normal_force"),
+    lambda s: s("peak") * s("radius") * s("friction") * s("normal_force"),
+    "peak",
+    ("normal_force", "friction"),
+)
+
+_BRAKED = replace(
+    _PRESSED,
+    domain="translational",
+    force=lambda s: s("friction") * s("normal_force"),
+    raised=lambda s: s("peak") * s("friction") * s("normal_force"),
+)
+
+
+def _pressed(speed_unit: str, torque: bool) -> tuple[Field, ...]:
+    radius = value("radius", "m", "mean radius of the faces, times their number")
+    return (
+        value("normal_force", "N", "that presses the faces together; none below zero", ""),
+        value("friction", "1", "coefficient in sliding", "nonnegative"),
+        *((radius,) if torque else ()),
+        optional("peak", "1", "coefficient at rest over that in sliding; 1", None, "positive"),
+        _stribeck(speed_unit),
+    )
+
+
+def _bristles(domain: str, force: str, force_unit: str, length: str) -> Component:
+    """Make friction of bristles that bend and slip.
+
+    The law is that of C. Canudas, H. Olsson, K. J. Astrom and P. Lischinsky, IEEE Trans. Autom.
+    Control 40 (1995) 419.
+    """
+    import sympy
+
+    v, z, most = _symbol("across"), _symbol("stretch"), _symbol("breakaway")
+    sliding = _symbol(force)
+    level = sliding + (most - sliding) * sympy.exp(-((v / _symbol("stribeck_speed")) ** 2))
+    rate = v - _symbol("stiffness") * sympy.Abs(v) * z / level
+    through = _symbol("stiffness") * z + _symbol("damping") * rate + _symbol("viscous") * v
+    speed_unit, slope_unit = f"{length}/s", f"{force_unit} s/{length}"
+    port = Terminal(
+        domain,
+        Kind.SPRING,
+        through=Law.of(through),
+        is_passive=False,
+        integral=Integral("z", length, Law.of(rate)),
+    )
+    fields = (
+        value(force, force_unit, "of dry friction in steady sliding", "positive"),
+        value("breakaway", force_unit, f"{force} that bristles bear at most", "positive"),
+        value("stribeck_speed", speed_unit, "speed over which one becomes the other", "positive"),
+        value("stiffness", f"{force_unit}/{length}", "of the bristles"),
+        optional("damping", slope_unit, "of the bristles", 0.0, "nonnegative"),
+        optional("viscous", slope_unit, "of viscous friction", 0.0, "nonnegative"),
+    )
+    return scalar(f"{domain}_lugre", "friction of bristles that bend and slip", fields, port)
+
+
+def _toothed(given: Given) -> Component:
+    """Make a gear whose teeth and bearings rub, with what a scene gives of its fields.
+
+    With t the torque that the gear passes on, counted at the input, and T that of the bearings, the
+    teeth take (t (1 - e) + T) / e where the input drives, and (1 - f) |t| + f T where the output
+    does, e and f the efficiencies (C. Pelchen, C. Schweiger, M. Otter, Modeling and Simulating the
+    Efficiency of Gearboxes, Modelica Conference 2002). Each is the larger where it holds.
+    """
+    import sympy
+
+    passed, e = _symbol("through_input"), _symbol("efficiency")
+    f = _symbol("back_efficiency") if "back_efficiency" in given else e
+    bearing = _symbol("torque") if "torque" in given else sympy.Integer(0)
+    laws, limits = [], []
+    # The input drives where its torque has the sign of the speed: forwards on the positive side.
+    for way, choose in ((1, sympy.Max), (-1, sympy.Min)):
+        drives = (passed * (1 - e) + way * bearing) / e
+        driven = passed * (f - 1) + way * f * bearing
+        own = (1 + way * _symbol("side")) / 2
+        laws.append(Law.of(own * drives + (1 - own) * driven))
+        limits.append(Law.of(choose(drives, driven)))
+    friction = Friction(
+        laws[0], laws[1], limits[0], limits[1], load=Law.of(passed + _symbol("through"))
+    )
+    ideal = ideal_coupling("", "", _RATIO, ("rotational", "input"), ("rotational", "output"))
+    ports = tuple(replace(p, between=(p.port, "ground")) for p in ideal.ports)
+    teeth = Terminal(
+        "rotational",
+        Kind.FRICTION,
+        "teeth",
+        is_passive=False,
+        between=("input", "ground"),
+        friction=friction,
+    )
+    return replace(_GEAR, ports=(*ports, teeth))
+
+
+def _adapt_gear(edge: str, nodes: Nodes, given: Given) -> Adapted:
+    return _toothed(given), nodes, given
+
+
+_RATIO = value("ratio", "1", "speed of input per speed of output", "")
+
+_GEAR = scalar(
+    "lossy_gear",
+    "gear with losses in teeth and bearings, which may lock it",
+    (
+        _RATIO,
+        value("efficiency", "1", "of the teeth, where the input drives", "positive"),
+        optional("back_efficiency", "1", "where the output drives; `efficiency`", None, "positive"),
+        optional("torque", "N m", "of friction in the bearings, at the input", None, "nonnegative"),
+    ),
+    terminals=("input", "output"),
+    adapt=_adapt_gear,
+)
+
+
+COMPONENTS = (
+    _toothed({}),
+    _dry("translational", "force", "N", "m/s"),
+    _dry("rotational", "torque", "N m", "rad/s"),
+    _bristles("translational", "force", "N", "m"),
+    _bristles("rotational", "torque", "N m", "rad"),
+    _PRESSED.component("clutch", "clutch between two shafts", _pressed("rad/s", True)),
+    _PRESSED.component("brake", "brake of a shaft", _pressed("rad/s", True)),
+    _BRAKED.component("translational_brake", "brake of a mass", _pressed("m/s", False)),
+    replace(_PRESSED, is_one_way=True).component(
+        "one_way_clutch",
+        "clutch that turns freely one way, and locks the other",
+        _pressed("rad/s", True),
+    ),
+)

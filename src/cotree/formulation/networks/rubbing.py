@@ -1,0 +1,71 @@
+"""Where dry friction may stand: between nodes whose relative acceleration inertias decide."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cotree.components import Kind
+from cotree.errors import FormulationError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from cotree.components import Law
+    from cotree.formulation.networks.rules import Variable
+    from cotree.formulation.networks.topology import Topology
+    from cotree.scene.networks import Port
+
+
+def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]) -> None:
+    """Refuse dry friction whose relative acceleration does not follow from forces on inertias.
+
+    Raises
+    ------
+    FormulationError
+        If something without inertia is in its f-circuit, or sources alone; or if two are on one
+        joint, whose forces are not unique while both stick.
+    """
+    places: dict[tuple[str, ...], str] = {}
+    for name, port in ports.items():
+        if port.kind is not Kind.FRICTION:
+            continue
+        if port.is_coupling:
+            other = places.setdefault(port.ends.acts_on, port.edge.name)
+            if other != port.edge.name:
+                raise FormulationError(
+                    f"edges '{other}' and '{port.edge.name}' both stick at "
+                    f"'{', '.join(port.ends.acts_on)}', where nothing tells their forces apart: "
+                    "make one edge of them"
+                )
+            continue
+        whose = f"edge '{port.edge.name}' of type '{port.edge.component.name}'"
+        if port.is_short:
+            raise FormulationError(f"{whose} begins and ends at node '{port.head}': name another")
+        kinds = {n: ports[n].kind for n in topologies[port.terminal.domain].along(name)}
+        for branch, kind in kinds.items():
+            if kind not in (Kind.ACROSS_STORAGE, Kind.COUPLED, Kind.ACROSS_SOURCE):
+                raise FormulationError(
+                    f"{whose} sticks, so that inertias must decide the relative acceleration of "
+                    f"its nodes, but between them is '{branch}', which has none: add "
+                    f"{_INERTIA[port.terminal.domain]} to the node that has none"
+                )
+        if all(kind is Kind.ACROSS_SOURCE for kind in kinds.values()):
+            raise FormulationError(
+                f"{whose} lies between given speeds, where nothing can stick: add "
+                f"{_INERTIA[port.terminal.domain]} to one of its nodes, or take it out"
+            )
+
+
+_INERTIA = {"translational": "a translational_mass", "rotational": "a rotational_inertia"}
+
+
+def limit_law(port: Port, which: str) -> Law:
+    """Give a law of dry friction besides that of its through variable, by its attribute."""
+    law: Law = getattr(port.terminal.friction, which)
+    return law
+
+
+def is_friction(ports: Mapping[str, Port], variable: Variable) -> bool:
+    """Tell whether a variable is a force of dry friction."""
+    quantity, name = variable
+    return quantity == "through" and ports[name].kind is Kind.FRICTION
