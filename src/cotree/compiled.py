@@ -22,9 +22,12 @@ from cotree.solvers.methods import METHODS
 from cotree.variants import Variants
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from cotree.choice import Operations
     from cotree.compilation import Compiled
     from cotree.export.c_project import CProject
+    from cotree.export.fmu.write import Fmu
     from cotree.formulation.first_graph import FirstGraph
     from cotree.model.arrays import Array
     from cotree.model.consistent import Start
@@ -237,3 +240,55 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
         # Kernels of the project alone are new nodes of the program's arena, which threads share.
         with forming:
             return write_c_project(self._program, to, integrator, **numbers, step=step, start=start)
+
+    def export_fmu(
+        self,
+        path: str | Path,
+        version: int = 3,
+        kinds: Sequence[str] = ("ModelExchange", "CoSimulation"),
+        integrator: str | None = None,
+        *,
+        inputs: Sequence[str] | None = None,
+        platforms: Sequence[str] | None = None,
+    ) -> Fmu:
+        """Write the model as a functional mock-up unit (FMU), which other simulators import.
+
+        The file holds its C sources and needs nothing but libm. An FMU of Co-Simulation alone has
+        the sensitivities that the model was compiled with as variables.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file, ``x.fmu``.
+        version : int
+            3 or 2, the version of the Functional Mock-up Interface.
+        kinds : sequence of str
+            ``ModelExchange``, ``CoSimulation`` or both.
+        integrator : str, optional
+            Of Co-Simulation: ``dopri5``, ``rkf45``, ``dop853``, ``rodas5`` or ``rodas4``; by default
+            ``rodas5`` where there are algebraic unknowns, else ``dopri5``.
+        inputs : sequence of str, optional
+            Inputs that are set from outside. By default these are the ones that are constants in
+            the scene; the others are the scene's functions of time.
+        platforms : sequence of str, optional
+            Platforms of its libraries: ``x86_64-linux``, ``aarch64-linux``, ``x86_64-windows``,
+            ``x86_64-darwin``, ``aarch64-darwin``. By default this machine; others need the extra
+            ``zig``. An empty list makes an FMU of sources.
+
+        Returns
+        -------
+        Fmu
+            What was written.
+
+        Raises
+        ------
+        CodegenError
+            If an argument is unknown, or the scene and what is asked for do not go together.
+        SceneError
+            If the file cannot be written.
+        BuildError
+            If there is no compiler, or it fails.
+        """
+        from cotree.export.fmu.of_model import export_fmu
+
+        return export_fmu(self, path, version, kinds, integrator, inputs, platforms)
