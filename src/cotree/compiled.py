@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.carried import carry, digest
 from cotree.ensemble.of_model import EnsembleMethods
+from cotree.errors import SolveError
+from cotree.files import target_path
 from cotree.model.arrays import as_array, derived_values
 from cotree.model.moment import Moment
 from cotree.model.points import PointMethods
 from cotree.model.start import find_start, scene_start
+from cotree.naming import c_identifier
 from cotree.operating import OperatingPoint, program_at_rest
 from cotree.runner import RunnableModel
 from cotree.scene.replaced import expressions_among
@@ -27,6 +30,7 @@ if TYPE_CHECKING:
     from cotree.choice import Operations
     from cotree.compilation import Compiled
     from cotree.export.c_project import CProject
+    from cotree.export.fmu.choice import FmuChoice
     from cotree.export.fmu.write import Fmu
     from cotree.formulation.first_graph import FirstGraph
     from cotree.model.arrays import Array
@@ -265,8 +269,8 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
         kinds : sequence of str
             ``ModelExchange``, ``CoSimulation`` or both.
         integrator : str, optional
-            Of Co-Simulation: ``dopri5``, ``rkf45``, ``dop853``, ``rodas5`` or ``rodas4``; by default
-            ``rodas5`` where there are algebraic unknowns, else ``dopri5``.
+            Of Co-Simulation: ``dopri5``, ``rkf45``, ``dop853``, ``rodas5`` or ``rodas4``. By
+            default ``rodas5`` where there are algebraic unknowns, else ``dopri5``.
         inputs : sequence of str, optional
             Inputs that are set from outside. By default these are the ones that are constants in
             the scene; the others are the scene's functions of time.
@@ -289,6 +293,40 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
         BuildError
             If there is no compiler, or it fails.
         """
-        from cotree.export.fmu.of_model import export_fmu
+        from cotree.export.evaluated import Evaluated
+        from cotree.export.fmu.choice import choose
+        from cotree.export.fmu.write import write_fmu
 
-        return export_fmu(self, path, version, kinds, integrator, inputs, platforms)
+        choice = choose(version, kinds, integrator, inputs, platforms)
+        d = self._recipe.defaults
+        rest = self.start() if self.begins_at_rest else None
+        to, extra = target_path(path, "the FMU"), self._fmu_extras(choice)
+        # Further kernels are new nodes of the program's arena, which threads share.
+        with forming:
+            own = Evaluated(self._program)
+            numbers = d.t_end, d.rtol, d.atol
+            return write_fmu(self._program, to, choice, own, numbers, rest=rest, extra=extra)
+
+    def _fmu_extras(self, choice: FmuChoice) -> dict[str, bytes]:
+        """Give the expected results and the icon of an FMU."""
+        from cotree.export.fmu.extras import icon_files, reference_files, reference_times
+        from cotree.export.fmu.write import interval_of
+        from cotree.pipeline import draw_graphs
+        from cotree.plot import draw_graphs as picture
+
+        t_end = self._recipe.defaults.t_end
+        graphs, trees = draw_graphs(self._scene, None)
+        drawn = picture((graph, trees.get(domain)) for domain, graph in graphs.items())
+        files = icon_files(drawn, choice.version)
+        # Inputs from outside stay where they begin.
+        begin = self.input_values(0.0)
+        wanted = choice.inputs or ()
+        held = {name: u for name, u in zip(self.inputs, begin, strict=True) if name in wanted}
+        try:
+            result = self.simulate(
+                (0.0, t_end), reference_times(t_end, interval_of(t_end)), inputs=held
+            )
+        except SolveError:
+            return files  # the default experiment has no results
+        columns = {name: result[name] for name in self.outputs}
+        return files | reference_files(c_identifier(self.layout.name), result.t, columns)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from cotree.export.fmu.variables import Variable, Variables
     from cotree.units import Unit
 
-#: Exponents that a unit of the standard has, in the order of cotree's dimensions; cycles are numbers.
+#: Exponents of units of the standard, in the order of cotree's dimensions; cycles are numbers.
 _BASES = ("m", "kg", "s", "A", "K", "mol", "cd", "rad")
 
 _TYPE = {2: "Real", 3: "Float64"}
@@ -199,7 +199,9 @@ class Description:
             ("Outputs", variables.reported),
             ("Derivatives", variables.rates),
         ):
-            self._add_list(structure, tag, [(r.reference, _without(r.depends, fixed)) for r in rows])
+            self._add_list(
+                structure, tag, [(r.reference, _without(r.depends, fixed)) for r in rows]
+            )
         known = sorted(initial, key=lambda row: row.reference)
         self._add_list(
             structure, "InitialUnknowns", [(r.reference, r.depends_at_start) for r in known]

@@ -71,8 +71,8 @@ class FmuKernels:
     constraints : Partials
         Constraints by the columns of ``partials``.
     stops : Kernel or None
-        Upper bounds of steps; then first time and period of each stop, with derivatives of both along
-        each sensitivity. None where there are neither.
+        Upper bounds of steps; then first time and period of each stop, with derivatives of both
+        along each sensitivity. None where there are neither.
     starts : tuple of bool
         Whether each stop has no times before its first.
     n_limits : int
@@ -90,7 +90,8 @@ class FmuKernels:
     def present(self) -> list[Kernel]:
         """The kernels that have results."""
         rows = [self.partials.kernel, self.initial.kernel, self.constraints.kernel]
-        return [*(kernel for kernel in rows if kernel.results), *([self.stops] if self.stops else [])]
+        found = [kernel for kernel in rows if kernel.results]
+        return [*found, self.stops] if self.stops is not None else found
 
 
 def form_kernels(program: Program, outside: Sequence[int]) -> FmuKernels:
@@ -156,9 +157,7 @@ def _partials(
     return Partials(name, len(rows), len(columns), tuple(starts), tuple(indices), kernel)
 
 
-def _stops(
-    program: Program, outside: Sequence[int]
-) -> tuple[tuple[bool, ...], Kernel | None, int]:
+def _stops(program: Program, outside: Sequence[int]) -> tuple[tuple[bool, ...], Kernel | None, int]:
     """Gather the stops and longest steps of all that stays a function of time."""
     dag = program.dag
     replaced = {program.layout.inputs[i].name for i in outside}

@@ -170,6 +170,7 @@ def _built(
         if outcome.status != 0:
             why = "takes too long" if outcome.status is None else "fails"
             raise BuildError(
-                f"The C compiler {why} at the library for {row.name}: {outcome.output.strip()[:2000]}"
+                f"The C compiler {why} at the library for {row.name}: "
+                f"{outcome.output.strip()[:2000]}"
             )
         return (directory / output).read_bytes()

@@ -1,4 +1,4 @@
-"""The C sources of an FMU: the model, its further kernels and tables, an integrator, the interface."""
+"""The C sources of an FMU: model, further kernels, tables, an integrator, the interface."""
 
 from __future__ import annotations
 
@@ -230,9 +230,7 @@ def _arrays(program: Program, kernels: FmuKernels, facts: Facts) -> Iterable[Arr
     signals = [i for i in range(len(layout.inputs)) if i not in facts.outside]
     places = {row.name: i for i, row in enumerate(layout.parameters)}
     states = {row.name: i for i, row in enumerate(layout.states)}
-    seeds = [
-        places[name] if name in places else -1 - states[name] for name in layout.sensitivities
-    ]
+    seeds = [places[name] if name in places else -1 - states[name] for name in layout.sensitivities]
     yield from _ints("inputs", facts.outside)
     yield from _doubles("values", facts.input_values)
     yield from _ints("signals", signals)

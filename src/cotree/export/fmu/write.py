@@ -6,7 +6,6 @@ import hashlib
 import math
 import zipfile
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cotree.codegen.integrators import INTEGRATORS
@@ -23,38 +22,12 @@ from cotree.naming import c_identifier
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from pathlib import Path
 
     from cotree.export.evaluated import Evaluated
+    from cotree.export.fmu.choice import FmuChoice
     from cotree.model.consistent import Start
     from cotree.program import Program
-
-VERSIONS = (2, 3)
-KINDS = ("ModelExchange", "CoSimulation")
-
-
-@dataclass(frozen=True)
-class FmuChoice:
-    """What an FMU is to have.
-
-    Attributes
-    ----------
-    version : int
-        2 or 3, the version of the interface.
-    kinds : tuple of str
-        Of ``KINDS``.
-    integrator : str or None
-        Of Co-Simulation; None for one that suits the model.
-    inputs : tuple of str or None
-        Inputs that are set from outside; None for those that are constants in the scene.
-    platforms : tuple of str or None
-        Platforms of its libraries; None for this machine.
-    """
-
-    version: int = 3
-    kinds: tuple[str, ...] = KINDS
-    integrator: str | None = None
-    inputs: tuple[str, ...] | None = None
-    platforms: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -86,41 +59,15 @@ class Fmu:
         return f"<Fmu {self.path}: FMI {self.version}, {' and '.join(self.kinds)}, {where}>"
 
 
-def check_choice(choice: FmuChoice) -> FmuChoice:
-    """Refuse a version or kinds that there are not.
-
-    Raises
-    ------
-    CodegenError
-        For the first that is unknown.
-    """
-    if choice.version not in VERSIONS or isinstance(choice.version, bool):
-        raise CodegenError(f"there is no FMI {choice.version} here: give version 2 or 3")
-    for kind in choice.kinds:
-        if kind not in KINDS:
-            raise CodegenError(f"there is no kind of FMU '{kind}'{nearest(str(kind), KINDS)}")
-    if not choice.kinds:
-        raise CodegenError("an FMU needs a kind: give ModelExchange, CoSimulation or both")
-    if choice.integrator is not None and choice.integrator not in INTEGRATORS:
-        raise CodegenError(
-            f"an FMU cannot have the integrator '{choice.integrator}'"
-            f"{nearest(choice.integrator, INTEGRATORS)}: take {', '.join(INTEGRATORS)}"
-        )
-    ordered = tuple(kind for kind in KINDS if kind in choice.kinds)
-    return replace(choice, kinds=ordered)
-
-
 def write_fmu(
     program: Program,
     path: Path,
     choice: FmuChoice,
     evaluated: Evaluated,
+    numbers: tuple[float, float, float],
     *,
-    t_end: float,
-    rtol: float,
-    atol: float,
-    rest: Start | None = None,
-    extra: Mapping[str, bytes] | None = None,
+    rest: Start | None,
+    extra: Mapping[str, bytes],
 ) -> Fmu:
     """Write a model as an FMU, whole or not at all.
 
@@ -134,11 +81,11 @@ def write_fmu(
         What it is to have.
     evaluated : Evaluated
         The program, for its start.
-    t_end, rtol, atol : float
-        Of the default experiment.
-    rest : Start, optional
+    numbers : tuple of float
+        End time, relative and absolute tolerance of the default experiment.
+    rest : Start or None
         The operating point that runs begin at, if they do.
-    extra : mapping of str to bytes, optional
+    extra : mapping of str to bytes
         Further files by name.
 
     Raises
@@ -150,13 +97,13 @@ def write_fmu(
     BuildError
         If there is no compiler, or it fails.
     """
-    choice = check_choice(choice)
+    t_end, rtol, atol = numbers
     platforms = wanted_platforms(choice.platforms, choice.version)
     check_numbers(t_end, rtol, atol)
     _check_calls(program)
     outside = _outside(program, choice.inputs)
     kernels = form_kernels(program, outside)
-    facts = _facts(program, choice, evaluated, outside, rest, (t_end, rtol, atol))
+    facts = _facts(program, choice, evaluated, outside, rest, numbers)
     identifier = c_identifier(program.layout.name)
     files = source_files(program, kernels, facts, choice.version)
     # The token follows from all that description and library share.
@@ -180,14 +127,14 @@ def write_fmu(
         variables,
         t_end,
         rtol,
-        _interval(t_end),
+        interval_of(t_end),
         tuple(sorted(name for name in files if name.endswith(".c"))),
     )
     written = {"modelDescription.xml": description.model_description().encode()}
     written |= {f"sources/{name}": text.encode("ascii") for name, text in files.items()}
     if choice.version == 3:
         written["sources/buildDescription.xml"] = description.build_description().encode()
-    written |= extra or {}
+    written |= extra
     n_all = sum(count.total for count in program.operations.values())
     n_longest = max(kernel.operations.total for kernel in program.kernels.values())
     n_longest = max([n_longest, *(k.operations.total for k in kernels.present)])
@@ -220,17 +167,15 @@ def _outside(program: Program, wanted: Sequence[str] | None) -> tuple[int, ...]:
     layout, own = program.layout, program.kernels["inputs"].results
     known = [row.name for row in layout.inputs]
     if wanted is None:
-        return tuple(
-            i for i, node in enumerate(own) if node.value is not None
-        )
+        return tuple(i for i, node in enumerate(own) if node.value is not None)
     for name in wanted:
         if name not in known:
             raise CodegenError(f"the scene has no input '{name}'{nearest(name, known)}")
         depends = layout.input_sensitivities[known.index(name)]
         if depends:
             raise CodegenError(
-                f"input '{name}' depends on '{depends[0]}', to which sensitivities are compiled: it "
-                "cannot be set from outside as well"
+                f"input '{name}' depends on '{depends[0]}', to which sensitivities are compiled: "
+                "it cannot be set from outside as well"
             )
     return tuple(i for i, name in enumerate(known) if name in wanted)
 
@@ -257,7 +202,7 @@ def _facts(
             check_loops(program, integrator, is_dependent)
     start = rest or evaluated.start
     model = evaluated.model
-    u = model.input_values(0.0) if layout.inputs else []
+    u = model.input_values(0.0)
     return Facts(
         token="",
         integrator=integrator,
@@ -285,7 +230,7 @@ def _token(files: Mapping[str, str], choice: FmuChoice) -> str:
     return f"{{{'-'.join(parts)}}}"
 
 
-def _interval(t_end: float) -> float:
+def interval_of(t_end: float) -> float:
     """Give an interval of communication of the default experiment: a round number, about 1/500."""
     if t_end <= 0.0:
         return 1.0
@@ -296,9 +241,10 @@ def _interval(t_end: float) -> float:
 
 
 def _write_archive(path: Path, files: Mapping[str, bytes]) -> None:
-    with written_whole(path, "the FMU") as draft, zipfile.ZipFile(
-        draft, "w", zipfile.ZIP_DEFLATED
-    ) as archive:
+    with (
+        written_whole(path, "the FMU") as draft,
+        zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as archive,
+    ):
         for name in sorted(files, key=lambda name: (name != "modelDescription.xml", name)):
             # The same bytes for the same model: files of the archive have no dates.
             archive.writestr(_entry(name), files[name])
