@@ -13,7 +13,7 @@ from cotree.version import VERSION
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from cotree.export.fmu.variables import Variable, Variables
+    from cotree.export.fmu.table import Variable, Variables
     from cotree.units import Unit
 
 #: Exponents of units of the standard, in the order of cotree's dimensions; cycles are numbers.
