@@ -41,11 +41,8 @@ def driver(request, tmp_path_factory):
     token = re.search(r'instantiationToken="([^"]*)"', text).group(1)
     sources = sorted(map(str, (folder / "sources").glob("*.c")))
     program = folder / "driver"
-    subprocess.run(
-        ["gcc", *FLAGS, f'-DTOKEN="{token}"', f"-I{folder / 'sources'}", "-o", program]
-        + [str(DRIVER), *sources, "-lm"],
-        check=True,
-    )
+    given = [f'-DTOKEN="{token}"', f"-I{folder / 'sources'}", "-o", str(program), str(DRIVER)]
+    subprocess.run(["gcc", *FLAGS, *given, *sources, "-lm"], check=True)
     return program
 
 
