@@ -56,8 +56,10 @@ def test_fmpy_simulates_what_the_model_does(exported, name, version, kind):
     model, path = exported(name, version)
     t_end = model._recipe.defaults.t_end
     names = [*model.states, *model.outputs]
-    # CVode of FMPy errs by some hundred of these; own methods by some ten.
-    tolerance = 1e-12 if kind == "ModelExchange" else 1e-10
+    # CVode errs by thousands of its tolerance over many steps, and where that is below 1e-10 it
+    # takes more than its 500 steps to the next point in scenes with fast decays.
+    is_long = kind == "ModelExchange" and name in ("heated-room", "cart-pole")
+    tolerance = 1e-12 if is_long else 1e-10
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ResourceWarning)  # FMPy leaves folders to the collector
         found = simulate_fmu(
