@@ -1,7 +1,7 @@
 """Models of the Modelica Association's Reference-FMUs, as scenes.
 
-The trajectories that are published with these FMUs come from Euler's method with a fixed step; a few
-of their points stand here. They differ from exact solutions by the error of that method.
+The trajectories that are published with these FMUs come from Euler's method with a fixed step; a
+few of their points stand here. They differ from exact solutions by the error of that method.
 """
 
 from __future__ import annotations
