@@ -40,6 +40,9 @@
 #define COTREE_ALIGNED
 #endif
 
+/* The type of all numbers. */
+typedef double cotree_real;
+
 #if defined(_WIN32)
 #define COTREE_EXPORT __declspec(dllexport)
 #else

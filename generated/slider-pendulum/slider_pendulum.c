@@ -259,9 +259,7 @@ static const char *const guard_texts[7] = {
     "the inertia that joint 'j1' carries itself (parameter 'm1')",
     "the inertia that joint 'h2' carries itself (parameters 'm2', 'L', 'r')",
 };
-static const double parameter_values[8] = {
-    1.0, 5.0, 1.0, 0.03, 10.0, 50.0, 0.5, 9.81,
-};
+static const double parameter_values[8] = SLIDER_PENDULUM_DEFAULTS;
 static const int column_starts[5] = {
     0, 2, 4, 5, 8,
 };

@@ -36,42 +36,74 @@
 #define SLIDER_PENDULUM_N_PREPARED 7
 #define SLIDER_PENDULUM_N_NONZEROS 8
 
+/* The scene's values of the parameters: cotree_real p[] = SLIDER_PENDULUM_DEFAULTS; */
+#define SLIDER_PENDULUM_DEFAULTS \
+    { \
+        1.0, 5.0, 1.0, 0.03, 10.0, 50.0, 0.5, 9.81, \
+    }
+
+enum slider_pendulum_state {
+    SLIDER_PENDULUM_STATE_j1_s,
+    SLIDER_PENDULUM_STATE_h2_theta,
+    SLIDER_PENDULUM_STATE_j1_s_dot,
+    SLIDER_PENDULUM_STATE_h2_theta_dot
+};
+
+enum slider_pendulum_parameter {
+    SLIDER_PENDULUM_PARAMETER_m1,
+    SLIDER_PENDULUM_PARAMETER_m2,
+    SLIDER_PENDULUM_PARAMETER_L,
+    SLIDER_PENDULUM_PARAMETER_r,
+    SLIDER_PENDULUM_PARAMETER_zeta,
+    SLIDER_PENDULUM_PARAMETER_k,
+    SLIDER_PENDULUM_PARAMETER_s0,
+    SLIDER_PENDULUM_PARAMETER_g
+};
+
+enum slider_pendulum_output {
+    SLIDER_PENDULUM_OUTPUT_rod_x
+};
+
+enum slider_pendulum_sensitivity {
+    SLIDER_PENDULUM_SENSITIVITY_L
+};
+
 #ifdef __cplusplus
 extern "C" {
 #endif
 
 /* What depends on parameters only, n_prepared values.
- * Values: 7. Stack: 568 bytes at most. */
+ * Values: 7. Stack: 96 bytes at most. */
 COTREE_EXPORT int slider_pendulum_prepare(const double *COTREE_RESTRICT p,
                                           double *COTREE_RESTRICT k);
 
 /* Initial states.
- * Values: 4. Stack: 512 bytes at most. */
+ * Values: 4. Stack: 48 bytes at most. */
 COTREE_EXPORT int slider_pendulum_initial(const double *COTREE_RESTRICT p,
                                           const double *COTREE_RESTRICT k,
                                           double *COTREE_RESTRICT x);
 
 /* Sensitivities of the initial states.
- * Values: 4. Stack: 512 bytes at most. */
+ * Values: 4. Stack: 48 bytes at most. */
 COTREE_EXPORT int slider_pendulum_initial_sensitivity(const double *COTREE_RESTRICT p,
                                                       const double *COTREE_RESTRICT k,
                                                       double *COTREE_RESTRICT s);
 
 /* The scene's own inputs.
- * Values: 0. Stack: 512 bytes at most. */
+ * Values: 0. Stack: 48 bytes at most. */
 COTREE_EXPORT int slider_pendulum_inputs(double t, const double *COTREE_RESTRICT p,
                                          const double *COTREE_RESTRICT k,
                                          double *COTREE_RESTRICT u);
 
 /* Rates of the states.
- * Values: 4. Stack: 552 bytes at most. */
+ * Values: 4. Stack: 144 bytes at most. */
 COTREE_EXPORT int slider_pendulum_rhs(double t, const double *COTREE_RESTRICT x,
                                       const double *COTREE_RESTRICT u,
                                       const double *COTREE_RESTRICT p,
                                       const double *COTREE_RESTRICT k, double *COTREE_RESTRICT dx);
 
 /* Derivatives of rhs by the states: its n_nonzeros, by columns.
- * Values: 8. Stack: 600 bytes at most. */
+ * Values: 8. Stack: 192 bytes at most. */
 COTREE_EXPORT int slider_pendulum_jacobian(double t, const double *COTREE_RESTRICT x,
                                            const double *COTREE_RESTRICT u,
                                            const double *COTREE_RESTRICT p,
@@ -79,7 +111,7 @@ COTREE_EXPORT int slider_pendulum_jacobian(double t, const double *COTREE_RESTRI
                                            double *COTREE_RESTRICT values);
 
 /* Rates of the states, then of the sensitivities that do not vanish, which alone s holds.
- * Values: 8. Stack: 632 bytes at most. */
+ * Values: 8. Stack: 240 bytes at most. */
 COTREE_EXPORT int slider_pendulum_augmented_rhs(double t, const double *COTREE_RESTRICT x,
                                                 const double *COTREE_RESTRICT s,
                                                 const double *COTREE_RESTRICT u,
@@ -88,7 +120,7 @@ COTREE_EXPORT int slider_pendulum_augmented_rhs(double t, const double *COTREE_R
                                                 double *COTREE_RESTRICT dz);
 
 /* Rates of the sensitivities that do not vanish, which alone s holds.
- * Values: 4. Stack: 1208 bytes at most. */
+ * Values: 4. Stack: 432 bytes at most. */
 COTREE_EXPORT int slider_pendulum_sensitivity_rhs(double t, const double *COTREE_RESTRICT x,
                                                   const double *COTREE_RESTRICT s,
                                                   const double *COTREE_RESTRICT u,
@@ -97,7 +129,7 @@ COTREE_EXPORT int slider_pendulum_sensitivity_rhs(double t, const double *COTREE
                                                   double *COTREE_RESTRICT ds);
 
 /* Outputs.
- * Values: 1. Stack: 512 bytes at most. */
+ * Values: 1. Stack: 96 bytes at most. */
 COTREE_EXPORT int slider_pendulum_outputs(double t, const double *COTREE_RESTRICT x,
                                           const double *COTREE_RESTRICT u,
                                           const double *COTREE_RESTRICT p,
@@ -105,7 +137,7 @@ COTREE_EXPORT int slider_pendulum_outputs(double t, const double *COTREE_RESTRIC
                                           double *COTREE_RESTRICT y);
 
 /* Sensitivities of the outputs.
- * Values: 1. Stack: 512 bytes at most. */
+ * Values: 1. Stack: 112 bytes at most. */
 COTREE_EXPORT int slider_pendulum_output_sensitivity(double t, const double *COTREE_RESTRICT x,
                                                      const double *COTREE_RESTRICT s,
                                                      const double *COTREE_RESTRICT u,

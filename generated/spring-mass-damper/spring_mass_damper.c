@@ -174,9 +174,7 @@ static const char *const guard_texts[2] = {
     "mass of edge 'm' (parameter 'm')",
     "the inertia that joint 's' carries itself (parameter 'm')",
 };
-static const double parameter_values[8] = {
-    2.0, 50.0, 1.5, 0.3, 4.0, 3.0, 0.5, 0.0,
-};
+static const double parameter_values[8] = SPRING_MASS_DAMPER_DEFAULTS;
 static const int column_starts[3] = {
     0, 1, 3,
 };

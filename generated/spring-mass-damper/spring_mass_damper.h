@@ -34,35 +34,65 @@
 #define SPRING_MASS_DAMPER_N_PREPARED 3
 #define SPRING_MASS_DAMPER_N_NONZEROS 3
 
+/* The scene's values of the parameters: cotree_real p[] = SPRING_MASS_DAMPER_DEFAULTS; */
+#define SPRING_MASS_DAMPER_DEFAULTS \
+    { \
+        2.0, 50.0, 1.5, 0.3, 4.0, 3.0, 0.5, 0.0, \
+    }
+
+enum spring_mass_damper_state {
+    SPRING_MASS_DAMPER_STATE_s_s,
+    SPRING_MASS_DAMPER_STATE_s_s_dot
+};
+
+enum spring_mass_damper_parameter {
+    SPRING_MASS_DAMPER_PARAMETER_m,
+    SPRING_MASS_DAMPER_PARAMETER_k,
+    SPRING_MASS_DAMPER_PARAMETER_c,
+    SPRING_MASS_DAMPER_PARAMETER_l0,
+    SPRING_MASS_DAMPER_PARAMETER_F0,
+    SPRING_MASS_DAMPER_PARAMETER_w,
+    SPRING_MASS_DAMPER_PARAMETER_x0,
+    SPRING_MASS_DAMPER_PARAMETER_v0
+};
+
+enum spring_mass_damper_output {
+    SPRING_MASS_DAMPER_OUTPUT_x
+};
+
+enum spring_mass_damper_sensitivity {
+    SPRING_MASS_DAMPER_SENSITIVITY_k
+};
+
 #ifdef __cplusplus
 extern "C" {
 #endif
 
 /* What depends on parameters only, n_prepared values.
- * Values: 3. Stack: 520 bytes at most. */
+ * Values: 3. Stack: 48 bytes at most. */
 COTREE_EXPORT int spring_mass_damper_prepare(const double *COTREE_RESTRICT p,
                                              double *COTREE_RESTRICT k);
 
 /* Initial states.
- * Values: 2. Stack: 512 bytes at most. */
+ * Values: 2. Stack: 48 bytes at most. */
 COTREE_EXPORT int spring_mass_damper_initial(const double *COTREE_RESTRICT p,
                                              const double *COTREE_RESTRICT k,
                                              double *COTREE_RESTRICT x);
 
 /* Sensitivities of the initial states.
- * Values: 2. Stack: 512 bytes at most. */
+ * Values: 2. Stack: 48 bytes at most. */
 COTREE_EXPORT int spring_mass_damper_initial_sensitivity(const double *COTREE_RESTRICT p,
                                                          const double *COTREE_RESTRICT k,
                                                          double *COTREE_RESTRICT s);
 
 /* The scene's own inputs.
- * Values: 0. Stack: 512 bytes at most. */
+ * Values: 0. Stack: 48 bytes at most. */
 COTREE_EXPORT int spring_mass_damper_inputs(double t, const double *COTREE_RESTRICT p,
                                             const double *COTREE_RESTRICT k,
                                             double *COTREE_RESTRICT u);
 
 /* Rates of the states.
- * Values: 2. Stack: 512 bytes at most. */
+ * Values: 2. Stack: 96 bytes at most. */
 COTREE_EXPORT int spring_mass_damper_rhs(double t, const double *COTREE_RESTRICT x,
                                          const double *COTREE_RESTRICT u,
                                          const double *COTREE_RESTRICT p,
@@ -70,7 +100,7 @@ COTREE_EXPORT int spring_mass_damper_rhs(double t, const double *COTREE_RESTRICT
                                          double *COTREE_RESTRICT dx);
 
 /* Derivatives of rhs by the states: its n_nonzeros, by columns.
- * Values: 3. Stack: 512 bytes at most. */
+ * Values: 3. Stack: 64 bytes at most. */
 COTREE_EXPORT int spring_mass_damper_jacobian(double t, const double *COTREE_RESTRICT x,
                                               const double *COTREE_RESTRICT u,
                                               const double *COTREE_RESTRICT p,
@@ -78,7 +108,7 @@ COTREE_EXPORT int spring_mass_damper_jacobian(double t, const double *COTREE_RES
                                               double *COTREE_RESTRICT values);
 
 /* Rates of the states, then of the sensitivities that do not vanish, which alone s holds.
- * Values: 4. Stack: 512 bytes at most. */
+ * Values: 4. Stack: 112 bytes at most. */
 COTREE_EXPORT int spring_mass_damper_augmented_rhs(double t, const double *COTREE_RESTRICT x,
                                                    const double *COTREE_RESTRICT s,
                                                    const double *COTREE_RESTRICT u,
@@ -87,7 +117,7 @@ COTREE_EXPORT int spring_mass_damper_augmented_rhs(double t, const double *COTRE
                                                    double *COTREE_RESTRICT dz);
 
 /* Rates of the sensitivities that do not vanish, which alone s holds.
- * Values: 2. Stack: 1056 bytes at most. */
+ * Values: 2. Stack: 272 bytes at most. */
 COTREE_EXPORT int spring_mass_damper_sensitivity_rhs(double t, const double *COTREE_RESTRICT x,
                                                      const double *COTREE_RESTRICT s,
                                                      const double *COTREE_RESTRICT u,
@@ -96,7 +126,7 @@ COTREE_EXPORT int spring_mass_damper_sensitivity_rhs(double t, const double *COT
                                                      double *COTREE_RESTRICT ds);
 
 /* Outputs.
- * Values: 1. Stack: 512 bytes at most. */
+ * Values: 1. Stack: 64 bytes at most. */
 COTREE_EXPORT int spring_mass_damper_outputs(double t, const double *COTREE_RESTRICT x,
                                              const double *COTREE_RESTRICT u,
                                              const double *COTREE_RESTRICT p,
@@ -104,7 +134,7 @@ COTREE_EXPORT int spring_mass_damper_outputs(double t, const double *COTREE_REST
                                              double *COTREE_RESTRICT y);
 
 /* Sensitivities of the outputs.
- * Values: 1. Stack: 512 bytes at most. */
+ * Values: 1. Stack: 80 bytes at most. */
 COTREE_EXPORT int spring_mass_damper_output_sensitivity(double t, const double *COTREE_RESTRICT x,
                                                         const double *COTREE_RESTRICT s,
                                                         const double *COTREE_RESTRICT u,

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from cotree.api import Model, Scene, load
+    from cotree.blocks import state_space, transfer_function
     from cotree.build import cache_directory, clear_cache
     from cotree.components import register_component
     from cotree.design.optimise import optimise
@@ -75,6 +76,8 @@ __all__ = [
     "register_component",
     "sample",
     "sampled",
+    "state_space",
+    "transfer_function",
 ]
 
 # Modules of the names that are not errors. They are imported at the first use of a name (PEP 562):
@@ -105,6 +108,8 @@ _HOMES = {
     "register_component": "components",
     "sample": "ensemble.sampling",
     "sampled": "model.signals",
+    "state_space": "blocks",
+    "transfer_function": "blocks",
 }
 
 if not TYPE_CHECKING:  # types come from the imports above, and unknown names stay unknown

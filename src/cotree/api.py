@@ -16,6 +16,8 @@ from cotree.recipe import Recipe
 from cotree.scene.component_methods import ComponentMethods
 from cotree.scene.description import SceneDescription
 from cotree.scene.expressions import check_number
+from cotree.scene.part_methods import PartMethods
+from cotree.scene.part_origin import origins_told
 from cotree.scene.replaced import with_inputs
 from cotree.scene.tunable import keep_tunable, listed_names
 
@@ -31,7 +33,7 @@ if TYPE_CHECKING:
 __all__ = ["Model", "Scene", "load"]
 
 
-class Scene(SceneDescription, ComponentMethods):
+class Scene(SceneDescription, ComponentMethods, PartMethods):
     """A system drawn as edges between named nodes.
 
     Parameters
@@ -53,6 +55,10 @@ class Scene(SceneDescription, ComponentMethods):
         The components between their nodes, by name.
     outputs : dict of str to Expression
         The outputs by name.
+    parts : dict of str to Part
+        The scenes within this one, by name; what they declare stands in the tables above, too.
+    ports : tuple of str
+        Nodes that must be connected where this scene is a part.
     defaults : Simulation
         Settings of runs where a call gives none.
     origin : Origin or None
@@ -131,11 +137,12 @@ class Scene(SceneDescription, ComponentMethods):
         described = described.copied()
         recipe = Recipe(described, tuple(names), tree, options, rate)
         try:
-            compiled = compile_scene(described, names, tree, options, rate)
-            model = Model(compiled, recipe)
-            model.times["formulate"] += prepared
-            # Faults that only numbers show, such as a motion without inertia, are refused here.
-            check_start(model)
+            with origins_told(self):
+                compiled = compile_scene(described, names, tree, options, rate)
+                model = Model(compiled, recipe)
+                model.times["formulate"] += prepared
+                # Faults that only numbers show, as a motion without inertia, are refused here.
+                check_start(model)
         except (SingularSystemError, TopologyError) as error:
             # A node that is misspelt leaves another one without what it should carry.
             from cotree.lint import dangling_hint
@@ -194,12 +201,13 @@ class Scene(SceneDescription, ComponentMethods):
         from cotree.export.graph_report import graph_report
         from cotree.pipeline import count_trees, draw_graphs
 
-        costs = count_trees(self)
-        # The report shows the tree that compile() would take. A scene whose equations cannot be
-        # formed has no costs, and its trees are chosen without them.
-        if tree is None and costs:
-            tree = list(costs[0].trees.branches)
-        return graph_report(*draw_graphs(self, tree), costs)
+        with origins_told(self):
+            costs = count_trees(self)
+            # The report shows the tree that compile() would take. A scene whose equations cannot be
+            # formed has no costs, and its trees are chosen without them.
+            if tree is None and costs:
+                tree = list(costs[0].trees.branches)
+            return graph_report(*draw_graphs(self, tree), costs, tuple(self.members))
 
     def equations(
         self, sensitivities: Sequence[str] = (), tree: TreeChoice = None
@@ -215,7 +223,8 @@ class Scene(SceneDescription, ComponentMethods):
         from cotree.pipeline import formulate
 
         names = listed_names(sensitivities, "sensitivities")
-        return symbolic_equations(formulate(self, names, tree)[1])
+        with origins_told(self):
+            return symbolic_equations(formulate(self, names, tree)[1])
 
     def lint(self, allow: Sequence[str] = ()) -> tuple[Finding, ...]:
         """List what is suspicious: unused parameters, dangling nodes, contradicting units...
@@ -269,7 +278,7 @@ def load(source: str | Path) -> Scene:
     Parameters
     ----------
     source : str or Path
-        Name of a shipped scene, or path of a TOML, URDF, SPICE or SBML file.
+        Name of a shipped scene or part, or path of a TOML, URDF, SPICE or SBML file.
 
     Raises
     ------

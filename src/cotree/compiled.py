@@ -211,9 +211,16 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
         return model, replace(settings, inputs=rest)
 
     def write(
-        self, directory: str | Path, integrator: str = "dopri5", step: float | None = None
+        self,
+        directory: str | Path,
+        integrator: str = "dopri5",
+        step: float | None = None,
+        *,
+        real: str = "double",
+        prefix: str = "",
+        cpp: bool = False,
     ) -> CProject:
-        """Write model, header, integrator and a main program that need no Python.
+        """Write model, header, integrators, a main program and build files that need no Python.
 
         Parameters
         ----------
@@ -221,9 +228,16 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
             The target folder; made if it does not exist.
         integrator : str
             ``dopri5``, ``rkf45``, ``dop853``; if stiff ``rodas5``, ``rodas4``; of one step length
-            ``rk4``, if stiff ``euler``.
+            ``rk4``, if stiff ``euler``. Several, separated by commas, are all compiled in, for the
+            option ``--method`` of the main program; the first one runs by default.
         step : float, optional
-            That length, [s].
+            Length of the steps of ``rk4`` and ``euler``, [s].
+        real : str
+            Type of all numbers, ``double`` or ``float``.
+        prefix : str
+            What names in C and files begin with, in place of the scene's name.
+        cpp : bool
+            Whether to write a header for C++, too.
 
         Returns
         -------
@@ -233,17 +247,19 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
         Raises
         ------
         CodegenError
-            If the directory cannot be written, or integrator, scene and step do not go together.
+            If the directory cannot be written; if integrator, scene and step do not go together;
+            or if the prefix or the type of numbers is not accepted.
         """
-        from cotree.export.c_project import write_c_project
+        from cotree.export.c_project import Kit, write_c_project
 
         d, to = self._recipe.defaults, Path(directory)
+        kit = Kit(integrator, real, prefix, cpp)
         numbers = {"t_end": d.t_end, "rtol": d.rtol, "atol": d.atol}
         # A C project has no search for operating points: it begins with the numbers found here.
         start = self.start() if self.begins_at_rest else None
         # Kernels of the project alone are new nodes of the program's arena, which threads share.
         with forming:
-            return write_c_project(self._program, to, integrator, **numbers, step=step, start=start)
+            return write_c_project(self._program, to, kit, **numbers, step=step, start=start)
 
     def export_fmu(
         self,

@@ -8,11 +8,17 @@ from __future__ import annotations
 
 import keyword
 import re
+from typing import TYPE_CHECKING
 
 from cotree.errors import SceneError, brief
 
+if TYPE_CHECKING:
+    from collections.abc import Container
+
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}\Z")
 _SCENE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}\Z")
+
+_LONGEST_PATH = 1000  # characters of the name of something in a part of a part
 
 #: Names with a meaning of their own in expressions.
 RESERVED = frozenset({"t", "pi"})
@@ -21,7 +27,7 @@ RESERVED = frozenset({"t", "pi"})
 _OF_EDGES = frozenset({"name", "type", "nodes", "initial"})
 
 #: Kinds whose names stand before a dot in expressions, as in ``in.v``: they may be any word.
-_DOTTED = frozenset({"node", "edge", "joint"})
+_DOTTED = frozenset({"node", "edge", "joint", "part"})
 
 _C_KEYWORDS = frozenset(
     (
@@ -33,9 +39,9 @@ _C_KEYWORDS = frozenset(
 )
 
 
-#: Files and functions of a C project that are not the model's are this, or begin with that, in any
-#: case of letters.
-_MAIN, _OWN = "main", "cotree_"
+#: Files, functions and targets of a C project that are not the model's have these names, or begin
+#: with that, in any case of letters.
+_NOT_OF_MODELS, _OWN = frozenset({"main", "makefile", "all", "install", "clean", "help"}), "cotree_"
 
 
 def check_name(kind: str, name: object) -> str:
@@ -63,6 +69,41 @@ def check_name(kind: str, name: object) -> str:
     if kind in ("field", "port") and name in _OF_EDGES:
         raise SceneError(f"{kind} name '{name}' already means something of edges: rename it")
     return name
+
+
+def check_path(kind: str, name: object) -> str:
+    """Accept the name of something that may stand in a part: ``leg1.foot``.
+
+    Raises
+    ------
+    SceneError
+        If it is neither a name nor several ones joined by dots.
+    """
+    if isinstance(name, str) and "." in name and len(name) <= _LONGEST_PATH:
+        for step in name.split("."):
+            check_name(kind, step)
+        return name
+    return check_name(kind, name)
+
+
+def split_name(name: str) -> tuple[str, str]:
+    """Split the name of a variable into its owner and its own: ``leg1.knee`` and ``theta``.
+
+    The owner is empty where there is no dot.
+    """
+    owner, _, variable = name.rpartition(".")
+    return owner, variable
+
+
+def owner_among(name: str, owners: Container[str]) -> str:
+    """Give the node or edge that a name begins with; empty where there is none.
+
+    Variables of components with several ports have a dot of their own: ``M.shaft.tau``.
+    """
+    owner = name
+    while owner and owner not in owners:
+        owner = owner.rpartition(".")[0]
+    return owner if owner != name else ""
 
 
 def check_scene_name(name: object) -> str:
@@ -100,7 +141,7 @@ def c_identifier(name: str) -> str:
     """Turn an accepted name into a C identifier."""
     identifier = name.replace("-", "_")
     lower = identifier.lower()
-    taken = identifier in _C_KEYWORDS or lower == _MAIN or lower.startswith(_OWN)
+    taken = identifier in _C_KEYWORDS or lower in _NOT_OF_MODELS or lower.startswith(_OWN)
     return f"{identifier}_" if taken else identifier
 
 

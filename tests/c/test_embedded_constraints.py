@@ -188,8 +188,11 @@ def test_constraints_that_cannot_be_satisfied_are_reported(compiler: str, tmp_pa
     """Somebody gives a bar another length, with which the loop does not close."""
     project = write(four_bar().compile(), tmp_path)
     main = tmp_path / "main.c"
-    change = "    problem->p[0] = 50.0;\n    status = four_bar_prepare("
-    main.write_text(main.read_text().replace("    status = four_bar_prepare(", change))
+    call = "status = four_bar_prepare("
+    change = f"    int status;\n    problem->p[0] = 50.0;\n    {call}"
+    text = main.read_text().replace(f"    int {call}", change)
+    assert change in text
+    main.write_text(text)
     done = execute([build(project, compiler)], tmp_path)
     assert done.returncode != 0
     assert done.stdout == ""

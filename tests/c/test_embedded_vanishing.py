@@ -22,13 +22,13 @@ pytestmark = [
     ("make", "names", "options"),
     [
         (heater, ("R", "Ca", "k"), {}),
-        (pendulums, ("L1", "L2"), {"integrator": "rodas5"}),
-        (pendulums, ("L1", "L2"), {"integrator": "rk4", "step": 1e-3}),
-        (heater, ("R", "Ca"), {"integrator": "euler", "step": 1e-3}),
+        (pendulums, ("L1", "L2"), {"kit": "rodas5"}),
+        (pendulums, ("L1", "L2"), {"kit": "rk4", "step": 1e-3}),
+        (heater, ("R", "Ca"), {"kit": "euler", "step": 1e-3}),
         (rectifier_with_heater, ("R", "Ca"), {}),
-        (rectifier_with_heater, ("R", "Ca"), {"integrator": "rodas4"}),
-        (ball_beside_pendulum, ("L1", "e"), {"integrator": "dop853"}),
-        (ball_beside_pendulum, ("L1", "e"), {"integrator": "rodas5"}),
+        (rectifier_with_heater, ("R", "Ca"), {"kit": "rodas4"}),
+        (ball_beside_pendulum, ("L1", "e"), {"kit": "dop853"}),
+        (ball_beside_pendulum, ("L1", "e"), {"kit": "rodas5"}),
     ],
 )
 def test_same_columns_as_with_zeros(make, names, options, tmp_path, monkeypatch):

@@ -41,7 +41,7 @@ def _taken(source, folder, flags):
     wanted = ["-fcallgraph-info=su", "-c", source, "-o", "model.o"]
     subprocess.run(["gcc", "-std=c99", *flags, *wanted], cwd=folder, check=True)
     graph = (folder / "model.ci").read_text()
-    name = r'name: "(?:[^":]*:)?(\w+)"'
+    name = r'name: "(?:[^":]*:)?([\w.]+)"'
     own = dict(re.findall(rf'node: {{ title{name[4:]} label: ".*?\\n(\d+) bytes', graph))
     calls = re.findall(f"source{name} target{name}", graph)
 
@@ -52,21 +52,26 @@ def _taken(source, folder, flags):
     return {name: depth(name) for name in own}
 
 
-@pytest.mark.sampled(1)
-@pytest.mark.parametrize("flags", [("-O0",), ("-Og",), ("-O2",), ("-O0", "-march=native")])
-@pytest.mark.parametrize("scene", SCENES)
-def test_no_kernel_takes_more_of_the_stack_than_stated(scene, flags, tmp_path):
-    prefix, files = _files(scene)
+#: What the header says covers these: no optimisation needs most, also with the widest vectors.
+FLAGS = ("-O0", "-O1", "-Og", "-O2", "-Os", "-O0 -march=skylake-avx512")
+
+
+def _stated(prefix, files, folder):
     for name, text in files.items():
-        (tmp_path / name).write_text(text)
+        (folder / name).write_text(text)
     heads = r"Stack: (\d+) bytes at most\. \*/\nCOTREE_EXPORT int (\w+)\("
-    stated = {name: int(size) for size, name in re.findall(heads, files[f"{prefix}.h"])}
-    taken = _taken(f"{prefix}.c", tmp_path, flags)
+    return {name: int(size) for size, name in re.findall(heads, files[f"{prefix}.h"])}
+
+
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize("scene", SCENES)
+def test_the_stack_that_the_header_states_is_what_gcc_takes(scene, tmp_path):
+    prefix, files = _files(scene)
+    stated = _stated(prefix, files, tmp_path)
     assert f"{prefix}_rhs" in stated
+    # Below the stack pointer functions that call none may use 128 bytes that gcc does not report.
+    found = [_taken(f"{prefix}.c", tmp_path, [*row.split(), "-mno-red-zone"]) for row in FLAGS]
     for name, size in stated.items():
-        assert taken[name] <= size, name
-    # Nor is it far above: vectors may be half as wide, and what each function is granted besides
-    # matters where it is small.
-    largest = max(stated, key=stated.__getitem__)
-    if "-O0" in flags:
-        assert stated[largest] < 2 * taken[largest] + 2500
+        most = max(taken[name] for taken in found)
+        # Six words: small functions differ by what registers they save.
+        assert most <= size <= max(1.25 * most, most + 48), name

@@ -249,7 +249,9 @@ def test_templates_read_their_context_only(file):
     tree = jinja2.Environment().parse((template_folder() / "c" / file).read_text())
     expected = {"cotree_abi.h.jinja": {"abi_version", "generator", "kernels"}}
     expected |= {"macros.jinja": set(), "sines.h.jinja": set()}
-    assert meta.find_undeclared_variables(tree) == expected.get(file, {"model"})
+    found = meta.find_undeclared_variables(tree)
+    # What a target tells every template: tolerances and ends of the range of its type.
+    assert found - {"share", "extreme"} == expected.get(file, {"model"})
 
 
 def test_counts_in_comments_are_those_of_the_program(made_up):

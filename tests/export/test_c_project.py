@@ -11,11 +11,9 @@ from hard_scenes import bennett_loop
 from cotree.codegen.render import template_folder
 from cotree.codegen.tableaus import Tableau
 from cotree.errors import CodegenError, ParameterError, SceneError
-from cotree.export.c_project import (
-    CProject,
-    MainContext,
-    write_c_project,
-)
+from cotree.export.c_project import CProject, Kit, write_c_project
+from cotree.export.kit import KitContext
+from cotree.export.main_program import MainContext, held_parameters
 from cotree.pipeline import formulate, generate
 from cotree.scene.description import SceneDescription
 from cotree.scene.toml_file import load_scene
@@ -48,6 +46,10 @@ NAMES = [
     "cotree_stepper.h",
     "cotree_dopri5_stepper.c",
     "main.c",
+    "CMakeLists.txt",
+    "Makefile",
+    "spring_mass_damperConfig.cmake.in",
+    "spring_mass_damper.pc.in",
 ]
 
 
@@ -85,13 +87,13 @@ def test_files_and_command(program: Program, tmp_path: Path) -> None:
     assert sorted(os.listdir(folder)) == sorted(NAMES)  # and no temporary one
     assert project.command == (
         "cc -std=c99 -O2 -ffp-contract=off -o spring_mass_damper "
-        "spring_mass_damper.c cotree_run.c cotree_lu.c cotree_dopri5.c cotree_integrator.c "
-        "cotree_history.c cotree_jumps.c cotree_events.c cotree_job.c cotree_dopri5_stepper.c "
-        "main.c -lm"
+        "spring_mass_damper.c cotree_dopri5.c cotree_dopri5_stepper.c cotree_events.c "
+        "cotree_history.c cotree_integrator.c cotree_job.c cotree_jumps.c cotree_lu.c "
+        "cotree_run.c main.c -lm"
     )
     main = (folder / "main.c").read_text()
     assert project.command in main[: main.index("*/")]
-    assert "\n#define T_END 10.0\n#define RTOL 1e-08\n#define ATOL 1e-10\n" in main
+    assert "request = {\n    10.0,\n    1e-08,\n    1e-10,\n" in main
 
 
 def test_constraints_add_a_start_and_a_projection(
@@ -185,7 +187,9 @@ def test_folder_in_place_of_a_file_leaves_nothing_behind(program: Program, tmp_p
     assert os.listdir(tmp_path) == ["cotree_abi.h"]
 
 
-@pytest.mark.parametrize("name", ["main", "Main", "cotree-dopri5", "cotree_abi"])
+@pytest.mark.parametrize(
+    "name", ["main", "Main", "Makefile", "clean", "cotree-dopri5", "cotree_abi"]
+)
 def test_scene_with_the_name_of_a_project_file(program: Program, tmp_path: Path, name: str) -> None:
     """The model's own files step aside, so that none takes the place of another."""
     project = write(renamed(program, name), tmp_path)
@@ -209,11 +213,12 @@ def test_numbers_that_are_none(program: Program, tmp_path: Path, value: float) -
     ("template", "name", "context"),
     [
         ("main.c.jinja", "main", MainContext),
+        ("kit/*", "kit", KitContext),
         ("integrators/explicit.c.jinja", "method", Tableau),
     ],
 )
 def test_template_uses_every_field_of_its_context(template: str, name: str, context: type) -> None:
-    text = (template_folder() / "c" / template).read_text()
+    text = "".join(path.read_text() for path in (template_folder() / "c").glob(template))
     for part in re.findall(r'"(c/(?:integrators/|main_).*?)"', text):
         text += (template_folder() / part).read_text()
     tags = " ".join(re.findall(r"\{[{%](.*?)[}%]\}", text))
@@ -233,3 +238,76 @@ def test_stiff_methods_refuse_dependent_constraints(tmp_path: Path) -> None:
     with pytest.raises(CodegenError, match="dependent at the start, which rodas5 cannot hold"):
         bennett_loop().compile().write(tmp_path, "rodas5")
     assert not list(tmp_path.iterdir())
+
+
+def test_kits_that_are_refused(program: Program, tmp_path: Path) -> None:
+    numbers = {"t_end": 1.0, "rtol": 1e-6, "atol": 1e-8}
+    for kit, match in (
+        (Kit("dopri5,rk4"), "rk4 takes steps of one length"),
+        (Kit("dopri5,dopri5"), "'dopri5' is named twice"),
+        (Kit(real="half"), "no type 'half' of numbers: give double or float"),
+        (Kit(prefix="int"), "'int' cannot be the prefix"),
+        (Kit(prefix="a b"), "'a b' cannot be the prefix"),
+        (Kit(prefix="cotree_x"), "'cotree_x' cannot be the prefix"),
+    ):
+        with pytest.raises(CodegenError, match=match):
+            write_c_project(program, tmp_path, kit, **numbers)
+    assert not list(tmp_path.iterdir())
+
+
+def test_prefix_replaces_the_name_of_the_scene(program: Program, tmp_path: Path) -> None:
+    project = write_c_project(
+        program, tmp_path, Kit(prefix="plant"), t_end=1.0, rtol=1e-6, atol=1e-8
+    )
+    texts = {path.name: path.read_text() for path in project.files}
+    assert "plant_rhs(" in texts["plant.h"]
+    assert not any("spring_mass_damper" in text for text in texts.values())
+
+
+def test_single_precision_has_no_double(program: Program, tmp_path: Path) -> None:
+    """Constants and functions end in f; the main program converts where it prints."""
+    kit = Kit("dopri5,rodas5", "float")
+    project = write_c_project(program, tmp_path, kit, t_end=1.0, rtol=1e-8, atol=1e-10)
+    for path in project.files:
+        if path.suffix in (".c", ".h"):
+            text = re.sub(r'/\*.*?\*/|"(?:\\.|[^"])*"', "", path.read_text(), flags=re.DOTALL)
+            assert not re.search(r"\bdouble\b|\bDBL_|\b(sin|cos|sqrt|pow|fabs)\(", text), path.name
+            numbers = re.findall(r"(?<![\w.])\d+\.\d*(?:e[-+]?\d+)?(?![\w.])", text)
+            assert not numbers, (path.name, numbers)
+    # Tolerances are loosened together to what single precision meets.
+    assert (
+        "    1.0f,\n    2e-05f,\n    2.0000000000000002e-07f,\n"
+        in (tmp_path / "main.c").read_text()
+    )
+
+
+def test_parameter_beyond_single_precision_is_named(tmp_path: Path) -> None:
+    scene = SceneDescription("tiny")
+    scene.parameter("c", 1e-50)
+    scene.edge("C", "capacitor", "a", "ground", capacitance="c", initial={"v": 1.0})
+    scene.edge("R", "resistor", "a", "ground", resistance=1e50)
+    program = generate(formulate(scene, (), None)[1])[0]
+    with pytest.raises(CodegenError, match=r"parameter 'c' is 1e-50, beyond the range of float"):
+        write_c_project(program, tmp_path, Kit(real="float"), t_end=1.0, rtol=1e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["motor-linkage", "bridge-rectifier", "heated-room", "crane"])
+def test_parameters_that_are_not_held_leave_the_start_alone(name: str) -> None:
+    """The main program takes others for these only; the start is computed before."""
+    import numpy as np
+
+    import cotree
+
+    model = cotree.load(name).compile([])
+    program = model._program
+    is_sought = bool(program.layout.constraints or program.layout.n_algebraic)
+    held = held_parameters(program, has_start=is_sought)
+    start = model.start().y
+    for i, parameter in enumerate(program.layout.parameters):
+        if i not in held:
+            value = program.layout.parameter_values[i]
+            moved = model.start(p={parameter.name: 1.01 * value + 1e-3 * (value == 0.0)}).y
+            # Up to the rounding that a search for the start leaves.
+            np.testing.assert_allclose(moved, start, rtol=1e-12, atol=1e-12, err_msg=parameter.name)
+    if name == "motor-linkage":
+        assert 0 < len(held) < len(program.layout.parameters)

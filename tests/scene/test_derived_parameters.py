@@ -183,3 +183,14 @@ def test_units_follow_where_all_are_known():
     layout = scene.compile().layout
     assert {row.name: row.unit for row in layout.derived} == {"m": "kg", "A": "m^2", "c": "kg/s"}
     assert layout.units["seen"] == "kg/s"
+
+
+def test_results_of_scenes_with_derived_parameters_are_drawn() -> None:
+    scene = cotree.Scene("scene")
+    scene.parameter("K", 2.0)
+    scene.parameter("k", "3*K")
+    scene.edge("rail", "prismatic", "ground", "A", axis=[1, 0, 0], stiffness="k")
+    scene.edge("body", "rigid_body", "ground", "A", mass=1.0)
+    result = scene.compile().simulate((0, 1), initial={"rail.s": 1.0})
+    assert result.plot().axes
+    assert "<canvas" in result.animate().html

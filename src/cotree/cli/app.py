@@ -228,17 +228,22 @@ def generate_project(
     integrator: Annotated[
         str,
         typer.Option(
-            help="dopri5, rkf45, dop853; for stiff rodas5, rodas4; of one step length rk4, euler."
+            help="dopri5, rkf45, dop853; for stiff rodas5, rodas4; of one step length rk4, euler. "
+            "Several are separated by commas."
         ),
     ] = "dopri5",
     step: Annotated[
         float | None, typer.Option(metavar="SECONDS", help="Length of the steps of rk4 and euler.")
     ] = None,
+    real: Annotated[str, typer.Option(help="Type of all numbers, double or float.")] = "double",
+    prefix: Annotated[
+        str, typer.Option(help="What names in C begin with, in place of the scene's name.")
+    ] = "",
+    cpp: Annotated[bool, typer.Option("--cpp", help="A header for C++, too.")] = False,
 ) -> None:
     """Write a C project that integrates a scene without Python."""
-    project = (
-        read_scene(scene).compile(sensitivity, read_tree(tree)).write(output, integrator, step)
-    )
+    model = read_scene(scene).compile(sensitivity, read_tree(tree))
+    project = model.write(output, integrator, step, real=real, prefix=prefix, cpp=cpp)
     for file in project.files:
         typer.echo(f"wrote {file}")
     typer.echo(f"build it there with: {project.command}")

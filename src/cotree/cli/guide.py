@@ -30,19 +30,23 @@ TEMPLATES = {
 
 def show_components(
     name: Annotated[
-        str | None, typer.Argument(metavar="NAME", help="A component; all of them if absent.")
+        str | None,
+        typer.Argument(metavar="NAME", help="A component or part; all of them if absent."),
     ] = None,
 ) -> None:
-    """List the components, or show the nodes and fields of one with an example."""
+    """List the components and parts, or show the nodes and fields of one with an example."""
     typer.echo(_list_components() if name is None else _describe(name))
 
 
 def _list_components() -> str:
     from cotree.components import COMPONENTS
+    from cotree.scene.toml_file import shipped_parts
 
     rows = [(row.name, _graphs(row.domains), row.doc) for row in COMPONENTS.values()]
+    parts = [(name, _about(_text(name))) for name in shipped_parts()]
     told = "cotree components NAME shows nodes, fields and an example of one."
-    return f"{_table(('component', 'graphs', 'meaning'), rows)}\n\n{told}"
+    listed = _table(("component", "graphs", "meaning"), rows)
+    return f"{listed}\n\n{_table(('part', 'meaning'), parts)}\n\n{told}"
 
 
 def _graphs(domains: Iterable[str]) -> str:
@@ -61,6 +65,10 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def _describe(name: str) -> str:
     """Describe a component: its nodes, its entries, initial values, and an example."""
+    from cotree.scene.toml_file import shipped_parts
+
+    if name in shipped_parts():
+        return _describe_part(name)
     from cotree.scene.python_text import edge_call
     from cotree.scene.toml_text import table_text
     from cotree.scene.usage import examples, usage_of
@@ -78,6 +86,28 @@ def _describe(name: str) -> str:
     text = table_text(f"edges.{edge}", statement).strip()
     parts += [f"in a scene file:\n\n{_indented(text)}"]
     parts += [f"in Python:\n\n{_indented(edge_call(edge, statement))}"]
+    return "\n\n".join(parts)
+
+
+def _describe_part(name: str) -> str:
+    """Describe a part: its ports, parameters, inputs and outputs, and an example."""
+    from cotree.scene.toml_file import load_part
+    from cotree.scene.toml_text import table_text
+
+    scene, _ = load_part(name)
+    parts = [f"{name}: {_about(_text(name))}\nports: {', '.join(scene.ports)}"]
+    cells = [
+        list(map(str, row.cells())) for row in scene.parameters.values() if "." not in row.name
+    ]
+    parts.append(_table(("parameter", "value", "unit", "meaning"), cells))
+    if inputs := [(n, row.unit, row.doc) for n, row in scene.inputs.items() if "." not in n]:
+        parts.append(_table(("input", "unit", "meaning"), inputs))
+    if outputs := [n for n in scene.outputs if "." not in n]:
+        parts.append(f"outputs: {', '.join(outputs)}")
+    own = {"scene": name, **{port: f"my_{port}" for port in scene.ports}}
+    parts.append(f"in a scene file:\n\n{_indented(table_text('parts.x', own).strip())}")
+    ports = "".join(f', {port}="my_{port}"' for port in scene.ports)
+    parts.append(f'in Python:\n\n    scene.add("x", "{name}"{ports})')
     return "\n\n".join(parts)
 
 
@@ -100,6 +130,8 @@ def new_scene(
     list_: Annotated[bool, typer.Option("--list", help="List what to start from.")] = False,
 ) -> None:
     """Write a scene file to start from."""
+    from cotree.scene.toml_file import shipped_parts
+
     if list_:
         rows = [(short, scene, _about(_text(scene))) for short, scene in TEMPLATES.items()]
         typer.echo(_table(("template", "scene", "what it is"), rows))
@@ -115,15 +147,18 @@ def new_scene(
     _write_new(path, _renamed(text, path.stem))
     picture = path.with_suffix(".svg")
     typer.echo(f"wrote {path}, from '{_shipped(wanted)}': {_about(text)}")
-    typer.echo(f"next: cotree run {path} --plot {picture}")
+    step = f"cotree run {path} --plot {picture}"
+    if _shipped(wanted) in shipped_parts():
+        step = f'name it in another scene, [parts.x] with scene = "{path.name}"'
+    typer.echo(f"next: {step}")
     typer.echo("cotree components lists what scenes are made of.")
 
 
 def _shipped(template: str) -> str:
-    """Give the shipped scene of a template, which may be named itself."""
-    from cotree.scene.toml_file import shipped_scenes
+    """Give the shipped scene or part of a template, which may be named itself."""
+    from cotree.scene.toml_file import shipped_parts, shipped_scenes
 
-    known = shipped_scenes()
+    known = (*shipped_scenes(), *shipped_parts())
     scene = TEMPLATES.get(template, template)
     if scene not in known:
         hint = nearest(template, [*TEMPLATES, *known])
@@ -132,8 +167,8 @@ def _shipped(template: str) -> str:
 
 
 def _text(scene: str) -> str:
-    file = resources.files("cotree") / "scenes" / f"{scene}.toml"
-    return file.read_text(encoding="utf-8")
+    files = (resources.files("cotree") / kind / f"{scene}.toml" for kind in ("scenes", "parts"))
+    return next(file for file in files if file.is_file()).read_text(encoding="utf-8")
 
 
 def _about(text: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -11,11 +12,15 @@ from cotree.codegen.maps import MapContext, constant_columns, map_context
 from cotree.codegen.node_statements import SINES
 from cotree.codegen.printing import Body, Constants, literal, wrapped
 from cotree.codegen.result_offsets import name_starts
+from cotree.codegen.targets import DOUBLE
 from cotree.dag.traverse import reachable
 from cotree.naming import c_comment, c_identifier, c_string
 from cotree.quiet import without_collection
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cotree.codegen.targets import Target
     from cotree.equations import Quantity
     from cotree.program import Layout, Program
 
@@ -29,6 +34,14 @@ class QuantityContext:
     doc: str
     name_literal: str
     unit_literal: str
+
+
+@dataclass(frozen=True)
+class EnumContext:
+    """Named positions of one kind of quantities."""
+
+    kind: str
+    names: list[str]
 
 
 @dataclass(frozen=True)
@@ -64,6 +77,7 @@ class HybridContext:
 class ModelContext(KernelFile):
     """One model."""
 
+    target: Target
     name_literal: str
     upper: str
     guard: str
@@ -81,6 +95,7 @@ class ModelContext(KernelFile):
     sensitivity_literals: list[str]
     guard_literals: list[str]
     parameter_values: list[str]
+    enums: list[EnumContext]
     column_starts: list[str]
     row_indices: list[str]
     sensitivity_starts: list[str]
@@ -100,13 +115,15 @@ class ModelContext(KernelFile):
 
 
 @without_collection()
-def model_context(program: Program) -> ModelContext:
+def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
     """Gather what the templates of a model need.
 
     Parameters
     ----------
     program : Program
         After its passes.
+    target : Target
+        The type of numbers, one at a time.
     """
     layout = program.layout
     prefix = c_identifier(layout.name)
@@ -137,11 +154,12 @@ def model_context(program: Program) -> ModelContext:
     # the bytes of its stack.
     kernels, called = [], {row.name: row.n_stack for row in contexts}
     for kernel in present:
-        own = kernel_context(prefix, kernel, program, names, called)
+        own = kernel_context(prefix, kernel, program, names, called, target)
         kernels.append(own)
         called[f"{prefix}_{kernel.spec.name}"] = own.n_stack  # others may call it
     return ModelContext(
         **file_fields(layout.name, nodes, kernels),
+        target=target,
         name_literal=c_string(layout.name),
         upper=prefix.upper(),
         guard=f"COTREE_MODEL_{prefix.upper()}_H",
@@ -163,6 +181,7 @@ def model_context(program: Program) -> ModelContext:
         sensitivity_literals=wrapped(map(c_string, layout.sensitivities)),
         guard_literals=[f"{c_string(guard.what + guard.source)}," for guard in program.guards],
         parameter_values=wrapped(map(literal, layout.parameter_values)),
+        enums=_enums(prefix.upper(), layout),
         column_starts=wrapped(map(str, layout.column_starts)),
         row_indices=wrapped(map(str, layout.row_indices)),
         sensitivity_starts=wrapped(map(str, layout.sensitivity_starts)),
@@ -202,6 +221,35 @@ def _hybrid_context(layout: Layout) -> HybridContext:
         len(layout.quaternions),
         wrapped(map(str, layout.quaternions)),
     )
+
+
+def _enums(upper: str, layout: Layout) -> list[EnumContext]:
+    """Name the positions of what a model has, as the scene spells them."""
+    rows = {
+        "state": [row.name for row in layout.states],
+        "parameter": [row.name for row in layout.parameters],
+        "input": [row.name for row in layout.inputs],
+        "output": [row.name for row in layout.outputs],
+        "sensitivity": list(layout.sensitivities),
+    }
+    return [
+        EnumContext(kind, _enumerators(f"{upper}_{kind.upper()}", names))
+        for kind, names in rows.items()
+        if names
+    ]
+
+
+def _enumerators(prefix: str, names: Sequence[str]) -> list[str]:
+    """Turn names into enumerators; those that C cannot tell apart get a number."""
+    found: dict[str, None] = {}
+    for name in names:
+        own = first = f"{prefix}_{re.sub('[^A-Za-z0-9_]', '_', name)}"
+        n = 1
+        while own in found:
+            n += 1
+            own = f"{first}_{n}"
+        found[own] = None
+    return list(found)
 
 
 def _quantity(row: Quantity) -> QuantityContext:

@@ -39,7 +39,10 @@ _BINDING: dict[str, tuple[int, tuple[int, ...]]] = {
     "fails": (0, (1,)),
 }
 #: A leaf's number, if it has one: a constant, a whole number, an index, a temporary's number.
-_SLOTS = {"number": "r", "whole": "w", "element": "i", "temporary": "t", "name": "", "zero": ""}
+_SLOTS = {
+    **{"number": "r", "whole": "w", "element": "i", "temporary": "t"},
+    **{"name": "", "zero": "", "tolerance": ""},
+}
 #: Operations that do not count as one: a sign has comparisons, conversions and leaves cost nothing.
 _COUNTS = {"sign": 3, "real": 0, "not": 0, "fails": 0} | dict.fromkeys(_SLOTS, 0)
 
@@ -65,10 +68,11 @@ class Form:
     Attributes
     ----------
     op : str
-        ``number``, ``whole``, ``zero``, ``name``, ``element`` of an array, ``temporary``, ``call``
-        of a function, ``part``, a call of one that is part of the caller's text, or an operation.
+        ``number``, ``whole``, ``zero``, ``tolerance``, ``name``, ``element`` of an array,
+        ``temporary``, ``call`` of a function, ``part``, a call of one that is part of the caller's
+        text, or an operation.
     name : str
-        Of a name, an array or a function; the prefix of a temporary.
+        Of a name, an array or a function; the prefix of a temporary; a tolerance's value.
     args : tuple of Form
         The arguments of an operation or a function.
     level : int
@@ -141,7 +145,7 @@ def _form(op: str, name: str, args: tuple[Form, ...] = ()) -> Form:
         slots=slots or "",
         n_operations=_COUNTS.get(op, 1) + sum(arg.n_operations for arg in args),
         width=width,
-        names=names | {name} if name and op != "temporary" else names,
+        names=names | {name} if name and op not in ("temporary", "tolerance") else names,
         temporaries=tuple(temporaries),
         _hash=hash((op, name, args)),
     )
@@ -189,6 +193,13 @@ def number(value: float) -> CExpression:
     if value < 0.0:
         return apply("neg", number(-value))
     return CExpression(_form("number", ""), (value,), len(repr(value)))
+
+
+def tolerance(value: float) -> CExpression:
+    """Write a tolerance, a share of the digits of the type that statements compute with."""
+    text = repr(float(value))
+    form = _form("tolerance", text)
+    return CExpression(form, (), form.width)
 
 
 def whole(value: Number) -> CExpression:

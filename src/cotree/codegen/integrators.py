@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cotree.codegen.fixed import FIXED, FixedStep
 from cotree.codegen.render import abi_header, declared, render
@@ -16,11 +16,14 @@ from cotree.codegen.sundials import (
     WITH_SENSITIVITIES,
 )
 from cotree.codegen.tableaus import TABLEAUS, Tableau
+from cotree.codegen.targets import DOUBLE
 from cotree.tolerances import LIMITS
 from cotree.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from cotree.codegen.targets import Target
 
 _FOLDER = "c/integrators"
 
@@ -50,13 +53,15 @@ SHARED_FILES = frozenset(
 )
 
 
-def integrator_files(name: str) -> Mapping[str, str]:
+def integrator_files(name: str, target: Target = DOUBLE) -> Mapping[str, str]:
     """Write an integrator's own files and those that it shares with others.
 
     Parameters
     ----------
     name : str
         A name in ``INTEGRATORS`` or ``FIXED``.
+    target : Target
+        The type of numbers.
 
     Returns
     -------
@@ -66,7 +71,9 @@ def integrator_files(name: str) -> Mapping[str, str]:
     # C projects take methods with steps of one length, too, which no engine does.
     method: Tableau | RosenbrockTableau | FixedStep = {**INTEGRATORS, **FIXED}[name]
     files = {
-        f"cotree_integrator{end}": render(f"{_FOLDER}/cotree_integrator{end}.jinja", **_COMMON)
+        f"cotree_integrator{end}": render(
+            f"{_FOLDER}/cotree_integrator{end}.jinja", target, **_COMMON
+        )
         for end in (".h", ".c")
     }
     # A header follows from whether steps are controlled, a source from the kind of the method.
@@ -74,7 +81,7 @@ def integrator_files(name: str) -> Mapping[str, str]:
     if isinstance(method, FixedStep):
         kinds = "fixed", "fixed"
     for kind, end in zip(kinds, (".h", ".c"), strict=True):
-        text = render(f"{_FOLDER}/{kind}{end}.jinja", method=method, **_COMMON)
+        text = render(f"{_FOLDER}/{kind}{end}.jinja", target, method=method, **_COMMON)
         files[f"cotree_{name}{end}"] = text
     return files
 
@@ -107,13 +114,15 @@ def engine_files(name: str) -> Mapping[str, str]:
     return {**files, "engine.c": "\n".join(parts)}
 
 
-def driver_files(name: str) -> Mapping[str, str]:
+def driver_files(name: str, target: Target = DOUBLE) -> Mapping[str, str]:
     """Write a job, which drives a method through breakpoints, wanted points and events.
 
     Parameters
     ----------
     name : str
         A name in ``STEPPERS``.
+    target : Target
+        The type of numbers, double for the libraries of SUNDIALS.
 
     Returns
     -------
@@ -121,7 +130,7 @@ def driver_files(name: str) -> Mapping[str, str]:
         Text by file name; :func:`run_files` and :func:`integrator_files` come with it.
     """
     files = {
-        f"cotree_{part}{end}": render(f"{folder}/cotree_{part}{end}.jinja", **_COMMON)
+        f"cotree_{part}{end}": render(f"{folder}/cotree_{part}{end}.jinja", target, **_COMMON)
         for part, folder in (
             ("history", _FOLDER),
             ("jumps", "c/run"),
@@ -130,13 +139,13 @@ def driver_files(name: str) -> Mapping[str, str]:
         )
         for end in (".h", ".c")
     }
-    files["cotree_stepper.h"] = render("c/engine/cotree_stepper.h.jinja", **_COMMON)
+    files["cotree_stepper.h"] = render("c/engine/cotree_stepper.h.jinja", target, **_COMMON)
     if name in INTEGRATORS:
-        text = render("c/engine/own_stepper.c.jinja", method=INTEGRATORS[name], **_COMMON)
+        text = render("c/engine/own_stepper.c.jinja", target, method=INTEGRATORS[name], **_COMMON)
         return {**files, f"cotree_{name}_stepper.c": text}
     # Functions have the names and flags of the library without sensitivities.
     method = WITH_SENSITIVITIES.get(name, name)
-    about = {
+    about: dict[str, Any] = {
         "library": name,
         "method": method,
         "has_correctors": name in WITH_SENSITIVITIES,
@@ -168,18 +177,18 @@ def engine_declarations(files: Mapping[str, str], name: str) -> str:
     )
 
 
-def run_files() -> Mapping[str, str]:
+def run_files(target: Target = DOUBLE) -> Mapping[str, str]:
     """Write the interface of a model to integrators, the same for every model."""
     names = ("cotree_run.h", "cotree_run.c", "cotree_lu.h", "cotree_lu.c")
-    return {name: render(f"c/run/{name}.jinja", **_COMMON) for name in names}
+    return {name: render(f"c/run/{name}.jinja", target, **_COMMON) for name in names}
 
 
-def stiff_files() -> Mapping[str, str]:
+def stiff_files(target: Target = DOUBLE) -> Mapping[str, str]:
     """Write the interface of a model to implicit methods, the same for every model."""
     names = ("cotree_stiff.h", "cotree_stiff.c")
     return {
-        "cotree_newton.h": render("c/newton/cotree_newton.h.jinja", **_COMMON),
-        **{name: render(f"c/run/{name}.jinja", **_COMMON) for name in names},
+        "cotree_newton.h": render("c/newton/cotree_newton.h.jinja", target, **_COMMON),
+        **{name: render(f"c/run/{name}.jinja", target, **_COMMON) for name in names},
     }
 
 
@@ -249,7 +258,7 @@ def batch_declarations(files: Mapping[str, str]) -> str:
     )
 
 
-_COMMON = {
+_COMMON: dict[str, Any] = {
     "generator": VERSION,
     "limits": LIMITS,
     "statuses": STATUSES,

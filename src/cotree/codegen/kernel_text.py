@@ -193,7 +193,7 @@ def kernel_context(
         unused=unused,
         body=print_body(cut, target),
         uses_status=printed.uses_status,
-        n_stack=n_bytes(cut, called),
+        n_stack=n_bytes(cut, called, len(arguments), target.size),
     )
 
 

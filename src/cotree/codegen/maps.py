@@ -44,6 +44,11 @@ _LONGEST_BLOCK = 500
 _LONGEST_IN_TURN = 80
 _FEWEST_IN_TURN = 300  # statements; of fewer, what crosses between blocks is too much
 
+#: Vectors of the macro that turns rows into columns, of the widest: one for each lane and stage.
+_TURNING = 8 * 4
+#: Arguments of a map and names that it counts by, as its template has them.
+_MAP_ARGUMENTS = 24
+
 #: The names in statements, as arguments of a function.
 _ARGUMENTS = {
     argument.name: argument
@@ -113,8 +118,11 @@ def map_context(node: Node, name: str) -> MapContext:
     rows = [*cut.live, *([[0] * n_guards] * (len(cut.live) % 2))]
     blocks, n_results = cut.blocks, len(linear.results)
     bodies = [blocks.statements, *(function.body for function in blocks.functions)]
-    # The arrays that the template declares besides.
-    vectors = Array("column", cut.n_together * (own.first + n_results + cut.n_crossing))
+    # The arrays that the template declares besides, and vectors that turn rows into columns: those
+    # of the inputs, if there are any, and those of the results.
+    n_turning = _TURNING * ((own.first > 0) + 1)
+    n_vectors = cut.n_together * (own.first + n_results + cut.n_crossing) + n_turning
+    vectors = Array("column", n_vectors, is_aligned=True)
     return MapContext(
         name=name,
         doc=f"{linear.n_columns} columns, {linear.counts.total()} operations",
@@ -132,7 +140,9 @@ def map_context(node: Node, name: str) -> MapContext:
         n_together=cut.n_together,
         n_guards=n_guards,
         live=["".join(f"{bit}, " for bit in row).strip() for row in rows],
-        n_stack=n_bytes(replace(blocks, statements=[vectors, *blocks.statements]), {}, real=VECTOR),
+        n_stack=n_bytes(
+            replace(blocks, statements=[vectors, *blocks.statements]), {}, _MAP_ARGUMENTS, VECTOR
+        ),
     )
 
 

@@ -17,6 +17,7 @@ from cotree.codegen.kernel_text import KernelFile, file_fields, kernel_context, 
 from cotree.codegen.printing import Body, print_body, wrapped
 from cotree.codegen.render import abi_header, render
 from cotree.codegen.statements import Argument, Assign
+from cotree.codegen.targets import DOUBLE
 from cotree.dag.symbols import INPUT, TIME, kinds_in
 from cotree.naming import c_identifier
 from cotree.passes.curvature import form_curvature
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from cotree.codegen.elimination_tables import IntTable
     from cotree.codegen.expressions import CExpression
     from cotree.codegen.statements import Statement
+    from cotree.codegen.targets import Target
     from cotree.linear.plan import Elimination
     from cotree.program import Program
 
@@ -57,6 +59,7 @@ class EliminationContext:
 class NewtonContext(KernelFile):
     """Data of the template."""
 
+    target: Target
     elimination: EliminationContext | None
     is_autonomous: bool
     has_slope: bool
@@ -84,11 +87,12 @@ def render_newton(model: NewtonContext) -> Mapping[str, str]:
     mapping of str to str
         Text by file name.
     """
+    target = model.target
     return {
-        "cotree_abi.h": abi_header(),
-        "cotree_newton.h": render("c/newton/cotree_newton.h.jinja", generator=VERSION),
-        f"{model.prefix}_newton.h": render("c/newton/newton.h.jinja", model=model),
-        f"{model.prefix}_newton.c": render("c/newton/newton.c.jinja", model=model),
+        "cotree_abi.h": abi_header(target),
+        "cotree_newton.h": render("c/newton/cotree_newton.h.jinja", target, generator=VERSION),
+        f"{model.prefix}_newton.h": render("c/newton/newton.h.jinja", target, model=model),
+        f"{model.prefix}_newton.c": render("c/newton/newton.c.jinja", target, model=model),
     }
 
 
@@ -98,13 +102,15 @@ def newton_declarations(model: NewtonContext) -> str:
 
 
 @without_collection()
-def newton_context(program: Program) -> NewtonContext:
+def newton_context(program: Program, target: Target = DOUBLE) -> NewtonContext:
     """Gather what the template needs.
 
     Parameters
     ----------
     program : Program
         After its passes.
+    target : Target
+        The type of numbers, one at a time.
     """
     layout, prefix = program.layout, c_identifier(program.layout.name)
     plan = program.elimination
@@ -115,7 +121,7 @@ def newton_context(program: Program) -> NewtonContext:
     made += [curvature.at, curvature.along] if curvature is not None else []
     nodes = [node for kernel in made for node in kernel.order]
     names = name_tables(nodes)
-    kernels = [kernel_context(prefix, kernel, program, names, {}) for kernel in made]
+    kernels = [kernel_context(prefix, kernel, program, names, {}, target) for kernel in made]
     places = [] if curvature is None else wrapped(map(str, curvature.places))
     # The digest of the file follows the elimination, too: not only kernels change it.
     further = list(places)
@@ -125,6 +131,7 @@ def newton_context(program: Program) -> NewtonContext:
     rates = [*program.kernels["rhs"].results, *program.kernels["augmented_rhs"].results]
     return NewtonContext(
         **file_fields(layout.name, nodes, kernels, further),
+        target=target,
         elimination=elimination,
         is_autonomous=kinds_in(rates).isdisjoint((TIME, INPUT)),
         has_slope=slope is not None,

@@ -21,6 +21,7 @@ from cotree.codegen.expressions import (
     temporary,
     whole,
 )
+from cotree.codegen.expressions import tolerance as tolerance_of
 from cotree.codegen.statements import (
     WHOLE,
     Array,
@@ -267,7 +268,7 @@ class _StatementWriter:
             self.statements.append(Array(f"s{f}", n, values=self._values(sizes)))
             if not is_apart:
                 self.statements.append(Call(call("cotree_scale", whole(n), s, a)))
-        reference, tolerance = self._known[node.args[-1]], number(node.data.tolerance)
+        reference, tolerance = self._known[node.args[-1]], tolerance_of(node.data.tolerance)
         rank, accepted = temporary("rank", f), temporary("accepted", f)
         factorised = [whole(n), reference, tolerance, a, *given, rows, columns]
         completed = [whole(n), whole(node.data.n_determined), rank, a, columns]

@@ -215,6 +215,8 @@ class _Printer:
 
     def _spelt(self, form: Form) -> str:
         op, name = form.op, form.name
+        if op == "tolerance":
+            return self._target.number.format(self._target.share(name))
         if op in _LEAVES:
             target = self._target
             text = _LEAVES[op].format(name=name, suffix=target.suffix, zero=target.zero)

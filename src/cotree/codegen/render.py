@@ -6,6 +6,8 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cotree.codegen.respelling import respelt
+from cotree.codegen.targets import DOUBLE
 from cotree.errors import CodegenError
 from cotree.program.kernels import KERNELS
 from cotree.quiet import without_collection
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
     import jinja2
 
     from cotree.codegen.context import ModelContext
+    from cotree.codegen.targets import Target
 
 #: Bytes of C text beyond which no compiler is bothered.
 LARGEST_FILE = 200_000_000
@@ -57,33 +60,38 @@ def environment(*, is_html: bool = False) -> jinja2.Environment:
     )
 
 
-def render(template: str, **context: object) -> str:
+def render(template: str, target: Target = DOUBLE, **context: object) -> str:
     """Fill one template.
 
     Parameters
     ----------
     template : str
         Path below the template folder.
+    target : Target
+        The type of numbers. Templates are written for doubles, and ask it for tolerances and for
+        the ends of its range.
     **context
         Typed contexts, see :mod:`cotree.codegen.context`.
 
     Raises
     ------
     CodegenError
-        If the text grows beyond reason.
+        If the text grows beyond reason, or holds a constant beyond the range of the type.
     """
-    text = environment().get_template(template).render(**context)
+    filled = environment().get_template(template)
+    text = filled.render(share=target.share, extreme=target.extreme, **context)
     if len(text) > LARGEST_FILE:
         raise CodegenError(
             f"the C text has {len(text)} characters: ask for fewer sensitivities or outputs"
         )
-    return text
+    return respelt(text, target)
 
 
-def abi_header() -> str:
+def abi_header(target: Target = DOUBLE) -> str:
     """Write the header that is the same for every model: its structure, and types of kernels."""
     return render(
         "c/cotree_abi.h.jinja",
+        target,
         abi_version=ABI_VERSION,
         generator=VERSION,
         kernels=tuple(KERNELS.values()),
@@ -105,13 +113,13 @@ def render_model(model: ModelContext) -> Mapping[str, str]:
         Text by file name: ``cotree_abi.h``, ``<model>.h``, ``<model>.c``; and
         ``<model>_vectors.h`` where C does something with several numbers at a time.
     """
-    vectors = {}
+    vectors, target = {}, model.target
     if model.uses_vectors:
-        vectors[f"{model.prefix}_vectors.h"] = render("c/vectors.h.jinja", model=model)
+        vectors[f"{model.prefix}_vectors.h"] = render("c/vectors.h.jinja", target, model=model)
     return {
-        "cotree_abi.h": abi_header(),
-        f"{model.prefix}.h": render("c/model.h.jinja", model=model),
-        f"{model.prefix}.c": render("c/model.c.jinja", model=model),
+        "cotree_abi.h": abi_header(target),
+        f"{model.prefix}.h": render("c/model.h.jinja", target, model=model),
+        f"{model.prefix}.c": render("c/model.c.jinja", target, model=model),
         **vectors,
     }
 

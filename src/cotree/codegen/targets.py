@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -45,6 +46,12 @@ class Target:
     calls : str
         Beginning of the names of functions that stand for those of the C library and for choices;
         empty where these themselves are called.
+    size : int
+        Bytes of one number.
+    digits : int
+        Binary digits of a number.
+    most_decades : int
+        Powers of ten up to which its numbers reach.
     """
 
     real: str = "double"
@@ -58,6 +65,43 @@ class Target:
     number: str = "{}"
     entry: str = ""
     calls: str = ""
+    size: int = 8
+    digits: int = 53
+    most_decades: int = 308
+
+    @property
+    def has_lanes(self) -> bool:
+        """Whether maps may compute several columns at a time: their vectors hold doubles."""
+        return self.scalar != SINGLE.scalar
+
+    def share(self, tolerance: str | float) -> str:
+        """Write a tolerance as the share of the type's digits that it is of those of a double.
+
+        Parameters
+        ----------
+        tolerance : str or float
+            What it is for doubles, above their rounding; or one over that.
+        """
+        value = float(tolerance)
+        if self.digits == DOUBLE.digits:
+            return str(tolerance)
+        if value > 1.0:
+            return self._literal(1.0 / self._shared(1.0 / value))
+        return self._literal(self._shared(value))
+
+    def _shared(self, value: float) -> float:
+        rounding, of_double = math.ldexp(2.0, -self.digits), math.ldexp(2.0, -DOUBLE.digits)
+        return rounding * math.pow(value / of_double, self.digits / DOUBLE.digits)
+
+    def extreme(self, number: str) -> str:
+        """Write a power of ten as the share of the type's range that it is of that of doubles."""
+        if self.most_decades == DOUBLE.most_decades:
+            return number
+        decades = math.log10(float(number)) * self.most_decades / DOUBLE.most_decades
+        return self._literal(10.0 ** round(decades))
+
+    def _literal(self, value: float) -> str:
+        return f"{value:.1e}{self.suffix}"
 
     def type_of(self, kind: str) -> str:
         """Spell a type; a type of C stays as it is."""
@@ -93,6 +137,12 @@ class Target:
 
 #: Kernels: one number at a time.
 DOUBLE = Target()
+#: The same in single precision.
+SINGLE = Target(
+    real="float", scalar="float", zero="0.0f", suffix="f", size=4, digits=24, most_decades=38
+)
+#: Targets of C projects, by the type of their numbers.
+BY_REAL = {target.real: target for target in (DOUBLE, SINGLE)}
 #: Maps of columns: as many at a time as a vector has lanes, whatever their number is.
 LANES = Target(
     real="VECTOR",

@@ -16,7 +16,7 @@ from cotree.dag.derivative import adjoints
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag
 from cotree.errors import ExpressionError, ParameterError, brief, nearest
-from cotree.scene.expressions import FUNCTIONS, WHERE, Expression, names_in, parse
+from cotree.scene.expressions import FUNCTIONS, WHERE, Expression, dotted, names_in, parse
 from cotree.scene.words import read_tree
 
 if TYPE_CHECKING:
@@ -251,7 +251,9 @@ class _Marking(ast.NodeTransformer):
         return node if self._is_kept(node.id) else self._goals.add(Quantity("end", node.id))
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
-        return self._goals.add(Quantity("end", ast.unparse(node)))
+        # Parameters of parts have dots in their names, as variables have.
+        kept = self._is_kept(dotted(node))
+        return node if kept else self._goals.add(Quantity("end", ast.unparse(node)))
 
     def _is_kept(self, name: str) -> bool:
         return name == "pi" or self._goals.is_own(name)

@@ -114,7 +114,7 @@ class _Assembly:
         new = set().union(*(row.new for row in self._observed))
         values = {n: self._new_value(n) for n in new}
         wanted = [n for n in self._ranges if n in self._observer.scene.parameters or n in new]
-        wanted += [n for n in self._ranges if "." in n]
+        wanted += [n for n in self._ranges if "." in n and n not in wanted]
         wanted += self._aliased(wanted)
         self._models = self._observer.compile(self._observed, wanted, values)
         self._found: dict[str, Estimated] = {}

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import math
+import re
 import warnings
 from typing import TYPE_CHECKING
 
 from cotree.codegen.fixed import FIXED
 from cotree.dag.continuity import jumps_at_stops
 from cotree.dag.traverse import substitute
-from cotree.errors import CodegenError, SceneError
+from cotree.errors import CodegenError, SceneError, brief
+from cotree.naming import c_identifier
 from cotree.solvers.jumps import ModelEvents
 from cotree.tolerances import loose_rtol, rtol_fault
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cotree.codegen.targets import Target
     from cotree.export.evaluated import Evaluated
     from cotree.model.consistent import Start
     from cotree.program import Program
@@ -50,6 +55,61 @@ def check_numbers(t_end: float, rtol: float, atol: float) -> None:
         raise SceneError(f"atol is {atol}: give a finite number that is not negative")
     if loose_rtol(rtol):
         warnings.warn(loose_rtol(rtol), RuntimeWarning, stacklevel=4)
+
+
+def check_methods(methods: Sequence[str]) -> None:
+    """Refuse methods that do not go together.
+
+    Raises
+    ------
+    CodegenError
+        If one has steps of one length and is not alone, or one is named twice.
+    """
+    fixed = [name for name in methods if name in FIXED]
+    if fixed and len(methods) > 1:
+        raise CodegenError(
+            f"{fixed[0]} takes steps of one length, and is written without other methods: give it "
+            "alone"
+        )
+    for name in methods:
+        if methods.count(name) > 1:
+            raise CodegenError(f"integrator '{name}' is named twice")
+
+
+def check_prefix(prefix: str) -> str:
+    """Accept what names and files of a project begin with.
+
+    Raises
+    ------
+    CodegenError
+        If it is no identifier of C, or has another meaning there.
+    """
+    # The same rules hold for the names of scenes, which prefixes are made of.
+    is_name = re.fullmatch("[A-Za-z][A-Za-z0-9_]{0,63}", prefix) is not None
+    if not is_name or c_identifier(prefix) != prefix:
+        raise CodegenError(
+            f"'{brief(prefix)}' cannot be the prefix of names in C: give a letter followed by at "
+            "most 63 letters, digits or underscores, that is no word of C, not 'main', and does "
+            "not begin with 'cotree_'"
+        )
+    return prefix
+
+
+def check_range(program: Program, target: Target) -> None:
+    """Refuse parameters whose values the type of numbers does not reach.
+
+    Raises
+    ------
+    CodegenError
+        For the first one.
+    """
+    layout = program.layout
+    for row, value in zip(layout.parameters, layout.parameter_values, strict=True):
+        if value and not 10.0**-target.most_decades < abs(value) < 10.0**target.most_decades:
+            raise CodegenError(
+                f"parameter '{row.name}' is {value:g}, beyond the range of {target.scalar}: scale "
+                "the units of the scene, or write the project in double precision"
+            )
 
 
 def check_step(program: Program, integrator: str, step: float | None) -> None:

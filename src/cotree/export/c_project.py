@@ -1,49 +1,53 @@
-"""A program to a folder of C files that a C99 compiler turns into an executable.
+"""A program to a folder of C files that a C99 compiler turns into an executable and a library.
 
-The folder holds the model, an integrator without dependencies, and a main program that integrates
-the model to its end time and prints the end state. If the model has constraints, the main program
-holds it to them as ``solvers/project.py`` does, from a consistent start that is found here and
-written down. Algebraic unknowns are solved for at each evaluation; the other states are integrated.
+The folder holds the model, integrators without dependencies, a main program that integrates the
+model to its end time and prints the end state, and build files. If the model has constraints, the
+main program holds it to them as ``solvers/project.py`` does, from a consistent start that is found
+here and written down. Algebraic unknowns are solved for at each evaluation; the other states are
+integrated.
 """
 
 from __future__ import annotations
 
-import math
 import os
 import tempfile
-import textwrap
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from cotree.codegen.context import model_context
 from cotree.codegen.fixed import FIXED
-from cotree.codegen.integrators import (
-    INTEGRATORS,
-    driver_files,
-    integrator_files,
-    run_files,
-    stiff_files,
-)
+from cotree.codegen.integrators import driver_files, integrator_files, run_files, stiff_files
 from cotree.codegen.newton import newton_context, render_newton
-from cotree.codegen.printing import literal
 from cotree.codegen.render import render, render_model
-from cotree.dag.stops import value_of
+from cotree.codegen.targets import BY_REAL, DOUBLE
 from cotree.errors import CodegenError, nearest
-from cotree.export.c_checks import check_loops, check_numbers, check_start, check_step
+from cotree.export.c_checks import (
+    check_loops,
+    check_methods,
+    check_numbers,
+    check_prefix,
+    check_range,
+    check_start,
+    check_step,
+)
 from cotree.export.evaluated import Evaluated
+from cotree.export.kit import kit_files
+from cotree.export.main_program import METHODS, Numbers, main_context
 from cotree.files import target_path
 from cotree.markup import names
-from cotree.naming import c_string
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping
     from pathlib import Path
 
-    from cotree.codegen.context import ModelContext
+    from cotree.codegen.targets import Target
     from cotree.model.consistent import Start
     from cotree.program import Program
 
-_METHODS = {**INTEGRATORS, **FIXED}
+
+#: The least relative tolerance of single precision that step sizes are controlled by: some hundred
+#: units in the last place, above what the rates of a step lose.
+_LEAST_RTOL = 2e-5
 
 
 @dataclass(frozen=True, repr=False)
@@ -71,82 +75,50 @@ class CProject:
 
 
 @dataclass(frozen=True)
-class MainContext:
-    """The values that the template of the main program receives.
+class Kit:
+    """What a C project is made of besides the model.
 
     Attributes
     ----------
-    title, name_literal, prefix, upper, generator : str
-        As in the model's context.
     integrator : str
-        Its name.
-    is_implicit : bool
-        Whether it takes a Jacobian.
-    command : str
-        Command that builds the executable.
-    t_end, rtol, atol : str
-        C literals.
-    guards : list of str
-        A C string for each guard of ``prepare``: what it demands.
-    stops : list of str
-        A C initialiser for each time, or each row of times with a period, where something has a
-        kink: the first time, the period or zero, and one where none come before the first.
-    has_sensitivities : bool
-        Whether the unknowns are states and sensitivities, or states alone.
-    seeds : list of int
-        Positions of the sensitivity parameters, -1 for initial values.
-    start : list of str
-        Lines of C literals: the initial states and sensitivities of a model whose start has to
-        satisfy more than its kernels of the initial state; empty for others.
-    n_constraints : int
-        Number of constraints, with their rates and the norms of quaternions.
-    n_algebraic : int
-        Number of algebraic unknowns among the states.
-    n_events : int
-        Number of events.
-    is_strict : bool
-        Whether constraints are dependent, so that rates are taken on them.
-    step : str
-        Length of all steps; empty where the step size is controlled.
-    is_extended : bool
-        Whether algebraic unknowns are integrated, too.
-    sizes : list of str
-        Lines of C literals: the factor of each state's absolute tolerance, if any.
-    least : str
-        The least absolute tolerance.
+        Names in ``METHODS``, separated by commas: the methods that are compiled in, the one that
+        runs by default first. A method with steps of one length stands alone.
+    real : str
+        The type of numbers, ``double`` or ``float``.
+    prefix : str
+        What names in C and files begin with; the name of the scene where it is empty.
+    has_wrapper : bool
+        Whether there is a header for C++ besides.
     """
 
-    title: str
-    name_literal: str
-    prefix: str
-    upper: str
-    generator: str
-    integrator: str
-    is_implicit: bool
-    command: str
-    t_end: str
-    rtol: str
-    atol: str
-    guards: list[str]
-    stops: list[str]
-    max_step: str
-    has_sensitivities: bool
-    seeds: list[int]
-    start: list[str]
-    n_constraints: int
-    n_algebraic: int
-    n_events: int
-    is_strict: bool
-    step: str
-    is_extended: bool
-    sizes: list[str]
-    least: str
+    integrator: str = "dopri5"
+    real: str = "double"
+    prefix: str = ""
+    has_wrapper: bool = False
+
+    def methods(self) -> list[str]:
+        """List the methods."""
+        return [name.strip() for name in self.integrator.split(",")]
+
+    def target(self) -> Target:
+        """Give the target of the type.
+
+        Raises
+        ------
+        CodegenError
+            If there is none.
+        """
+        if self.real not in BY_REAL:
+            raise CodegenError(
+                f"there is no type '{self.real}' of numbers: give {' or '.join(BY_REAL)}"
+            )
+        return BY_REAL[self.real]
 
 
 def write_c_project(
     program: Program,
     directory: Path,
-    integrator: str = "dopri5",
+    kit: Kit | str = "dopri5",
     *,
     t_end: float,
     rtol: float,
@@ -164,12 +136,13 @@ def write_c_project(
         After its passes.
     directory : Path
         Folder of the files, created where it is missing.
-    integrator : str
-        A name in ``INTEGRATORS`` or ``FIXED``.
+    kit : Kit or str
+        What the project is made of, or the methods alone.
     t_end : float
         End time of a run without arguments, [s].
     rtol, atol : float
-        Tolerances of states and sensitivities, relative and absolute.
+        Tolerances of states and sensitivities, relative and absolute. Those that single precision
+        cannot meet are loosened.
     step : float, optional
         Length of all steps of a method of ``FIXED``, [s].
     start : Start, optional
@@ -189,129 +162,62 @@ def write_c_project(
     SingularSystemError
         If there are constraints, and a linear system is singular at the start.
     CodegenError
-        If there is no such integrator, or it takes neither the constraints nor events; or if the
-        folder or a file cannot be written.
+        If there is no such integrator, or it takes neither the constraints nor events; if the
+        prefix or the type of numbers is not accepted, or a parameter is beyond the range of the
+        type; or if the folder or a file cannot be written.
     """
-    method = _METHODS.get(integrator)
-    if method is None:
-        raise CodegenError(f"there is no integrator '{integrator}'{nearest(integrator, _METHODS)}")
+    kit = Kit(kit) if isinstance(kit, str) else kit
+    methods, target = kit.methods(), kit.target()
+    for name in methods:
+        if name not in METHODS:
+            raise CodegenError(f"there is no integrator '{name}'{nearest(name, METHODS)}")
+    check_methods(methods)
     check_numbers(t_end, rtol, atol)
-    check_step(program, integrator, step)
-    model = model_context(program)
-    # Steps of one length go to the end time without breakpoints, points or events: no job is
-    # needed.
-    driver = {} if integrator in FIXED else driver_files(integrator)
+    check_step(program, methods[0], step)
+    if kit.prefix:
+        named = check_prefix(kit.prefix)
+        program = replace(program, layout=replace(program.layout, name=named))
+    check_range(program, target)
+    model = model_context(program, target)
     evaluated = Evaluated(program)
     is_dependent = evaluated.is_dependent()
-    own: Mapping[str, str] = {}
+    texts = {**render_model(model), **run_files(target)}
+    implicit = [name for name in methods if METHODS[name].is_implicit]
     # Stages of an implicit method would contradict constraints that are dependent.
-    if method.is_implicit:
-        check_loops(program, integrator, is_dependent)
-        own = {**render_newton(newton_context(program)), **stiff_files()}
-    sources = [
-        f"{model.prefix}.c",
-        *(name for name in run_files() if name.endswith(".c")),
-        *(name for name in own if name.endswith(".c")),
-        f"cotree_{integrator}.c",
-        "cotree_integrator.c",
-        *(name for name in driver if name.endswith(".c")),
-        "main.c",
-    ]
+    if implicit:
+        check_loops(program, implicit[0], is_dependent)
+        texts |= {**render_newton(newton_context(program, target)), **stiff_files(target)}
+    for name in methods:
+        texts |= integrator_files(name, target)
+        # Steps of one length go to the end time without breakpoints, points or events: no job is
+        # needed.
+        texts |= {} if name in FIXED else driver_files(name, target)
+    # The model's own file first, then those of every model.
+    sources = sorted(name for name in texts if name.endswith(".c"))
+    sources.sort(key=lambda name: name.startswith("cotree_"))
     # Compilers differ in whether they fuse products and sums by default. Without, they agree.
-    command = f"cc -std=c99 -O2 -ffp-contract=off -o {model.prefix} {' '.join(sources)} -lm"
+    flags = "-std=c99 -O2 -ffp-contract=off"
+    command = f"cc {flags} -o {model.prefix} {' '.join(sources)} main.c -lm"
     # All is refused or found before the first file is written.
     found = evaluated.found_start() if start is None else start
     check_start(evaluated, found)
-    numbers = t_end, rtol, atol, step
+    numbers = Numbers(t_end, *_fitting(rtol, atol, target), step)
     sizes = [] if found is None else evaluated.sizes(found)
-    main = _main_context(program, model, integrator, command, numbers, is_dependent, found, sizes)
-    texts = {**render_model(model), **run_files(), **own, **integrator_files(integrator), **driver}
-    texts["main.c"] = render("c/main.c.jinja", main=main)
+    main = main_context(
+        program, model, methods, command, numbers, found, sizes, is_strict=is_dependent
+    )
+    texts["main.c"] = render("c/main.c.jinja", target, main=main)
+    headers = sorted(name for name in texts if name.endswith(".h"))
+    texts |= kit_files(program, model, sources, headers, has_wrapper=kit.has_wrapper)
     _write_files(directory, texts)
     return CProject(directory, tuple(directory / name for name in texts), command)
 
 
-def _main_context(
-    program: Program,
-    model: ModelContext,
-    integrator: str,
-    command: str,
-    numbers: tuple[float, float, float, float | None],
-    is_strict: bool,
-    start: Start | None,
-    sizes: Sequence[float],
-) -> MainContext:
-    t_end, rtol, atol, step = numbers
-    return MainContext(
-        title=model.title,
-        name_literal=model.name_literal,
-        prefix=model.prefix,
-        upper=model.upper,
-        generator=model.generator,
-        integrator=integrator,
-        is_implicit=_METHODS[integrator].is_implicit,
-        command=command,
-        t_end=literal(t_end),
-        rtol=literal(rtol),
-        atol=literal(atol),
-        guards=[c_string(guard.demand) for guard in program.guards],
-        stops=[] if step is not None else _stop_rows(program),  # steps of one length pass over
-        max_step=_max_step(program),
-        has_sensitivities=bool(model.sensitivities),
-        seeds=_seeds(program),
-        start=[] if start is None else _lines(start.z),
-        n_constraints=model.n_constraints,
-        n_algebraic=model.n_algebraic,
-        n_events=len(program.layout.events),
-        is_strict=is_strict,
-        step="" if step is None else literal(step),
-        is_extended=not _METHODS[integrator].is_implicit
-        and program.can_extend
-        and not program.layout.events,
-        sizes=_lines(sizes),
-        least=literal(atol * min(1.0, *sizes)) if sizes else "ATOL",
-    )
-
-
-def _seeds(program: Program) -> list[int]:
-    places = {row.name: i for i, row in enumerate(program.layout.parameters)}
-    # Initial values of states have no place among the parameters.
-    return [places.get(name, -1) for name in program.layout.sensitivities]
-
-
-def _stop_rows(program: Program) -> list[str]:
-    """List the times of kinks of inputs and rates, at the program's parameter values."""
-    symbols = program.dag
-    values = {symbols.symbol("p", i): v for i, v in enumerate(program.layout.parameter_values)}
-    rows = set()
-    for stop in (stop for own in program.stops.values() for stop in own):
-        first = value_of(stop.first, values)
-        # Some times do not exist at these values: divided by a parameter that is zero, for example.
-        if not math.isfinite(first):
-            continue
-        period = value_of(stop.period, values)
-        # C takes positive periods only. Times that repeat in both directions are the same for a
-        # period of the other sign, whose derivatives have the other sign, too.
-        sign = math.copysign(1.0, period)
-        slopes = [value_of(d, values) for pair in stop.along for d in pair]
-        # One time only: C tells it by a period of zero, whose derivatives follow it.
-        if not math.isfinite(period) or period == 0.0:
-            period, slopes[1::2] = 0.0, [0.0] * len(stop.along)
-        slopes[1::2] = [sign * d for d in slopes[1::2]]
-        # With a positive period, times that began at the first one and went back end there.
-        rows.add((first, abs(period), sign * stop.starts, *slopes))
-    return [f"{{{', '.join(map(literal, row))}}}" for row in sorted(rows)]
-
-
-def _max_step(program: Program) -> str:
-    """Write the longest step at the program's parameter values; nothing if steps are unlimited."""
-    longest = program.longest_step(program.layout.parameter_values)
-    return literal(longest) if math.isfinite(longest) else ""
-
-
-def _lines(values: Iterable[float]) -> list[str]:
-    text = " ".join(f"{literal(float(value))}," for value in values)
-    return textwrap.wrap(text, 96, break_long_words=False, break_on_hyphens=False)
+def _fitting(rtol: float, atol: float, target: Target) -> tuple[float, float]:
+    """Loosen tolerances that are finer than the type's numbers, both by the same factor."""
+    if target is DOUBLE or rtol >= _LEAST_RTOL:
+        return rtol, atol
+    return _LEAST_RTOL, atol * (_LEAST_RTOL / rtol if rtol > 0.0 else 1.0)
 
 
 def _write_files(directory: Path, texts: Mapping[str, str]) -> None:

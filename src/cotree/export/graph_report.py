@@ -31,6 +31,8 @@ class GraphReport:
     costs : tuple of Alternative
         Cost of the right-hand side of each tree that was counted, the cheapest first; then of
         trees that translation and rotation do not share.
+    parts : tuple of str
+        Parts of the scene, whose edges are drawn on a ground of one colour.
     """
 
     graphs: Mapping[str, LinearGraph]
@@ -39,13 +41,14 @@ class GraphReport:
     f_cutset: Mapping[str, TopologyMatrix]
     f_circuit: Mapping[str, TopologyMatrix]
     costs: tuple[Alternative, ...] = ()
+    parts: tuple[str, ...] = ()
 
     def draw(self) -> Figure:
         """Draw the graphs side by side, trees in bold, for ``plt.show()`` and notebooks, too."""
         from cotree.plot import draw_graphs
         from cotree.plot.known import figure_for_people
 
-        return draw_graphs(self._pairs(), figure_for_people)
+        return draw_graphs(self._pairs(), figure_for_people, self.parts)
 
     def save(self, path: str | Path) -> None:
         """Draw into a file; its suffix says which kind: svg, png or pdf.
@@ -57,7 +60,7 @@ class GraphReport:
         """
         from cotree.plot import draw_graphs, save_figure
 
-        save_figure(draw_graphs(self._pairs()), path)
+        save_figure(draw_graphs(self._pairs(), parts=self.parts), path)
 
     def _pairs(self) -> list[tuple[LinearGraph, Tree]]:
         return [(graph, self.trees[name]) for name, graph in self.graphs.items()]
@@ -92,7 +95,7 @@ class GraphReport:
         """Show the graphs in a notebook."""
         from cotree.plot import draw_graphs, svg_text
 
-        return svg_text(draw_graphs(self._pairs()))
+        return svg_text(draw_graphs(self._pairs(), parts=self.parts))
 
     def __str__(self) -> str:
         """Describe graphs, trees and matrices."""
@@ -103,6 +106,7 @@ def graph_report(
     graphs: Mapping[str, LinearGraph],
     trees: Mapping[str, Tree],
     costs: tuple[Alternative, ...] = (),
+    parts: tuple[str, ...] = (),
 ) -> GraphReport:
     """Gather graphs, trees and their matrices.
 
@@ -112,6 +116,8 @@ def graph_report(
         By domain.
     costs : tuple of Alternative
         Costs of the trees that were counted, the cheapest first.
+    parts : tuple of str
+        Parts of the scene.
 
     References
     ----------
@@ -124,4 +130,5 @@ def graph_report(
         {name: f_cutset(tree) for name, tree in trees.items()},
         {name: f_circuit(tree) for name, tree in trees.items()},
         costs,
+        parts,
     )

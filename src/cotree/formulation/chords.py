@@ -1,7 +1,6 @@
 """Chords that hold: joints that close loops and constraints, as rows of measures.
 
-The across variable of a chord joint is zero along its reaction space; what acts there is a through
-variable of unknown size, a multiplier.
+The across variable of a chord joint is zero along its reaction space; a multiplier acts there.
 """
 
 from __future__ import annotations
@@ -25,6 +24,7 @@ from cotree.formulation.measures import (
     Distance,
     Spin,
 )
+from cotree.naming import split_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -273,7 +273,7 @@ def named_measure(motion: Motion, name: str) -> Measure | None:
     for speed in system.speeds:
         if speed.coordinate is not None and speed.coordinate.name == name:
             return CoordinateMeasure(speed)
-    first, _, last = name.partition(".")
+    first, last = split_name(name)
     edge = system.edges.get(first)
     if edge is not None and edge.component.role is Role.JOINT:
         found = chord_measure(motion, edge, last)

@@ -33,6 +33,7 @@ from cotree.formulation.system import bind
 from cotree.formulation.through import balance, loads_of, mass_matrix
 from cotree.formulation.views import View
 from cotree.linear.tree import TreeLink
+from cotree.naming import split_name
 from cotree.scene.motion_spaces import motion_spaces
 
 if TYPE_CHECKING:
@@ -335,7 +336,7 @@ def _states(scene: SceneDescription, system: System) -> tuple[State, ...]:
 
 def _is_given(scene: SceneDescription, name: str) -> bool:
     """Whether the scene gives the initial value of a state."""
-    edge, _, short = name.partition(".")
+    edge, short = split_name(name)
     initial = scene.edges[edge].initial
     # The four entries of a quaternion are given together, or none of them.
     turn = {"q0", "q1", "q2", "q3"}

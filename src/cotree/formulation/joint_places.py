@@ -11,6 +11,7 @@ from cotree.components.mechanical import PACED
 from cotree.dag.derivative import tangents
 from cotree.errors import SceneError, nearest
 from cotree.formulation.chords import Row, named_measure
+from cotree.naming import split_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -102,7 +103,9 @@ def joint_measure(sitter: Sitter, place: str, motion: Motion) -> Measure:
     SceneError
         If there is no such joint or coordinate, or it slides where the component turns.
     """
-    joint, _, wanted = place.partition(".")
+    # A joint of a part has dots in its name.
+    joint, wanted = (place, "") if place in motion.system.edges else split_name(place)
+    joint, wanted = (joint, wanted) if joint else (wanted, "")
     edge = motion.system.edges.get(joint)
     if edge is None or edge.component.role is not Role.JOINT:
         known = [e.name for e in motion.system.edges.values() if e.component.role is Role.JOINT]

@@ -18,6 +18,7 @@ from cotree.formulation.laws import stored_energy
 from cotree.formulation.measures import Angle
 from cotree.formulation.through import shifted
 from cotree.formulation.views import View
+from cotree.naming import owner_among, split_name
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -58,7 +59,7 @@ ENERGIES: dict[str, str] = {"energy.kinetic": "J", "energy.potential": "J"}
 
 def observed_unit(name: str) -> str:
     """Give the unit of a name that may be observed; nothing where it has none."""
-    variable = name.partition(".")[2]
+    variable = split_name(name)[1]
     return ENERGIES.get(name) or NODE_VARIABLES.get(variable) or EDGE_VARIABLES.get(variable, "")
 
 
@@ -79,7 +80,7 @@ def observe_motion(motion: Motion, name: str, is_acting: bool = False) -> Node |
     FormulationError
         If it is to act on the motion and is an angle that is only known within half a turn.
     """
-    first, _, last = name.partition(".")
+    first, last = split_name(name)
     edge, point = motion.system.edges.get(first), motion.clusters.points.get(first)
     if edge is not None and edge.component.role is Role.JOINT:
         found = _chord_coordinate(motion, edge, last, is_acting)
@@ -195,12 +196,14 @@ class Observer:
 
     def _unknown(self, name: str) -> str:
         """Say what is wrong with a name."""
-        first, _, last = name.partition(".")
         system = self.motion.system
+        # Variables of several ports have a dot of their own, which belongs to no owner.
+        first = owner_among(name, {*self.owners, *system.edges}) or split_name(name)[0]
+        last = name[len(first) + 1 :] if first else ""
         if first in self.motion.clusters.points:
             return f"node '{first}' has no variable '{last}'{nearest(last, NODE_VARIABLES)}"
         if first in system.edges:
-            known = [n.partition(".")[2] for n in system.names if n.partition(".")[0] == first]
+            known = [split_name(n)[1] for n in system.names if split_name(n)[0] == first]
             known += [DRIVE, *EDGE_VARIABLES]
             return f"edge '{first}' has no variable '{last}'{nearest(last, known)}"
         if last and first in self.owners:
@@ -213,7 +216,7 @@ class Observer:
 
     def _of_node(self, name: str) -> Node | None:
         """Give an acceleration of a node, in ground axes."""
-        first, _, last = name.partition(".")
+        first, last = split_name(name)
         point = self.motion.clusters.points.get(first)
         if point is None or last not in NODE_VARIABLES:
             return None
@@ -225,7 +228,7 @@ class Observer:
 
     def _of_edge(self, name: str) -> Node | None:
         """Give a component of an edge's wrench on its second node, its power, or its drive."""
-        first, _, last = name.partition(".")
+        first, last = split_name(name)
         edge = self.motion.system.edges.get(first)
         if edge is None:
             return None

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from cotree.domains import DOMAINS
 from cotree.formulation.observed import observed_unit
+from cotree.naming import owner_among
 from cotree.scene.dimensions import Dimensions, dimension_of_unit, stated_units
 from cotree.scene.expressions import Expression, dotted
 from cotree.scene.fields import initial_units
@@ -94,9 +95,9 @@ class VariableUnits:
 
     def __call__(self, name: str) -> str:
         """Give the unit of ``edge.variable`` or ``node.variable``; nothing where it has none."""
-        first, _, rest = name.partition(".")
-        edge = self._scene.edges.get(first)
+        edge = self._scene.edges.get(owner_among(name, self._scene.edges))
         own = self._units(edge.component) if edge is not None else {}
+        rest = name[len(edge.name) + 1 :] if edge is not None else ""
         return own.get(rest, "") or observed_unit(name) or self._across.get(name, "")
 
     def _units(self, component: Component) -> dict[str, str]:

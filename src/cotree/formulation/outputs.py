@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.dual import tangent_of
 from cotree.errors import ExpressionError
+from cotree.naming import split_name
 from cotree.scene.events import event_expressions
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ def form_outputs(observer: Observer, scene: SceneDescription) -> Outputs:
             known[name] = observer.value(name)
             # Positions and velocities have tangents from the motion of a sensitivity graph;
             # differentiating their long expressions would form all of it again.
-            if _place(name) is not None and name.partition(".")[0] in motion.clusters.points:
+            if _place(name) is not None and split_name(name)[0] in motion.clusters.points:
                 across[name] = known[name]
         return known[name]
 
@@ -95,7 +96,7 @@ def form_outputs(observer: Observer, scene: SceneDescription) -> Outputs:
 
 def _place(name: str) -> tuple[int, int] | None:
     """Give derivative order and component of a node's position or velocity."""
-    variable = name.partition(".")[2]
+    variable = split_name(name)[1]
     if len(variable) == 1 and variable in "xyz":
         return 0, "xyz".index(variable)
     if len(variable) == 2 and variable[0] == "v" and variable[1] in "xyz":
@@ -109,7 +110,7 @@ def output_tangents(motion: Motion, outputs: Outputs) -> dict[Node, Node]:
     for name, value in outputs.across.items():
         place = _place(name)
         assert place is not None  # only such are kept
-        point = motion.clusters.points[name.partition(".")[0]]
+        point = motion.clusters.points[split_name(name)[0]]
         order, i = place
         see = motion.velocity if order else motion.position
         seed[value] = tangent_of(see(point))[i]

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.symbols import MEASURED
 from cotree.errors import ExpressionError, nearest
+from cotree.naming import owner_among
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -98,7 +99,7 @@ class FieldNames:
         if name in self._scene.outputs and name not in self._scene.parameters:
             return self._output(name, resolve or self.node)
         # States have dots in their names too: they are known, and need no symbol of a measure.
-        is_across = "." in name and name.partition(".")[0] in self._places
+        is_across = bool(owner_among(name, self._places))
         if not is_across or name in self._known:
             return self._of_known(name)
         if name not in self._measured:

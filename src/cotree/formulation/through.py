@@ -15,6 +15,7 @@ from cotree.dag import vector
 from cotree.dag.dual import is_varied
 from cotree.formulation.clusters import Inertia, combined
 from cotree.formulation.elements import Sums, Wrench, wrenches
+from cotree.naming import split_name
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -133,7 +134,7 @@ def _joint_efforts(motion: Motion, first: Loads | None) -> list[Effort]:
         if law is None or coordinate is None or edge.component.role is not Role.JOINT:
             efforts.append(Effort(system.dag.zero, {}))
             continue
-        name = coordinate.name.partition(".")[2]
+        name = split_name(coordinate.name)[1]
         arguments = {key: seen(node) for key, node in edge.scalars.items()}
         arguments |= {name: seen(coordinate.symbol), f"{name}_dot": seen(speed.symbol)}
         if first is not None and not is_varied(*arguments.values()):

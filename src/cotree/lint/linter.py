@@ -12,13 +12,14 @@ from cotree.files import read_text
 from cotree.formulation.early import check_numbers
 from cotree.lint import names, topology, values
 from cotree.lint.findings import Finding
-from cotree.lint.lines import statement_lines
 from cotree.model.kernels import PythonKernels
 from cotree.model.model import CompiledModel
 from cotree.model.start import check_start
 from cotree.pipeline import formulate, generate
 from cotree.scene.allowances import check_allowed, is_allowed
 from cotree.scene.jumps import with_jumps
+from cotree.scene.lines import statement_lines
+from cotree.scene.part_origin import origin_of, told_origins
 from cotree.scene.simulation import OPERATING_POINT
 from cotree.scene.toml_file import LARGEST_FILE
 
@@ -52,16 +53,34 @@ def lint(
     """
     allowed = (*scene.allowed, *check_allowed(list(allow)))
     found: list[Finding] = []
-    if is_formed:
+    # Where ports are open, a scene may float: it is formed where it is a part.
+    if is_formed and not scene.ports:
         found += _refused(scene)
     for rules in (names, topology, values):
         found += rules.findings(scene)
+    found = list(_once_in_parts(scene, found))
     kept = [row for row in found if not is_allowed(row.rule, row.name, allowed)]
     for entry in dict.fromkeys(allowed):
         if not any(is_allowed(row.rule, row.name, (entry,)) for row in found):
             told = f"allow has '{entry}', but there is no such finding: remove it"
             kept.append(Finding("unused-allow", "scene", entry, told))
     return tuple(_with_lines(scene, kept))
+
+
+def _once_in_parts(scene: SceneDescription, found: Iterable[Finding]) -> Iterable[Finding]:
+    """Keep one of the findings that parts of one scene share, and none that it has on purpose."""
+    seen = set()
+    for row in found:
+        place = origin_of(row.name, scene.members)
+        if place is None:
+            yield row
+            continue
+        part, local = place
+        key = (row.rule, row.kind, id(part.scene), local)
+        if key not in seen and not is_allowed(row.rule, local, part.scene.allowed):
+            seen.add(key)
+            told = told_origins(f"'{row.name}'", scene.members, scene)
+            yield replace(row, message=f"{row.message}{told}")
 
 
 def dangling_hint(scene: SceneDescription) -> str:

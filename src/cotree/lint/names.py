@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from cotree.scene.description import SceneDescription
 
-_WORD = re.compile(r"[A-Za-z_]\w*")
+_WORD = re.compile(r"[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*")
 #: Shorter names follow a notation, as r and R or m and M do.
 _SHORTEST = 3
 
@@ -46,6 +46,7 @@ def used_names(scene: SceneDescription) -> set[str]:
     values_of = [*signals, *(row.value for row in scene.parameters.values())]
     rows += [value for value in values_of if isinstance(value, Expression)]
     found = {name for row in rows for name in row.names}
+    found |= set(_gravities(scene, ""))
     for edge in scene.edges.values():
         values = chain(edge.fields.values(), edge.initial.values())
         found |= {name for value in values for entry in entries(value) for name in entry.names}
@@ -53,6 +54,15 @@ def used_names(scene: SceneDescription) -> set[str]:
         fields = {k: v for k, v in edge.statement.items() if k not in ("type", "nodes")}
         found |= set(_words(fields))
     return found
+
+
+def _gravities(scene: SceneDescription, prefix: str) -> Iterator[str]:
+    """List the names in the gravity of parts, which is that of the outer scene."""
+    for member, part in scene.members.items():
+        own = f"{prefix}{member}."
+        for row in part.scene.gravity:
+            yield from (f"{own}{name}" for name in row.names)
+        yield from _gravities(part.scene, own)
 
 
 def _words(value: Any) -> Iterator[str]:

@@ -17,10 +17,12 @@ _LIKE = 0.8  # share of letters in common
 def look_alike(name: str, others: Iterable[str]) -> str:
     """Give the name that another may be a slip of; nothing where none is close.
 
-    Names that differ in numbers only, as ``m1`` and ``m2``, are meant to differ.
+    Names that differ in numbers only, as ``m1`` and ``m2``, are meant to differ; names of one part
+    are compared with those of the same part.
     """
-    form = _DIGITS.sub("#", name)
-    choices = [o for o in sorted(others)[:_MOST_COMPARED] if o != name]
+    form, owner = _DIGITS.sub("#", name), name.rpartition(".")[0]
+    alike = (other for other in others if other.rpartition(".")[0] == owner)
+    choices = [o for o in sorted(alike)[:_MOST_COMPARED] if o != name]
     for other in choices:
         # A letter that is typed twice, or in the wrong case.
         if other.casefold() == name.casefold() or _without_doubles(other) == _without_doubles(name):

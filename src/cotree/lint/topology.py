@@ -35,7 +35,9 @@ def dangling_nodes(scene: SceneDescription, is_refused: bool = False) -> Iterato
         acts = {node for ends in edge.ports for node in ends.acts_on}
         for node in {*edge.nodes, *acts}:
             touching[node].append(edge)
-    observed = {name.partition(".")[0] for name in used_names(scene)}
+    observed = {owner for name in used_names(scene) for owner in _owners(name)}
+    # Outer scenes connect ports.
+    observed |= set(scene.ports)
     observed |= {node for node, _ in scene.defaults.held}
     if scene.origin is not None:
         observed |= {visual.node for visual in scene.origin.visuals}
@@ -60,6 +62,12 @@ def dangling_nodes(scene: SceneDescription, is_refused: bool = False) -> Iterato
             hint = f", and '{close}' by edge '{other}' only: did you mean one node?"
         told = f"node '{node}' is touched by edge '{edge.name}' only{hint}"
         yield Finding("dangling-node", "node", node, told)
+
+
+def _owners(name: str) -> Iterator[str]:
+    """List what a name may be a variable of."""
+    while name := name.rpartition(".")[0]:
+        yield name
 
 
 def _is_shorted(edge: Edge) -> bool:

@@ -15,6 +15,7 @@ from cotree.equations import Quantity
 from cotree.errors import ParameterError
 from cotree.model.lengths import gradient_groups, scene_length, turning_speeds
 from cotree.model.linear import Linear, least_step, vanishing_combinations
+from cotree.naming import split_name
 from cotree.tolerances import RANK
 
 if TYPE_CHECKING:
@@ -100,7 +101,7 @@ class Finder:
         """Return the unit of lengths in the scene, [m]."""
         layout = self.model.layout
         # Names of these rows begin with their edge; rows of one edge form a group.
-        names = [name.partition(".")[0] for name in layout.start_rows]
+        names = [split_name(name)[0] for name in layout.start_rows]
         groups = [*gradient_groups(layout), *zip(names, layout.start_units, strict=True)]
         of_length = [row.unit.startswith("m") for row in self.rows[0]]
         return scene_length(layout, self._gradient, groups, y, self.residual(y, 0)[of_length])

@@ -10,6 +10,7 @@ from cotree.errors import ParameterError, nearest
 from cotree.model.arrays import as_array
 from cotree.model.model import CompiledModel
 from cotree.model.moment import Moment
+from cotree.model.rates import rates_of
 from cotree.model.start import find_start
 from cotree.model.unknowns import solve_states
 from cotree.model.variation import Direction
@@ -207,3 +208,51 @@ class PointMethods(CompiledModel):
                 f"{nearest(name, known)}"
             )
         return Direction(y if dy is None else dy, u, p)
+
+    def as_casadi(self, t: float | None = None) -> Any:
+        """Give the rates as an external function of CasADi, with their exact Jacobian.
+
+        Parameters
+        ----------
+        t : float, optional
+            Time at which rates are taken, [s]; needed where they depend on it.
+
+        Returns
+        -------
+        casadi.Callback
+            The function (x, u, p) -> dx of states, inputs, and those parameters that the model was
+            compiled with sensitivities to. Keep it as long as what was made of it.
+
+        Raises
+        ------
+        ParameterError
+            If the model has algebraic unknowns or constraints, or needs a time; or if the package
+            is missing.
+        """
+        from cotree.model.casadi_bridge import casadi_function
+
+        return casadi_function(rates_of(self, t, "as_casadi"))
+
+    def as_jax(self, t: float | None = None) -> Any:
+        """Give the rates as a function of JAX, with their exact first derivatives.
+
+        Parameters
+        ----------
+        t : float, optional
+            Time at which rates are taken, [s]; needed where they depend on it.
+
+        Returns
+        -------
+        callable
+            The function (x, u, p) -> dx of states, inputs, and those parameters that the model was
+            compiled with sensitivities to; the scene's where p is absent.
+
+        Raises
+        ------
+        ParameterError
+            If the model has algebraic unknowns or constraints, or needs a time; if the package is
+            missing; or if JAX computes in single precision.
+        """
+        from cotree.model.jax_bridge import jax_function
+
+        return jax_function(rates_of(self, t, "as_jax"))

@@ -19,6 +19,8 @@ from cotree.model.packing import whole_kernel
 from cotree.model.structure import Structure
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from cotree.model.kernels import Kernels, NativeModel
     from cotree.program import Layout, Program
 
@@ -98,6 +100,13 @@ class PreparedKernels:
         if values is None:
             return known.copy()
         return as_parameters(values, self._place_of, known, self.layout.derived)
+
+    def arguments_of(self, values: Mapping[str, float]) -> Array:
+        """Give the parameters of a run as an array, of all its values by name.
+
+        Those that follow from others are among the values, and are left out.
+        """
+        return self.parameter_array({name: values[name] for name in self._place_of})
 
     def bound(self, name: str, p: Array) -> Callable[[float, Array, Array, Array | None], Array]:
         """Give a kernel as a function of time, states, flat sensitivities and inputs.

@@ -54,6 +54,7 @@ def draw_graph(graph: LinearGraph, tree: Tree | None, ax: Axes | None = None) ->
 def draw_graphs(
     graphs_with_trees: Iterable[tuple[LinearGraph, Tree | None]],
     make: Callable[[float, float], Figure] | None = None,
+    parts: Sequence[str] = (),
 ) -> Figure:
     """Draw several graphs side by side, translation and rotation for example.
 
@@ -63,6 +64,8 @@ def draw_graphs(
         The graphs with their trees.
     make : callable, optional
         Makes a figure of a width and a height, [in]; one that pyplot does not know where absent.
+    parts : sequence of str
+        Parts of the scene, whose edges are drawn on a ground of one colour.
 
     Returns
     -------
@@ -78,6 +81,7 @@ def draw_graphs(
     )
     for drawing, (_, tree), ax in zip(drawings, pairs, axes[0], strict=True):
         _draw(drawing, tree, ax)
+        _draw_parts(drawing, parts, ax)
     return figure
 
 
@@ -120,6 +124,20 @@ def _draw(drawing: GraphDrawing, tree: Tree | None, ax: Axes) -> None:
         _draw_node(ax, node, position, place)
     if tree is not None:
         _draw_key(ax)
+
+
+def _draw_parts(drawing: GraphDrawing, parts: Sequence[str], ax: Axes) -> None:
+    """Draw broad pale strokes under the edges of each part, whose names begin with the part's."""
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path as Outline
+
+    codes = [Outline.MOVETO, Outline.CURVE4, Outline.CURVE4, Outline.CURVE4]
+    for number, part in enumerate(parts):
+        own = [curve for curve in drawing.curves if curve.edge.name.startswith(f"{part}.")]
+        color = f"C{number % 10}"
+        for curve in own:
+            outline = Outline(curve.points, codes)
+            ax.add_patch(PathPatch(outline, fill=False, lw=22, ec=color, alpha=0.15, zorder=0))
 
 
 def _freest(directions: Sequence[Array], n: int) -> Array:

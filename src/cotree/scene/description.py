@@ -8,49 +8,28 @@ from typing import TYPE_CHECKING, Any, Self
 
 from cotree.components import Role
 from cotree.errors import SceneError, UnitError, brief, nearest
-from cotree.naming import check_name, check_scene_name, check_text
+from cotree.naming import check_name, check_path, check_scene_name, check_text
 from cotree.scene.allowances import check_allowed
-from cotree.scene.display import EdgeListing, ParameterListing, scene_html
+from cotree.scene.display import EdgeListing, ParameterListing, scene_html, scene_summary
 from cotree.scene.edge import Edge, make_edge
 from cotree.scene.events import Event, Mode, make_event
 from cotree.scene.expressions import Expression, parse
 from cotree.scene.fields import check_vector
+from cotree.scene.inputs import Input, make_input
 from cotree.scene.parameters import Parameter, check_cycle, make_parameter
+from cotree.scene.part import TABLES
+from cotree.scene.part_adding import check_nodes, set_in_part
+from cotree.scene.part_statement import LARGEST_SCENE
 from cotree.scene.simulation import Simulation, with_settings
 from cotree.scene.statements import plain
-from cotree.scene.tables import parse_signal
-from cotree.units import check_unit
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from cotree.dag.multi_output import Table
     from cotree.scene.origin import Origin
+    from cotree.scene.part import Part
 
 __all__ = ["Edge", "Input", "SceneDescription"]
-
-_LARGEST_SCENE = 250_000  # edges; a bound on what untrusted input may ask for
-
-
-@dataclass(frozen=True)
-class Input:
-    """A signal from outside: an expression of t and parameters, or a table over t.
-
-    Attributes
-    ----------
-    name : str
-        Its name in expressions.
-    value : Expression or Table
-        What it is where a run gives nothing else.
-    unit, doc : str
-        Its unit and meaning, for people.
-    """
-
-    name: str
-    value: Expression | Table
-    unit: str = ""
-    doc: str = ""
-    given: tuple[Any, str] | None = None  # where it was given in a unit that is not of SI
 
 
 @dataclass(repr=False)
@@ -70,6 +49,8 @@ class SceneDescription:
     outputs: dict[str, Expression] = field(default_factory=dict)
     modes: dict[str, Mode] = field(default_factory=dict)
     events: dict[str, Event] = field(default_factory=dict)
+    parts: dict[str, Part] = field(default_factory=dict)
+    ports: tuple[str, ...] = ()  # nodes to be connected where this scene is a part
     defaults: Simulation = field(default_factory=Simulation)
     origin: Origin | None = None  # of what was read from another tool's file
     allowed: tuple[str, ...] = ()  # findings of the linter that are on purpose
@@ -82,7 +63,10 @@ class SceneDescription:
         self.inputs, self.outputs = {}, {}
         self.modes, self.events = {}, {}
         self.defaults = Simulation()
-        self.file = ""  # where it was read from; no part of what it says
+        self.parts, self.ports = {}, ()
+        self.members: dict[str, Part] = {}  # parts by name, those of arrays each
+        # Where it was read from, and the table there; no part of what it says.
+        self.file = self.section = ""
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.headline}>"
@@ -119,7 +103,7 @@ class SceneDescription:
     def copied(self) -> Self:
         """Give a scene of the same statements, whose tables do not follow this one's."""
         other = copy.copy(self)
-        for name in ("parameters", "inputs", "edges", "outputs", "modes", "events"):
+        for name in (*TABLES, "parts", "members"):
             setattr(other, name, copy.copy(getattr(self, name)))
         return other
 
@@ -129,6 +113,7 @@ class SceneDescription:
         counts = {
             "node": len(self.nodes),
             "edge": len(self.edges),
+            "part": len(self.members),
             "parameter": len(self.parameters),
             "input": len(self.inputs),
             "output": len(self.outputs),
@@ -139,18 +124,8 @@ class SceneDescription:
         return f"{self.name}: {', '.join(shown)}"
 
     def summary(self) -> str:
-        """Describe the scene, one line an edge."""
-        lines = [self.headline]
-        for edge in self.edges.values():
-            nodes = (" -> " if len(edge.nodes) == 2 else ", ").join(edge.nodes)
-            places = [f"on {edge.statement['joint']}"] if "joint" in edge.statement else []
-            places += [f"on {' - '.join(e.acts_on)}" for e in edge.ports if len(e.acts_on) == 2]
-            where = ", ".join([*([nodes] if nodes else []), *places])
-            lines.append(f"  {edge.name:12} {edge.component.name:12} {where}")
-        rows = self.parameters.values()
-        lines += [f"  {p.name} = {p.value.text}" for p in rows if isinstance(p.value, Expression)]
-        lines += [f"  note: {note}" for note in (self.origin.notes if self.origin else ())]
-        return "\n".join(lines)
+        """Describe the scene, a line for each edge and each part."""
+        return scene_summary(self)
 
     def parameter(
         self, name: str, value: float | str, *, unit: str = "", doc: str = "", tunable: bool = True
@@ -202,6 +177,8 @@ class SceneDescription:
         SceneError, ParameterError, ExpressionError, UnitError
             If there is none of this name, or the value or the unit is not accepted.
         """
+        if set_in_part(self, name, value, unit):
+            return
         row = self.inputs.get(name) or self.parameters.get(name)
         if row is None:
             hint = nearest(name, {**self.parameters, **self.inputs})
@@ -211,7 +188,7 @@ class SceneDescription:
             changed = make_parameter(name, value, own, row.doc, row.tunable)
             check_cycle({**self.parameters, name: changed}, name)
         else:
-            changed = _make_input(name, value, own, row.doc)
+            changed = make_input(name, value, own, row.doc)
         if row.unit and changed.unit != row.unit:
             raise UnitError(f"'{name}' is in '{row.unit}', which '{unit}' cannot be converted to")
         if isinstance(changed, Parameter):
@@ -246,7 +223,7 @@ class SceneDescription:
             If the name is not allowed or taken, the unit is none, or the value is none of these.
         """
         self._check_new("input", name, self._signals)
-        self.inputs[name] = _make_input(name, value, unit, doc)
+        self.inputs[name] = make_input(name, value, unit, doc)
 
     def edge(
         self,
@@ -282,10 +259,25 @@ class SceneDescription:
         SceneError, ExpressionError, UnitError
             If a name, field or value is not accepted.
         """
-        self._check_new("edge", name, self.edges)
-        if len(self.edges) >= _LARGEST_SCENE:
-            raise SceneError(f"the scene has more than {_LARGEST_SCENE} edges")
-        self.edges[name] = make_edge(name, type, nodes, initial, fields)
+        self._check_new("edge", name, self.members if name in self.members else self.edges)
+        if len(self.edges) >= LARGEST_SCENE:
+            raise SceneError(f"the scene has more than {LARGEST_SCENE} edges")
+        made = make_edge(name, type, nodes, initial, fields)
+        check_nodes(self, made)
+        self.edges[name] = made
+
+    def port(self, *nodes: str) -> None:
+        """Declare nodes to be ports: where this scene is a part, they must be connected.
+
+        Raises
+        ------
+        SceneError
+            If a name is not allowed.
+        """
+        for node in nodes:
+            if check_path("node", node) == "ground":
+                raise SceneError("the ground is one node in all parts: it is no port")
+        self.ports = tuple(dict.fromkeys((*self.ports, *nodes)))
 
     def output(self, name: str, value: str | float) -> None:
         """Declare an output: an expression of coordinates, node positions, inputs and parameters.
@@ -387,14 +379,3 @@ class SceneDescription:
             raise SceneError(
                 f"the name of {kind} '{name}' is taken: every {kind} needs its own{cure}"
             )
-
-
-def _make_input(name: str, value: Any, unit: str, doc: str) -> Input:
-    """Check an input's value, unit and meaning."""
-    what = f"input '{name}'"
-    text, doc = check_text(unit, f"unit of {what}"), check_text(doc, f"doc of {what}")
-    own = check_unit(text, f"unit of {what}")
-    signal, given = parse_signal(value, what, own), None
-    if own is not None and not own.is_si:
-        text, given = own.si, (plain(value), text)
-    return Input(name, signal, text, doc, given)

@@ -187,7 +187,8 @@ def stated_units(scene: SceneDescription) -> dict[str, str]:
 def alone(value: Expression) -> str:
     """Give the name that an expression is, but for its sign; nothing for others."""
     tree = value.tree.operand if isinstance(value.tree, ast.UnaryOp) else value.tree
-    return tree.id if isinstance(tree, ast.Name) and type(value) is Expression else ""
+    name = tree.id if isinstance(tree, ast.Name) else dotted(tree)
+    return name if type(value) is Expression else ""
 
 
 def _number(tree: ast.expr) -> float | None:

@@ -71,6 +71,27 @@ def _plain(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
+def scene_summary(scene: SceneDescription) -> str:
+    """Describe a scene: its headline, and a line for each edge, part and derived parameter.
+
+    What parts hold is not listed again, but counted in their lines.
+    """
+    lines = [scene.headline]
+    for edge in scene.edges.values():
+        if "." in edge.name:
+            continue
+        nodes = (" -> " if len(edge.nodes) == 2 else ", ").join(edge.nodes)
+        places = [f"on {edge.statement['joint']}"] if "joint" in edge.statement else []
+        places += [f"on {' - '.join(e.acts_on)}" for e in edge.ports if len(e.acts_on) == 2]
+        where = ", ".join([*([nodes] if nodes else []), *places])
+        lines.append(f"  {edge.name:12} {edge.component.name:12} {where}")
+    lines += [f"  {part.shown}" for part in scene.parts.values()]
+    derived = (row for row in scene.parameters.values() if row.is_derived and "." not in row.name)
+    lines += [f"  {row.name} = {row.cells()[1]}" for row in derived]
+    lines += [f"  note: {note}" for note in (scene.origin.notes if scene.origin else ())]
+    return "\n".join(lines)
+
+
 def scene_html(scene: SceneDescription) -> str:
     """Show the tables of a scene."""
     parameters, edges = scene.parameters.values(), scene.edges.values()

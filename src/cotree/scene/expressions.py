@@ -1,9 +1,9 @@
 """Expression strings: parsed by a small grammar, never evaluated as Python.
 
-An expression may hold numbers, names, ``edge.coordinate``, ``edge.port.variable``, ``+ - * / **``,
-parentheses, the functions of :data:`FUNCTIONS`, and ``where(condition, value, otherwise)`` with
-comparisons joined by ``and``, ``or`` and ``not``. It is checked when a scene is made and turned
-into nodes later.
+An expression may hold numbers, names, ``edge.coordinate``, ``edge.port.variable``, both also of
+parts as ``leg1.knee.theta``, ``+ - * / **``, parentheses, the functions of :data:`FUNCTIONS`, and
+``where(condition, value, otherwise)`` with comparisons joined by ``and``, ``or`` and ``not``. It is
+checked when a scene is made and turned into nodes later.
 """
 
 from __future__ import annotations
@@ -324,13 +324,12 @@ def number_tree(value: float) -> ast.expr:
 
 
 def dotted(tree: ast.expr) -> str:
-    """Give ``edge.variable`` or ``edge.port.variable``; nothing for other trees."""
-    match tree:
-        case ast.Attribute(value=ast.Name(id=edge), attr=variable):
-            return f"{edge}.{variable}"
-        case ast.Attribute(value=ast.Attribute(value=ast.Name(id=edge), attr=port), attr=variable):
-            return f"{edge}.{port}.{variable}"
-    return ""
+    """Give the name that a chain of attributes is, as ``edge.variable``; else nothing."""
+    steps: list[str] = []
+    while isinstance(tree, ast.Attribute):
+        steps.append(tree.attr)
+        tree = tree.value
+    return ".".join([tree.id, *reversed(steps)]) if isinstance(tree, ast.Name) and steps else ""
 
 
 def _lower(tree: ast.expr, dag: Dag, resolve: Callable[[str], Node]) -> Node:

@@ -10,7 +10,7 @@ from cotree.components.counterparts import ON_JOINTS
 from cotree.components.heat import HEAT, loss_of, with_heat
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError
-from cotree.naming import check_name
+from cotree.naming import check_path
 from cotree.scene.statements import is_list
 
 if TYPE_CHECKING:
@@ -225,11 +225,8 @@ def _refuse_nodes(edge: str, nodes: Sequence[object]) -> None:
 def _multibody(edge: str, rest: dict[str, Any]) -> PortEnds:
     """Take what a port acts on in a multibody system: a joint, or the line of two nodes."""
     if "joint" in rest:
-        joint, dot, coordinate = str(rest.pop("joint")).partition(".")
-        name = check_name("joint", joint)
-        return PortEnds(
-            "", "", (f"{name}.{check_name('coordinate', coordinate)}" if dot else name,)
-        )
+        # Whether the last word is a coordinate is known where there are joints.
+        return PortEnds("", "", (check_path("joint", str(rest.pop("joint"))),))
     return PortEnds("", "", _pair(edge, rest.pop("line"), f"line of edge '{edge}'"))
 
 
@@ -244,7 +241,7 @@ def _by_terminal(
             f"{wanted}"
         )
     by_name = {
-        terminal: check_name("node", node)
+        terminal: check_path("node", node)
         for terminal, node in zip(component.terminals, nodes, strict=True)
     }
     places = {**by_name, "ground": "ground"}
@@ -279,7 +276,7 @@ def _pair(edge: str, nodes: object, what: str, may_be_one: bool = False) -> tupl
     """Check two nodes; those of an edge in a scalar graph may be one, where across is zero."""
     if not is_list(nodes) or len(nodes) != 2:
         raise SceneError(f"{what} needs two nodes, as a list of their names")
-    first, second = (check_name("node", node) for node in nodes)
+    first, second = (check_path("node", node) for node in nodes)
     if first == second and not may_be_one:
         raise SceneError(f"{what} begins and ends at node '{first}': name two nodes")
     return first, second

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from cotree.errors import ParameterError, brief, nearest
 from cotree.scene.description import SceneDescription
 from cotree.scene.expressions import Expression
+from cotree.scene.part import owner_of
+from cotree.scene.part_adding import set_in_part
 from cotree.scene.tables import parse_signal
 
 if TYPE_CHECKING:
@@ -74,6 +76,12 @@ def with_inputs(
             )
         changed.parameter(name, number)
     for name, value in found.items():
+        if owner_of(changed, name) is not None:
+            # The statement of the part says so, too, and is saved with the scene.
+            if isinstance(value, Expression):
+                _check_names(value, changed)
+            set_in_part(changed, name, inputs[name])
+            continue
         if not isinstance(value, Expression) or _is_of_time(value, changed):
             changed.inputs[name] = replace(changed.inputs[name], value=value)
             continue

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cotree.errors import SceneError, check_known
-from cotree.naming import check_name, check_text
+from cotree.naming import check_path, check_text
 from cotree.scene.expressions import Expression, check_number, parse
 from cotree.tolerances import rtol_fault
 
@@ -84,6 +84,6 @@ def _held(value: object, what: str) -> tuple[tuple[str, Expression], ...]:
     if not isinstance(value, Mapping):
         raise SceneError(f"{what} must be a table of nodes and voltages")
     return tuple(
-        (check_name("node", node), parse(item, f"voltage of node '{node}'"))
+        (check_path("node", node), parse(item, f"voltage of node '{node}'"))
         for node, item in value.items()
     )

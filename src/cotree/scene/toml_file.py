@@ -1,40 +1,43 @@
-"""Scene files: TOML to a scene, with the file named in every message."""
+"""Scene files: TOML to a scene, with the file named in every message.
+
+Files of parts are named by scene files, which may come from strangers: they stay within the folder
+of the outermost file, and end in .toml.
+"""
 
 from __future__ import annotations
 
 import os
+import re
 import tomllib
+from dataclasses import dataclass, field, replace
 from importlib import resources
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from cotree.errors import ModelError, SceneError, brief, check_known, nearest
+from cotree.errors import ModelError, SceneError, brief, nearest
 from cotree.files import read_text
-from cotree.scene.allowances import check_allowed
 from cotree.scene.description import SceneDescription
-from cotree.scene.events import check_event_table
-from cotree.scene.origin import read_origin
-from cotree.scene.toml_errors import advice, misspelt_key
+from cotree.scene.lines import statement_lines
+from cotree.scene.toml_errors import advice
+from cotree.scene.toml_tables import fill
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
 _Scene = TypeVar("_Scene", bound=SceneDescription)
 
-
 #: The longest scene file, in bytes.
 LARGEST_FILE = 50_000_000
-
-_SECTIONS = (
-    *("name", "gravity", "parameters", "inputs", "modes", "edges", "outputs", "events"),
-    *("simulation", "allow", "origin"),
-)
 
 
 def shipped_scenes() -> tuple[str, ...]:
     """Names of the scenes that come with cotree."""
-    folder = resources.files("cotree") / "scenes"
-    return tuple(sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".toml")))
+    return _shipped("scenes")
+
+
+def shipped_parts() -> tuple[str, ...]:
+    """Names of the parts that come with cotree."""
+    return _shipped("parts")
 
 
 def load_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
@@ -43,7 +46,7 @@ def load_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
     Parameters
     ----------
     source : str or Path
-        Name of a shipped scene, or path of a TOML file.
+        Name of a shipped scene or part, or path of a TOML file.
     scene_type : type
         The class to make.
 
@@ -54,24 +57,58 @@ def load_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
     ModelError
         If the scene is wrong; the message begins with the file.
     """
-    shipped = shipped_scenes()
-    # Names of shipped scenes go before files of the same name.
-    if isinstance(source, str) and source in shipped:
-        file = resources.files("cotree") / "scenes" / f"{source}.toml"
-        made = read_scene(file.read_text(encoding="utf-8"), f"{source}.toml", scene_type)
-        made.file = str(file)
-        return made
+    # Names of shipped scenes, those of parts too, go before files of the same name.
+    known = {name: folder for folder in ("parts", "scenes") for name in _shipped(folder)}
+    if isinstance(source, str) and source in known:
+        return _read_shipped(known[source], source, scene_type)
     if not os.path.isfile(source):  # unlike Path.is_file, it takes names that are too long
         raise SceneError(
-            f"'{source}' is neither a file nor a shipped scene{nearest(source, shipped)}"
+            f"'{source}' is neither a file nor a shipped scene{nearest(source, known)}"
         )
-    made = read_scene(read_text(source, LARGEST_FILE), str(source), scene_type)
-    made.file = str(source)
-    return made
+    return _read_file(source, scene_type)
+
+
+def load_part(source: str | Path) -> tuple[SceneDescription, str]:
+    """Read a scene that parts are made of, and what it was read from.
+
+    Parameters
+    ----------
+    source : str or Path
+        Name of a shipped part, or path of a TOML file.
+
+    Raises
+    ------
+    ModelError
+        As of :func:`load_scene`.
+    """
+    known = shipped_parts()
+    if isinstance(source, str) and source in known:
+        return _read_shipped("parts", source, SceneDescription), source
+    if not os.path.isfile(source):
+        raise SceneError(f"'{source}' is neither a file nor a shipped part{nearest(source, known)}")
+    return _read_file(source, SceneDescription), str(source)
+
+
+def _shipped(folder: str) -> tuple[str, ...]:
+    """Names of the files of a folder that comes with cotree."""
+    found = resources.files("cotree") / folder
+    return tuple(sorted(f.name[:-5] for f in found.iterdir() if f.name.endswith(".toml")))
+
+
+def _read_shipped(folder: str, name: str, scene_type: type[_Scene]) -> _Scene:
+    file = resources.files("cotree") / folder / f"{name}.toml"
+    text = file.read_text(encoding="utf-8")
+    return _Reading(text, f"{name}.toml", str(file), trail=(f"{name}.toml",)).scene(scene_type)
+
+
+def _read_file(path: str | Path, scene_type: type[_Scene]) -> _Scene:
+    text, real = read_text(path, LARGEST_FILE), os.path.realpath(path)
+    root = os.path.dirname(real)
+    return _Reading(text, str(path), str(path), root, root, (real,)).scene(scene_type)
 
 
 def read_scene(text: str, where: str, scene_type: type[_Scene]) -> _Scene:
-    """Read a scene from TOML text.
+    """Read a scene from TOML text, whose parts are shipped ones or stand in the text.
 
     Parameters
     ----------
@@ -87,85 +124,186 @@ def read_scene(text: str, where: str, scene_type: type[_Scene]) -> _Scene:
     ModelError
         If it is no valid TOML, or a statement is not accepted; the message names ``where``.
     """
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        what = f"{error}{advice(str(error), text)}"
-        raise SceneError(f"{where}: not valid TOML: {what}") from None
-    except RecursionError:
-        raise SceneError(f"{where}: nested too deeply") from None
-    try:
-        return _fill(data, Path(where).stem, scene_type)
-    except ModelError as error:
+    return _Reading(text, where).scene(scene_type)
+
+
+_NAMED = re.compile(r"(edge|part|parameter|input|output|mode|event) '([^']+)'")
+_DEEPEST = 20  # parts within parts
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """The reading of one file, with the files and scenes that its parts may name.
+
+    Attributes
+    ----------
+    text, where : str
+        The file, and its name in messages.
+    file : str
+        Its path; empty where the text is no file.
+    root, folder : str
+        The folder that files of parts stay in, and that of this file; empty where parts may name
+        no files.
+    trail : tuple of str
+        What is being read, from the outermost file on.
+    made : dict
+        What was read before, by its path.
+    """
+
+    text: str
+    where: str
+    file: str = ""
+    root: str = ""
+    folder: str = ""
+    trail: tuple[str, ...] = ()
+    made: dict[str, SceneDescription] = field(default_factory=dict)
+
+    def scene(self, scene_type: type[_Scene]) -> _Scene:
+        """Read the scene of the file."""
+        try:
+            data = tomllib.loads(self.text)
+        except tomllib.TOMLDecodeError as error:
+            what = f"{error}{advice(str(error), self.text)}"
+            raise SceneError(f"{self.where}: not valid TOML: {what}") from None
+        except RecursionError:
+            raise SceneError(f"{self.where}: nested too deeply") from None
+        try:
+            scenes = _Scenes(self, "", _tables(data))
+            made = fill(data, Path(self.where).stem, scene_type, scenes.find)
+        except ModelError as error:
+            raise self.told(error, self.where, "") from None
+        made.file = self.file
+        return made
+
+    def told(self, error: ModelError, where: str, section: str) -> ModelError:
+        """Name the file before a message, and the line of the first declaration that it names."""
+        lines = statement_lines(self.text, section)
+        named = _NAMED.findall(str(error))
+        # The parts of an array are called after it.
+        named += [(kind, name.rstrip("0123456789_")) for kind, name in named if kind == "part"]
+        found = (lines.get(key) for key in named)
+        line = next((number for number in found if number), 0)
+        place = f"{where}, line {line}" if line else where
         # The type of the error stays, so that callers can tell faults of expressions from others.
-        raise type(error)(f"{where}: {error}") from None
+        return type(error)(f"{place}: {error}")
 
-
-def _fill(data: Mapping[str, Any], stem: str, scene_type: type[_Scene]) -> _Scene:
-    # Each statement is made by the method that Python users call, so that files are checked alike.
-    for name, value in data.items():
-        is_lost = name not in _SECTIONS and (not isinstance(value, dict) or "value" in value)
-        if is_lost and not (hint := nearest(name, _SECTIONS)).endswith("?"):
+    def part_file(self, name: str) -> tuple[SceneDescription, str]:
+        """Read the file that a part names."""
+        if not self.folder:
             raise SceneError(
-                f"unknown section '{brief(name)}'{hint}; is a header such as [parameters] missing "
-                "above it?"
+                f"scene '{brief(name)}' is a file, but what names it is none: name a shipped part, "
+                "or a scene of the same text, [scenes.name]"
             )
-    check_known(data, _SECTIONS, "unknown section")
-    scene = scene_type(data.get("name", stem), gravity=data.get("gravity", (0.0, 0.0, 0.0)))
-    for name, value in _table(data, "parameters").items():
-        if isinstance(value, list):
+        if os.path.isabs(name) or PureWindowsPath(name).drive or "\\" in name:
             raise SceneError(
-                f"parameter '{name}' is a list: give a number; or a header such as [edges.name] or "
-                "[inputs] is missing above it"
+                f"scene '{brief(name)}' is not relative to this file: give a path from its folder "
+                "on, with '/' between folders"
             )
-        scene.parameter(name, **_named_value("parameter", name, value, ("unit", "doc", "tunable")))
-    for name, value in _table(data, "inputs").items():
-        scene.input(name, **_named_value("input", name, value, ("unit", "doc")))
-    for name, value in _table(data, "modes").items():
-        given = _named_value("mode", name, value, ("doc",))
-        scene.mode(name, given["value"], doc=given.get("doc", ""))
-    for name, edge in _table(data, "edges").items():
-        _add_edge(scene, name, edge)
-    for name, value in _table(data, "outputs").items():
-        scene.output(name, value)
-    for name, event in _table(data, "events").items():
-        scene.event(name, **check_event_table(name, event))
-    scene.simulation(**_table(data, "simulation"))
-    scene.allow(*check_allowed(data.get("allow", [])))
-    # Shapes name nodes, which are known after all edges.
-    if "origin" in data:
-        scene.origin = read_origin(data["origin"], set(scene.nodes))
-    return scene
+        path = os.path.join(self.folder, name)
+        real = os.path.realpath(path)
+        if os.path.commonpath([real, self.root]) != self.root:
+            raise SceneError(
+                f"scene '{brief(name)}' leaves the folder of the scene: put the file there or "
+                "below, or add the part in Python"
+            )
+        self.check_trail(real)
+        if not os.path.isfile(real):
+            near = [f for f in _listed(os.path.dirname(real)) if f.endswith(".toml")]
+            hint = nearest(os.path.basename(name), near)
+            raise SceneError(f"scene '{brief(name)}' is no file beside this one{hint}")
+        if real not in self.made:
+            below = _Reading(
+                read_text(path, LARGEST_FILE),
+                os.path.relpath(path, self.root),
+                path,
+                self.root,
+                os.path.dirname(real),
+                (*self.trail, real),
+                self.made,
+            )
+            self.made[real] = below.scene(SceneDescription)
+        return self.made[real], name
+
+    def check_trail(self, place: str) -> None:
+        """Refuse a part that is made of itself, and parts that are nested too deeply."""
+        if place in self.trail:
+            way = [*self.trail[self.trail.index(place) :], place]
+            names = " -> ".join(os.path.basename(step) for step in way)
+            raise SceneError(f"the scene is made of itself: {names}; take one of these parts out")
+        if len(self.trail) > _DEEPEST:
+            raise SceneError(f"parts are nested deeper than {_DEEPEST} levels")
 
 
-def _table(data: Mapping[str, Any], key: str) -> dict[str, Any]:
-    table = data.get(key, {})
-    if not isinstance(table, dict):
-        raise SceneError(f"'{key}' must be a table")
-    return table
+@dataclass(frozen=True)
+class _Scenes:
+    """Scenes that the tables of a file define for its parts, below those of the tables around.
+
+    Attributes
+    ----------
+    reading : _Reading
+        The file.
+    section : str
+        The table that holds them; empty at the top.
+    tables : mapping of str to object
+        The scenes, by name.
+    around : _Scenes or None
+        Those of the table around this one.
+    """
+
+    reading: _Reading
+    section: str
+    tables: Mapping[str, Any]
+    around: _Scenes | None = None
+
+    def find(self, name: str) -> tuple[SceneDescription, str]:
+        """Give the scene that a part names: one of this file, a file, or a shipped one."""
+        if name in self.tables:
+            return self._defined(name), name
+        if self.around is not None:
+            return self.around.find(name)
+        if name.endswith(".toml"):
+            return self.reading.part_file(name)
+        known = shipped_parts()
+        if name in known:
+            if name not in self.reading.made:
+                self.reading.check_trail(f"{name}.toml")
+                self.reading.made[name] = _read_shipped("parts", name, SceneDescription)
+            return self.reading.made[name], name
+        hint = nearest(name, [*self.tables, *known])
+        raise SceneError(
+            f"scene '{brief(name)}' is neither a shipped part nor a scene of this file; files end "
+            f"in .toml{hint}"
+        )
+
+    def _defined(self, name: str) -> SceneDescription:
+        own = f"{self.section}.scenes.{name}".removeprefix(".")
+        place = f"{self.reading.file or self.reading.where}#{own}"
+        self.reading.check_trail(place)
+        if place in self.reading.made:
+            return self.reading.made[place]
+        table = self.tables[name]
+        if not isinstance(table, dict):
+            raise SceneError(f"scene '{brief(name)}' must be a table")
+        reading = replace(self.reading, trail=(*self.reading.trail, place))
+        try:
+            below = _Scenes(reading, own, _tables(table), replace(self, reading=reading))
+            made = fill(table, name, SceneDescription, below.find)
+        except ModelError as error:
+            raise self.reading.told(error, f"scene '{brief(name)}'", own) from None
+        made.file, made.section = self.reading.file, own
+        self.reading.made[place] = made
+        return made
 
 
-def _named_value(kind: str, name: str, value: Any, extras: tuple[str, ...]) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        return {"value": value}
-    check_known(value, ("value", *extras), f"{kind} '{name}' has no field")
-    if "value" not in value:
-        raise SceneError(f"{kind} '{name}' needs a value")
-    return value
+def _tables(data: Mapping[str, Any]) -> Mapping[str, Any]:
+    found = data.get("scenes", {})
+    if not isinstance(found, dict):
+        raise SceneError("'scenes' must be a table")
+    return found
 
 
-def _add_edge(scene: SceneDescription, name: str, edge: Any) -> None:
-    if not isinstance(edge, dict):
-        raise SceneError(f"edge '{name}' must be a table")
-    rest = dict(edge)
-    misspelt = misspelt_key(name, edge)
-    if misspelt:
-        raise SceneError(misspelt)
-    if "type" not in rest:
-        raise SceneError(f"edge '{name}' needs the field 'type'")
-    nodes = rest.pop("nodes", [])
-    if not isinstance(nodes, list):
-        raise SceneError(f"nodes of edge '{name}' must be a list of names")
-    if "name" in rest:
-        raise SceneError(f"edge '{name}' has no field 'name'")
-    scene.edge(name, rest.pop("type"), *nodes, initial=rest.pop("initial", None), **rest)
+def _listed(folder: str) -> list[str]:
+    try:
+        return sorted(os.listdir(folder))
+    except OSError:
+        return []

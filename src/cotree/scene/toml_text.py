@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from cotree.dag.multi_output import Table
 from cotree.errors import ModelError, SceneError
@@ -17,8 +17,9 @@ from cotree.files import written_whole
 from cotree.scene.description import SceneDescription
 from cotree.scene.expressions import Expression
 from cotree.scene.origin import origin_table
+from cotree.scene.part_statement import statement_of
 from cotree.scene.simulation import Simulation
-from cotree.scene.toml_file import LARGEST_FILE, read_scene
+from cotree.scene.toml_file import LARGEST_FILE, load_part, read_scene, shipped_parts
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from cotree.scene.description import Input
     from cotree.scene.events import Event
     from cotree.scene.parameters import Parameter
+
+_Row = TypeVar("_Row")
 
 _WIDEST = 99  # columns
 _BARE = re.compile(r"[A-Za-z0-9_-]+\Z")
@@ -82,32 +85,86 @@ def table_text(name: str, rows: Mapping[str, Any]) -> str:
 
 
 def _lines(scene: SceneDescription) -> Iterator[str]:
+    """Write a scene, and the scenes that its parts are made of."""
+    found: dict[str, SceneDescription] = {}
+    names: dict[int, str] = {}
+    _scenes_of_parts(scene, found, names)
+    yield from _scene(scene, "", names)
+    for name, made in found.items():
+        yield from ("", f"[scenes.{name}]")
+        yield from _scene(made, f"scenes.{name}.", names)
+
+
+def _scene(scene: SceneDescription, at: str, names: Mapping[int, str]) -> Iterator[str]:
+    """Write the tables of a scene, each below a table of the file."""
     yield f"name = {_text(scene.name)}"
     # What equals the default is not written, here and below.
     if any(item.text != "0.0" for item in scene.gravity):
         yield f"gravity = {_value([item.told for item in scene.gravity])}"
     if scene.allowed:
         yield f"allow = {_value(list(scene.allowed))}"
-    yield from _rows(
-        "parameters", {n: _named(p, _parameter(p)) for n, p in scene.parameters.items()}
-    )
-    yield from _rows("inputs", {n: _named(i, _input(i)) for n, i in scene.inputs.items()})
-    yield from _rows("modes", {n: _named(m, m.initial.told) for n, m in scene.modes.items()})
-    for edge in scene.edges.values():
-        yield from _table(f"edges.{edge.name}", edge.statement)
-    yield from _rows("outputs", {name: item.told for name, item in scene.outputs.items()})
-    for event in scene.events.values():
-        yield from _table(f"events.{event.name}", _event(event))
+    if scene.ports:
+        yield f"ports = {_value(list(scene.ports))}"
+    parameters, inputs = _own(scene.parameters), _own(scene.inputs)
+    yield from _rows(f"{at}parameters", {n: _named(p, _parameter(p)) for n, p in parameters})
+    yield from _rows(f"{at}inputs", {n: _named(i, _input(i)) for n, i in inputs})
+    modes = _own(scene.modes)
+    yield from _rows(f"{at}modes", {n: _named(m, m.initial.told) for n, m in modes})
+    for name, part in scene.parts.items():
+        own = {"scene": names[id(part.scene)], **statement_of(part)}
+        yield from _table(f"{at}parts.{name}", own)
+    for name, edge in _own(scene.edges):
+        yield from _table(f"{at}edges.{name}", edge.statement)
+    yield from _rows(f"{at}outputs", {name: item.told for name, item in _own(scene.outputs)})
+    for name, event in _own(scene.events):
+        yield from _table(f"{at}events.{name}", _event(event))
     settings = _settings(scene.defaults)
     if settings:
-        yield from _table("simulation", settings)
+        yield from _table(f"{at}simulation", settings)
     if scene.origin is not None:
         table = origin_table(scene.origin)
         # An array of tables follows the table that it belongs to.
         visuals = table.pop("visuals")
-        yield from _table("origin", table)
+        yield from _table(f"{at}origin", table)
         for visual in visuals:
-            yield from _table("origin.visuals", visual, "[[{}]]")
+            yield from _table(f"{at}origin.visuals", visual, "[[{}]]")
+
+
+def _own(rows: Mapping[str, _Row]) -> list[tuple[str, _Row]]:
+    """List the declarations that no part brings along."""
+    return [(name, row) for name, row in rows.items() if "." not in name]
+
+
+def _scenes_of_parts(
+    scene: SceneDescription, found: dict[str, SceneDescription], names: dict[int, str]
+) -> None:
+    """Name the scenes that parts are made of, those of parts within parts first.
+
+    Parameters
+    ----------
+    scene : SceneDescription
+        The scene.
+    found : dict of str to SceneDescription
+        Scenes to be written beside this one, by name; grows.
+    names : dict of int to str
+        What parts call their scene, by its identity; grows.
+    """
+    for part in scene.parts.values():
+        made = part.scene
+        if id(made) in names:
+            continue
+        # What comes with cotree is named, and everything else written: a file stands for itself,
+        # whatever becomes of the files that it was made of.
+        if part.source in shipped_parts() and load_part(part.source)[0] == made:
+            names[id(made)] = part.source
+            continue
+        _scenes_of_parts(made, found, names)
+        name, n = made.name, 1
+        while name in shipped_parts() or found.get(name, made) != made:
+            n += 1
+            name = f"{made.name}_{n}"
+        found[name] = made
+        names[id(made)] = name
 
 
 def _parameter(row: Parameter) -> float | str:

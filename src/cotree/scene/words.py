@@ -13,7 +13,7 @@ import re
 from cotree.errors import ExpressionError
 from cotree.quiet import without_warnings
 
-_WORDS = re.compile(rf"(?<![\w.])({'|'.join(keyword.kwlist)})(?=\.[A-Za-z_])")
+_WORDS = re.compile(rf"(?<!\w)({'|'.join(keyword.kwlist)})(?=\.[A-Za-z_])")
 _MARK = "_ö"
 
 
@@ -36,4 +36,6 @@ def read_tree(text: str) -> ast.expr:
         for node in ast.walk(tree):
             if isinstance(node, ast.Name):
                 node.id = node.id.removesuffix(_MARK)
+            elif isinstance(node, ast.Attribute):
+                node.attr = node.attr.removesuffix(_MARK)
     return tree

@@ -77,7 +77,7 @@ def _jumps(record: RunRecord, model: CompiledModel, settings: Settings) -> Float
     """List the times within a run where something may jump, in no order."""
     span = (float(record.t[0]), float(record.t[-1]))
     signals = read_signals(settings.inputs, model.inputs)
-    p = model.parameter_array(record.parameter_values)
+    p = model.arguments_of(record.parameter_values)
     corners = [row.t for row in model.corners(p, span, settings.inputs, signals.breakpoints)]
     return np.concatenate([np.array(corners, dtype=float), *(e.t for e in record.events.values())])
 

@@ -13,6 +13,7 @@ import numpy as np
 from cotree.errors import SceneError
 from cotree.files import check_suffix, written_whole
 from cotree.scene.expressions import check_number
+from cotree.scene.part import origins_of
 from cotree.sharing import forming
 from cotree.watch.catalogue import draft_scene
 from cotree.watch.frames import choose_frames, coordinates_at
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from cotree.solvers import RunRecord
     from cotree.watch.drawing import Drawing
     from cotree.watch.frames import WatchedModel
+    from cotree.watch.shapes import Mesh
 
 _SUFFIXES = (".gif", ".html")
 _NOTEBOOK_HEIGHT = 520  # pixels
@@ -211,12 +213,16 @@ def animate(
     n_bodies = len(first.motion.geometry)
     # Bodies count, since each of them has a pose in each frame.
     frames = choose_frames(float(shown.t[0]), float(shown.t[-1]), fps, speed, n_bodies)
-    p = model.parameter_array(result.parameter_values)
+    p = model.arguments_of(result.parameter_values)
     with forming:
         coordinates = coordinates_at(shown, model, first.system, p, frames.times)
         values = MotionValues(first.motion, p, frames.times, coordinates)
         stage = set_stage(first, values, view)
-        meshes = visual_meshes(first.scene.origin, stage.places, trust_paths=trust_paths)
+        meshes: dict[int, list[tuple[str, Mesh]]] = {}
+        for origin in origins_of(first.scene):
+            own = visual_meshes(origin, stage.places, trust_paths=trust_paths)
+            for cluster, rows in own.items():
+                meshes.setdefault(cluster, []).extend(rows)
         draft = draft_scene(first, values, stage, meshes)
     # A run that stopped early is shown as far as it went, and says so.
     note = "" if result.success else f"stopped early at t = {shown.t[-1]:.6g} s"

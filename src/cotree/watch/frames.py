@@ -21,7 +21,7 @@ from cotree.errors import Error, SceneError
 from cotree.scene.expressions import check_number
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
     from cotree.formulation.first_graph import FirstGraph
     from cotree.formulation.system import System
@@ -48,8 +48,8 @@ class WatchedModel(Protocol):
         """The first graph, from which its equations were formed."""
         ...
 
-    def parameter_array(self, values: Any = None) -> Array:
-        """Give the parameter array."""
+    def arguments_of(self, values: Mapping[str, float]) -> Array:
+        """Give the parameters of a run as an array."""
         ...
 
     def rhs(self, t: float, y: Any, p: Any = None, u: Any = None) -> Array:

@@ -26,13 +26,13 @@ _FEWEST = 200  # of one mesh
 
 
 def visual_meshes(
-    origin: Origin | None, places: Mapping[str, Place], *, trust_paths: bool = False
+    origin: Origin, places: Mapping[str, Place], *, trust_paths: bool = False
 ) -> dict[int, list[tuple[str, Mesh]]]:
     """Give the shapes of each cluster, by the name of the node.
 
     Parameters
     ----------
-    origin : Origin or None
+    origin : Origin
         Shapes and names in the robot's file.
     places : mapping of str to Place
         Where the nodes are in their clusters.
@@ -44,8 +44,6 @@ def visual_meshes(
     RuntimeWarning
         Once, if meshes are missing or cannot be read; their links are then drawn as bars.
     """
-    if origin is None:
-        return {}
     files: dict[str, Mesh] = {}
     failed: dict[str, str] = {}
     found: dict[int, list[tuple[str, Mesh]]] = {}

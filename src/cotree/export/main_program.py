@@ -1,0 +1,302 @@
+"""What the main program of a C project is told.
+
+In: a program, the methods that are compiled in, and the start. Out: the context of its template.
+Numbers that follow from parameters when the text is written (the start, the times of kinks) are
+constants there: parameters that they depend on are marked, for the main program to refuse others.
+"""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.codegen.fixed import FIXED
+from cotree.codegen.integrators import INTEGRATORS
+from cotree.codegen.printing import literal, wrapped
+from cotree.dag.stops import value_of
+from cotree.dag.traverse import symbols_in
+from cotree.naming import c_string
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from cotree.codegen.context import ModelContext
+    from cotree.codegen.fixed import FixedStep
+    from cotree.codegen.rosenbrock import RosenbrockTableau
+    from cotree.codegen.tableaus import Tableau
+    from cotree.dag.nodes import Node
+    from cotree.model.consistent import Start
+    from cotree.program import Program
+
+#: Every method of C projects, by name: those that control their steps, and those of one length.
+METHODS: dict[str, Tableau | RosenbrockTableau | FixedStep] = {**INTEGRATORS, **FIXED}
+
+#: Kernels whose parameters a start depends on that had to be found.
+_OF_START = (
+    "initial",
+    "initial_sensitivity",
+    "constraints",
+    "constraint_sensitivity",
+    "gradient",
+    "start",
+    "start_gradient",
+    "start_sensitivity",
+)
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """The numbers of a run that says nothing else.
+
+    Attributes
+    ----------
+    t_end : float
+        End time, [s].
+    rtol, atol : float
+        Tolerances.
+    step : float or None
+        Length of all steps of a method of ``FIXED``, [s].
+    """
+
+    t_end: float
+    rtol: float
+    atol: float
+    step: float | None = None
+
+
+@dataclass(frozen=True)
+class MainContext:
+    """The values that the template of the main program receives.
+
+    Attributes
+    ----------
+    title, name_literal, prefix, upper, generator : str
+        As in the model's context.
+    integrator : str
+        The first method.
+    methods : list of str
+        All that are compiled in.
+    implicit : list of str
+        Those among them that take a Jacobian.
+    is_implicit, has_explicit : bool
+        Whether there are such methods, and others.
+    command : str
+        Command that builds the executable.
+    t_end, rtol, atol : str
+        C literals.
+    guards : list of str
+        A C string for each guard of ``prepare``: what it demands.
+    stops : list of str
+        A C initialiser for each time, or each row of times with a period, where something has a
+        kink: the first time, the period or zero, and one where none come before the first.
+    has_sensitivities : bool
+        Whether the unknowns are states and sensitivities, or states alone.
+    seeds : list of int
+        Positions of the sensitivity parameters, -1 for initial values.
+    start : list of str
+        Lines of C literals: the initial states and sensitivities of a model whose start has to
+        satisfy more than its kernels of the initial state; empty for others.
+    n_constraints : int
+        Number of constraints, with their rates and the norms of quaternions.
+    n_algebraic : int
+        Number of algebraic unknowns among the states.
+    n_events : int
+        Number of events.
+    is_strict : bool
+        Whether constraints are dependent, so that rates are taken on them.
+    step : str
+        Length of all steps; empty where the step size is controlled.
+    is_extended : bool
+        Whether algebraic unknowns are integrated, too.
+    sizes : list of str
+        Lines of C literals: the factor of each state's absolute tolerance, if any.
+    least_size : str
+        The least of these, where it is below one.
+    parameters : bool
+        Whether there are parameters.
+    held : list of str
+        Lines of a one for each parameter that numbers of the text depend on, else a zero; empty
+        where they depend on none.
+    digits : str
+        Format of a number in tables.
+    """
+
+    title: str
+    name_literal: str
+    prefix: str
+    upper: str
+    generator: str
+    integrator: str
+    methods: list[str]
+    implicit: list[str]
+    is_implicit: bool
+    has_explicit: bool
+    command: str
+    t_end: str
+    rtol: str
+    atol: str
+    guards: list[str]
+    stops: list[str]
+    max_step: str
+    has_sensitivities: bool
+    seeds: list[int]
+    start: list[str]
+    n_constraints: int
+    n_algebraic: int
+    n_events: int
+    is_strict: bool
+    step: str
+    is_extended: bool
+    sizes: list[str]
+    least_size: str
+    parameters: bool
+    held: list[str]
+    digits: str
+
+
+def main_context(
+    program: Program,
+    model: ModelContext,
+    methods: Sequence[str],
+    command: str,
+    numbers: Numbers,
+    start: Start | None,
+    sizes: Sequence[float],
+    *,
+    is_strict: bool,
+) -> MainContext:
+    """Gather what the template of the main program needs.
+
+    Parameters
+    ----------
+    program : Program
+        After its passes.
+    model : ModelContext
+        Of the program.
+    methods : sequence of str
+        The methods that are compiled in, the one that runs by default first.
+    command : str
+        Command that builds the executable.
+    numbers : Numbers
+        Of a run that says nothing else.
+    start : Start or None
+        The start, where it had to be found.
+    sizes : sequence of float
+        Factors of the absolute tolerances of states, if any.
+    is_strict : bool
+        Whether constraints are dependent, so that rates are taken on them.
+    """
+    implicit = [name for name in methods if METHODS[name].is_implicit]
+    has_explicit = len(implicit) < len(methods)
+    least = min(1.0, *sizes) if sizes else 1.0
+    return MainContext(
+        title=model.title,
+        name_literal=model.name_literal,
+        prefix=model.prefix,
+        upper=model.upper,
+        generator=model.generator,
+        integrator=methods[0],
+        methods=list(methods),
+        implicit=implicit,
+        is_implicit=bool(implicit),
+        has_explicit=has_explicit,
+        command=command,
+        t_end=literal(numbers.t_end),
+        rtol=literal(numbers.rtol),
+        atol=literal(numbers.atol),
+        guards=[c_string(guard.demand) for guard in program.guards],
+        # Steps of one length pass over these.
+        stops=[] if numbers.step is not None else _stop_rows(program),
+        max_step=_max_step(program),
+        has_sensitivities=bool(model.sensitivities),
+        seeds=_seeds(program),
+        start=[] if start is None else _lines(start.z),
+        n_constraints=model.n_constraints,
+        n_algebraic=model.n_algebraic,
+        n_events=len(program.layout.events),
+        is_strict=is_strict,
+        step="" if numbers.step is None else literal(numbers.step),
+        is_extended=has_explicit and program.can_extend and not program.layout.events,
+        sizes=_lines(sizes),
+        least_size=literal(least) if least < 1.0 else "",
+        parameters=bool(model.parameters),
+        held=_held(program, has_start=start is not None),
+        digits="%.17g",
+    )
+
+
+def held_parameters(program: Program, *, has_start: bool) -> frozenset[int]:
+    """List the parameters, by place, that numbers of the text depend on.
+
+    Parameters
+    ----------
+    program : Program
+        The program.
+    has_start : bool
+        Whether the start is among these numbers.
+    """
+    roots: list[Node] = []
+    if has_start:
+        layout = program.layout
+        roots += [node for name in _OF_START for node in program.kernels[name].results]
+        # Algebraic unknowns follow from their equations, whose rates are residuals.
+        if layout.n_algebraic:
+            n = len(layout.states)
+            roots += program.kernels["rhs"].results[n - layout.n_algebraic :]
+            roots += program.kernels["inputs"].results
+        if any(row.is_jump for row in layout.events):
+            roots += [*program.kernels["events"].results, *program.kernels["inputs"].results]
+    for stop in (stop for own in program.stops.values() for stop in own):
+        roots += [stop.first, *(d for pair in stop.along for d in pair)]
+        roots += [] if stop.period is None else [stop.period]
+    roots += [limit for own in program.longest_steps.values() for limit in own]
+    return frozenset(s.data[1] for s in symbols_in(roots) if s.data[0] == "p")
+
+
+def _held(program: Program, *, has_start: bool) -> list[str]:
+    held = held_parameters(program, has_start=has_start)
+    n = len(program.layout.parameters)
+    return wrapped(str(int(i in held)) for i in range(n)) if held else []
+
+
+def _seeds(program: Program) -> list[int]:
+    places = {row.name: i for i, row in enumerate(program.layout.parameters)}
+    # Initial values of states have no place among the parameters.
+    return [places.get(name, -1) for name in program.layout.sensitivities]
+
+
+def _stop_rows(program: Program) -> list[str]:
+    """List the times of kinks of inputs and rates, at the program's parameter values."""
+    symbols = program.dag
+    values = {symbols.symbol("p", i): v for i, v in enumerate(program.layout.parameter_values)}
+    rows = set()
+    for stop in (stop for own in program.stops.values() for stop in own):
+        first = value_of(stop.first, values)
+        # Some times do not exist at these values: divided by a parameter that is zero, for example.
+        if not math.isfinite(first):
+            continue
+        period = value_of(stop.period, values)
+        # C takes positive periods only. Times that repeat in both directions are the same for a
+        # period of the other sign, whose derivatives have the other sign, too.
+        sign = math.copysign(1.0, period)
+        slopes = [value_of(d, values) for pair in stop.along for d in pair]
+        # One time only: C tells it by a period of zero, whose derivatives follow it.
+        if not math.isfinite(period) or period == 0.0:
+            period, slopes[1::2] = 0.0, [0.0] * len(stop.along)
+        slopes[1::2] = [sign * d for d in slopes[1::2]]
+        # With a positive period, times that began at the first one and went back end there.
+        rows.add((first, abs(period), sign * stop.starts, *slopes))
+    return [f"{{{', '.join(map(literal, row))}}}" for row in sorted(rows)]
+
+
+def _max_step(program: Program) -> str:
+    """Write the longest step at the program's parameter values; nothing if steps are unlimited."""
+    longest = program.longest_step(program.layout.parameter_values)
+    return literal(longest) if math.isfinite(longest) else ""
+
+
+def _lines(values: Iterable[float]) -> list[str]:
+    text = " ".join(f"{literal(float(value))}," for value in values)
+    return textwrap.wrap(text, 96, break_long_words=False, break_on_hyphens=False)

@@ -1,0 +1,96 @@
+"""The method of scenes that adds a part to them."""
+
+from __future__ import annotations
+
+from os import PathLike
+from typing import TYPE_CHECKING, Any, cast
+
+from cotree.errors import SceneError, brief
+from cotree.scene.description import SceneDescription
+from cotree.scene.part_adding import add_part
+from cotree.scene.toml_file import load_part
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+
+class PartMethods:
+    """The method of scenes that adds a part."""
+
+    def add(
+        self,
+        name: str,
+        part: SceneDescription | str | Path,
+        /,
+        *,
+        count: int | Sequence[int] | None = None,
+        index: str | Sequence[str] | None = None,
+        nodes: Mapping[str, str] | None = None,
+        parameters: Mapping[str, Any] | None = None,
+        inputs: Mapping[str, Any] | None = None,
+        set: Mapping[str, Any] | None = None,
+        **bindings: Any,
+    ) -> None:
+        """Add a part: another scene, whose declarations get names within this one.
+
+        Parameters
+        ----------
+        name : str
+            Its name; what it holds is called ``name.edge.variable``, ``name.parameter``, ...
+        part : Scene, str or Path
+            A scene, which is copied; the name of a shipped part; or the path of a TOML file.
+        count : int or sequence of int, optional
+            Makes an array of parts: ``name1``, ``name2``, ...; ``name1_1`` of two counts.
+        index : str or sequence of str, optional
+            What the numbers of a part are called in bindings; ``i``, ``j`` and ``k`` by default.
+            Names of nodes hold them in braces: ``left="n{i - 1}"``.
+        nodes : mapping of str to str, optional
+            Nodes of this scene, by those of the part that they are. The ground is one for all.
+        parameters, inputs : mapping of str to float, str, or table of value and unit, optional
+            Values of the part's parameters and inputs: numbers, or expressions of this scene. What
+            has none keeps the value of its own scene. Inputs take tables, (times, values), too.
+        set : mapping of str to float or str, optional
+            Values of single parts of an array by their whole name, ``{"cell3.R": 0.05}``.
+        **bindings
+            Nodes, parameters and inputs by their names, as in the three tables.
+
+        Raises
+        ------
+        ModelError
+            If a name is unknown or taken, a port is left open, or a value is not accepted.
+
+        Examples
+        --------
+        >>> import cotree
+        >>> cell = cotree.Scene("cell")
+        >>> cell.parameter("R", 1.0)
+        >>> cell.edge("series", "resistor", "left", "right", resistance="R")
+        >>> cell.edge("shunt", "capacitor", "right", "ground", capacitance=1.0)
+        >>> ladder = cotree.Scene("ladder")
+        >>> ladder.add("cell", cell, count=3, left="n{i - 1}", right="n{i}", R="0.5*i")
+        >>> ladder.edge("source", "voltage_source", "n0", "ground", voltage=1.0)
+        >>> ladder.compile().states
+        ('cell1.shunt.v', 'cell2.shunt.v', 'cell3.shunt.v')
+        """
+        if isinstance(part, SceneDescription):
+            scene, source = template_of(part), ""
+        elif isinstance(part, (str, PathLike)):
+            scene, source = load_part(part)
+        else:
+            raise SceneError(
+                f"part '{brief(name)}' is made of {brief(repr(part))}: give a scene, a file, or "
+                "the name of a shipped part"
+            )
+        own = {"count": count, "index": index, "nodes": nodes, "parameters": parameters}
+        own |= {"inputs": inputs, "set": set}
+        given = {key: value for key, value in own.items() if value is not None}
+        add_part(cast("SceneDescription", self), name, scene, {**given, **bindings}, source)
+
+
+def template_of(scene: SceneDescription) -> SceneDescription:
+    """Copy a scene as something that parts are made of, which does not follow the original."""
+    made = SceneDescription(scene.name)
+    # A plain description: equal templates are equal whatever class the user's scene has.
+    made.__dict__.update(scene.copied().__dict__)
+    return made
