@@ -81,7 +81,7 @@ html_css_files = ["site.css"]
 # Pages that have none below them need no list of those.
 _ALONE = (
     *("index", "first_steps", "tour", "scenes", "solvers", "watching", "spice", "urdf", "c", "faq"),
-    "petab",
+    *("petab", "fmu"),
     *("coming_from", "theory", "formulation", "engine", "hard_cases", "benchmarks", "architecture"),
     *("contributing", "changelog", "command_line"),
 )

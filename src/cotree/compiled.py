@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.carried import carry, digest
 from cotree.ensemble.of_model import EnsembleMethods
+from cotree.errors import SolveError
+from cotree.files import target_path
 from cotree.model.arrays import as_array, derived_values
 from cotree.model.moment import Moment
 from cotree.model.points import PointMethods
 from cotree.model.start import find_start, scene_start
+from cotree.naming import c_identifier
 from cotree.operating import OperatingPoint, program_at_rest
 from cotree.runner import RunnableModel
 from cotree.scene.replaced import expressions_among
@@ -22,9 +25,13 @@ from cotree.solvers.methods import METHODS
 from cotree.variants import Variants
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from cotree.choice import Operations
     from cotree.compilation import Compiled
     from cotree.export.c_project import CProject
+    from cotree.export.fmu.choice import FmuChoice
+    from cotree.export.fmu.write import Fmu
     from cotree.formulation.first_graph import FirstGraph
     from cotree.model.arrays import Array
     from cotree.model.consistent import Start
@@ -253,3 +260,89 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
         # Kernels of the project alone are new nodes of the program's arena, which threads share.
         with forming:
             return write_c_project(self._program, to, kit, **numbers, step=step, start=start)
+
+    def export_fmu(
+        self,
+        path: str | Path,
+        version: int = 3,
+        kinds: Sequence[str] = ("ModelExchange", "CoSimulation"),
+        integrator: str | None = None,
+        *,
+        inputs: Sequence[str] | None = None,
+        platforms: Sequence[str] | None = None,
+    ) -> Fmu:
+        """Write the model as a functional mock-up unit (FMU), which other simulators import.
+
+        The file holds its C sources and needs nothing but libm. An FMU of Co-Simulation alone has
+        the sensitivities that the model was compiled with as variables.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file, ``x.fmu``.
+        version : int
+            3 or 2, the version of the Functional Mock-up Interface.
+        kinds : sequence of str
+            ``ModelExchange``, ``CoSimulation`` or both.
+        integrator : str, optional
+            Of Co-Simulation: ``dopri5``, ``rkf45``, ``dop853``, ``rodas5`` or ``rodas4``. By
+            default ``rodas5`` where there are algebraic unknowns, else ``dopri5``.
+        inputs : sequence of str, optional
+            Inputs that are set from outside. By default these are the ones that are constants in
+            the scene; the others are the scene's functions of time.
+        platforms : sequence of str, optional
+            Platforms of its libraries: ``x86_64-linux``, ``aarch64-linux``, ``x86_64-windows``,
+            ``x86_64-darwin``, ``aarch64-darwin``. By default this machine; others need the extra
+            ``zig``. An empty list makes an FMU of sources.
+
+        Returns
+        -------
+        Fmu
+            What was written.
+
+        Raises
+        ------
+        CodegenError
+            If an argument is unknown, or the scene and what is asked for do not go together.
+        SceneError
+            If the file cannot be written.
+        BuildError
+            If there is no compiler, or it fails.
+        """
+        from cotree.export.evaluated import Evaluated
+        from cotree.export.fmu.choice import choose
+        from cotree.export.fmu.write import write_fmu
+
+        choice = choose(version, kinds, integrator, inputs, platforms)
+        d = self._recipe.defaults
+        rest = self.start() if self.begins_at_rest else None
+        to, extra = target_path(path, "the FMU"), self._fmu_extras(choice)
+        # Further kernels are new nodes of the program's arena, which threads share.
+        with forming:
+            own = Evaluated(self._program)
+            numbers = d.t_end, d.rtol, d.atol
+            return write_fmu(self._program, to, choice, own, numbers, rest=rest, extra=extra)
+
+    def _fmu_extras(self, choice: FmuChoice) -> dict[str, bytes]:
+        """Give the expected results and the icon of an FMU."""
+        from cotree.export.fmu.extras import icon_files, reference_files, reference_times
+        from cotree.export.fmu.write import interval_of
+        from cotree.pipeline import draw_graphs
+        from cotree.plot import draw_graphs as picture
+
+        t_end = self._recipe.defaults.t_end
+        graphs, trees = draw_graphs(self._scene, None)
+        drawn = picture((graph, trees.get(domain)) for domain, graph in graphs.items())
+        files = icon_files(drawn, choice.version)
+        # Inputs from outside stay where they begin.
+        begin = self.input_values(0.0)
+        wanted = choice.inputs or ()
+        held = {name: u for name, u in zip(self.inputs, begin, strict=True) if name in wanted}
+        try:
+            result = self.simulate(
+                (0.0, t_end), reference_times(t_end, interval_of(t_end)), inputs=held
+            )
+        except SolveError:
+            return files  # the default experiment has no results
+        columns = {name: result[name] for name in self.outputs}
+        return files | reference_files(c_identifier(self.layout.name), result.t, columns)

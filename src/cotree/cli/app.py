@@ -22,6 +22,7 @@ from cotree.cli.arguments import (
     read_numbers,
     read_tree,
 )
+from cotree.cli.exporting import export_scene
 from cotree.cli.fitting import fit_scene
 from cotree.cli.guide import new_scene, show_components
 from cotree.cli.linting import lint_scene
@@ -246,6 +247,9 @@ def generate_project(
     for file in project.files:
         typer.echo(f"wrote {file}")
     typer.echo(f"build it there with: {project.command}")
+
+
+app.command("export")(export_scene)
 
 
 @app.command("equations")

@@ -1,0 +1,312 @@
+"""The table of variables of a model: names, units, start values, and what depends on what."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cotree.errors import CodegenError
+from cotree.export.fmu.table import Variable, Variables
+from cotree.units import stated_unit, unit_text
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from cotree.export.fmu.kernels import FmuKernels
+    from cotree.program import Layout
+
+
+class _Names:
+    """Names that are given once."""
+
+    def __init__(self) -> None:
+        self._given: set[str] = set()
+
+    def own(self, name: str) -> str:
+        """Give a name, with a number behind it where it is taken."""
+        found, n = name, 2
+        while found in self._given:
+            found, n = f"{name}_{n}", n + 1
+        self._given.add(found)
+        return found
+
+
+def list_variables(
+    layout: Layout,
+    kernels: FmuKernels,
+    outside: Sequence[int],
+    input_values: Sequence[float],
+    start: Sequence[float],
+    *,
+    has_sensitivities: bool,
+    is_found: bool,
+) -> Variables:
+    """List the variables of a model.
+
+    Parameters
+    ----------
+    layout : Layout
+        Names and units.
+    kernels : FmuKernels
+        What tells dependencies.
+    outside : sequence of int
+        Places of the inputs that are set from outside.
+    input_values : sequence of float
+        Their start values.
+    start : sequence of float
+        States at the start.
+    has_sensitivities : bool
+        Whether sensitivities are variables, too.
+    is_found : bool
+        Whether states at the start follow from constraints or other conditions.
+
+    Raises
+    ------
+    CodegenError
+        If the scene is too large for value references.
+    """
+    return _Listing(layout, kernels, outside, has_sensitivities).listed(
+        input_values, start, is_found=is_found
+    )
+
+
+class _Listing:
+    """Makes the blocks in turn; the first reference of each follows from those before it."""
+
+    def __init__(
+        self,
+        layout: Layout,
+        kernels: FmuKernels,
+        outside: Sequence[int],
+        has_sensitivities: bool,
+    ) -> None:
+        self.layout, self.kernels, self.outside = layout, kernels, outside
+        self.signals = [i for i in range(len(layout.inputs)) if i not in outside]
+        n_sensitivities = len(layout.sensitivities) if has_sensitivities else 0
+        self.n, self.n_rates = len(layout.states), len(layout.states) - layout.n_algebraic
+        counts = (
+            1,
+            self.n,
+            self.n_rates,
+            len(layout.parameters),
+            len(outside),
+            len(self.signals),
+            len(layout.outputs),
+            len(layout.events),
+            len(layout.outputs) * n_sensitivities,
+            self.n * n_sensitivities,
+        )
+        self.firsts = [sum(counts[:i]) for i in range(len(counts) + 1)]
+        if self.firsts[-1] > 2**31 - 1:
+            raise CodegenError("the scene has too many variables for an FMU")
+        self.names = _Names()
+        self.names.own("time")
+        # What the scene names comes first; what is made of these names gives way.
+        named = (layout.parameters, layout.inputs, layout.outputs, layout.states)
+        self.own = [[self.names.own(row.name) for row in rows] for rows in named]
+        columns = kernels.partials.columns_of()
+        self.needed = self._closed(columns)
+
+    def _closed(self, columns: list[set[int]]) -> list[set[int]]:
+        """Replace algebraic unknowns among the columns of each row by what these depend on."""
+        algebraic = range(self.n_rates, self.n)
+        if not algebraic:
+            return columns
+        # Each unknown may depend on all that the residuals do; connected ones share it.
+        group = {i: {i} for i in algebraic}
+        for i in algebraic:
+            merged = set().union(*(group[j] for j in columns[i] if j in group), group[i])
+            for j in merged:
+                group[j] = merged
+        known = {
+            i: {c for row in group[i] for c in columns[row] if c not in group} for i in algebraic
+        }
+        found = []
+        for row in columns:
+            direct = {c for c in row if c not in group}
+            found.append(direct.union(*(known[c] for c in row if c in group)))
+        self.known = known
+        return found
+
+    def _reference(self, column: int) -> int:
+        """Give the value reference of a column of the partial derivatives."""
+        n_outside, n_p = len(self.outside), len(self.layout.parameters)
+        if column < self.n:
+            return self.firsts[1] + column
+        column -= self.n
+        if column < n_outside:
+            return self.firsts[4] + column
+        column -= n_outside
+        return self.firsts[3] + column if column < n_p else 0
+
+    def _needs(self, row: int) -> tuple[int, ...]:
+        return tuple(sorted({self._reference(c) for c in self.needed[row]}))
+
+    def listed(
+        self, input_values: Sequence[float], start: Sequence[float], *, is_found: bool
+    ) -> Variables:
+        layout, firsts = self.layout, self.firsts
+        self._find_start(is_found)
+        states = [self._state(i, start[i]) for i in range(self.n)]
+        rates = [self._rate(i) for i in range(self.n_rates)]
+        parameters = [
+            Variable(
+                firsts[3] + i, self.own[0][i], row.unit, row.doc, "parameter", "tunable", "exact", v
+            )
+            for i, (row, v) in enumerate(
+                zip(layout.parameters, layout.parameter_values, strict=True)
+            )
+        ]
+        inputs = [
+            Variable(
+                firsts[4] + i,
+                self.own[1][place],
+                layout.inputs[place].unit,
+                layout.inputs[place].doc,
+                "input",
+                "continuous",
+                start=input_values[i],
+            )
+            for i, place in enumerate(self.outside)
+        ]
+        first = self.n
+        outputs = [
+            self._calculated(firsts[6] + i, self.own[2][i], row.unit, row.doc, "output", first + i)
+            for i, row in enumerate(layout.outputs)
+        ]
+        first += len(outputs)
+        indicators = [
+            self._calculated(
+                firsts[7] + i,
+                self.names.own(f"{row.name}.indicator"),
+                "",
+                f"what event {row.name} looks at",
+                "local",
+                first + i,
+            )
+            for i, row in enumerate(layout.events)
+        ]
+        first += len(indicators)
+        signals = [
+            self._calculated(
+                firsts[5] + i,
+                self.own[1][place],
+                layout.inputs[place].unit,
+                layout.inputs[place].doc,
+                "local",
+                first + i,
+            )
+            for i, place in enumerate(self.signals)
+        ]
+        time = Variable(0, "time", "s", "", "independent", "continuous")
+        return Variables(
+            time,
+            tuple(states),
+            tuple(rates),
+            tuple(parameters),
+            tuple(inputs),
+            tuple(signals),
+            tuple(outputs),
+            tuple(indicators),
+            *self._slopes(),
+        )
+
+    def _find_start(self, is_found: bool) -> None:
+        """Find which states follow from what at the start."""
+        layout, n_p = self.layout, len(self.layout.parameters)
+        own = [set(row) for row in self.kernels.initial.columns_of()] or [set()] * self.n
+        everything = {self.firsts[3] + j for j in range(n_p)}
+        everything |= {self.firsts[4] + j for j in range(len(self.outside))}
+        # A constrained start may depend on all that is given.
+        is_tied = bool(layout.constraints or layout.start_rows)
+        self.of_state: list[tuple[int, ...] | None] = []
+        for i in range(self.n_rates):
+            depends = {self.firsts[3] + j for j in own[i]}
+            if is_tied and not layout.given[i]:
+                depends = everything
+            elif is_found and not layout.given[i]:
+                depends = set()  # it begins where it was found
+            self.of_state.append(tuple(sorted(depends)) if depends else None)
+        exact = {self.firsts[1] + i for i, d in enumerate(self.of_state) if d is None}
+        for i, depends_on in enumerate(self.of_state):
+            if depends_on is not None and is_tied and not layout.given[i]:
+                self.of_state[i] = tuple(sorted({*depends_on, *exact}))
+
+    def _at_start(self, references: Iterable[int]) -> tuple[int, ...]:
+        """Replace states that are no knowns of the initialization by what they follow from."""
+        found: set[int] = set()
+        for reference in references:
+            i = reference - self.firsts[1]
+            depends = self.of_state[i] if 0 <= i < self.n_rates else None
+            found |= {reference} if depends is None else set(depends)
+        return tuple(sorted(found))
+
+    def _state(self, i: int, start: float) -> Variable:
+        layout, reference = self.layout, self.firsts[1] + i
+        row = layout.states[i]
+        name, doc = self.own[3][i], row.doc
+        if i >= self.n_rates:
+            needs = tuple(sorted({self._reference(c) for c in self.known[i]}))
+            return Variable(
+                reference, name, row.unit, doc or "an algebraic unknown", "local", "continuous",
+                "calculated", depends=needs, depends_at_start=self._at_start(needs),
+            )  # fmt: skip
+        depends = self.of_state[i]
+        targets = {target for event in layout.events for target in event.targets}
+        return Variable(
+            reference, name, row.unit, doc, "local", "continuous",
+            "exact" if depends is None else "approx",
+            start,
+            is_reset=bool(layout.constraints) or i in targets,
+            depends_at_start=depends,
+        )  # fmt: skip
+
+    def _rate(self, i: int) -> Variable:
+        row, needs = self.layout.states[i], self._needs(i)
+        unit = _over(row.unit, "s")
+        return Variable(
+            self.firsts[2] + i, self.names.own(f"der({self.own[3][i]})"), unit, "", "local",
+            "continuous", "calculated", derivative_of=self.firsts[1] + i, depends=needs,
+            depends_at_start=self._at_start(needs),
+        )  # fmt: skip
+
+    def _calculated(
+        self, reference: int, name: str, unit: str, doc: str, causality: str, row: int
+    ) -> Variable:
+        needs = self._needs(row)
+        return Variable(
+            reference, name, unit, doc, causality, "continuous", "calculated", depends=needs,
+            depends_at_start=self._at_start(needs),
+        )  # fmt: skip
+
+    def _slopes(self) -> tuple[tuple[Variable, ...], tuple[Variable, ...]]:
+        """List the sensitivities of outputs, then those of states."""
+        layout, found = self.layout, []
+        for first, last, rows, names, causality in (
+            (self.firsts[8], self.firsts[9], layout.outputs, self.own[2], "output"),
+            (self.firsts[9], self.firsts[10], layout.states, self.own[3], "local"),
+        ):
+            wanted = layout.sensitivities if last > first else ()
+            pairs = [(j, i) for j in range(len(wanted)) for i in range(len(rows))]
+            found.append(
+                tuple(
+                    Variable(
+                        first + place,
+                        self.names.own(f"d({names[i]})/d({wanted[j]})"),
+                        _over(rows[i].unit, layout.units.get(wanted[j], "")),
+                        f"sensitivity of {names[i]} to {wanted[j]}",
+                        causality,
+                        "continuous",
+                        "calculated",
+                    )
+                    for place, (j, i) in enumerate(pairs)
+                )
+            )
+        return found[0], found[1]
+
+
+def _over(unit: str, other: str) -> str:
+    """Write a quotient of units; empty where one says nothing."""
+    top, below = stated_unit(unit), stated_unit(other)
+    if top is None or below is None:
+        return ""
+    return unit_text(tuple(a - b for a, b in zip(top.dimension, below.dimension, strict=True)))

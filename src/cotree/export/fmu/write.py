@@ -1,0 +1,257 @@
+"""One call from a model to a file with an FMU."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import zipfile
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from cotree.codegen.integrators import INTEGRATORS
+from cotree.errors import CodegenError, nearest
+from cotree.export.c_checks import check_loops, check_numbers
+from cotree.export.fmu.description import Description
+from cotree.export.fmu.kernels import form_kernels
+from cotree.export.fmu.platforms import build_libraries, wanted_platforms
+from cotree.export.fmu.sources import Facts, source_files
+from cotree.export.fmu.variables import list_variables
+from cotree.files import written_whole
+from cotree.markup import names
+from cotree.naming import c_identifier
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from cotree.export.evaluated import Evaluated
+    from cotree.export.fmu.choice import FmuChoice
+    from cotree.model.consistent import Start
+    from cotree.program import Program
+
+
+@dataclass(frozen=True, repr=False)
+class Fmu:
+    """A written FMU.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    version : int
+        2 or 3.
+    kinds : tuple of str
+        Its interface types.
+    platforms : tuple of str
+        Platforms that it has libraries for.
+    variables : tuple of str
+        Names of its variables, in the order of their value references.
+    """
+
+    path: Path
+    version: int
+    kinds: tuple[str, ...]
+    platforms: tuple[str, ...]
+    variables: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        where = names(list(self.platforms)) if self.platforms else "sources only"
+        return f"<Fmu {self.path}: FMI {self.version}, {' and '.join(self.kinds)}, {where}>"
+
+
+def write_fmu(
+    program: Program,
+    path: Path,
+    choice: FmuChoice,
+    evaluated: Evaluated,
+    numbers: tuple[float, float, float],
+    *,
+    rest: Start | None,
+    extra: Mapping[str, bytes],
+) -> Fmu:
+    """Write a model as an FMU, whole or not at all.
+
+    Parameters
+    ----------
+    program : Program
+        After its passes.
+    path : Path
+        The file.
+    choice : FmuChoice
+        What it is to have.
+    evaluated : Evaluated
+        The program, for its start.
+    numbers : tuple of float
+        End time, relative and absolute tolerance of the default experiment.
+    rest : Start or None
+        The operating point that runs begin at, if they do.
+    extra : mapping of str to bytes
+        Further files by name.
+
+    Raises
+    ------
+    CodegenError
+        If the model and what is asked for do not go together.
+    SceneError
+        If the file cannot be written, or the end time or a tolerance is not acceptable.
+    BuildError
+        If there is no compiler, or it fails.
+    """
+    t_end, rtol, atol = numbers
+    platforms = wanted_platforms(choice.platforms, choice.version)
+    check_numbers(t_end, rtol, atol)
+    _check_calls(program)
+    outside = _outside(program, choice.inputs)
+    kernels = form_kernels(program, outside)
+    facts = _facts(program, choice, evaluated, outside, rest, numbers)
+    identifier = c_identifier(program.layout.name)
+    files = source_files(program, kernels, facts, choice.version)
+    # The token follows from all that description and library share.
+    token = _token(files, choice)
+    files = source_files(program, kernels, replace(facts, token=token), choice.version)
+    variables = list_variables(
+        program.layout,
+        kernels,
+        outside,
+        facts.input_values,
+        facts.start,
+        has_sensitivities=facts.has_sensitivities,
+        is_found=facts.is_found,
+    )
+    description = Description(
+        choice.version,
+        choice.kinds,
+        program.layout.name,
+        identifier,
+        token,
+        variables,
+        t_end,
+        rtol,
+        interval_of(t_end),
+        tuple(sorted(name for name in files if name.endswith(".c"))),
+    )
+    written = {"modelDescription.xml": description.model_description().encode()}
+    written |= {f"sources/{name}": text.encode("ascii") for name, text in files.items()}
+    if choice.version == 3:
+        written["sources/buildDescription.xml"] = description.build_description().encode()
+    written |= extra
+    n_all = sum(count.total for count in program.operations.values())
+    n_longest = max(kernel.operations.total for kernel in program.kernels.values())
+    n_longest = max([n_longest, *(k.operations.total for k in kernels.present)])
+    for name, library in build_libraries(files, platforms, n_longest, n_all).items():
+        row = next(row for row in platforms if row.name == name)
+        place = f"binaries/{row.folder(choice.version)}/{identifier}{row.suffix}"
+        written[place] = library
+    _write_archive(path, written)
+    return Fmu(
+        path,
+        choice.version,
+        choice.kinds,
+        tuple(row.name for row in platforms),
+        tuple(variable.name for variable in variables.all),
+    )
+
+
+def _check_calls(program: Program) -> None:
+    for kernel in program.kernels.values():
+        for node in kernel.order:
+            if node.op == "call":
+                raise CodegenError(
+                    f"the scene calls the function '{node.data.name}' from outside, which an FMU "
+                    "does not hold: replace it by an expression or a table"
+                )
+
+
+def _outside(program: Program, wanted: Sequence[str] | None) -> tuple[int, ...]:
+    """Find the places of the inputs that are set from outside."""
+    layout, own = program.layout, program.kernels["inputs"].results
+    known = [row.name for row in layout.inputs]
+    if wanted is None:
+        return tuple(i for i, node in enumerate(own) if node.value is not None)
+    for name in wanted:
+        if name not in known:
+            raise CodegenError(f"the scene has no input '{name}'{nearest(name, known)}")
+        depends = layout.input_sensitivities[known.index(name)]
+        if depends:
+            raise CodegenError(
+                f"input '{name}' depends on '{depends[0]}', to which sensitivities are compiled: "
+                "it cannot be set from outside as well"
+            )
+    return tuple(i for i, name in enumerate(known) if name in wanted)
+
+
+def _facts(
+    program: Program,
+    choice: FmuChoice,
+    evaluated: Evaluated,
+    outside: tuple[int, ...],
+    rest: Start | None,
+    numbers: tuple[float, float, float],
+) -> Facts:
+    layout = program.layout
+    t_end, rtol, atol = numbers
+    has_steps = "CoSimulation" in choice.kinds
+    is_exchangeable = "ModelExchange" in choice.kinds
+    is_dependent = evaluated.is_dependent()
+    integrator = ""
+    if has_steps:
+        # Algebraic unknowns come with stiffness, and explicit methods solve for them in each stage.
+        is_stiff = bool(layout.n_algebraic) and not is_dependent
+        integrator = choice.integrator or ("rodas5" if is_stiff else "dopri5")
+        if INTEGRATORS[integrator].is_implicit:
+            check_loops(program, integrator, is_dependent)
+    start = rest or evaluated.start
+    model = evaluated.model
+    u = model.input_values(0.0)
+    return Facts(
+        token="",
+        integrator=integrator,
+        is_exchangeable=is_exchangeable,
+        # Model Exchange has no integration that sensitivities could be a part of.
+        has_sensitivities=bool(layout.sensitivities) and not is_exchangeable,
+        is_strict=is_dependent,
+        outside=outside,
+        input_values=tuple(float(u[i]) for i in outside),
+        start=tuple(float(value) for value in start.y),
+        is_found=bool(layout.has_conditions or layout.followers or layout.n_algebraic),
+        is_at_rest=rest is not None,
+        sizes=tuple(evaluated.sizes(start)),
+        rtol=rtol,
+        atol=atol,
+        t_end=t_end,
+    )
+
+
+def _token(files: Mapping[str, str], choice: FmuChoice) -> str:
+    """Give a token in the form of a GUID that follows from all that is compiled."""
+    text = "\n".join([*choice.kinds, *(f"{name}\n{files[name]}" for name in sorted(files))])
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    parts = (digest[:8], digest[8:12], digest[12:16], digest[16:20], digest[20:32])
+    return f"{{{'-'.join(parts)}}}"
+
+
+def interval_of(t_end: float) -> float:
+    """Give an interval of communication of the default experiment: a round number, about 1/500."""
+    if t_end <= 0.0:
+        return 1.0
+    exponent = math.floor(math.log10(t_end / 500.0))
+    return float(f"1e{exponent}") * next(
+        (m for m in (1, 2, 5) if m * 10.0**exponent * 500.0 >= t_end), 10
+    )
+
+
+def _write_archive(path: Path, files: Mapping[str, bytes]) -> None:
+    with (
+        written_whole(path, "the FMU") as draft,
+        zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as archive,
+    ):
+        for name in sorted(files, key=lambda name: (name != "modelDescription.xml", name)):
+            # The same bytes for the same model: files of the archive have no dates.
+            archive.writestr(_entry(name), files[name])
+
+
+def _entry(name: str) -> zipfile.ZipInfo:
+    entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
+    entry.compress_type = zipfile.ZIP_DEFLATED
+    entry.external_attr = 0o644 << 16
+    return entry

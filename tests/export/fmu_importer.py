@@ -1,0 +1,130 @@
+"""An FMU as tests drive it, through FMPy's C interface."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from fmpy import extract, read_model_description
+from fmpy.fmi2 import FMU2Model, FMU2Slave
+from fmpy.fmi3 import FMU3Model, FMU3Slave
+
+SCENES = sorted(
+    path.stem for path in (Path(__file__).parents[2] / "src" / "cotree" / "scenes").glob("*.toml")
+)
+
+
+class Unit:
+    """An instance of an FMU, with names in place of value references."""
+
+    def __init__(self, path: Path, kind: str = "ModelExchange", **how: Any) -> None:
+        self._folder = tempfile.TemporaryDirectory()
+        self.folder = extract(str(path), self._folder.name)
+        self.description = read_model_description(self.folder)
+        self.version = 3 if self.description.fmiVersion.startswith("3") else 2
+        self.is_exchanged = kind == "ModelExchange"
+        classes = {2: (FMU2Slave, FMU2Model), 3: (FMU3Slave, FMU3Model)}
+        own = self.description.modelExchange or self.description.coSimulation
+        self.fmu = classes[self.version][self.is_exchanged](
+            guid=self.description.guid,
+            unzipDirectory=self.folder,
+            modelIdentifier=own.modelIdentifier,
+            instanceName="unit",
+        )
+        self.messages: list[str] = []
+        self.references = {v.name: v.valueReference for v in self.description.modelVariables}
+        self.names = {v: k for k, v in self.references.items()}
+        self.fmu.instantiate(**how)
+
+    def __enter__(self) -> Unit:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.fmu.freeInstance()
+        self._folder.cleanup()
+
+    def list(self, causality: str) -> list[str]:
+        return [v.name for v in self.description.modelVariables if v.causality == causality]
+
+    @property
+    def rates(self) -> list[str]:
+        return [u.variable.name for u in self.description.derivatives]
+
+    @property
+    def states(self) -> list[str]:
+        return [u.variable.derivative.name for u in self.description.derivatives]
+
+    def at(self, names: list[str]) -> list[int]:
+        return [self.references[name] for name in names]
+
+    def get(self, *names: str) -> np.ndarray:
+        read = self.fmu.getFloat64 if self.version == 3 else self.fmu.getReal
+        return np.array(read(self.at(list(names))))
+
+    def set(self, **values: float) -> None:
+        self.put(values)
+
+    def put(self, values: dict[str, float]) -> None:
+        write = self.fmu.setFloat64 if self.version == 3 else self.fmu.setReal
+        write(self.at(list(values)), list(values.values()))
+
+    def initialize(
+        self,
+        tolerance: float = 1e-10,
+        stop: float | None = None,
+        values: dict[str, float] | None = None,
+    ) -> None:
+        self.begin(tolerance, stop, values)
+        self.fmu.exitInitializationMode()
+
+    def begin(
+        self,
+        tolerance: float = 1e-10,
+        stop: float | None = None,
+        values: dict[str, float] | None = None,
+    ) -> None:
+        if values:
+            self.put(values)
+        if self.version == 3:
+            self.fmu.enterInitializationMode(tolerance=tolerance, startTime=0.0, stopTime=stop)
+        else:
+            self.fmu.setupExperiment(tolerance=tolerance, startTime=0.0, stopTime=stop)
+            self.fmu.enterInitializationMode()
+
+    def update(self) -> float:
+        """Update discrete states; give the time of the next event, infinity for none."""
+        update = self.fmu.updateDiscreteStates if self.version == 3 else self.fmu.newDiscreteStates
+        *_, has_next, t_next = update()
+        return t_next if has_next else math.inf
+
+    def go(self, t: float, x: np.ndarray) -> None:
+        """Set time and states in Continuous-Time Mode."""
+        self.fmu.setTime(t)
+        values = (ctypes.c_double * len(x))(*x)
+        self.fmu.setContinuousStates(values, len(x))
+
+    def step(self, t: float, size: float) -> Any:
+        return self.fmu.doStep(t, size)
+
+    def slopes(self, unknowns: list[str], knowns: list[str]) -> np.ndarray:
+        """Form the matrix of directional derivatives, one column for each known."""
+        n = len(knowns)
+        columns = [
+            self.fmu.getDirectionalDerivative(self.at(unknowns), self.at(knowns), list(row))
+            for row in np.eye(n)
+        ]
+        return np.array(columns).T.reshape(len(unknowns), n)
+
+    def adjoints(self, unknowns: list[str], knowns: list[str]) -> np.ndarray:
+        """Form it by adjoint derivatives, one row for each unknown."""
+        rows = [
+            self.fmu.getAdjointDerivative(
+                self.at(unknowns), self.at(knowns), list(row), len(knowns)
+            )
+            for row in np.eye(len(unknowns))
+        ]
+        return np.array(rows).reshape(len(unknowns), len(knowns))
