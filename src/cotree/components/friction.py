@@ -64,24 +64,34 @@ class _Rubbing:
 
     def port(self, given: Given) -> Terminal:
         """Form the terminal equation; fields that are left out take no part in it."""
-        import sympy
 
-        across, sliding = _symbol("across"), self.force(_symbol)
-        holding = self.raised(_symbol) if self.peak in given else sliding
-        force = sliding
-        if "stribeck_speed" in given:
+        def sliding() -> Any:
+            return self.force(_symbol)
+
+        def holding() -> Any:
+            return self.raised(_symbol) if self.peak in given else sliding()
+
+        def dry() -> Any:
+            if "stribeck_speed" not in given:
+                return sliding()
+            import sympy
+
             # From the force at rest down to that of sliding (L. C. Bo, D. Pavelescu, Wear 82 (1982)
             # 277, with the exponent two).
-            force += (holding - force) * sympy.exp(-((across / _symbol("stribeck_speed")) ** 2))
-        viscous = _symbol("damping") * across if "damping" in given else sympy.Integer(0)
+            share = sympy.exp(-((_symbol("across") / _symbol("stribeck_speed")) ** 2))
+            return sliding() + (holding() - sliding()) * share
+
+        def viscous() -> Any:
+            return _symbol("damping") * _symbol("across") if "damping" in given else 0
+
         is_engaged = all(_is_positive(given.get(name)) for name in self.factors)
         friction = Friction(
-            forward=Law.of(force + viscous),
-            backward=Law.of(-force + viscous),
-            upper=Law.of(holding),
-            lower=None if self.is_one_way else Law.of(-holding),
+            forward=Law.formed_by(lambda: dry() + viscous()),
+            backward=Law.formed_by(lambda: -dry() + viscous()),
+            upper=Law.formed_by(holding),
+            lower=None if self.is_one_way else Law.formed_by(lambda: -holding()),
             # A one-way clutch locks backwards even where nothing presses it together.
-            grip=None if is_engaged or self.is_one_way else Law.of(sliding),
+            grip=None if is_engaged or self.is_one_way else Law.formed_by(sliding),
         )
         return Terminal(self.domain, Kind.FRICTION, friction=friction)
 
@@ -181,20 +191,25 @@ def _bristles(domain: str, force: str, force_unit: str, length: str) -> Componen
     The law is that of C. Canudas, H. Olsson, K. J. Astrom and P. Lischinsky, IEEE Trans. Autom.
     Control 40 (1995) 419.
     """
-    import sympy
 
-    v, z, most = _symbol("across"), _symbol("stretch"), _symbol("breakaway")
-    sliding = _symbol(force)
-    level = sliding + (most - sliding) * sympy.exp(-((v / _symbol("stribeck_speed")) ** 2))
-    rate = v - _symbol("stiffness") * sympy.Abs(v) * z / level
-    through = _symbol("stiffness") * z + _symbol("damping") * rate + _symbol("viscous") * v
+    def rate() -> Any:
+        import sympy
+
+        v, sliding, most = _symbol("across"), _symbol(force), _symbol("breakaway")
+        level = sliding + (most - sliding) * sympy.exp(-((v / _symbol("stribeck_speed")) ** 2))
+        return v - _symbol("stiffness") * sympy.Abs(v) * _symbol("stretch") / level
+
+    def through() -> Any:
+        bent = _symbol("stiffness") * _symbol("stretch") + _symbol("damping") * rate()
+        return bent + _symbol("viscous") * _symbol("across")
+
     speed_unit, slope_unit = f"{length}/s", f"{force_unit} s/{length}"
     port = Terminal(
         domain,
         Kind.SPRING,
-        through=Law.of(through),
+        through=Law.formed_by(through),
         is_passive=False,
-        integral=Integral("z", length, Law.of(rate)),
+        integral=Integral("z", length, Law.formed_by(rate)),
     )
     fields = (
         value(force, force_unit, "of dry friction in steady sliding", "positive"),
@@ -215,21 +230,37 @@ def _toothed(given: Given) -> Component:
     does, e and f the efficiencies (C. Pelchen, C. Schweiger, M. Otter, Modeling and Simulating the
     Efficiency of Gearboxes, Modelica Conference 2002). Each is the larger where it holds.
     """
-    import sympy
 
-    passed, e = _symbol("through_input"), _symbol("efficiency")
-    f = _symbol("back_efficiency") if "back_efficiency" in given else e
-    bearing = _symbol("torque") if "torque" in given else sympy.Integer(0)
-    laws, limits = [], []
-    # The input drives where its torque has the sign of the speed: forwards on the positive side.
-    for way, choose in ((1, sympy.Max), (-1, sympy.Min)):
-        drives = (passed * (1 - e) + way * bearing) / e
-        driven = passed * (f - 1) + way * f * bearing
+    def passed() -> Any:
+        return _symbol("through_input")
+
+    def drives(way: int) -> Any:
+        e = _symbol("efficiency")
+        return (passed() * (1 - e) + way * bearing()) / e
+
+    def driven(way: int) -> Any:
+        f = _symbol("back_efficiency" if "back_efficiency" in given else "efficiency")
+        return passed() * (f - 1) + way * f * bearing()
+
+    def bearing() -> Any:
+        return _symbol("torque") if "torque" in given else 0
+
+    def sliding(way: int) -> Any:
         own = (1 + way * _symbol("side")) / 2
-        laws.append(Law.of(own * drives + (1 - own) * driven))
-        limits.append(Law.of(choose(drives, driven)))
+        return own * drives(way) + (1 - own) * driven(way)
+
+    def limit(way: int) -> Any:
+        import sympy
+
+        # The input drives where its torque has the sign of the speed: forwards where positive.
+        return (sympy.Max if way > 0 else sympy.Min)(drives(way), driven(way))
+
     friction = Friction(
-        laws[0], laws[1], limits[0], limits[1], load=Law.of(passed + _symbol("through"))
+        forward=Law.formed_by(lambda: sliding(1)),
+        backward=Law.formed_by(lambda: sliding(-1)),
+        upper=Law.formed_by(lambda: limit(1)),
+        lower=Law.formed_by(lambda: limit(-1)),
+        load=Law.formed_by(lambda: passed() + _symbol("through")),
     )
     ideal = ideal_coupling("", "", _RATIO, ("rotational", "input"), ("rotational", "output"))
     ports = tuple(replace(p, between=(p.port, "ground")) for p in ideal.ports)

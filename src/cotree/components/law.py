@@ -74,6 +74,14 @@ class Law:
         names = tuple(sorted(symbol.name for symbol in expression.free_symbols))
         return cls.taking(names, lambda *_: expression)
 
+    @classmethod
+    def formed_by(cls, form: Callable[[], Any]) -> Law:
+        """Make the law of an expression as :meth:`of` does, which is formed when it is first used.
+
+        SymPy is not imported before, as runs of compiled models do not need it.
+        """
+        return _Deferred(form)
+
     def uses(self, name: str) -> bool:
         """Say whether the law depends on an argument; one that cancels does not count."""
         return any(symbol.name == name for symbol in self.expression.free_symbols)
@@ -157,3 +165,15 @@ class Law:
             name: from_sympy(partial, dag, arguments) for name, partial in self.partials.items()
         }
         return {name: value for name, value in values.items() if not value.is_zero}
+
+
+class _Deferred(Law):
+    """A law whose function takes no arguments and forms the expression."""
+
+    @cached_property
+    def expression(self) -> Any:
+        return self.function()
+
+    @cached_property
+    def arguments(self) -> tuple[str, ...]:
+        return tuple(sorted(symbol.name for symbol in self.expression.free_symbols))

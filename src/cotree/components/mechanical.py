@@ -197,7 +197,9 @@ def _backlash(m: _Motion) -> Component:
 
         names = ("stretch", "across", "lower", "upper", "stiffness", "damping")
         whole = Law.taking(names, law)
-        return Terminal(m.domain, Kind.SPRING, through=Law.of(whole.expression), is_passive=False)
+        # Arguments of a limit that is absent drop out.
+        through = Law.formed_by(lambda: whole.expression)
+        return Terminal(m.domain, Kind.SPRING, through=through, is_passive=False)
 
     def adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
         has_lower, has_upper = "lower" in given, "upper" in given
