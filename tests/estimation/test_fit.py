@@ -237,13 +237,13 @@ RUN = {"t": T, "C.v": decay(T, 3.0, 4.0)}
             {"experiments": cotree.Experiment(RUN, parameters={"R": 2.0})},
             "'R' is to be estimated, but every experiment gives its value",
         ),
-        ({"start": {"R": 200.0}}, "estimated parameter 'R' begins at 200, outside of its bounds"),
+        ({"start": {"R": 200.0}}, "estimated parameter 'R' starts at 200, outside its bounds"),
         ({"start": {"S": 200.0}}, "start names 'S', which is not estimated"),
         ({"per_experiment": ["S"]}, "per_experiment names 'S', which is not estimated"),
         ({"shared": ["R"], "per_experiment": ["R"]}, "'R' is in shared and in per_experiment"),
         ({"noise": "no"}, "noise is 'no': give 'given' or 'estimated'"),
         ({"loss": "l2"}, "loss is 'l2': give 'linear', 'soft_l1'"),
-        ({"noise": "estimated", "loss": "huber"}, "loss='huber' needs noise that is given"),
+        ({"noise": "estimated", "loss": "huber"}, "loss='huber' needs a given noise"),
         ({"starts": 0}, "starts is 0: give a whole number of at least 1"),
         ({"seed": -1}, "seed is -1: give a whole number of at least 0"),
         ({"seed": "a"}, "seed is 'a': give a whole number"),
@@ -254,7 +254,7 @@ RUN = {"t": T, "C.v": decay(T, 3.0, 4.0)}
         ({"loss": "huber", "f_scale": math.nan}, "f_scale is nan"),
         (
             {"parameters": {"R": (None, None)}, "optimiser": "lm", "loss": "huber"},
-            "optimiser='lm' knows no loss 'huber'",
+            "optimiser='lm' does not support loss 'huber'",
         ),
         (
             {
@@ -264,10 +264,10 @@ RUN = {"t": T, "C.v": decay(T, 3.0, 4.0)}
             },
             "optimiser='lm' needs at least as many measured values",
         ),
-        ({"optimiser": "lm"}, "optimiser='lm' knows no bounds, but 'R' has some"),
+        ({"optimiser": "lm"}, "optimiser='lm' does not support bounds, but 'R' has some"),
         ({"experiments": []}, "there are no experiments"),
         ({"experiments": [3]}, "experiments holds 3: give cotree.Experiment(data, ...)"),
-        ({"experiments": cotree.Experiment(RUN), "noise": "given"}, "noise is 'given', but that"),
+        ({"experiments": cotree.Experiment(RUN), "noise": "given"}, "noise is 'given', but column"),
         (
             {"experiments": cotree.Experiment({"t": T, "C.u": T})},
             "the data: no column is a state or an output of the model; did you mean 'C.v'?",
@@ -362,7 +362,7 @@ def test_outliers_are_no_finding_with_a_robust_loss(scene):
 
 def test_columns_that_are_left_out_are_told(scene):
     run = cotree.Experiment({**RUN, "C.w": T}, noise=0.1)
-    with pytest.warns(RuntimeWarning, match=r"is called 'C.w', which is left out"):
+    with pytest.warns(RuntimeWarning, match=r"is called 'C.w', which is ignored"):
         cotree.fit(scene, run, ["R"], starts=1)
 
 

@@ -160,7 +160,7 @@ def test_a_band_of_a_line_is_that_of_linear_regression(line):
         (lambda r: r.bands("j.s", level="a"), "level is 'a': give a number"),
         (lambda r: r.bands("j.s", draws=-1), "draws is -1"),
         (lambda r: r.bands("j.s", experiment=None), "experiment is None"),
-        (lambda r: r.intervals(1.5), "level is 1.5: give a level of confidence between 0 and 1"),
+        (lambda r: r.intervals(1.5), "level is 1.5: give a confidence level between 0 and 1"),
         (lambda r: r.profile("c"), "'c' is not estimated"),
         (lambda r: r.next_measurements({"j.s": T}, "a"), "n is 'a': give a whole number"),
         (lambda r: r.next_measurements({"j.s": T}, 30, repeat=False), "30 measurements cannot be"),

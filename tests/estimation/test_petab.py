@@ -307,6 +307,17 @@ def test_a_missing_file_is_named(tmp_path):
         cotree.read_petab(tmp_path / "none.yaml")
 
 
+def test_invalid_numbers_of_starts_and_seeds_are_refused(problem):
+    with pytest.raises(cotree.ParameterError, match="starts is 0: give a whole number of at least"):
+        problem.fit(starts=0)
+    with pytest.raises(cotree.ParameterError, match="seed is -1: give a whole number"):
+        problem.fit(starts=1, seed=-1)
+    with pytest.raises(cotree.ParameterError, match=r"n is 2\.5: give a whole number"):
+        problem.starts(2.5)
+    with pytest.raises(cotree.ParameterError, match="seed is 'a': give a whole number"):
+        problem.starts(2, "a")
+
+
 def test_unknown_parameters_of_a_call_are_refused(problem):
     with pytest.raises(cotree.ParameterError, match="'speed' is not estimated"):
         problem.log_likelihood({"speed": 1.0})

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.ensemble.block_in_c import load_batch
-from cotree.errors import ParameterError, SolveError
+from cotree.errors import SolveError
 from cotree.estimation.columns import Accuracy
 from cotree.estimation.multistart import minimise_from_starts
 from cotree.estimation.petab_files import read_tables
@@ -23,6 +23,7 @@ from cotree.estimation.petab_priors import Priors, sample_starts
 from cotree.estimation.petab_simulation import measurement_frame
 from cotree.estimation.problem import Problem
 from cotree.estimation.result import FitResult
+from cotree.scene.given import check_whole
 from cotree.solvers.engine import build_ahead
 
 if TYPE_CHECKING:
@@ -255,15 +256,22 @@ class PetabProblem(Problem):
         Parameters
         ----------
         n : int
-            How many.
+            Number of starts, at least one.
         seed : int, optional
             Equal seeds give equal starts.
 
         Returns
         -------
         ndarray, shape (n, n_estimated)
-            On their scales, within the bounds; uniform there where there is no prior.
+            On their scales, within the bounds; uniform if there is no prior.
+
+        Raises
+        ------
+        ParameterError
+            If ``n`` or the seed is invalid, or starts cannot be drawn.
         """
+        n = check_whole(n, "n", 1)
+        seed = None if seed is None else check_whole(seed, "seed")
         rows = [row.initialization_prior for row in self._rows]
         return sample_starts(self.estimated, rows, n, seed)
 
@@ -276,36 +284,34 @@ class PetabProblem(Problem):
         search: Search | None = None,
         progress: bool = True,
     ) -> FitResult:
-        """Maximise the likelihood and the objective priors, from several starts.
+        """Maximise the likelihood times the objective priors, from several starts.
 
         Parameters
         ----------
         starts : int
-            How many starts, at least one.
+            Number of starts, at least one.
         seed : int, optional
             Equal seeds draw equal starts; see :meth:`starts`.
         from_nominal : bool
-            Whether the nominal values are the first start, where all parameters have one.
+            Whether the nominal values are the first start, if all parameters have one.
         search : Search, optional
             Optimiser, tolerances and budgets. Where many parameters end at their bounds, try
             ``Search(optimiser="dogbox", scale="bounds")``.
         progress : bool
-            Whether a bar may be shown, on terminals only.
+            Whether a progress bar may be shown, on terminals only.
 
         Returns
         -------
         FitResult
-            The starts, the least objective first: minus the log-likelihood and the logarithms of
-            the priors, which take part in intervals and profiles of the result, too.
+            The starts, sorted by objective: the negative log-likelihood less the logarithms of the
+            priors, which also enter the intervals and profiles of the result.
 
         Raises
         ------
         ParameterError
-            If there are no starts, or they cannot be drawn.
+            If the number of starts or the seed is invalid, or starts cannot be drawn.
         """
-        if not starts >= 1:
-            raise ParameterError(f"a fit from {starts} starts: give at least one")
-        points = self.starts(starts, seed)
+        points = self.starts(check_whole(starts, "starts", 1), seed)
         if from_nominal and len(self.nominal) == len(self.names):
             points[0] = np.clip(self.theta(), self.scaled.lower, self.scaled.upper)
         more = self.priors.rows if self.priors else None
@@ -314,7 +320,7 @@ class PetabProblem(Problem):
         return FitResult(self, found, search, more_rows=more)
 
     def _with_priors(self, record: StartRecord) -> StartRecord:
-        """Put the logarithms of the priors in place of squares that differ by a constant."""
+        """Replace the squares of the priors by their logarithms, which differ by a constant."""
         if not (self.priors and math.isfinite(record.objective)):
             return record
         rows, _ = self.priors.rows(record.theta)
