@@ -31,7 +31,7 @@ def scene():
 def test_the_integral_of_the_square_is_minimal_at_half_the_critical_damping(scene, method):
     over = {"c": (1, 50, "log")}
     found = cotree.optimise(scene, "integral(j.s**2)", over, t_span=(0, 40), method=method)
-    # The objective is flat at its minimum: a relative error of 2e-5 changes it by only 4e-10.
+    # The objective is flat at its minimum: a relative error of 2e-5 changes it by only 2e-10.
     assert found["c"] == pytest.approx(math.sqrt(K * M), rel=2e-5)
     assert found.success
     assert found.message.startswith("Converged")
