@@ -312,15 +312,15 @@ def _message(
     missed = [row for row in conditions if not row.holds]
     if missed:
         worst = max(missed, key=lambda row: abs(row.excess))
-        said = (
+        message = (
             f"No feasible point was found {work}: '{worst.text}' is violated by "
             f"{abs(worst.excess):.4g} at the best point."
         )
     elif is_optimal:
-        said = f"Converged {work}."
+        message = f"Converged {work}."
     else:
         reason = str(end.message).strip().rstrip(".")
-        said = (
+        message = (
             f"Stopped {work} before reaching an optimum ({reason}): try another guess, more "
             "starts, tighter integration tolerances, or the other method."
         )
@@ -337,7 +337,7 @@ def _message(
     ]
     notes = [*at_bound, *dict.fromkeys(active)]
     failed = sum(bool(row.reason) for row in search.history)
-    said += f" {listed(notes)}." if notes else ""
-    return said + (
+    message += f" {listed(notes)}." if notes else ""
+    return message + (
         f" {failed} trial points were rejected because their run failed." if failed else ""
     )

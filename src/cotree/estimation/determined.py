@@ -143,7 +143,7 @@ def in_words(names: Sequence[str], here: Split, beside: Sequence[Split]) -> tupl
     beside : sequence of Split
         The same at nearby points.
     """
-    said, idle = [], []
+    sentences, idle = [], []
     for group in _groups(here.open):
         rows = here.open[group]
         rows = rows[:, np.linalg.norm(rows, axis=0) > _NOTHING]
@@ -152,12 +152,12 @@ def in_words(names: Sequence[str], here: Split, beside: Sequence[Split]) -> tupl
         if basis.shape[1] == len(group):
             idle += chosen
         else:
-            said.append(_sentence(chosen, group, basis, here, beside))
+            sentences.append(_sentence(chosen, group, basis, here, beside))
     if idle:
         they = "it" if len(idle) == 1 else "they"
-        said.insert(0, f"No measured value depends on {_listed(idle)}, so {they} cannot be "
+        sentences.insert(0, f"No measured value depends on {_listed(idle)}, so {they} cannot be "
                     "estimated.")  # fmt: skip
-    return tuple(said)
+    return tuple(sentences)
 
 
 def _sentence(

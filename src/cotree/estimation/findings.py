@@ -52,41 +52,43 @@ def at_bounds(problem: Problem, theta: Array) -> tuple[str, ...]:
 
 def of_optimiser(starts: Sequence[StartRecord]) -> tuple[str, ...]:
     """Report failed convergence, failed starts, and an optimum that only one start reached."""
-    best, said = starts[0], []
+    best, sentences = starts[0], []
     if not math.isfinite(best.objective):
         return (f"No start succeeded: {best.message}.",)
     if not best.is_converged:
-        said.append(f"The optimiser did not converge: {best.message}.")
+        sentences.append(f"The optimiser did not converge: {best.message}.")
     n_same = sum(row.objective - best.objective <= SAME_OPTIMUM for row in starts)
     if len(starts) > 1 and n_same == 1:
-        said.append(
+        sentences.append(
             f"Only one of {len(starts)} starts reached the best objective, so there may be a "
             "better optimum: increase the number of starts."
         )
     failed = sum(not math.isfinite(row.objective) for row in starts)
     if failed:
-        said.append(f"{failed} of {len(starts)} starts failed; starts_table() gives the reasons.")
-    return tuple(said)
+        sentences.append(
+            f"{failed} of {len(starts)} starts failed; starts_table() gives the reasons."
+        )
+    return tuple(sentences)
 
 
 def of_bounds(problem: Problem, theta: Array) -> tuple[str, ...]:
     """Report estimates at a bound."""
-    said = []
+    sentences = []
     noise = {name for name in problem.measured.noise if isinstance(name, str)}
     for row, side in zip(problem.estimated, at_bounds(problem, theta), strict=True):
         if side == "lower" and row.name in noise:
-            said.append(
+            sentences.append(
                 f"'{row.name}' is at its lower bound {row.lower:g}: the model reproduces the data "
                 "almost exactly, so the noise cannot be estimated and the intervals are "
                 "meaningless; specify the noise."
             )
         elif side:
             value = row.lower if side == "lower" else row.upper
-            said.append(
+            sentences.append(
                 f"'{row.name}' is at its {side} bound {value:g}: its standard error ignores the "
                 f"bound; profile('{row.name}') gives the interval that the data allow."
             )
-    return tuple(said)
+    return tuple(sentences)
 
 
 def of_directions(
@@ -116,25 +118,25 @@ def of_directions(
 
 def of_widths(problem: Problem, theta: Array, found: Uncertainty) -> tuple[str, ...]:
     """Report intervals that are too wide to be informative."""
-    said = []
+    sentences = []
     reach = found.quantile(0.95) * found.errors
     for i, row in enumerate(problem.estimated):
         if not math.isfinite(reach[i]):
             continue
         low, high = problem.scaled.lower[i], problem.scaled.upper[i]
         if theta[i] - reach[i] < low and theta[i] + reach[i] > high:
-            said.append(
+            sentences.append(
                 f"The data hardly determine '{row.name}': its 95 % interval is wider than its "
                 f"bounds {row.lower:g} and {row.upper:g}."
             )
         elif row.scale != "lin":
             ratio = 2.0 * reach[i] * (math.log(10.0) if row.scale == "log10" else 1.0)
             if ratio > math.log(_WIDE):
-                said.append(
+                sentences.append(
                     f"The data hardly determine '{row.name}': the ends of its 95 % interval differ "
                     f"by a factor of {math.exp(min(ratio, 700.0)):.1g}."
                 )
-    return tuple(said)
+    return tuple(sentences)
 
 
 def of_agreement(

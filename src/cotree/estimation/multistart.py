@@ -45,23 +45,23 @@ class Search:
     Attributes
     ----------
     optimiser : str
-        ``trf`` or ``dogbox``, which keep to bounds, or ``lm``, which knows none.
+        ``trf`` or ``dogbox``, which respect bounds, or ``lm``, which does not support them.
     loss : str
-        ``linear``, or one of those that let outliers count less; noise must be given for them.
+        ``linear``, or a robust loss, which requires a given noise.
     f_scale : float
-        The residual, in standard deviations, from which on values count as outliers.
+        The residual, in standard deviations, beyond which values count as outliers.
     ftol, xtol, gtol : float
-        Where it ends: relative change of the objective, relative step, and gradient.
+        Termination tolerances: relative change of the objective, relative step, and gradient.
     max_evaluations : int or None
-        The most predictions of one start.
+        Largest number of evaluations per start.
     scale : str
-        What steps in different parameters are compared by: ``jacobian``, the columns of the
-        Jacobian, or ``bounds``, the distance between finite bounds on the parameters' scales.
+        Scaling of the parameters: ``jacobian``, by the columns of the Jacobian, or ``bounds``, by
+        the distance between finite bounds on the parameters' scales.
 
     Raises
     ------
     ParameterError
-        If the scale is neither of these.
+        If the scale is unknown.
     """
 
     optimiser: str = "trf"
@@ -75,7 +75,9 @@ class Search:
 
     def __post_init__(self) -> None:
         if self.scale not in ("jacobian", "bounds"):
-            raise ParameterError(f"the scale of a search is '{self.scale}': jacobian or bounds")
+            raise ParameterError(
+                f"the scale of a search is '{self.scale}': give 'jacobian' or 'bounds'"
+            )
 
 
 def minimise_from_starts(

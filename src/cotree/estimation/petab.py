@@ -64,7 +64,7 @@ def read_petab(
     Raises
     ------
     SceneError
-        If a file is missing, cannot be read, or a row makes no sense; the message begins with file
+        If a file is missing, cannot be read, or a row is invalid; the message begins with file
         and line.
     ModelError, FormulationError, BuildError
         If the model cannot be formed or compiled.
@@ -138,28 +138,28 @@ class PetabProblem(Problem):
     def using(
         self, *, method: str | None = None, rtol: float | None = None, atol: float | None = None
     ) -> PetabProblem:
-        """Give the same problem with another method, or with other tolerances.
+        """Return the same problem with another integration method or other tolerances.
 
         Parameters
         ----------
         method, rtol, atol : str, float and float, optional
-            As of :func:`cotree.read_petab`; those of this problem where absent.
+            As of :func:`cotree.read_petab`; by default those of this problem.
         """
-        own = self.accuracy
+        current = self.accuracy
         accuracy = Accuracy(
-            method or own.method,
-            own.rtol if rtol is None else rtol,
-            own.atol if atol is None else atol,
+            method or current.method,
+            current.rtol if rtol is None else rtol,
+            current.atol if atol is None else atol,
         )
         return PetabProblem(self._tables, self._mapped, accuracy)
 
     def theta(self, parameters: Any = None) -> Array:
-        """Give values of the estimated parameters on their scales, shape (n_estimated,).
+        """Convert values of the estimated parameters to their scales, shape (n_estimated,).
 
         Parameters
         ----------
         parameters : mapping of str to float, or array_like of shape (n_estimated,), optional
-            Their values, not on their scales; nominal ones where they are missing.
+            Values, not on their scales; missing ones are nominal.
 
         Raises
         ------
@@ -176,7 +176,7 @@ class PetabProblem(Problem):
         Parameters
         ----------
         parameters : mapping of str to float, or array_like of shape (n_estimated,), optional
-            Values of estimated parameters, not on their scales; nominal ones where missing.
+            Values of estimated parameters, not on their scales; missing ones are nominal.
 
         Raises
         ------
@@ -209,13 +209,14 @@ class PetabProblem(Problem):
     def log_prior(self, parameters: Any = None) -> float:
         """Compute the sum of the logarithms of the objective priors' densities.
 
-        A prior on the parameter's scale counts there, any other one on its value; bounds do not cut
-        densities off. Parameters and errors are those of :meth:`log_likelihood`.
+        Priors on the parameter's scale are densities on that scale, all others are densities of its
+        value; they are not truncated at bounds. Parameters and errors are those of
+        :meth:`log_likelihood`.
         """
         return self.priors.log_density(self.theta(parameters))
 
     def simulate(self, parameters: Any = None) -> Any:
-        """Compute what was measured, as PEtab's simulation table.
+        """Compute predictions of the measured values, as a PEtab simulation table.
 
         Parameters and errors are those of :meth:`log_likelihood`.
 
@@ -228,20 +229,20 @@ class PetabProblem(Problem):
         return measurement_frame(self._tables.measurement_files, values)
 
     def objective(self, theta: Any) -> tuple[float, Array]:
-        """Compute what a fit minimises, for any optimiser.
+        """Compute the objective of a fit and its gradient, for any optimiser.
 
         Parameters
         ----------
         theta : array_like, shape (n_estimated,)
-            Values on their scales; :meth:`theta` gives those of the nominal ones.
+            Values on their scales; :meth:`theta` returns the nominal ones.
 
         Returns
         -------
         value : float
-            Minus the log-likelihood and the logarithms of the objective priors; infinite where a
+            The negative log-likelihood less the logarithms of the objective priors; infinite if a
             run fails.
         gradient : ndarray, shape (n_estimated,)
-            Its derivatives.
+            Its gradient.
         """
         theta = np.asarray(theta, dtype=float)
         [found] = self.predict(theta[None, :])

@@ -26,16 +26,16 @@ def courses(result: FitResult, *, noise: bool = False, most: int = _MOST) -> lis
     parts = []
     for condition, name, rows in _measured_parts(result)[:most]:
         t = measured.t[rows]
-        own = result.problem.conditions[condition]
-        end = max(t.max(), own.t_start)
-        times = np.unique(np.concatenate([np.linspace(own.t_start, end, 301), t]))
-        band = result.bands(own.column(name), times, experiment=condition, noise=noise)
+        run = result.problem.conditions[condition]
+        end = max(t.max(), run.t_start)
+        times = np.unique(np.concatenate([np.linspace(run.t_start, end, 301), t]))
+        band = result.bands(run.column(name), times, experiment=condition, noise=noise)
         is_plain = not result.problem.likelihood.is_log[rows].any()
         parts.append(
             course_of(
                 band,
                 Course,
-                title=title_of(own.name),
+                title=title_of(run.name),
                 t_measured=t,
                 measured=np.asarray(measured.value, dtype=float)[rows],
                 sigma=found.sigma[rows] if is_plain else None,
@@ -53,14 +53,14 @@ def residuals(result: FitResult) -> list[Residuals]:
     has_several = len(result.problem.conditions) > 1
     return [
         Residuals(
-            f"{own.column(name)} · {title_of(own.name)}" if has_several else own.column(name),
+            f"{run.column(name)} · {title_of(run.name)}" if has_several else run.column(name),
             result.problem.measured.t[rows],
             values[rows],
             target[rows],
             computed[rows],
         )
         for condition, name, rows in _measured_parts(result)
-        for own in [result.problem.conditions[condition]]
+        for run in [result.problem.conditions[condition]]
     ]
 
 

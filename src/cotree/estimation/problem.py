@@ -145,8 +145,8 @@ class Problem:
             for row, value in zip(self.estimated, middle, strict=True)
         }
         if parameters is not None and not hasattr(parameters, "keys"):
-            own = as_array(parameters, (len(names),), "the estimated parameters")
-            parameters = dict(zip(names, own.tolist(), strict=True))
+            array = as_array(parameters, (len(names),), "the estimated parameters")
+            parameters = dict(zip(names, array.tolist(), strict=True))
         for name, value in dict(parameters or {}).items():
             if name not in given:
                 raise ParameterError(f"'{name}' is not estimated: {', '.join(names)} are")
@@ -196,7 +196,7 @@ class Problem:
         return -self.likelihood.log_likelihood(found), -self.likelihood.gradient(found)
 
     def residuals(self, theta: Any) -> Array:
-        """Give differences in standard deviations, shape (n_rows,); nan where a run fails.
+        """Return the normalised residuals, shape (n_rows,); nan if a run fails.
 
         Parameters
         ----------
@@ -234,15 +234,15 @@ class Problem:
         """Group conditions that can run in one block; those without measurements are not run."""
         found: dict[Hashable, list[int]] = {}
         for number, condition in enumerate(self.conditions):
-            own = self.measured.t[self.measured.condition == number]
-            if not own.size:
+            times = self.measured.t[self.measured.condition == number]
+            if not times.size:
                 continue
             key = (
                 id(condition.model),
                 # Tables cannot be hashed, so inputs are compared by identity of their mapping.
                 id(condition.inputs) if condition.inputs else 0,
                 condition.t_start,
-                float(own.max()),
+                float(times.max()),
                 tuple(frozenset(link.initial) for link in condition.chain),
             )
             found.setdefault(key, []).append(number)

@@ -311,7 +311,7 @@ def _joined(
     points = sorted([*down.points[1:], *up.points], key=lambda row: row[0])
     thetas = np.array([row[2] for row in points])
     row = problem.estimated[i]
-    ends, closed, said = [], [], []
+    ends, closed, parts = [], [], []
     for walk, word, bound in ((down, "lower", row.lower), (up, "upper", row.upper)):
         closed.append(walk.end is not None)
         if walk.end is not None:
@@ -322,14 +322,14 @@ def _joined(
         ends.append(bound)
         reached = float(problem.scaled.values(walk.points[-1][2])[i])
         if walk.why:
-            said.append(f"no {word} limit up to {reached:.4g}, {walk.why}")
+            parts.append(f"no {word} limit up to {reached:.4g}, {walk.why}")
         elif walk.is_bounded:
-            said.append(f"no {word} limit within the bounds")
+            parts.append(f"no {word} limit within the bounds")
         else:
-            said.append(f"no {word} limit up to {reached:.4g}")
+            parts.append(f"no {word} limit up to {reached:.4g}")
     unit = f" {row.unit}" if row.unit else ""
     if any(closed):
-        said.insert(0, f"{100 * level:g} % interval {ends[0]:.5g} to {ends[1]:.5g}{unit}")
+        parts.insert(0, f"{100 * level:g} % interval {ends[0]:.5g} to {ends[1]:.5g}{unit}")
     return Profile(
         row.name,
         row.unit,
@@ -341,6 +341,6 @@ def _joined(
         limit,
         (ends[0], ends[1]),
         (closed[0], closed[1]),
-        "; ".join(said),
+        "; ".join(parts),
         row.scale,
     )

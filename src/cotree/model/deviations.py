@@ -240,16 +240,17 @@ def _deviations(point: Slopes, names: Sequence[str]) -> tuple[Array, Array, Arra
 
 def _rotation(point: Slopes, at: int, edge: str) -> list[tuple[Array, Array, Array, str]]:
     """Return deviations of a quaternion by small rotations about the axes of its base frame."""
-    own = slice(at, at + 4)
-    q, rate = point.y[own], point.rates[own]
+    entries = slice(at, at + 4)
+    q, rate = point.y[entries], point.rates[entries]
     found = []
     for k, axis in enumerate("xyz"):
         along, change, back = (np.zeros(len(point.y)) for _ in range(3))
         # A small rotation vector e in the base frame changes q by (0, e) q / 2.
-        along[own], change[own] = 0.5 * _premultiplied(k, q), 0.5 * _premultiplied(k, rate)
+        along[entries] = 0.5 * _premultiplied(k, q)
+        change[entries] = 0.5 * _premultiplied(k, rate)
         # The three columns are orthogonal with length |q| / 2, so the scaled transpose is a left
         # inverse.
-        back[own] = 4.0 * along[own] / (q @ q)
+        back[entries] = 4.0 * along[entries] / (q @ q)
         found.append((along, change, back, f"{edge}.turn_{axis}"))
     return found
 
@@ -258,13 +259,14 @@ def _rotation_rate(
     point: Slopes, at: int, speed: int, edge: str
 ) -> list[tuple[Array, Array, Array, str]]:
     """Return deviations of body-fixed angular velocities along the axes of the base frame."""
-    own = slice(speed, speed + 3)
+    entries = slice(speed, speed + 3)
     rotation = _matrix(point.y[at : at + 4])
-    w = point.y[own]
+    w = point.y[entries]
     found = []
     for k, axis in enumerate("xyz"):
         along, change = np.zeros(len(point.y)), np.zeros(len(point.y))
-        along[own], change[own] = rotation[k], np.cross(rotation[k], w)  # a' = a x w, body-fixed
+        along[entries] = rotation[k]
+        change[entries] = np.cross(rotation[k], w)  # a' = a x w in body-fixed axes
         found.append((along, change, along, f"{edge}.turn_{axis}_dot"))
     return found
 
